@@ -1,0 +1,1 @@
+"""The target's box in, velocity setpoints out."""

@@ -1,0 +1,88 @@
+"""What a link knows about the vehicle, each part with the time at which it was true."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Orientation of the body (forward, right, down) in the world (north, east, down).
+
+    Attributes:
+        roll_rad: right wing down is positive.
+        pitch_rad: nose up is positive.
+        yaw_rad: from north, clockwise seen from above.
+        roll_rate_rad_s: body rate about forward.
+        pitch_rate_rad_s: body rate about right.
+        yaw_rate_rad_s: body rate about down.
+        time_s: when this was true, on the system's clock.
+    """
+
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    roll_rate_rad_s: float
+    pitch_rate_rad_s: float
+    yaw_rate_rad_s: float
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """Position and velocity in a world frame fixed at the autopilot's origin.
+
+    Attributes:
+        north_m, east_m, down_m: position.
+        north_m_s, east_m_s, down_m_s: velocity.
+        time_s: when this was true, on the system's clock.
+    """
+
+    north_m: float
+    east_m: float
+    down_m: float
+    north_m_s: float
+    east_m_s: float
+    down_m_s: float
+    time_s: float
+
+    @property
+    def height_m(self) -> float:
+        """Height above the origin, metres."""
+        return -self.down_m
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The newest of everything; a part never heard of is None.
+
+    Attributes:
+        attitude: newest attitude.
+        position: newest local position and velocity.
+        mode: the autopilot's flight mode by its own name, e.g. "OFFBOARD", "GUIDED", "LOITER".
+        obeys_setpoints: that mode is the one in which velocity setpoints are flown.
+        armed: motors may turn.
+        landed: on the ground, None if the autopilot does not say.
+        heartbeat_s: when the last heartbeat arrived, None before the first.
+    """
+
+    attitude: Attitude | None = None
+    position: LocalPosition | None = None
+    mode: str = ""
+    obeys_setpoints: bool = False
+    armed: bool = False
+    landed: bool | None = None
+    heartbeat_s: float | None = None
+
+    def attitude_age_s(self, now_s: float) -> float:
+        """Age of the attitude; infinite if there is none."""
+        return math.inf if self.attitude is None else now_s - self.attitude.time_s
+
+    def position_age_s(self, now_s: float) -> float:
+        """Age of the position; infinite if there is none."""
+        return math.inf if self.position is None else now_s - self.position.time_s
+
+    def heartbeat_age_s(self, now_s: float) -> float:
+        """Age of the last heartbeat; infinite if there was none."""
+        return math.inf if self.heartbeat_s is None else now_s - self.heartbeat_s

@@ -1,0 +1,1 @@
+"""A drone target follower: the application."""

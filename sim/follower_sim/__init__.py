@@ -1,0 +1,1 @@
+"""A world, a camera and an autopilot to fly against."""

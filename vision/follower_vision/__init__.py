@@ -1,0 +1,1 @@
+"""Frames in, the target's box out."""

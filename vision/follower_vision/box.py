@@ -1,0 +1,96 @@
+"""An axis-aligned box in an image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Centre and size in pixels: x right, y down, origin at the corner of the top-left pixel.
+
+    Boxes are real-valued and may reach beyond the image.
+
+    Raises:
+        ValueError: a value is not finite, or a side is not positive.
+    """
+
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.cx, self.cy, self.width, self.height))):
+            raise ValueError(f"a box needs finite numbers, not {self}")
+        if self.width <= 0 or self.height <= 0:
+            raise ValueError(f"a box needs a positive width and height, not {self}")
+
+    @classmethod
+    def from_xywh(cls, x: float, y: float, width: float, height: float) -> Box:
+        """Make a box from its top-left corner and size, the form of most data sets."""
+        return cls(x + width / 2, y + height / 2, width, height)
+
+    @property
+    def left(self) -> float:
+        """The left edge's x."""
+        return self.cx - self.width / 2
+
+    @property
+    def top(self) -> float:
+        """The top edge's y."""
+        return self.cy - self.height / 2
+
+    @property
+    def right(self) -> float:
+        """The right edge's x."""
+        return self.cx + self.width / 2
+
+    @property
+    def bottom(self) -> float:
+        """The bottom edge's y."""
+        return self.cy + self.height / 2
+
+    @property
+    def xywh(self) -> tuple[float, float, float, float]:
+        """Top-left corner and size: (x, y, width, height)."""
+        return self.left, self.top, self.width, self.height
+
+    @property
+    def area(self) -> float:
+        """Area in square pixels."""
+        return self.width * self.height
+
+    @property
+    def scale(self) -> float:
+        """Side of the square of equal area, in pixels."""
+        return math.sqrt(self.area)
+
+    def moved_to(self, cx: float, cy: float) -> Box:
+        """Return a box of the same size about another centre."""
+        return Box(cx, cy, self.width, self.height)
+
+    def scaled(self, factor: float) -> Box:
+        """Return a box about the same centre, both sides multiplied by `factor`."""
+        return Box(self.cx, self.cy, self.width * factor, self.height * factor)
+
+    def intersection(self, other: Box) -> float:
+        """Return the area that both boxes cover, in square pixels."""
+        across = min(self.right, other.right) - max(self.left, other.left)
+        down = min(self.bottom, other.bottom) - max(self.top, other.top)
+        return max(0.0, across) * max(0.0, down)
+
+    def iou(self, other: Box) -> float:
+        """Return intersection over union, 0 to 1."""
+        inter = self.intersection(other)
+        return inter / (self.area + other.area - inter)
+
+    def distance(self, other: Box) -> float:
+        """Return the distance between the centres in pixels."""
+        return math.hypot(self.cx - other.cx, self.cy - other.cy)
+
+    def visible_share(self, image_width: int, image_height: int) -> float:
+        """Return the share of the box's area that lies inside the image, 0 to 1."""
+        image = Box(image_width / 2, image_height / 2, image_width, image_height)
+        return self.intersection(image) / self.area

@@ -1,0 +1,133 @@
+"""The camera model: pixels to lines of sight and back.
+
+A pinhole with the Brown-Conrady distortion of OpenCV's calibration (k1, k2, p1, p2, k3).
+Camera frame: x right, y down, z forward along the optical axis. Pixel coordinates start at the
+corner of the top-left pixel, whose own centre is therefore (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Vector: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """Intrinsics of one camera at one image size.
+
+    Attributes:
+        width: image width in pixels.
+        height: image height in pixels.
+        fx: focal length in pixels, horizontally.
+        fy: focal length in pixels, vertically.
+        cx: principal point, x in pixels from the image's left edge.
+        cy: principal point, y in pixels from the image's top edge.
+        distortion: (k1, k2, p1, p2, k3) as OpenCV's calibration gives them.
+
+    Raises:
+        ValueError: a size or focal length is not positive, or a number is not finite.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"a camera needs finite numbers, not {self}")
+        if min(self.width, self.height, self.fx, self.fy) <= 0:
+            raise ValueError(f"a camera needs a positive size and focal length, not {self}")
+
+    @classmethod
+    def from_fov(
+        cls,
+        width: int,
+        height: int,
+        horizontal_fov_rad: float,
+        distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    ) -> CameraModel:
+        """Make a camera of square pixels, centred, from its undistorted horizontal field of view.
+
+        Raises:
+            ValueError: the field of view is not between 0 and 180 degrees.
+        """
+        if not 0 < horizontal_fov_rad < math.pi:
+            raise ValueError(
+                "the horizontal field of view lies between 0 and 180 degrees, "
+                f"not {math.degrees(horizontal_fov_rad):g}"
+            )
+        focal = width / 2 / math.tan(horizontal_fov_rad / 2)
+        return cls(width, height, focal, focal, width / 2, height / 2, distortion)
+
+    @property
+    def matrix(self) -> Vector:
+        """The 3x3 camera matrix K."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
+
+    @property
+    def horizontal_fov_rad(self) -> float:
+        """Horizontal field of view in radians, distortion left out."""
+        return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
+
+    def resized(self, width: int, height: int) -> CameraModel:
+        """Return the same lens at another image size (a scaled, not a cropped, image)."""
+        across, down = width / self.width, height / self.height
+        return CameraModel(
+            width,
+            height,
+            self.fx * across,
+            self.fy * down,
+            self.cx * across,
+            self.cy * down,
+            self.distortion,
+        )
+
+    def rays(self, pixels: npt.ArrayLike) -> Vector:
+        """Turn pixels, shape (N, 2), into unit vectors in the camera frame, shape (N, 3)."""
+        points = np.asarray(pixels, np.float64).reshape(-1, 2)
+        if any(self.distortion):
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
+            plane = cv2.undistortPoints(
+                points.reshape(-1, 1, 2),
+                self.matrix,
+                np.array(self.distortion),
+                criteria=criteria,
+            ).reshape(-1, 2)
+        else:
+            plane = (points - (self.cx, self.cy)) / (self.fx, self.fy)
+        rays = np.column_stack([plane, np.ones(len(plane))])
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def pixels(self, points: npt.ArrayLike) -> Vector:
+        """Project points in the camera frame, shape (N, 3), to pixels, shape (N, 2).
+
+        A point at or behind the camera's plane (z <= 0) has no image: its row is NaN.
+        """
+        xyz = np.asarray(points, np.float64).reshape(-1, 3)
+        depth = xyz[:, 2:]
+        plane = np.divide(xyz[:, :2], depth, out=np.full((len(xyz), 2), np.nan), where=depth > 0)
+        return self._distort(plane) * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def _distort(self, plane: Vector) -> Vector:
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = plane[:, 0], plane[:, 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return np.column_stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ]
+        )

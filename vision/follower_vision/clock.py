@@ -1,0 +1,47 @@
+"""Time is handed in: one monotonic clock for the whole system, or a simulated one."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """A monotonic clock in seconds; its zero is arbitrary."""
+
+    def now(self) -> float:
+        """Return the present time in seconds."""
+        ...
+
+    def sleep_until(self, time_s: float) -> None:
+        """Return once `now() >= time_s`."""
+        ...
+
+
+class MonotonicClock:
+    """The computer's monotonic clock."""
+
+    def now(self) -> float:
+        """Return `time.monotonic()`."""
+        return time.monotonic()
+
+    def sleep_until(self, time_s: float) -> None:
+        """Sleep until `time_s`, or not at all if that has passed."""
+        remaining = time_s - time.monotonic()
+        if remaining > 0:
+            time.sleep(remaining)
+
+
+class SimulatedClock:
+    """A clock that stands still until it is told otherwise: lockstep runs and tests."""
+
+    def __init__(self, start_s: float = 0.0) -> None:
+        self._now = start_s
+
+    def now(self) -> float:
+        """Return the simulated time in seconds."""
+        return self._now
+
+    def sleep_until(self, time_s: float) -> None:
+        """Jump to `time_s`; time never runs backwards."""
+        self._now = max(self._now, time_s)

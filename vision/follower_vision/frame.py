@@ -1,0 +1,43 @@
+"""One image with the time at which it was taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Image: TypeAlias = npt.NDArray[np.uint8]
+"""Shape (H, W, 3), uint8, channels blue, green, red (OpenCV's order)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """An image from a camera or a file. Nobody writes into `image`.
+
+    Attributes:
+        image: (H, W, 3) uint8 BGR.
+        captured_s: time of the middle of the exposure, on the system's clock.
+        sequence: the source's frame number from 0; a gap means dropped frames.
+    """
+
+    image: Image
+    captured_s: float
+    sequence: int
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 3 or self.image.shape[2] != 3 or self.image.dtype != np.uint8:
+            raise ValueError(
+                f"a frame's image is (H, W, 3) uint8, not {self.image.shape} {self.image.dtype}"
+            )
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+        return int(self.image.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+        return int(self.image.shape[0])

@@ -1,0 +1,76 @@
+"""Frames and angles between camera, body, level and world.
+
+Body: forward, right, down. World: north, east, down. Level: the body turned by yaw alone, so that
+it is horizontal. Euler angles are roll, pitch, yaw in the aerospace order (yaw first).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from follower_vision.camera import Vector
+
+CAMERA_TO_BODY = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Turns (right, down, forward) of a camera that looks along the nose into body axes."""
+
+
+def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
+    """Return the 3x3 matrix that turns body vectors into world vectors."""
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+            [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+            [-sp, sr * cp, cr * cp],
+        ]
+    )
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Return the same angle in [-pi, pi)."""
+    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class LineOfSight:
+    """A direction. Azimuth: right of forward (or east of north) is positive. Elevation: up is."""
+
+    azimuth_rad: float
+    elevation_rad: float
+
+    @classmethod
+    def from_vector(cls, vector: Vector) -> LineOfSight:
+        """Return the direction of a vector (forward, right, down) or (north, east, down)."""
+        forward, right, down = (float(component) for component in vector)
+        return cls(math.atan2(right, forward), math.atan2(-down, math.hypot(forward, right)))
+
+    @property
+    def vector(self) -> Vector:
+        """The unit vector (forward, right, down)."""
+        level = math.cos(self.elevation_rad)
+        return np.array(
+            [
+                level * math.cos(self.azimuth_rad),
+                level * math.sin(self.azimuth_rad),
+                -math.sin(self.elevation_rad),
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """How the camera is turned against the body; a camera that looks down has negative pitch."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+
+    @property
+    def camera_to_body(self) -> Vector:
+        """3x3 matrix: camera vectors (right, down, forward) to body (forward, right, down)."""
+        return np.asarray(rotation(self.roll_rad, self.pitch_rad, self.yaw_rad) @ CAMERA_TO_BODY)

@@ -1,0 +1,40 @@
+"""What the vision side says about the target after each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from follower_vision.box import Box
+
+
+class TrackState(StrEnum):
+    """How much a track's box can be trusted."""
+
+    TRACKING = "tracking"
+    """The target was seen in this frame."""
+    COASTING = "coasting"
+    """The target was not clearly seen; the box is a short extrapolation."""
+    LOST = "lost"
+    """Nobody knows where the target is; the box is the last one seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The target's box in one frame.
+
+    Attributes:
+        box: in pixels of that frame.
+        state: how far to trust the box. Control steers by TRACKING boxes alone.
+        confidence: 0 (none) to 1 (certain), as the producer judges it.
+        produced_by: what made this box, e.g. "correlation", "detector", "reacquired".
+        captured_s: capture time of the frame, on the system's clock.
+        sequence: the frame's number.
+    """
+
+    box: Box
+    state: TrackState
+    confidence: float
+    produced_by: str
+    captured_s: float
+    sequence: int
