@@ -1,0 +1,77 @@
+"""MAVLink's usual carrier: UDP."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+
+_LARGEST_DATAGRAM = 65535
+_RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
+
+
+class UdpTransport:
+    """One peer over UDP, never blocking; a `Transport`.
+
+    Make one by `listen` (answers whoever spoke last) or by `connect` (speaks first).
+    """
+
+    def __init__(self, sock: socket.socket, peer: tuple[str, int] | None) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        self._socket = sock
+        self._peer = peer
+        self._listens = peer is None
+
+    @classmethod
+    def listen(cls, host: str, port: int) -> UdpTransport:
+        """Bind a port, 0 for any free one.
+
+        Raises:
+            OSError: the port is in use, or the address is not this machine's.
+        """
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.bind((host, port))
+        except OSError:
+            sock.close()
+            raise
+        return cls(sock, None)
+
+    @classmethod
+    def connect(cls, host: str, port: int) -> UdpTransport:
+        """Speak to a known address from any free port.
+
+        Raises:
+            OSError: the host's name is not known.
+        """
+        address = socket.gethostbyname(host)
+        return cls(socket.socket(socket.AF_INET, socket.SOCK_DGRAM), (address, port))
+
+    @property
+    def port(self) -> int:
+        """The local port, 0 before the first packet was sent."""
+        return int(self._socket.getsockname()[1])
+
+    def send(self, data: bytes) -> None:
+        """Send one datagram; dropped while there is no peer or the kernel's buffer is full."""
+        if self._peer is None:
+            return
+        # A peer that has gone shows as ConnectionRefused: for UDP that is a lost packet.
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            self._socket.sendto(data, self._peer)
+
+    def receive(self) -> bytes:
+        """Return everything that has arrived."""
+        parts: list[bytes] = []
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
+            except (BlockingIOError, ConnectionRefusedError):
+                return b"".join(parts)
+            if self._listens:
+                self._peer = sender
+            parts.append(data)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
