@@ -1,0 +1,41 @@
+"""Frames in, tracks out: what the vision thread runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.target_tracker import TargetTracker
+from follower_vision.track import Track
+
+Selector: TypeAlias = Callable[[Frame], Box | None]
+"""Finds the box to follow in a frame, or None if it is not there (yet)."""
+
+
+class VisionStage:
+    """Selects the target when asked to, then follows it frame by frame.
+
+    `select` may be called from any thread: it replaces one attribute.
+    """
+
+    def __init__(self, tracker: TargetTracker) -> None:
+        self._tracker = tracker
+        self._selector: Selector | None = None
+        self._started = False
+
+    def select(self, selector: Selector) -> None:
+        """Choose a new target in the coming frames, as soon as `selector` finds one."""
+        self._selector = selector
+
+    def step(self, frame: Frame) -> Track | None:
+        """Return the target's track in this frame, None while there is no target."""
+        selector = self._selector
+        if selector is not None:
+            box = selector(frame)
+            if box is not None:
+                self._selector = None
+                self._started = True
+                return self._tracker.start(frame, box)
+        return self._tracker.step(frame) if self._started else None
