@@ -1,0 +1,137 @@
+"""Draws a track onto a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+
+from follower_vision.box import Box
+from follower_vision.frame import Image
+from follower_vision.track import Track, TrackState
+
+Colour: TypeAlias = tuple[int, int, int]
+
+STATE_COLOURS: dict[TrackState, Colour] = {
+    TrackState.TRACKING: (90, 220, 60),
+    TrackState.COASTING: (0, 190, 255),
+    TrackState.LOST: (70, 70, 255),
+}
+_WHITE: Colour = (245, 245, 245)
+_DARK: Colour = (25, 25, 25)
+_SUBPIXEL_BITS = 4
+_WEIGHT = 600
+
+
+def draw_track(image: Image, track: Track | None, lines: Sequence[str] = ()) -> Image:
+    """Return a copy of `image` with the track, the image's centre and lines of text on it.
+
+    Args:
+        image: (H, W, 3) uint8 BGR, any size.
+        track: its box is coloured by its state: green tracking, amber coasting, red lost.
+        lines: text for the top-left corner.
+    """
+    canvas = image.copy()
+    unit = _unit(canvas)
+    _draw_centre(canvas, unit)
+    if track is not None:
+        _draw_target(canvas, track, unit)
+    for row, line in enumerate(lines):
+        size = _text_size(unit)
+        _draw_text(canvas, line, (size // 2, size // 2 + row * round(1.5 * size)), _WHITE, size)
+    return canvas
+
+
+def draw_box(canvas: Image, box: Box, colour: Colour, thickness: int = 1) -> None:
+    """Draw a box into `canvas` itself, anti-aliased, to a sixteenth of a pixel."""
+    corners = [
+        (box.left, box.top),
+        (box.right, box.top),
+        (box.right, box.bottom),
+        (box.left, box.bottom),
+    ]
+    points = np.array([[_fixed(x), _fixed(y)] for x, y in corners], np.int32)
+    cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _draw_target(canvas: Image, track: Track, unit: float) -> None:
+    colour = STATE_COLOURS[track.state]
+    tiny = min(track.box.width, track.box.height) < 20
+    thick = 1 if tiny else max(1, round(2 * unit))
+    draw_box(canvas, track.box, _DARK, thick + 2)
+    draw_box(canvas, track.box, colour, thick)
+    arm = min(8 * unit, 0.3 * min(track.box.width, track.box.height))
+    _draw_cross(canvas, (track.box.cx, track.box.cy), (0.0, arm), colour, max(1, round(unit)))
+    label = f"{track.state.upper()} {track.confidence:.2f} {track.produced_by}"
+    _draw_label(canvas, label, track.box, colour, _text_size(unit))
+
+
+def _draw_label(canvas: Image, label: str, box: Box, colour: Colour, size: int) -> None:
+    """Write above the box, or below it where there is no room, always inside the image."""
+    height, width = canvas.shape[:2]
+    tall = round(1.4 * size)
+    above = box.top - tall - 3
+    top = above if above >= 0 else box.bottom + 3
+    left = min(max(0.0, box.left), width - _text_width(canvas, label, size) - 6)
+    _draw_text(
+        canvas, label, (max(0, round(left)), round(min(max(0.0, top), height - tall))), colour, size
+    )
+
+
+def _draw_centre(canvas: Image, unit: float) -> None:
+    height, width = canvas.shape[:2]
+    centre = (width / 2, height / 2)
+    _draw_cross(canvas, centre, (5 * unit, 14 * unit), _DARK, max(1, round(unit)) + 2)
+    _draw_cross(canvas, centre, (5 * unit, 14 * unit), _WHITE, max(1, round(unit)))
+
+
+def _draw_cross(
+    canvas: Image,
+    centre: tuple[float, float],
+    reach: tuple[float, float],
+    colour: Colour,
+    thickness: int,
+) -> None:
+    """Draw four arms from the first to the second distance of `reach` about the centre."""
+    (x, y), (near, far) = centre, reach
+    for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        start = (_fixed(x + right * near), _fixed(y + down * near))
+        end = (_fixed(x + right * far), _fixed(y + down * far))
+        cv2.line(canvas, start, end, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _draw_text(
+    canvas: Image, text: str, corner: tuple[int, int], colour: Colour, size: int
+) -> None:
+    """Write on a darkened strip whose top-left corner is given."""
+    x, y = corner
+    tall, wide = round(1.4 * size), _text_width(canvas, text, size) + 6
+    strip = canvas[max(0, y) : y + tall, max(0, x) : x + wide]
+    strip[:] = strip // 3
+    cv2.putText(canvas, text, (x + 3, y + round(1.05 * size)), colour, _font(), size, _WEIGHT)
+
+
+def _text_width(canvas: Image, text: str, size: int) -> int:
+    frame = (int(canvas.shape[1]), int(canvas.shape[0]))
+    return int(cv2.getTextSize(frame, text, (0, 0), _font(), size, _WEIGHT)[2])
+
+
+def _font() -> cv2.FontFace:
+    return cv2.FontFace("sans")
+
+
+def _unit(canvas: Image) -> float:
+    """Line widths and marks grow with the image, 1 at 480 lines, but not in proportion."""
+    return float(np.sqrt(max(canvas.shape[0], 120) / 480))
+
+
+def _text_size(unit: float) -> int:
+    return max(11, round(16 * unit))
+
+
+def _fixed(pixels: float) -> int:
+    """Our pixels start at a pixel's corner, OpenCV's at its centre; it wants fixed point."""
+    bounded = min(max(pixels, -10_000.0), 30_000.0)
+    return round((bounded - 0.5) * (1 << _SUBPIXEL_BITS))

@@ -1,0 +1,25 @@
+"""The seam for target trackers: frames in, tracks with honest states out."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.track import Track
+
+
+class TargetTracker(Protocol):
+    """Follows one target through time, and says when it does not see it."""
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        """Choose the target anew: what `box` shows in `frame`. Everything earlier is forgotten."""
+        ...
+
+    def step(self, frame: Frame) -> Track:
+        """Return the target's track in the next frame; frames may have been dropped between.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        ...

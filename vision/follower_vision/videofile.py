@@ -1,0 +1,181 @@
+"""Frames from a video file, with the times at which they are to be shown."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from pathlib import Path
+
+import av
+import av.container
+import av.error
+import cv2
+import numpy as np
+
+from follower_vision.frame import Frame, Image
+from follower_vision.framesource import ClosesItself, SourceError
+
+_FALLBACK_RATE_HZ = 30.0
+_TURNS = {
+    90: cv2.ROTATE_90_COUNTERCLOCKWISE,
+    180: cv2.ROTATE_180,
+    270: cv2.ROTATE_90_CLOCKWISE,
+}
+_NOT_VIDEO = {"tty", "bin", "xbin", "adf", "idf"}
+"""Formats by which FFmpeg draws any text or binary file as a picture of characters."""
+
+
+class VideoFile(ClosesItself):
+    """Reads a video file from its beginning to its end, or to where it is broken.
+
+    `captured_s` is the frame's presentation time, counted from the first frame. Pictures that a
+    phone stored turned are turned upright. Damaged parts are skipped; `problem` then says so.
+
+    Raises:
+        SourceError: the file is missing, empty, unreadable or holds no video.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        _check_file(self._path)
+        self._container = _open(self._path)
+        self._stream = _video_stream(self._container, self._path)
+        self._stream.thread_type = "AUTO"
+        self._rate_hz = float(
+            self._stream.average_rate or self._stream.guessed_rate or _FALLBACK_RATE_HZ
+        )
+        self._damaged = 0
+        self._last_s = 0.0
+        self._origin_s: float | None = None
+        self._ended = False
+        self._sequence = 0
+        self._frames = self._decode()
+        self._first = self._require_first()
+
+    @property
+    def nominal_rate_hz(self) -> float:
+        """The file's average frame rate."""
+        return self._rate_hz
+
+    @property
+    def duration_s(self) -> float | None:
+        """How long the file says that it is; None if it does not say."""
+        if self._stream.duration is not None and self._stream.time_base is not None:
+            return float(self._stream.duration * self._stream.time_base)
+        if self._container.duration is not None:
+            return self._container.duration / av.time_base
+        return None
+
+    @property
+    def problem(self) -> str | None:
+        """Says what is broken in the file, as far as it was read; None if nothing."""
+        if self._damaged:
+            return f"{self._path}: {self._damaged} damaged packets were skipped; copy the file anew"
+        due_s = self.duration_s
+        if self._ended and due_s is not None and self._last_s < 0.95 * due_s - 2 / self._rate_hz:
+            return (
+                f"{self._path}: it ends at {self._last_s:.2f} s, though it says that it is "
+                f"{due_s:.2f} s long; the file was cut short, copy it anew"
+            )
+        return None
+
+    def read(self) -> Frame | None:
+        """Return the next frame, or None at the end."""
+        if self._first is not None:
+            frame, self._first = self._first, None
+            return frame
+        return next(self._frames, None)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._first = None
+        self._frames.close()
+        self._container.close()
+
+    def _require_first(self) -> Frame | None:
+        first = next(self._frames, None)
+        if first is None:
+            self.close()
+            raise SourceError(f"{self._path}: no frame can be decoded; is the file complete?")
+        return first
+
+    def _decode(self) -> Generator[Frame, None, None]:
+        for picture in self._pictures():
+            yield self._frame(picture)
+        self._ended = True
+
+    def _pictures(self) -> Iterator[av.VideoFrame]:
+        packets = self._container.demux(self._stream)
+        while True:
+            try:
+                packet = next(packets, None)
+                if packet is None:
+                    return
+                yield from packet.decode()
+            except av.error.InvalidDataError:
+                self._damaged += 1
+            except av.error.FFmpegError:
+                self._damaged += 1
+                return
+
+    def _frame(self, picture: av.VideoFrame) -> Frame:
+        time_s = self._time_s(picture)
+        frame = Frame(upright(picture), time_s, self._sequence)
+        self._sequence += 1
+        self._last_s = time_s
+        return frame
+
+    def _time_s(self, picture: av.VideoFrame) -> float:
+        """Time since the first frame; times that stand still or are missing move on."""
+        shown_s = picture.time
+        if shown_s is None:
+            return self._sequence / self._rate_hz
+        if self._origin_s is None:
+            self._origin_s = shown_s
+        time_s = shown_s - self._origin_s
+        if self._sequence and time_s <= self._last_s:
+            return self._last_s + 1 / self._rate_hz
+        return time_s
+
+
+def upright(picture: av.VideoFrame) -> Image:
+    """Return a decoded picture as (H, W, 3) BGR, turned as its display matrix says."""
+    image = np.asarray(picture.to_ndarray(format="bgr24"), np.uint8)
+    turn = _TURNS.get(round(picture.rotation / 90) * 90 % 360)
+    return image if turn is None else np.asarray(cv2.rotate(image, turn), np.uint8)
+
+
+def _check_file(path: Path) -> None:
+    if not path.exists():
+        raise SourceError(f"{path}: there is no such file; check the path")
+    if not path.is_file():
+        raise SourceError(f"{path}: this is not a file; give a video file or a folder of images")
+    try:
+        empty = path.stat().st_size == 0
+        path.open("rb").close()
+    except OSError as error:
+        raise SourceError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
+    if empty:
+        raise SourceError(f"{path}: the file is empty; copy it anew")
+
+
+def _open(path: Path) -> av.container.InputContainer:
+    try:
+        container = av.open(str(path), "r")
+    except av.error.FFmpegError as error:
+        raise SourceError(
+            f"{path}: not a video that FFmpeg can open ({error.strerror}); "
+            "give an MP4, MKV, AVI, MOV or TS file that is complete"
+        ) from error
+    if container.format.name in _NOT_VIDEO:
+        container.close()
+        raise SourceError(f"{path}: not a video; give an MP4, MKV, AVI, MOV or TS file")
+    return container
+
+
+def _video_stream(container: av.container.InputContainer, path: Path) -> av.VideoStream:
+    if not container.streams.video:
+        container.close()
+        raise SourceError(f"{path}: there is no video in this file, only sound or data")
+    return container.streams.video[0]
