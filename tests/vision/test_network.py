@@ -1,0 +1,118 @@
+"""Networks load, or say in one line why not; a network can be given another input size."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from follower_vision.network import ModelError, Network, onnx_session
+from follower_vision.onnxresize import with_input_size
+
+onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
+h = onnx.helper
+
+
+def averaging_network(side: int = 32) -> bytes:
+    """Average each 4x4 block; 'value_info' states a size, as simplified networks do."""
+    nodes = [
+        h.make_node("AveragePool", ["pixels"], ["half"], kernel_shape=[2, 2], strides=[2, 2]),
+        h.make_node("AveragePool", ["half"], ["quarter"], kernel_shape=[2, 2], strides=[2, 2]),
+    ]
+
+    def tensor(name: str, size: int) -> object:
+        return h.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, 3, size, size])
+
+    graph = h.make_graph(
+        nodes,
+        "average",
+        [tensor("pixels", side)],
+        [tensor("quarter", side // 4)],
+        value_info=[tensor("half", side // 2)],
+    )
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    return bytes(model.SerializeToString())
+
+
+@pytest.fixture
+def averaging_file(tmp_path: Path) -> Path:
+    path = tmp_path / "average.onnx"
+    path.write_bytes(averaging_network())
+    return path
+
+
+def test_network_tells_its_inputs_and_computes(averaging_file: Path) -> None:
+    network = Network(averaging_file)
+    assert network.inputs == {"pixels": (1, 3, 32, 32)}
+    assert network.outputs == {"quarter": (1, 3, 8, 8)}
+    pixels = np.random.default_rng(1).random((1, 3, 32, 32), dtype=np.float32)
+    expected = pixels.reshape(1, 3, 8, 4, 8, 4).mean(axis=(3, 5))
+    np.testing.assert_allclose(network.run(pixels)[0], expected, rtol=1e-5)
+
+
+def test_session_has_the_threads_asked_for_and_does_not_spin(averaging_file: Path) -> None:
+    options = onnx_session(averaging_file, threads=2).get_session_options()
+    assert options.intra_op_num_threads == 2
+    assert options.get_session_config_entry("session.intra_op.allow_spinning") == "0"
+
+
+def test_missing_file_names_the_pull_command(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"absent\.onnx: no such network.*follower models pull"):
+        Network(tmp_path / "absent.onnx")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a network", averaging_network()[:-40]])
+def test_broken_file_is_one_line_with_the_file_name(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.onnx"
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match=r"broken\.onnx: not a network") as caught:
+        Network(path)
+    assert "\n" not in str(caught.value)
+    assert "follower models pull" in str(caught.value)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads every file")
+def test_unreadable_file(averaging_file: Path) -> None:
+    averaging_file.chmod(stat.S_IWUSR)
+    with pytest.raises(ModelError, match="cannot read this network"):
+        Network(averaging_file)
+
+
+def test_tensor_of_another_shape_is_refused(averaging_file: Path) -> None:
+    with pytest.raises(ModelError, match=r"average\.onnx: .*\(1, 3, 16, 16\)") as caught:
+        Network(averaging_file).run(np.zeros((1, 3, 16, 16), np.float32))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("side", [4, 16, 127, 128, 300])
+def test_resized_network_computes_the_same_on_another_size(tmp_path: Path, side: int) -> None:
+    network = Network(
+        tmp_path / "resized.onnx", content=with_input_size(averaging_network(), (1, 3, side, side))
+    )
+    same = Network(tmp_path / "same.onnx", content=averaging_network(side))
+    assert network.inputs == same.inputs
+    pixels = np.random.default_rng(2).random((1, 3, side, side), dtype=np.float32)
+    np.testing.assert_array_equal(network.run(pixels)[0], same.run(pixels)[0])
+
+
+def test_resized_network_keeps_everything_else() -> None:
+    model = onnx.load_model_from_string(with_input_size(averaging_network(), (1, 3, 16, 16)))
+    original = onnx.load_model_from_string(averaging_network())
+    assert list(model.graph.node) == list(original.graph.node)
+    assert model.opset_import == original.opset_import
+
+
+@pytest.mark.parametrize("content", [b"\x3a\x7f", b"\x3b", b"\x80", b"text, no network"])
+def test_resizing_something_else_says_so(content: bytes) -> None:
+    with pytest.raises(ValueError, match="no ONNX file"):
+        with_input_size(content, (1, 3, 8, 8))
+
+
+def test_two_inputs_cannot_be_resized() -> None:
+    tensors = [h.make_tensor_value_info(name, 1, [4]) for name in "abc"]
+    graph = h.make_graph([h.make_node("Add", ["a", "b"], ["c"])], "add", tensors[:2], tensors[2:])
+    with pytest.raises(ValueError, match="2 inputs"):
+        with_input_size(h.make_model(graph).SerializeToString(), (8,))

@@ -1,0 +1,75 @@
+"""Every tracker has a name, and OpenCV's stand behind the same seam as ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.network import ModelError
+from follower_vision.opencv_trackers import OPENCV_KINDS, opencv_tracker_names
+from follower_vision.trackers import make_tracker, tracker_names
+
+NETLESS = [name for name in opencv_tracker_names() if not OPENCV_KINDS[name].files]
+
+
+def no_file(name: str) -> Path:
+    raise AssertionError(f"{name} was asked for")
+
+
+def scene(cx: float, cy: float) -> np.ndarray:
+    """A textured patch on a noisy ground."""
+    ground = np.random.default_rng(5).integers(60, 120, (240, 320, 3), dtype=np.uint8)
+    patch = np.random.default_rng(6).integers(0, 256, (5, 5, 3), dtype=np.uint8)
+    x, y = round(cx - 20), round(cy - 20)
+    ground[y : y + 40, x : x + 40] = cv2.resize(patch, (40, 40))
+    return ground
+
+
+def test_names_are_unique_and_ours_come_first() -> None:
+    names = tracker_names()
+    assert names[:5] == ["identity", "correlation", "nanotrack-v1", "nanotrack-v2", "nanotrack-v3"]
+    assert len(set(names)) == len(names)
+    assert "mil" in names
+
+
+def test_unknown_name_tells_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"no tracker 'kalman'; there are identity, correlation"):
+        make_tracker("kalman", no_file)
+
+
+def test_one_that_this_opencv_lacks_says_where_it_is() -> None:
+    missing = [name for name in OPENCV_KINDS if name not in opencv_tracker_names()]
+    if not missing:
+        pytest.skip("this OpenCV has every tracker")
+    with pytest.raises(ValueError, match="opencv-contrib-python-headless"):
+        make_tracker(missing[0], no_file)
+
+
+@pytest.mark.parametrize("name", ["nanotrack-v3", "nano", "vit", "dasiamrpn"])
+def test_missing_network_names_the_pull_command(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ModelError, match="follower models pull"):
+        make_tracker(name, lambda file: tmp_path / file)
+
+
+@pytest.mark.parametrize("name", ["identity", *NETLESS])
+def test_trackers_without_networks_hold_a_slow_target(name: str) -> None:
+    tracker = make_tracker(name, no_file)
+    assert tracker.name == name
+    with pytest.raises(RuntimeError, match="not started"):
+        tracker.update(scene(100, 100))
+    tracker.start(scene(100, 100), Box(100, 100, 40, 40))
+    for step in range(1, 4):
+        estimate = tracker.update(scene(100 + 2 * step, 100 + step))
+    assert estimate.box.iou(Box(106, 103, 40, 40)) > 0.5
+    assert estimate.confidence == 1.0
+
+
+@pytest.mark.parametrize("name", NETLESS)
+def test_a_start_beyond_the_edge_is_cut_to_the_image(name: str) -> None:
+    tracker = make_tracker(name, no_file)
+    tracker.start(scene(60, 60), Box(5.4, 60.2, 40, 40))
+    assert 0.0 <= tracker.update(scene(60, 60)).confidence <= 1.0

@@ -1,0 +1,168 @@
+"""OpenCV's own trackers behind the motion-tracker seam, as far as this OpenCV has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from follower_vision.box import Box
+from follower_vision.frame import Image
+from follower_vision.motion import MotionEstimate
+from follower_vision.network import check_model
+
+
+@dataclass(frozen=True, slots=True)
+class OpenCvKind:
+    """How to make one of OpenCV's trackers.
+
+    Attributes:
+        classes: where OpenCV may keep its class, in order of preference; "legacy" is in
+            opencv-contrib alone.
+        files: the parameter that takes each network's file, and the file's name.
+    """
+
+    classes: tuple[str, ...]
+    files: Mapping[str, str]
+
+
+OPENCV_KINDS: Mapping[str, OpenCvKind] = {
+    "mil": OpenCvKind(("TrackerMIL", "legacy.TrackerMIL"), {}),
+    "nano": OpenCvKind(
+        ("TrackerNano",),
+        {"backbone": "nanotrackv2_backbone.onnx", "neckhead": "nanotrackv2_head.onnx"},
+    ),
+    "vit": OpenCvKind(("TrackerVit",), {"net": "vittrack.onnx"}),
+    "dasiamrpn": OpenCvKind(
+        ("TrackerDaSiamRPN",),
+        {
+            "model": "dasiamrpn_model.onnx",
+            "kernel_r1": "dasiamrpn_kernel_r1.onnx",
+            "kernel_cls1": "dasiamrpn_kernel_cls1.onnx",
+        },
+    ),
+    "csrt": OpenCvKind(("TrackerCSRT", "legacy.TrackerCSRT"), {}),
+    "kcf": OpenCvKind(("TrackerKCF", "legacy.TrackerKCF"), {}),
+    "boosting": OpenCvKind(("legacy.TrackerBoosting",), {}),
+    "medianflow": OpenCvKind(("legacy.TrackerMedianFlow",), {}),
+    "tld": OpenCvKind(("legacy.TrackerTLD",), {}),
+    "mosse": OpenCvKind(("legacy.TrackerMOSSE",), {}),
+}
+
+
+def opencv_tracker_names() -> list[str]:
+    """Return the names of those that this OpenCV was built with."""
+    return [name for name, kind in OPENCV_KINDS.items() if _find_class(kind) is not None]
+
+
+class OpenCvTracker:
+    """One of OpenCV's trackers. The start is rounded to whole pixels, because OpenCV wants that."""
+
+    def __init__(self, name: str, find_file: Callable[[str], Path]) -> None:
+        """Prepare a tracker; OpenCV loads its networks at `start`.
+
+        Args:
+            name: a key of `OPENCV_KINDS`.
+            find_file: gives the path of a network's file by its name.
+
+        Raises:
+            ValueError: this OpenCV was built without that tracker.
+            ModelError: a network's file is missing.
+        """
+        kind = OPENCV_KINDS[name]
+        tracker_class = _find_class(kind)
+        if tracker_class is None:
+            raise ValueError(
+                f"this OpenCV has no {name} tracker; it has {', '.join(opencv_tracker_names())} "
+                "(opencv-contrib-python-headless has more)"
+            )
+        self._class = tracker_class
+        self._files = {part: _existing(find_file(file)) for part, file in kind.files.items()}
+        self._name = name
+        self._tracker: Any = None
+        self._box: Box | None = None
+
+    @property
+    def name(self) -> str:
+        """A short name for tables and logs."""
+        return self._name
+
+    def start(self, image: Image, box: Box) -> None:
+        """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR.
+
+        Raises:
+            ValueError: OpenCV refuses the box or a network's file.
+        """
+        try:
+            self._tracker = _create(self._class, self._files)
+            self._tracker.init(image, _whole_pixels(box, image))
+        except (cv2.error, SystemError) as error:
+            self._tracker = None
+            reason = str(error).splitlines()[0]
+            raise ValueError(f"OpenCV's {self._name} tracker cannot start: {reason}") from error
+        self._box = box
+
+    def update(self, image: Image) -> MotionEstimate:
+        """Find the target in the next image; confidence 0 and the last box where OpenCV does not.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        if self._tracker is None or self._box is None:
+            raise RuntimeError("the tracker was not started")
+        try:
+            found, (x, y, width, height) = self._tracker.update(image)
+        except cv2.error:
+            # Some of OpenCV's trackers raise when the box has left the image.
+            return MotionEstimate(self._box, 0.0)
+        if not found or width <= 0 or height <= 0:
+            return MotionEstimate(self._box, 0.0)
+        self._box = Box.from_xywh(float(x), float(y), float(width), float(height))
+        return MotionEstimate(self._box, self._score())
+
+    def _score(self) -> float:
+        """Return the tracker's own score, or 1 for those without a network: they have none."""
+        if not self._files:
+            return 1.0
+        return min(max(float(self._tracker.getTrackingScore()), 0.0), 1.0)
+
+
+def _find_class(kind: OpenCvKind) -> Any:
+    for path in kind.classes:
+        try:
+            return attrgetter(path)(cv2)
+        except AttributeError:
+            continue
+    return None
+
+
+def _existing(path: Path) -> str:
+    check_model(path)
+    return str(path)
+
+
+def _create(tracker_class: Any, files: Mapping[str, str]) -> Any:
+    # The classes of OpenCV's legacy module are made by a function beside them.
+    if not hasattr(tracker_class, "create"):
+        name = tracker_class.__name__.removeprefix("legacy_")
+        return attrgetter(f"legacy.{name}_create")(cv2)()
+    if not files:
+        return tracker_class.create()
+    parameters = getattr(cv2, f"{tracker_class.__name__}_Params")()
+    for part, path in files.items():
+        setattr(parameters, part, path)
+    return tracker_class.create(parameters)
+
+
+def _whole_pixels(box: Box, image: Image) -> tuple[int, int, int, int]:
+    """Round to whole pixels and cut at the image's edges, which OpenCV needs."""
+    height, width = image.shape[:2]
+    left = min(max(round(box.left), 0), width - 1)
+    top = min(max(round(box.top), 0), height - 1)
+    right = min(max(round(box.right), left + 1), width)
+    bottom = min(max(round(box.bottom), top + 1), height)
+    return left, top, right - left, bottom - top

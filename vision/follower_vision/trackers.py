@@ -1,0 +1,55 @@
+"""The motion trackers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from follower_vision.motion import IdentityTracker, MotionTracker
+from follower_vision.nanotrack import NanoTracker
+from follower_vision.nanotrack_network import NanoTrackNetwork
+from follower_vision.nanotrack_settings import NANOTRACK_SETTINGS
+from follower_vision.opencv_trackers import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
+
+_NANOTRACK = {f"nanotrack-v{version}": version for version in NANOTRACK_SETTINGS}
+
+
+def tracker_names() -> list[str]:
+    """Return the names that `make_tracker` takes here; OpenCV's depend on how it was built."""
+    return ["identity", "correlation", *_NANOTRACK, *opencv_tracker_names()]
+
+
+def make_tracker(name: str, find_file: Callable[[str], Path]) -> MotionTracker:
+    """Return a motion tracker, not yet started.
+
+    Args:
+        name: one of `tracker_names()`.
+        find_file: gives the path of a network's file by its name, as `ModelStore.file` does; it
+            is asked only by trackers that have networks.
+
+    Raises:
+        ValueError: nobody knows the name, or this OpenCV lacks it.
+        ModelError: a network's file is missing or broken.
+    """
+    if name == "identity":
+        return IdentityTracker()
+    if name == "correlation":
+        return _correlation()
+    if name in _NANOTRACK:
+        return _nanotrack(_NANOTRACK[name], find_file)
+    if name in OPENCV_KINDS:
+        return OpenCvTracker(name, find_file)
+    raise ValueError(f"there is no tracker {name!r}; there are {', '.join(tracker_names())}")
+
+
+def _correlation() -> MotionTracker:
+    tracker: MotionTracker = import_module("follower_vision.correlation").CorrelationTracker()
+    return tracker
+
+
+def _nanotrack(version: int, find_file: Callable[[str], Path]) -> NanoTracker:
+    network = NanoTrackNetwork(
+        find_file(f"nanotrackv{version}_backbone.onnx"), find_file(f"nanotrackv{version}_head.onnx")
+    )
+    return NanoTracker(network, NANOTRACK_SETTINGS[version], f"nanotrack-v{version}")
