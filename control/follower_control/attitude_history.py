@@ -1,0 +1,111 @@
+"""A short memory of the vehicle's attitude, to look up how it was when a frame was taken."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import astuple, replace
+from itertools import pairwise
+
+from follower_control.vehicle import Attitude
+from follower_vision.lineofsight import wrap_angle
+
+
+class AttitudeHistory:
+    """The newest attitudes in order of time; used by one thread.
+
+    Args:
+        capacity: how many samples are kept; older ones are forgotten.
+        extrapolate_s: how far past the newest sample the body rates are trusted.
+        gap_s: two samples further apart than this are not interpolated between.
+
+    Raises:
+        ValueError: the capacity is less than 2, or a time is negative or not finite.
+    """
+
+    def __init__(self, capacity: int = 256, extrapolate_s: float = 0.1, gap_s: float = 0.5) -> None:
+        if capacity < 2:
+            raise ValueError(f"an attitude history keeps at least 2 samples, not {capacity}")
+        if not (0 <= extrapolate_s < math.inf and 0 <= gap_s < math.inf):
+            raise ValueError(f"times are finite and not negative, not {extrapolate_s}, {gap_s}")
+        self._samples: deque[Attitude] = deque(maxlen=capacity)
+        self._extrapolate_s = extrapolate_s
+        self._gap_s = gap_s
+
+    def __len__(self) -> int:
+        """How many samples are kept now."""
+        return len(self._samples)
+
+    def add(self, sample: Attitude) -> bool:
+        """Remember a sample; False if it is refused.
+
+        Refused are samples that are not finite and those not newer than the newest one.
+        """
+        if not all(map(math.isfinite, astuple(sample))):
+            return False
+        if self._samples and sample.time_s <= self._samples[-1].time_s:
+            return False
+        self._samples.append(sample)
+        return True
+
+    def clear(self) -> None:
+        """Forget everything, as after the clock or the autopilot started anew."""
+        self._samples.clear()
+
+    def at(self, time_s: float) -> Attitude | None:
+        """Return the attitude at `time_s`, None where it is not known.
+
+        Between samples it is interpolated, angle by angle and the short way round; after the
+        newest it is turned on by the body rates for at most `extrapolate_s`.
+        """
+        if not self._samples or not math.isfinite(time_s):
+            return None
+        newest = self._samples[-1]
+        if time_s >= newest.time_s:
+            ahead = time_s - newest.time_s
+            return turned_on(newest, ahead) if ahead <= self._extrapolate_s else None
+        for later, earlier in pairwise(reversed(self._samples)):
+            if earlier.time_s <= time_s:
+                gap = later.time_s - earlier.time_s
+                return _between(earlier, later, time_s) if gap <= self._gap_s else None
+        return None
+
+
+def turned_on(start: Attitude, interval_s: float) -> Attitude:
+    """Return the attitude after `interval_s` at constant body rates (to first order).
+
+    The body rates become Euler angle rates by the usual kinematic relation, which needs a pitch
+    away from ±90 degrees; there the rates of roll and yaw are bounded.
+    """
+    sr, cr = math.sin(start.roll_rad), math.cos(start.roll_rad)
+    level = max(math.cos(start.pitch_rad), 0.1)
+    turn = (start.pitch_rate_rad_s * sr + start.yaw_rate_rad_s * cr) / level
+    roll = start.roll_rate_rad_s + turn * math.sin(start.pitch_rad)
+    pitch = start.pitch_rate_rad_s * cr - start.yaw_rate_rad_s * sr
+    return replace(
+        start,
+        roll_rad=wrap_angle(start.roll_rad + roll * interval_s),
+        pitch_rad=start.pitch_rad + pitch * interval_s,
+        yaw_rad=wrap_angle(start.yaw_rad + turn * interval_s),
+        time_s=start.time_s + interval_s,
+    )
+
+
+def _between(a: Attitude, b: Attitude, time_s: float) -> Attitude:
+    share = (time_s - a.time_s) / (b.time_s - a.time_s)
+
+    def angle(start: float, end: float) -> float:
+        return wrap_angle(start + share * wrap_angle(end - start))
+
+    def rate(start: float, end: float) -> float:
+        return start + share * (end - start)
+
+    return Attitude(
+        angle(a.roll_rad, b.roll_rad),
+        angle(a.pitch_rad, b.pitch_rad),
+        angle(a.yaw_rad, b.yaw_rad),
+        rate(a.roll_rate_rad_s, b.roll_rate_rad_s),
+        rate(a.pitch_rate_rad_s, b.pitch_rate_rad_s),
+        rate(a.yaw_rate_rad_s, b.yaw_rate_rad_s),
+        time_s,
+    )

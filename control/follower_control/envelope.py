@@ -1,0 +1,306 @@
+"""The last thing before the link: whatever is asked, what leaves here is within limits.
+
+The order is: refuse what is not finite, cut to the bounds, then follow with limited acceleration
+and jerk. All limits are in the heading frame in which setpoints are flown; the acceleration of a
+turning heading is not counted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any, ClassVar
+
+from follower_control.flight_context import FlightContext
+from follower_control.jerklimit import JerkLimit
+from follower_control.setpoint import HOLD, VelocitySetpoint
+
+SLACK = 1e-9
+"""What rounding may add to a speed limit, m/s."""
+
+HUGE = 1e6
+"""Larger components are cut to this before arithmetic that could overflow, m/s."""
+
+NOTICEABLE = 0.05
+"""A smaller difference between asked and allowed velocity is not reported, m/s."""
+
+
+class Limit(StrEnum):
+    """What kept a setpoint from being allowed as asked."""
+
+    NOT_FINITE = "not finite"
+    SPEED = "speed"
+    CLIMB = "climb speed"
+    DESCENT = "descent speed"
+    YAW_RATE = "yaw rate"
+    MIN_HEIGHT = "minimum height"
+    CEILING = "ceiling"
+    HEIGHT_UNKNOWN = "height unknown"
+    FENCE = "fence"
+    POSITION_UNKNOWN = "position unknown"
+    TARGET_NEAR = "minimum distance"
+    RANGE_UNKNOWN = "range unknown"
+    ACCELERATION = "acceleration"
+    YAW_ACCELERATION = "yaw acceleration"
+
+
+@dataclass(frozen=True, slots=True)
+class EnvelopeSettings:
+    """The limits. None switches off one that needs telemetry or a target.
+
+    Attributes:
+        max_speed_m_s: horizontally, in any direction.
+        max_climb_m_s: upwards.
+        max_descent_m_s: downwards.
+        max_acceleration_m_s2: horizontally, and vertically, each by itself.
+        max_jerk_m_s3: likewise.
+        max_yaw_rate_deg_s: either way.
+        max_yaw_acceleration_deg_s2: either way.
+        min_height_m: above home; no descent below it.
+        ceiling_m: above home; no climb above it.
+        fence_radius_m: around home; no motion away from home beyond it.
+        min_distance_m: to the target; no motion towards it within that.
+        braking_m_s2: with what deceleration speeds are reduced ahead of these four.
+        reaction_s: how long the vehicle takes to answer, counted before it brakes.
+        max_interval_s: longer pauses between two calls count as this long.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    max_speed_m_s: float = 8.0
+    max_climb_m_s: float = 2.0
+    max_descent_m_s: float = 1.5
+    max_acceleration_m_s2: float = 2.5
+    max_jerk_m_s3: float = 8.0
+    max_yaw_rate_deg_s: float = 60.0
+    max_yaw_acceleration_deg_s2: float = 120.0
+    min_height_m: float | None = 3.0
+    ceiling_m: float | None = 50.0
+    fence_radius_m: float | None = 200.0
+    min_distance_m: float | None = 4.0
+    braking_m_s2: float = 1.5
+    reaction_s: float = 0.5
+    max_interval_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{field.name} is finite and positive, not {value}")
+        if self.braking_m_s2 > self.max_acceleration_m_s2:
+            raise ValueError("braking_m_s2 is at most max_acceleration_m_s2")
+        low, high = self.min_height_m, self.ceiling_m
+        if low is not None and high is not None and low >= high:
+            raise ValueError(f"min_height_m lies below ceiling_m, not {low} and {high}")
+
+
+@dataclass(frozen=True, slots=True)
+class LimitedSetpoint:
+    """A setpoint with what became of it.
+
+    Attributes:
+        asked: what the servo wanted; may be anything.
+        allowed: what may be sent.
+        limits: what made the difference, nothing if there is none worth the name.
+    """
+
+    asked: VelocitySetpoint
+    allowed: VelocitySetpoint
+    limits: tuple[Limit, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Bound:
+    """How fast the vehicle may move in one horizontal direction, a complex number of length 1."""
+
+    direction: complex
+    max_speed: float
+    limit: Limit
+
+    def speed(self, velocity: complex) -> float:
+        return (velocity * self.direction.conjugate()).real
+
+    def share(self, velocity: complex) -> float:
+        """Return what share of a velocity keeps the bound; 1 if all of it does."""
+        speed = self.speed(velocity)
+        return 1.0 if speed <= self.max_speed else self.max_speed / speed
+
+
+class Envelope:
+    """Limits setpoints; keeps the last one allowed, and when.
+
+    Between two calls, the velocity changes by no more than `max_acceleration_m_s2` times the
+    interval, and that change's rate by no more than the jerk; the interval is what `now_s` says,
+    at most `max_interval_s`, and nothing changes if the time stands still, runs backwards or is
+    not finite. The limits on height, fence and distance bound what is steered towards: the
+    velocity gets there within acceleration and jerk, ahead of time by `braking_m_s2` and
+    `reaction_s`.
+
+    What is not known is taken for the worst: with a height limit set but no height, neither climb
+    nor descent; with a fence but no position or heading, no horizontal motion; with a minimum
+    distance but no range to the target, no motion forward.
+    """
+
+    def __init__(self, settings: EnvelopeSettings | None = None) -> None:
+        self._settings = s = settings or EnvelopeSettings()
+        self._max_yaw_rate = math.radians(s.max_yaw_rate_deg_s)
+        self._max_yaw_acceleration = math.radians(s.max_yaw_acceleration_deg_s2)
+        acceleration, jerk = s.max_acceleration_m_s2, s.max_jerk_m_s3
+        self._horizontal = JerkLimit(acceleration, jerk, self._is_flyable)
+        self._vertical = JerkLimit(acceleration, jerk, self._is_climbable)
+        self._yaw_rate = 0.0
+        self._last_s: float | None = None
+        self._limits: list[Limit] = []
+
+    def start(self, velocity: VelocitySetpoint = HOLD, now_s: float | None = None) -> None:
+        """Begin at the vehicle's present velocity, so that the first setpoint is no step.
+
+        What exceeds the bounds is cut to them; a velocity that is not finite counts as standing.
+        """
+        known = velocity if velocity.is_finite else HOLD
+        self._horizontal.start(_horizontal(known))
+        self._vertical.start(_clip(known.down_m_s, HUGE))
+        self._yaw_rate = _clip(known.yaw_rate_rad_s, self._max_yaw_rate)
+        self._last_s = now_s
+
+    def limit(
+        self, asked: VelocitySetpoint, now_s: float, context: FlightContext
+    ) -> LimitedSetpoint:
+        """Return what is allowed of `asked`; any numbers whatever are taken."""
+        self._limits = []
+        wanted = asked if asked.is_finite else self._refused()
+        interval_s = self._interval(now_s)
+        horizontal = self._wanted_horizontal(wanted, context)
+        down = self._wanted_down(wanted.down_m_s, context)
+        yaw_rate = self._cut(wanted.yaw_rate_rad_s, self._max_yaw_rate, Limit.YAW_RATE)
+        velocity = self._horizontal.step(horizontal, interval_s)
+        sink = self._vertical.step(down, interval_s).real
+        self._turn_towards(yaw_rate, interval_s)
+        if abs(velocity - horizontal) > NOTICEABLE or abs(sink - down) > NOTICEABLE:
+            self._limits.append(Limit.ACCELERATION)
+        allowed = VelocitySetpoint(velocity.real, velocity.imag, sink, self._yaw_rate)
+        return LimitedSetpoint(asked, allowed, tuple(self._limits))
+
+    def hold_now(self, now_s: float) -> LimitedSetpoint:
+        """Slow down to a hold, as fast as acceleration and jerk allow."""
+        return self.limit(HOLD, now_s, FlightContext())
+
+    def _refused(self) -> VelocitySetpoint:
+        self._limits.append(Limit.NOT_FINITE)
+        return HOLD
+
+    def _interval(self, now_s: float) -> float:
+        if not math.isfinite(now_s):
+            return 0.0
+        interval_s = 0.0 if self._last_s is None else now_s - self._last_s
+        self._last_s = now_s
+        return min(max(interval_s, 0.0), self._settings.max_interval_s)
+
+    def _wanted_horizontal(self, wanted: VelocitySetpoint, context: FlightContext) -> complex:
+        velocity, top = _horizontal(wanted), self._settings.max_speed_m_s
+        if abs(velocity) > top:
+            self._limits.append(Limit.SPEED)
+            velocity *= top / abs(velocity)
+        bounds = (*self._fence(context), *self._nearness(context))
+        for bound in bounds:
+            velocity = self._without_excess(velocity, bound)
+        return velocity * min((bound.share(velocity) for bound in bounds), default=1.0)
+
+    def _fence(self, context: FlightContext) -> tuple[_Bound, ...]:
+        radius = self._settings.fence_radius_m
+        if radius is None:
+            return ()
+        known = context.known("yaw_rad", "north_m", "east_m")
+        if known is None:
+            return tuple(_Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
+        yaw, north, east = known
+        room = radius - math.hypot(north, east)
+        outward = _direction(math.atan2(east, north) - yaw)
+        return (_Bound(outward, self._braking_speed(room), Limit.FENCE),)
+
+    def _nearness(self, context: FlightContext) -> tuple[_Bound, ...]:
+        nearest = self._settings.min_distance_m
+        if nearest is None:
+            return ()
+        known = context.known("target_range_m", "target_bearing_rad")
+        if known is None:
+            return (_Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
+        target_range, bearing = known
+        speed = self._braking_speed(target_range - nearest)
+        return (_Bound(_direction(bearing), speed, Limit.TARGET_NEAR),)
+
+    def _without_excess(self, velocity: complex, bound: _Bound) -> complex:
+        """Take away what is too fast in the bound's direction; sideways motion stays."""
+        excess = bound.speed(velocity) - bound.max_speed
+        if excess <= 0:
+            return velocity
+        self._limits.append(bound.limit)
+        return velocity - excess * bound.direction
+
+    def _wanted_down(self, wanted: float, context: FlightContext) -> float:
+        s = self._settings
+        down = wanted
+        if down > s.max_descent_m_s:
+            down = s.max_descent_m_s
+            self._limits.append(Limit.DESCENT)
+        if down < -s.max_climb_m_s:
+            down = -s.max_climb_m_s
+            self._limits.append(Limit.CLIMB)
+        return self._between_heights(down, context)
+
+    def _between_heights(self, down: float, context: FlightContext) -> float:
+        low, high = self._settings.min_height_m, self._settings.ceiling_m
+        if (low is None and high is None) or down == 0:
+            return down
+        known = context.known("height_m")
+        if known is None:
+            self._limits.append(Limit.HEIGHT_UNKNOWN)
+            return 0.0
+        height = known[0]
+        if low is not None and down > (slowest := self._braking_speed(height - low)):
+            self._limits.append(Limit.MIN_HEIGHT)
+            return slowest
+        if high is not None and -down > (slowest := self._braking_speed(high - height)):
+            self._limits.append(Limit.CEILING)
+            return -slowest
+        return down
+
+    def _braking_speed(self, room_m: float) -> float:
+        """Return the speed from which the vehicle stops within `room_m`, having reacted."""
+        if room_m <= 0:
+            return 0.0
+        braking = self._settings.braking_m_s2
+        delay = self._settings.reaction_s + braking / self._settings.max_jerk_m_s3
+        return braking * (math.sqrt(delay**2 + 2 * room_m / braking) - delay)
+
+    def _turn_towards(self, yaw_rate: float, interval_s: float) -> None:
+        reach = self._max_yaw_acceleration * interval_s
+        change = yaw_rate - self._yaw_rate
+        if abs(change) > reach:
+            self._limits.append(Limit.YAW_ACCELERATION)
+        self._yaw_rate += _clip(change, reach)
+
+    def _cut(self, value: float, largest: float, limit: Limit) -> float:
+        if abs(value) > largest:
+            self._limits.append(limit)
+        return _clip(value, largest)
+
+    def _is_flyable(self, velocity: complex) -> bool:
+        return abs(velocity) <= self._settings.max_speed_m_s + SLACK
+
+    def _is_climbable(self, velocity: complex) -> bool:
+        low, high = -self._settings.max_climb_m_s, self._settings.max_descent_m_s
+        return low - SLACK <= velocity.real <= high + SLACK
+
+
+def _clip(value: float, largest: float) -> float:
+    return min(max(value, -largest), largest)
+
+
+def _horizontal(setpoint: VelocitySetpoint) -> complex:
+    return complex(_clip(setpoint.forward_m_s, HUGE), _clip(setpoint.right_m_s, HUGE))
+
+
+def _direction(bearing_rad: float) -> complex:
+    return complex(math.cos(bearing_rad), math.sin(bearing_rad))

@@ -1,0 +1,61 @@
+"""What the envelope has to know about the flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from follower_control.vehicle import VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class FlightContext:
+    """Where the vehicle and its target are; None is what is not known.
+
+    Attributes:
+        yaw_rad: heading from north.
+        north_m: position north of the fence's centre.
+        east_m: position east of the fence's centre.
+        height_m: height above home.
+        target_range_m: distance to the target.
+        target_bearing_rad: the target's azimuth from the nose, right is positive.
+    """
+
+    yaw_rad: float | None = None
+    north_m: float | None = None
+    east_m: float | None = None
+    height_m: float | None = None
+    target_range_m: float | None = None
+    target_bearing_rad: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: VehicleState,
+        now_s: float,
+        target_range_m: float | None = None,
+        target_bearing_rad: float | None = None,
+        stale_after_s: float = 1.0,
+    ) -> FlightContext:
+        """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
+        attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= stale_after_s else None
+        position = vehicle.position if vehicle.position_age_s(now_s) <= stale_after_s else None
+        return cls(
+            yaw_rad=attitude.yaw_rad if attitude else None,
+            north_m=position.north_m if position else None,
+            east_m=position.east_m if position else None,
+            height_m=position.height_m if position else None,
+            target_range_m=target_range_m,
+            target_bearing_rad=target_bearing_rad,
+        )
+
+    def known(self, *names: str) -> tuple[float, ...] | None:
+        """Return the named numbers, None if any of them is missing or not finite."""
+        values = tuple(getattr(self, name) for name in names)
+        if any(value is None or not math.isfinite(value) for value in values):
+            return None
+        return values
+
+
+NOTHING_KNOWN = FlightContext()
+"""No telemetry and no target."""

@@ -1,0 +1,86 @@
+"""Turns a box in an image into a sighting, with the attitude at the time of the image."""
+
+from __future__ import annotations
+
+import math
+
+from follower_control.attitude_history import AttitudeHistory
+from follower_control.sighting import SightFrame, Sighting
+from follower_control.vehicle import Attitude
+from follower_vision.box import Box
+from follower_vision.camera import CameraModel, Vector
+from follower_vision.lineofsight import CameraMount, LineOfSight, rotation
+from follower_vision.track import Track
+
+BORDER_PX = 1.0
+"""A box whose edge comes this near to the image's border counts as cut by it."""
+
+
+class Sighter:
+    """Knows one camera: its lens, how it is mounted, and how late its time stamps are.
+
+    Args:
+        camera: intrinsics at the size of the images that the boxes belong to.
+        mount: how the camera is turned against the body.
+        latency_s: how much later than the exposure a frame's time stamp is.
+
+    Raises:
+        ValueError: the latency is not finite.
+    """
+
+    def __init__(self, camera: CameraModel, mount: CameraMount, latency_s: float = 0.0) -> None:
+        if not math.isfinite(latency_s):
+            raise ValueError(f"a camera's latency is a finite number of seconds, not {latency_s}")
+        self._camera = camera
+        self._camera_to_body = mount.camera_to_body
+        self._latency_s = latency_s
+
+    def sight(self, track: Track, attitudes: AttitudeHistory) -> Sighting | None:
+        """Return what a track says about the target, None if nothing can be said.
+
+        With an empty history, as without telemetry, the sighting is in the body's frame. With
+        telemetry, a frame whose attitude is unknown gives None rather than a sighting in another
+        frame, on which the filter would have to begin anew.
+        """
+        time_s = track.captured_s - self._latency_s
+        attitude = attitudes.at(time_s)
+        if attitude is None and len(attitudes) > 0:
+            return None
+        ray, log_scale = self._look(track.box)
+        sight = LineOfSight.from_vector(_body_to_frame(attitude, self._camera_to_body @ ray))
+        frame = SightFrame.BODY if attitude is None else SightFrame.WORLD
+        sighting = Sighting(sight, log_scale, time_s, frame, self._cuts(track.box))
+        return sighting if sighting.is_finite else None
+
+    def _look(self, box: Box) -> tuple[Vector, float]:
+        """Return the centre's ray in the camera frame and the logarithm of the angular size."""
+        pixels = [
+            (box.cx, box.cy),
+            (box.left, box.cy),
+            (box.right, box.cy),
+            (box.cx, box.top),
+            (box.cx, box.bottom),
+        ]
+        centre, left, right, top, bottom = self._camera.rays(pixels)
+        area = _angle(left, right) * _angle(top, bottom)
+        return centre, 0.5 * math.log(area) if area > 0 else math.nan
+
+    def _cuts(self, box: Box) -> bool:
+        return (
+            min(box.left, box.top) <= BORDER_PX
+            or box.right >= self._camera.width - BORDER_PX
+            or box.bottom >= self._camera.height - BORDER_PX
+        )
+
+
+def _body_to_frame(attitude: Attitude | None, vector: Vector) -> Vector:
+    if attitude is None:
+        return vector
+    turn = rotation(attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
+    return turn @ vector
+
+
+def _angle(a: Vector, b: Vector) -> float:
+    """Return the angle between two unit vectors; exact for small angles, unlike the arc cosine."""
+    dx, dy, dz = (float(p - q) for p, q in zip(a, b, strict=True))
+    return 2 * math.asin(min(1.0, math.sqrt(dx * dx + dy * dy + dz * dz) / 2))
