@@ -1,0 +1,99 @@
+"""YAML into settings, strictly: what is mistyped is refused, in one line that helps."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+class SettingsError(ValueError):
+    """Settings cannot be used; the message is one line that says where and why."""
+
+
+def read_mapping(path: str | Path) -> dict[str, Any]:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises:
+        SettingsError: the file is missing, unreadable, no YAML or no mapping.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise SettingsError(f"{path}: cannot be read: {reason}") from None
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SettingsError(f"{path}: no valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict):
+        raise SettingsError(f"{path}: expected a mapping of keys to values")
+    return data
+
+
+def parse(model: type[ModelT], data: dict[str, Any], source: str) -> ModelT:
+    """Check `data` against a pydantic model whose sections are models or dataclasses.
+
+    Raises:
+        SettingsError: names `source`, the first wrong key and, if it is mistyped, the nearest
+            right one.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise SettingsError(f"{source}: {_first_error(model, error)}") from None
+
+
+def _first_error(model: type[BaseModel], error: ValidationError) -> str:
+    """Describe the first error; a mistyped key comes before a missing one."""
+    errors = error.errors(include_url=False, include_context=False)
+    unknown = ("extra_forbidden", "unexpected_keyword_argument")
+    first = min(errors, key=lambda item: item["type"] not in unknown)
+    where = _dotted(first["loc"])
+    if first["type"] in unknown:
+        return f"unknown key {where!r}{_suggestion(model, first['loc'])}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _dotted(location: Sequence[str | int]) -> str:
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in location]
+    return "".join(parts).removeprefix(".")
+
+
+def _suggestion(model: type[BaseModel], location: Sequence[str | int]) -> str:
+    known = _keys_at(model, location[:-1])
+    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known keys: {', '.join(known)}"
+
+
+def _keys_at(model: type[BaseModel], location: Sequence[str | int]) -> list[str]:
+    """Return the keys that the section at `location` knows."""
+    section: Any = model
+    for part in location:
+        if not isinstance(part, int):
+            section = _section_of(_fields(section)[part])
+    return list(_fields(section))
+
+
+def _fields(section: Any) -> dict[str, Any]:
+    """Return the fields of a pydantic model or a dataclass with their types."""
+    if issubclass(section, BaseModel):
+        return {name: field.annotation for name, field in section.model_fields.items()}
+    types = get_type_hints(section)
+    return {field.name: types[field.name] for field in dataclasses.fields(section)}
+
+
+def _section_of(annotation: Any) -> Any:
+    """Return the section inside list[...], `... | None` and the like."""
+    inner = [_section_of(a) for a in get_args(annotation) if a is not type(None)]
+    return inner[0] if inner else annotation

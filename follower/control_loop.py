@@ -1,0 +1,76 @@
+"""The link and the control stage together: what the control thread does fifty times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from follower.autonomy import Autonomy
+from follower.control_stage import ControlStage
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.links.mavlink import MavlinkLink
+from follower.supervisor import State
+from follower_control.setpoint import HOLD
+
+OnStep = Callable[[ControlRecord], None]
+
+
+class ControlLoop:
+    """Polls the link, steps the control stage, sends what may be sent.
+
+    Args:
+        link: to the autopilot.
+        stage: decides.
+        newest: returns vision's newest answer, None before the first.
+        log: where the autopilot's words go.
+        autonomy: plays the pilot in the simulator; None leaves that to the pilot.
+        on_step: is shown every step, for displays and the score.
+    """
+
+    def __init__(
+        self,
+        link: MavlinkLink,
+        stage: ControlStage,
+        newest: Callable[[], TrackRecord | None],
+        log: FlightLog,
+        autonomy: Autonomy | None = None,
+        on_step: OnStep | None = None,
+    ) -> None:
+        self._link = link
+        self._stage = stage
+        self._newest = newest
+        self._log = log
+        self._autonomy = autonomy
+        self._on_step = on_step
+        self._before = State.IDLE
+
+    def step(self, now_s: float, late_s: float = 0.0) -> None:
+        """Do one step of control at `now_s`, begun `late_s` behind its schedule."""
+        self._link.poll(now_s)
+        for note in self._link.take_notes():
+            self._log.note(now_s, "autopilot", note)
+        record = self._stage.step(
+            now_s, self._newest(), self._link.state, self._link.attitudes, late_s
+        )
+        self._send(record)
+        if self._autonomy is not None:
+            self._fly(self._autonomy, now_s, record.state)
+        if self._on_step is not None:
+            self._on_step(record)
+
+    def hold(self) -> None:
+        """Send one hold whatever else goes on: the last word of a program that ends."""
+        self._link.send(HOLD)
+
+    def _send(self, record: ControlRecord) -> None:
+        if record.sent:
+            self._link.send(record.allowed)
+        elif record.state is State.RELEASED and self._before is not State.RELEASED:
+            # The autopilot may keep our last velocity and fly it when the pilot comes back.
+            self._link.send(HOLD)
+        self._before = record.state
+
+    def _fly(self, autonomy: Autonomy, now_s: float, state: State) -> None:
+        before = autonomy.phase
+        autonomy.step(now_s, state)
+        if autonomy.phase is not before:
+            self._log.note(now_s, "autonomy", str(autonomy.phase))

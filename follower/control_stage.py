@@ -1,0 +1,217 @@
+"""Tracks and telemetry in, setpoints out: one step of the control loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.settings import Settings
+from follower.stopwatch import Stopwatch
+from follower.supervisor import Situation, State, Supervisor
+from follower_control.attitude_history import AttitudeHistory
+from follower_control.envelope import Envelope, LimitedSetpoint
+from follower_control.estimate import TargetEstimate
+from follower_control.estimator import TargetEstimator
+from follower_control.flight_context import FlightContext
+from follower_control.servo import VisualServo
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.sighter import Sighter
+from follower_control.vehicle import Attitude, VehicleState
+from follower_vision.camera import CameraModel
+from follower_vision.track import Track, TrackState
+
+_GOOD_DIRECTION_RAD = math.radians(5.0)
+"""Standard deviation of the predicted direction beyond which nobody should steer by it."""
+
+
+class ControlStage:
+    """Estimator, supervisor, servo and envelope behind one `step`; no I/O, threads or clock.
+
+    The caller polls the link, hands in what it and vision say, and sends what comes back.
+    """
+
+    def __init__(self, settings: Settings, camera: CameraModel, log: FlightLog) -> None:
+        mount = settings.camera.mount
+        self._sighter = Sighter(camera, mount, settings.camera.latency_s)
+        self._attitudes = AttitudeHistory()
+        self._estimator = TargetEstimator(settings.estimator)
+        self._servo = VisualServo(settings.servo, mount.pitch_rad)
+        self._envelope = Envelope(settings.envelope)
+        self._supervisor = Supervisor(settings.supervisor)
+        self._log = log
+        self._allowed = HOLD
+        self._last_step_s: float | None = None
+        self._newest: TrackRecord | None = None
+        self._seen_s = -math.inf
+        self._stop_requested = False
+        self._consent_renewed = False
+
+    @property
+    def supervisor(self) -> Supervisor:
+        """Who decides."""
+        return self._supervisor
+
+    @property
+    def servo(self) -> VisualServo:
+        """Whose errors are worth showing."""
+        return self._servo
+
+    def request_stop(self) -> None:
+        """Let go at the next step, whatever the state; may be called from any thread."""
+        self._stop_requested = True
+
+    def renew_consent(self) -> None:
+        """Allow following again after a release; may be called from any thread."""
+        self._stop_requested = False
+        self._consent_renewed = True
+
+    def step(
+        self,
+        now_s: float,
+        newest: TrackRecord | None,
+        vehicle: VehicleState,
+        attitudes: Sequence[Attitude] = (),
+        late_s: float = 0.0,
+    ) -> ControlRecord:
+        """Do one step and return what came of it.
+
+        Args:
+            now_s: time of this step.
+            newest: vision's newest answer, the same one again if there is no newer.
+            vehicle: newest telemetry.
+            attitudes: the attitudes that came since the last step.
+            late_s: how far behind its schedule the step begins, for the log.
+        """
+        timer = Stopwatch()
+        for attitude in attitudes:
+            self._attitudes.add(attitude)
+        self._take_track(newest)
+        estimate = self._estimator.estimate(now_s)
+        state = self._decide(now_s, estimate, vehicle)
+        limited = self._steer(state, now_s, estimate, vehicle)
+        record = ControlRecord(
+            time_s=now_s,
+            late_s=late_s,
+            busy_s=timer.elapsed_s(),
+            state=state,
+            reason=self._supervisor.reason,
+            estimate=estimate,
+            track_captured_s=None if self._newest is None else self._newest.captured_s,
+            vehicle=vehicle,
+            asked=limited.asked,
+            allowed=limited.allowed,
+            limits=tuple(limited.limits),
+            sent=self._sends(state, vehicle),
+        )
+        self._last_step_s = now_s
+        self._log.controls.append(record)
+        return record
+
+    def _take_track(self, newest: TrackRecord | None) -> None:
+        if newest is None or newest is self._newest:
+            return
+        self._newest = newest
+        track = newest.track
+        if track is not None and track.state is TrackState.TRACKING:
+            self._observe(track)
+
+    def _observe(self, track: Track) -> None:
+        self._seen_s = track.captured_s
+        sighting = self._sighter.sight(track, self._attitudes)
+        if sighting is not None:
+            self._estimator.observe(sighting)
+
+    def _decide(
+        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> State:
+        before, reason = self._supervisor.state, self._supervisor.reason
+        state = self._supervisor.step(self._situation(now_s, estimate, vehicle), now_s)
+        if state is not before or self._supervisor.reason is not reason:
+            self._log.note(now_s, "supervisor", f"{state}: {self._supervisor.reason}")
+        if state.engaged and not before.engaged:
+            self._begin(vehicle, now_s)
+        if state is not State.RELEASED:
+            self._consent_renewed = False
+        return state
+
+    def _situation(
+        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> Situation:
+        newest = self._newest
+        track = None if newest is None else newest.track
+        telemetry_age_s = max(vehicle.attitude_age_s(now_s), vehicle.position_age_s(now_s))
+        return Situation(
+            target_chosen=track is not None,
+            unseen_s=self._unseen_s(track, now_s),
+            estimate_good=estimate is not None and _is_good(estimate),
+            heartbeat_age_s=vehicle.heartbeat_age_s(now_s),
+            telemetry_age_s=telemetry_age_s,
+            frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
+            control_gap_s=0.0 if self._last_step_s is None else now_s - self._last_step_s,
+            mode_allows=vehicle.obeys_setpoints,
+            flying=vehicle.armed and vehicle.landed is not True,
+            stop_requested=self._stop_requested,
+            consent_renewed=self._consent_renewed,
+            in_state_s=self._supervisor.in_state_s(now_s),
+        )
+
+    def _unseen_s(self, track: Track | None, now_s: float) -> float:
+        if track is not None and track.state is TrackState.TRACKING:
+            return 0.0
+        return now_s - self._seen_s
+
+    def _begin(self, vehicle: VehicleState, now_s: float) -> None:
+        present = heading_velocity(vehicle)
+        self._servo.start(present)
+        self._envelope.start(present, now_s)
+        self._allowed = present
+
+    def _steer(
+        self,
+        state: State,
+        now_s: float,
+        estimate: TargetEstimate | None,
+        vehicle: VehicleState,
+    ) -> LimitedSetpoint:
+        if state.engaged or state is State.RELEASED:
+            asked = HOLD
+            if state.steers and estimate is not None:
+                asked = self._servo.update(estimate, vehicle, self._allowed)
+            limited = self._envelope.limit(asked, now_s, self._context(now_s, vehicle))
+        else:
+            self._envelope.start(HOLD, now_s)
+            limited = LimitedSetpoint(HOLD, HOLD, ())
+        self._allowed = limited.allowed
+        return limited
+
+    def _context(self, now_s: float, vehicle: VehicleState) -> FlightContext:
+        errors = self._servo.errors
+        if errors is None:
+            return FlightContext.of(vehicle, now_s)
+        return FlightContext.of(vehicle, now_s, errors.range_m, errors.azimuth_rad)
+
+    @staticmethod
+    def _sends(state: State, vehicle: VehicleState) -> bool:
+        # Having let go, we hold for as long as the autopilot still listens to us: silence would
+        # send PX4 home. Once the pilot has another mode, nothing is sent.
+        return state.streams or (state is State.RELEASED and vehicle.obeys_setpoints)
+
+
+def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
+    """Return the vehicle's present motion as a setpoint; standing still where it is unknown."""
+    position, attitude = vehicle.position, vehicle.attitude
+    if position is None or attitude is None:
+        return HOLD
+    c, s = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
+    return VelocitySetpoint(
+        c * position.north_m_s + s * position.east_m_s,
+        c * position.east_m_s - s * position.north_m_s,
+        position.down_m_s,
+        attitude.yaw_rate_rad_s,
+    )
+
+
+def _is_good(estimate: TargetEstimate) -> bool:
+    variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
+    return variance < _GOOD_DIRECTION_RAD**2

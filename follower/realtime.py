@@ -1,0 +1,129 @@
+"""Runs the stages in real time, a thread each."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+
+from follower.control_loop import ControlLoop
+from follower.flight_video import FlightVideo
+from follower.flightlog import FlightLog, TrackRecord
+from follower.stopwatch import Stopwatch
+from follower.vision_stage import VisionStage
+from follower_vision.clock import Clock
+from follower_vision.frame import Frame
+from follower_vision.framesource import FrameSource
+from follower_vision.mailbox import Mailbox
+
+_SWITCH_INTERVAL_S = 0.0005
+"""Python hands the interpreter from thread to thread this often; its own 5 ms would show as
+jitter of the control loop while vision runs Python code."""
+_PATIENCE_S = 0.2
+
+
+class VisionLoop:
+    """What the vision thread does with each frame; also called directly in lockstep."""
+
+    def __init__(
+        self,
+        stage: VisionStage,
+        clock: Clock,
+        log: FlightLog,
+        video: FlightVideo | None = None,
+        lines: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
+        self._stage = stage
+        self._clock = clock
+        self._log = log
+        self._video = video
+        self._lines = lines
+        self.tracks: Mailbox[TrackRecord] = Mailbox()
+
+    def step(self, frame: Frame, delay_s: float = 0.0) -> TrackRecord:
+        """Answer for one frame.
+
+        Args:
+            frame: the newest frame.
+            delay_s: how long the answer is held to take on a clock that stands still.
+        """
+        received_s = self._clock.now()
+        timer = Stopwatch()
+        track = self._stage.step(frame)
+        busy_s = timer.elapsed_s()
+        done_s = max(self._clock.now(), received_s + delay_s)
+        record = TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
+        self._log.tracks.append(record)
+        if self._video is not None:
+            self._video.add(frame, track, self._lines())
+        return record
+
+
+class RealtimeRun:
+    """Capture, vision and control, each on its own thread, until told to stop."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        source: FrameSource,
+        vision: VisionLoop,
+        control: ControlLoop,
+        control_rate_hz: float,
+    ) -> None:
+        self._clock = clock
+        self._source = source
+        self._vision = vision
+        self._control = control
+        self._period_s = 1.0 / control_rate_hz
+        self._frames: Mailbox[Frame] = Mailbox()
+        self._stop = threading.Event()
+
+    def run(self, watch: Callable[[], bool], watch_every_s: float = 0.1) -> None:
+        """Run until `watch()`, called on this thread, returns False, or a stage fails.
+
+        However it ends, a hold is sent last. A stage's error is raised here, after control has
+        gone on for as long as `watch` wants: a dead vision thread shows as stale frames, on which
+        the supervisor holds and lets go.
+        """
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
+        loops = (self._capture_loop, self._vision_loop, self._control_loop)
+        with ThreadPoolExecutor(len(loops), "follower") as threads:
+            futures = [threads.submit(loop) for loop in loops]
+            try:
+                while watch() and not futures[-1].done():
+                    wait(futures[-1:], watch_every_s)
+            finally:
+                self._shut_down(futures)
+                sys.setswitchinterval(before)
+        for future in futures:
+            future.result()
+
+    def _shut_down(self, futures: Sequence[Future[None]]) -> None:
+        self._stop.set()
+        self._frames.close()
+        wait(futures, 10 * _PATIENCE_S)
+        self._control.hold()
+
+    def _capture_loop(self) -> None:
+        while not self._stop.is_set():
+            frame = self._source.read()
+            if frame is None:
+                return
+            self._frames.put(frame)
+
+    def _vision_loop(self) -> None:
+        while not self._stop.is_set():
+            frame = self._frames.wait(_PATIENCE_S)
+            if frame is not None:
+                self._vision.tracks.put(self._vision.step(frame))
+
+    def _control_loop(self) -> None:
+        due_s = self._clock.now()
+        while not self._stop.is_set():
+            self._clock.sleep_until(due_s)
+            now_s = self._clock.now()
+            self._control.step(now_s, now_s - due_s)
+            # Steps that were missed are left out, so that a stall is no burst afterwards.
+            due_s = max(due_s + self._period_s, self._clock.now() - self._period_s)

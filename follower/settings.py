@@ -1,0 +1,134 @@
+"""All settings of the follower, parsed once from YAML; what goes inward is plain values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from follower.supervisor import SupervisorSettings
+from follower_control.envelope import EnvelopeSettings
+from follower_control.estimator import EstimatorSettings
+from follower_control.servo import ServoSettings
+from follower_control.strict_yaml import SettingsError, parse, read_mapping
+from follower_vision.camera import CameraModel
+from follower_vision.lineofsight import CameraMount
+from follower_vision.longterm import LongTermSettings
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSettings:
+    """The camera: its lens, how it is mounted, how late its frames are stamped.
+
+    Attributes:
+        fov_deg: horizontal field of view; used unless `focal_px` is given.
+        focal_px: focal length in pixels at `focal_width_px`, from a calibration.
+        focal_width_px: image width for which `focal_px` holds.
+        distortion: k1, k2, p1, p2, k3 as OpenCV's calibration gives them.
+        roll_deg: how the camera is rolled against the body; right side down is positive.
+        pitch_deg: how it is pitched; looking down is negative.
+        yaw_deg: how it is turned; to the right is positive.
+        latency_s: how much later than the exposure a frame's time stamp is.
+    """
+
+    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
+
+    fov_deg: float = 70.0
+    focal_px: float | None = None
+    focal_width_px: int = 640
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    roll_deg: float = 0.0
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1 < self.fov_deg < 179:
+            raise ValueError(f"fov_deg lies between 1 and 179 degrees, not {self.fov_deg}")
+        if self.focal_px is not None and not 1 < self.focal_px < 1e5:
+            raise ValueError(f"focal_px is a focal length in pixels, not {self.focal_px}")
+        if not abs(self.latency_s) < 2:
+            raise ValueError(f"latency_s is in seconds, not {self.latency_s}")
+        angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
+        if not all(abs(angle) <= 180 for angle in angles):
+            raise ValueError(f"the mount's angles are degrees within ±180, not {angles}")
+
+    @property
+    def mount(self) -> CameraMount:
+        """The mount's angles in radians."""
+        return CameraMount(
+            math.radians(self.roll_deg), math.radians(self.pitch_deg), math.radians(self.yaw_deg)
+        )
+
+    def model(self, width: int, height: int) -> CameraModel:
+        """Return the intrinsics for images of this size."""
+        if self.focal_px is None:
+            return CameraModel.from_fov(width, height, math.radians(self.fov_deg), self.distortion)
+        focal = self.focal_px * width / self.focal_width_px
+        return CameraModel(width, height, focal, focal, width / 2, height / 2, self.distortion)
+
+
+class Settings(BaseModel):
+    """Everything that can be set; the sections stand beside the laws that they belong to."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    camera: CameraSettings = CameraSettings()
+    tracker: Literal["correlation", "identity"] = "correlation"
+    longterm: LongTermSettings = LongTermSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
+    servo: ServoSettings = ServoSettings()
+    envelope: EnvelopeSettings = EnvelopeSettings()
+    supervisor: SupervisorSettings = SupervisorSettings()
+    control_rate_hz: float = Field(default=50.0, ge=5, le=500)
+
+    def to_yaml(self) -> str:
+        """Return the settings as resolved, in the form in which they are read."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+
+def load_settings(
+    path: str | Path | None = None,
+    base: Mapping[str, Any] | None = None,
+    overrides: Iterable[str] = (),
+) -> Settings:
+    """Resolve settings: defaults, then `base`, then the file, then each `key.path=value`.
+
+    Raises:
+        SettingsError: a file, key or value cannot be used; one line says which and why.
+    """
+    data: dict[str, Any] = merged({}, base or {})
+    source = "settings"
+    if path is not None:
+        data, source = merged(data, read_mapping(path)), str(path)
+    for override in overrides:
+        data, source = merged(data, _override(override)), f"--set {override}"
+    return parse(Settings, data, source)
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `below` with what `above` says instead, section by section."""
+    result = dict(below)
+    for key, value in above.items():
+        known = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(known, Mapping)
+        result[key] = merged(known, value) if both and known is not None else value
+    return result
+
+
+def _override(text: str) -> dict[str, Any]:
+    key, separator, value_text = text.partition("=")
+    if not separator or not key:
+        raise SettingsError(f"--set {text}: write key=value, for example servo.distance_m=12")
+    try:
+        value: Any = yaml.safe_load(value_text)
+    except yaml.YAMLError:
+        raise SettingsError(f"--set {text}: the value is no valid YAML") from None
+    for part in reversed(key.split(".")):
+        value = {part: value}
+    return dict(value)
