@@ -2,9 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from follower_sim.commanded import CommandedPeaks, PursuitStep, commanded_peaks
 from follower_sim.kinematics import BodyState, Triple
+
+STEERING = frozenset({"following", "coasting"})
+"""Names of the supervisor's states in which the servo steers."""
+
+IN_FRAME = 0.5
+"""The target is in frame if at least this share of its true box is inside the image."""
+
+APPROACH_RANGE = 0.15
+"""The approach is over within this share of the wanted distance, ..."""
+
+APPROACH_ANGLE_RAD = math.radians(5)
+"""... with less than this line-of-sight error, ..."""
+
+APPROACH_HELD_S = 1.0
+"""... both for this long."""
+
+_Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +57,260 @@ class TruthSample:
     range_m: float
     azimuth_rad: float
     elevation_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class PursuitGoal:
+    """What the pursuit was to reach: the target straight ahead, so high, so far away.
+
+    Attributes:
+        distance_m: wanted distance; None if the pursuit was only to watch: range is not scored.
+        elevation_rad: wanted elevation of the target from the horizontal, up is positive.
+    """
+
+    distance_m: float | None
+    elevation_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.distance_m is not None and not 0 < self.distance_m < math.inf:
+            raise ValueError(f"a wanted distance is positive, not {self.distance_m}")
+        if not math.isfinite(self.elevation_rad):
+            raise ValueError(f"a wanted elevation is finite, not {self.elevation_rad}")
+
+
+@dataclass(frozen=True, slots=True)
+class Intervention:
+    """How often one limit of the envelope changed the setpoint.
+
+    Attributes:
+        steps: number of sent control steps that it changed.
+        share: that number over the number of all sent steps.
+    """
+
+    steps: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class PursuitScore:
+    """How well a pursuit went.
+
+    "Scored" is the time from the approach's end to the end of the pursuit, losses included. Shares,
+    means and percentiles over it are weighted with the time between samples. None stands for what
+    could not be measured, because the target was never acquired or never approached, or because
+    nothing of the kind was given.
+
+    Attributes:
+        time_to_acquire_s: from the choice of the target to the first step in state "following".
+        approach_s: from that step to the approach's end, which is the first moment from which on,
+            for 1 s, the range is within 15 % of the wanted one and the line-of-sight error below
+            5 degrees.
+        scored_s: length of the scored time, 0 if there is none.
+        in_frame_share: share of the scored time with at least half of the true box in the image.
+        line_of_sight_rms_deg: root mean square over the scored time of the angle between the true
+            direction of the target and the wanted one.
+        line_of_sight_p95_deg: 95th percentile of that angle.
+        range_error_median: median of |range / wanted - 1|.
+        range_error_p95: its 95th percentile.
+        following_share: share of the control steps from the first "following" to the pursuit's
+            end in which the servo steered.
+        losses: how often the state went from "following" or "coasting" to "searching".
+        reacquisitions: how often it then came back to "following".
+        wrong_box_share: share of the frames said to be tracked whose box does not touch the true
+            one, over the whole flight.
+        delay_median_s: from a frame's capture to the setpoint that first used it, median.
+        delay_p99_s: the same, 99th percentile.
+        limited_share: share of the sent steps that the envelope changed.
+        interventions: the same by the limit's name.
+        commanded: peaks of the commanded acceleration and jerk.
+    """
+
+    time_to_acquire_s: float | None
+    approach_s: float | None
+    scored_s: float
+    in_frame_share: float | None
+    line_of_sight_rms_deg: float | None
+    line_of_sight_p95_deg: float | None
+    range_error_median: float | None
+    range_error_p95: float | None
+    following_share: float | None
+    losses: int
+    reacquisitions: int
+    wrong_box_share: float | None
+    delay_median_s: float | None
+    delay_p99_s: float | None
+    limited_share: float
+    interventions: Mapping[str, Intervention]
+    commanded: CommandedPeaks
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts and numbers that JSON can hold."""
+        return asdict(self)
+
+
+def pursuit_score(
+    truth: Sequence[TruthSample],
+    steps: Sequence[PursuitStep],
+    goal: PursuitGoal,
+    *,
+    delays_s: Sequence[float] = (),
+    overlaps: Sequence[float] = (),
+    chosen_s: float | None = None,
+    end_s: float | None = None,
+) -> PursuitScore:
+    """Score one pursuit.
+
+    Args:
+        truth: samples in the order of time.
+        steps: control steps in the order of time, on the same clock.
+        goal: what was wanted.
+        delays_s: capture to setpoint, one a frame that was used.
+        overlaps: intersection over union of the track's box and the true one, one for each frame
+            that vision said to track.
+        chosen_s: when the operator asked for the target; by default the first step that is not
+            "idle".
+        end_s: when the operator ended the pursuit; what comes later is not scored. By default it
+            lasts to the last sample.
+    """
+    steps = [step for step in steps if end_s is None or step.time_s <= end_s]
+    course = _Course.of([s for s in truth if end_s is None or s.time_s <= end_s], goal)
+    acquired_s = next((step.time_s for step in steps if step.state == "following"), None)
+    chosen_s = chosen_s if chosen_s is not None else _first_chosen(steps)
+    approached_s = None if acquired_s is None else course.approached(acquired_s)
+    losses, reacquisitions = _losses(steps)
+    return PursuitScore(
+        time_to_acquire_s=_between(chosen_s, acquired_s),
+        approach_s=_between(acquired_s, approached_s),
+        **course.after(approached_s).figures(),
+        following_share=_following_share(steps),
+        losses=losses,
+        reacquisitions=reacquisitions,
+        wrong_box_share=_share([overlap <= 0 for overlap in overlaps]),
+        delay_median_s=_percentile(delays_s, 50),
+        delay_p99_s=_percentile(delays_s, 99),
+        limited_share=_share([bool(s.limits) for s in steps if s.setpoint is not None]) or 0.0,
+        interventions=_interventions(steps),
+        commanded=commanded_peaks(steps),
+    )
+
+
+def line_of_sight_errors(truth: Sequence[TruthSample], goal: PursuitGoal) -> _Array:
+    """Return the angle between the target's true and wanted direction, radians, shape (N,)."""
+    azimuth = np.array([sample.azimuth_rad for sample in truth], np.float64)
+    elevation = np.array([sample.elevation_rad for sample in truth], np.float64)
+    # The haversine keeps its precision where the arc cosine of a dot product loses it: at 0.
+    haversine = (
+        np.sin((elevation - goal.elevation_rad) / 2) ** 2
+        + np.cos(elevation) * math.cos(goal.elevation_rad) * np.sin(azimuth / 2) ** 2
+    )
+    return np.asarray(2 * np.arcsin(np.sqrt(np.clip(haversine, 0.0, 1.0))))
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """The truth as arrays, shape (N,) each; `range_error` is None if no range was wanted."""
+
+    time_s: _Array
+    in_frame: _Array
+    angle: _Array
+    range_error: _Array | None
+
+    @classmethod
+    def of(cls, truth: Sequence[TruthSample], goal: PursuitGoal) -> _Course:
+        ranges = np.array([sample.range_m for sample in truth], np.float64)
+        return cls(
+            np.array([sample.time_s for sample in truth], np.float64),
+            np.array([sample.in_frame_share >= IN_FRAME for sample in truth], np.float64),
+            line_of_sight_errors(truth, goal),
+            None if goal.distance_m is None else np.abs(ranges / goal.distance_m - 1),
+        )
+
+    def approached(self, from_s: float) -> float | None:
+        """Return when the approach was over, None if it never was."""
+        good = self.angle < APPROACH_ANGLE_RAD
+        if self.range_error is not None:
+            good &= self.range_error <= APPROACH_RANGE
+        since: float | None = None
+        for time_s, is_good in zip(self.time_s.tolist(), good.tolist(), strict=True):
+            if not is_good or time_s < from_s:
+                since = None
+                continue
+            since = time_s if since is None else since
+            # A sampled second is over at its last sample: allow for rounding of the times.
+            if time_s - since >= APPROACH_HELD_S - 1e-6:
+                return since
+        return None
+
+    def after(self, from_s: float | None) -> _Course:
+        """Return the part from a moment on; nothing if there is no such moment."""
+        late = self.time_s >= (math.inf if from_s is None else from_s)
+        range_error = None if self.range_error is None else self.range_error[late]
+        return _Course(self.time_s[late], self.in_frame[late], self.angle[late], range_error)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the score's figures that are taken over this time."""
+        angle_deg = np.degrees(self.angle)
+        mean_square = self._mean(angle_deg**2)
+        return {
+            "scored_s": float(self.time_s[-1] - self.time_s[0]) if len(self.time_s) else 0.0,
+            "in_frame_share": self._mean(self.in_frame),
+            "line_of_sight_rms_deg": None if mean_square is None else math.sqrt(mean_square),
+            "line_of_sight_p95_deg": self._quantile(angle_deg, 0.95),
+            "range_error_median": self._quantile(self.range_error, 0.5),
+            "range_error_p95": self._quantile(self.range_error, 0.95),
+        }
+
+    def _weights(self) -> _Array:
+        """Return the time that each sample stands for; equal weights if time stands still."""
+        if len(self.time_s) < 2 or self.time_s[-1] <= self.time_s[0]:
+            return np.ones(len(self.time_s))
+        return np.asarray(np.gradient(self.time_s))
+
+    def _mean(self, values: _Array) -> float | None:
+        return float(np.average(values, weights=self._weights())) if len(values) else None
+
+    def _quantile(self, values: _Array | None, share: float) -> float | None:
+        if values is None or not len(values):
+            return None
+        weights = self._weights()
+        return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
+
+
+def _first_chosen(steps: Sequence[PursuitStep]) -> float | None:
+    return next((step.time_s for step in steps if step.state != "idle"), None)
+
+
+def _between(start_s: float | None, end_s: float | None) -> float | None:
+    return None if start_s is None or end_s is None else end_s - start_s
+
+
+def _share(flags: Sequence[bool]) -> float | None:
+    return sum(flags) / len(flags) if flags else None
+
+
+def _percentile(values: Sequence[float], percent: float) -> float | None:
+    return float(np.percentile(np.asarray(values, np.float64), percent)) if len(values) else None
+
+
+def _following_share(steps: Sequence[PursuitStep]) -> float | None:
+    steering = [step.state in STEERING for step in steps]
+    return _share(steering[steering.index(True) :]) if True in steering else None
+
+
+def _losses(steps: Sequence[PursuitStep]) -> tuple[int, int]:
+    """Return how often the target was lost and how often found again."""
+    losses = reacquisitions = 0
+    before, lost = "", False
+    for step in steps:
+        if step.state == "searching" and before in STEERING:
+            losses, lost = losses + 1, True
+        elif step.state == "following" and lost:
+            reacquisitions, lost = reacquisitions + 1, False
+        before = step.state
+    return losses, reacquisitions
+
+
+def _interventions(steps: Sequence[PursuitStep]) -> dict[str, Intervention]:
+    sent = [step for step in steps if step.setpoint is not None]
+    counts = Counter(name for step in sent for name in step.limits)
+    return {name: Intervention(n, n / len(sent)) for name, n in counts.most_common()}
