@@ -29,9 +29,21 @@ class ControlStage:
     """Estimator, supervisor, servo and envelope behind one `step`; no I/O, threads or clock.
 
     The caller polls the link, hands in what it and vision say, and sends what comes back.
+
+    Args:
+        settings: all of them.
+        camera: intrinsics at the size of the frames.
+        log: where every step and change of state is noted.
+        needs_telemetry: False for recorded video alone, which then runs in the body's frame.
     """
 
-    def __init__(self, settings: Settings, camera: CameraModel, log: FlightLog) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        camera: CameraModel,
+        log: FlightLog,
+        needs_telemetry: bool = True,
+    ) -> None:
         mount = settings.camera.mount
         self._sighter = Sighter(camera, mount, settings.camera.latency_s)
         self._attitudes = AttitudeHistory()
@@ -40,6 +52,7 @@ class ControlStage:
         self._envelope = Envelope(settings.envelope)
         self._supervisor = Supervisor(settings.supervisor)
         self._log = log
+        self._needs_telemetry = needs_telemetry
         self._allowed = HOLD
         self._last_step_s: float | None = None
         self._newest: TrackRecord | None = None
@@ -146,7 +159,7 @@ class ControlStage:
             unseen_s=self._unseen_s(track, now_s),
             estimate_good=estimate is not None and _is_good(estimate),
             heartbeat_age_s=vehicle.heartbeat_age_s(now_s),
-            telemetry_age_s=telemetry_age_s,
+            telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
             control_gap_s=0.0 if self._last_step_s is None else now_s - self._last_step_s,
             mode_allows=vehicle.obeys_setpoints,

@@ -29,9 +29,9 @@ From every following state the first row that applies decides:
 | HOLDING for `hold_s`                        | RELEASED   | hold timed out       |
 
 HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent,
-the mode, still stands. RELEASED never returns by itself. It holds for as long as the autopilot still
-flies our setpoints, because silence would send PX4 home; once the pilot has taken another mode,
-nothing is sent.
+the mode, still stands. RELEASED never returns by itself. It holds for as long as the autopilot
+still flies our setpoints, because silence would send PX4 home; once the pilot has taken another
+mode, nothing is sent.
 """
 
 from __future__ import annotations

@@ -1,0 +1,35 @@
+"""Where the configuration files and scenarios are: in a wheel or in a checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from follower_control.strict_yaml import SettingsError
+
+
+def configs_folder() -> Path:
+    """Return the folder with the files of `configs/`."""
+    installed = Path(__file__).parent / "_configs"
+    return installed if installed.is_dir() else Path(__file__).parent.parent / "configs"
+
+
+def scenario_files() -> dict[str, Path]:
+    """Return the scenarios that come with the project, by name."""
+    return {path.stem: path for path in sorted((configs_folder() / "scenarios").glob("*.yaml"))}
+
+
+def find_scenario(text: str) -> Path:
+    """Return the file of a scenario given by its path or by the name of one that comes along.
+
+    Raises:
+        SettingsError: there is neither.
+    """
+    path = Path(text)
+    if path.suffix in (".yaml", ".yml") or path.exists():
+        return path
+    known = scenario_files()
+    if text not in known:
+        raise SettingsError(
+            f"there is no scenario {text!r}: give a YAML file, or one of {', '.join(known)}"
+        )
+    return known[text]

@@ -1,0 +1,58 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from follower.flightlog import ControlRecord, TrackRecord
+
+BOX_COLUMNS = ("frame", "time", "x", "y", "w", "h", "state", "confidence", "produced_by")
+SETPOINT_COLUMNS = (
+    *("time", "state", "reason"),
+    *("asked_forward_m_s", "asked_right_m_s", "asked_down_m_s", "asked_yaw_rate_rad_s"),
+    *("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s"),
+    "limits",
+)
+
+
+def write_boxes(path: Path, tracks: Iterable[TrackRecord]) -> None:
+    """Write one line a frame: number, seconds, box in pixels, state, confidence, producer."""
+    _write_csv(path, BOX_COLUMNS, (_box_row(record) for record in tracks))
+
+
+def write_setpoints(path: Path, controls: Iterable[ControlRecord]) -> None:
+    """Write one line a control step: what was asked, what was allowed, and what limited it."""
+    _write_csv(path, SETPOINT_COLUMNS, (_setpoint_row(record) for record in controls))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in one step."""
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    temporary = path.with_name(f".{path.name}.part")
+    with temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(rows)
+    temporary.replace(path)
+
+
+def _box_row(record: TrackRecord) -> Sequence[object]:
+    head = (record.sequence, f"{record.captured_s:.6f}")
+    track = record.track
+    if track is None:
+        return (*head, "", "", "", "", "none", "", "")
+    box = (f"{value:.3f}" for value in track.box.xywh)
+    return (*head, *box, str(track.state), f"{track.confidence:.4f}", track.produced_by)
+
+
+def _setpoint_row(record: ControlRecord) -> Sequence[object]:
+    numbers = (f"{value:.6f}" for value in (*record.asked.values, *record.allowed.values))
+    limits = "|".join(record.limits)
+    return (f"{record.time_s:.6f}", str(record.state), str(record.reason), *numbers, limits)

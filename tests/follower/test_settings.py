@@ -1,0 +1,85 @@
+"""Settings: what is right is taken, what is mistyped is named."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from follower.settings import CameraSettings, Settings, load_settings
+from follower_control.strict_yaml import SettingsError
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_defaults_are_complete_and_come_back_from_their_own_yaml() -> None:
+    settings = load_settings()
+    assert load_settings(base=yaml.safe_load(settings.to_yaml())) == settings
+
+
+def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_path: Path) -> None:
+    path = _file(tmp_path, "servo: {distance_m: 12}\n")
+    base = {"servo": {"distance_m": 9, "max_yaw_rate_deg_s": 30}}
+    settings = load_settings(path, base, ["servo.azimuth.kp=2.5"])
+    assert settings.servo.distance_m == 12
+    assert settings.servo.max_yaw_rate_deg_s == 30
+    assert settings.servo.azimuth.kp == 2.5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("servo: {distanse_m: 12}", r"unknown key 'servo.distanse_m'; did you mean 'distance_m'\?"),
+        ("servoo: {}", r"unknown key 'servoo'; did you mean 'servo'\?"),
+        ("servo: {azimuth: {kq: 1}}", r"unknown key 'servo.azimuth.kq'; did you mean 'kp'\?"),
+        ("camera: {fov: 70}", r"unknown key 'camera.fov'; did you mean 'fov_deg'\?"),
+        ("servo: {distance_m: fifteen}", r"servo.distance_m: .*number"),
+        ("camera: {fov_deg: 1.2}\ntracker: corelation", "tracker: .*'correlation'"),
+        ("camera: {fov_deg: 0.9}", "fov_deg lies between 1 and 179 degrees"),
+        ("supervisor: {search_s: -1}", "search_s is a time in seconds above 0"),
+        ("[1, 2]", "expected a mapping"),
+        ("servo: {", "no valid YAML"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line_with_its_place(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = _file(tmp_path, text)
+    with pytest.raises(SettingsError, match=message) as caught:
+        load_settings(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_and_a_malformed_override_are_told() -> None:
+    with pytest.raises(SettingsError, match="nowhere.yaml: cannot be read"):
+        load_settings("nowhere.yaml")
+    with pytest.raises(SettingsError, match="write key=value"):
+        load_settings(overrides=["servo.distance_m"])
+    with pytest.raises(SettingsError, match=r"--set servo.x=1: unknown key 'servo.x'"):
+        load_settings(overrides=["servo.x=1"])
+
+
+def test_what_is_not_finite_is_refused() -> None:
+    with pytest.raises(SettingsError, match="control_rate_hz"):
+        load_settings(overrides=["control_rate_hz=.nan"])
+
+
+def test_a_calibrated_focal_length_scales_with_the_image() -> None:
+    camera = CameraSettings(focal_px=500.0, focal_width_px=640)
+    assert camera.model(1280, 960).fx == pytest.approx(1000.0)
+
+
+def test_a_field_of_view_reaches_from_edge_to_edge() -> None:
+    model = CameraSettings(fov_deg=90.0).model(640, 480)
+    left, right = model.rays([[0, 240], [640, 240]])
+    assert math.degrees(math.acos(float(left @ right))) == pytest.approx(90.0)
+
+
+def test_settings_cannot_be_changed_behind_ones_back() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        Settings().control_rate_hz = 10.0  # type: ignore[misc]
