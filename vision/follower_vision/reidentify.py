@@ -4,13 +4,16 @@ After Panda and Barczyk, "Blending of Learning-based Tracking and Object Detecti
 Camera-based Target Following" (IFAC 2019): the boxes of the first second are kept as templates; a
 candidate's score is the largest, over the templates, of normalised cross-correlation plus the
 intersection of colour histograms; it is the target above epsilon = 1.2 of at most 2. Departures:
-a second is a second, not a number of frames; the number of templates is bounded; and a small
-shift between candidate and template is searched, because detections are never that exact.
+a second is a second, not a number of frames; the number of templates is bounded; a small shift
+between candidate and template is searched, because detections are never that exact; and, unless
+`max_recent` is 0, a few recent views that were themselves recognised count as templates too,
+because a target seen from behind at first may have turned since.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -28,13 +31,15 @@ class ReidentifySettings:
         epsilon: least score, between 0 and 2, at which a candidate is the target.
         learning_s: templates are taken during this time after the start.
         max_templates: how many at most, spread over that time.
+        max_recent: how many later views are kept besides; 0 is the paper.
         template_side_px: side of the square of a template's area.
         shift_ratio: how far a candidate may be off, as a share of its side.
     """
 
     epsilon: float = 1.2
     learning_s: float = 1.0
-    max_templates: int = 8
+    max_templates: int = 6
+    max_recent: int = 3
     template_side_px: float = 24.0
     shift_ratio: float = 0.15
 
@@ -45,6 +50,8 @@ class ReidentifySettings:
             raise ValueError(f"re-identification: epsilon lies between 0 and 2, not {self.epsilon}")
         if not 0 <= self.learning_s < math.inf or self.max_templates < 1:
             raise ValueError("re-identification needs a finite time to learn and a template")
+        if self.max_recent < 0:
+            raise ValueError("re-identification: max_recent is 0 or more")
         if self.template_side_px < 8 or not 0 <= self.shift_ratio < 0.5:
             raise ValueError(
                 "re-identification: template_side_px is at least 8, shift_ratio below 0.5"
@@ -57,14 +64,15 @@ class Reidentifier:
     def __init__(self, settings: ReidentifySettings | None = None) -> None:
         self._settings = settings or ReidentifySettings()
         self._templates: list[Appearance] = []
+        self._recent: deque[Appearance] = deque(maxlen=self._settings.max_recent)
         self._size = (0, 0)
         self._started_s = 0.0
         self._taken_s = -math.inf
 
     @property
     def templates(self) -> Sequence[Appearance]:
-        """What is remembered, the first view first."""
-        return tuple(self._templates)
+        """What is remembered: the first second's views, then the recent ones."""
+        return (*self._templates, *self._recent)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -80,6 +88,7 @@ class Reidentifier:
         """Forget everything and take the first template, (H, W, 3) uint8 BGR."""
         self._size = standard_size(box, self._settings.template_side_px)
         self._templates = [look(image, box, self._size)]
+        self._recent.clear()
         self._started_s = self._taken_s = captured_s
 
     def learn(self, image: Image, box: Box, captured_s: float) -> bool:
@@ -98,6 +107,10 @@ class Reidentifier:
         self._taken_s = captured_s
         return True
 
+    def refresh(self, image: Image, box: Box) -> None:
+        """Remember a later view, in place of the oldest such; only one that was recognised."""
+        self._recent.append(look(image, box, self._size))
+
     def score(self, image: Image, box: Box) -> float:
         """Return how much a candidate is the target, -1 to 2; `epsilon` or more: it is.
 
@@ -109,7 +122,7 @@ class Reidentifier:
         seen = look(image, box, self._size, self._settings.shift_ratio)
         return max(
             correlation(known.grey, seen.grey) + intersection(known.histogram, seen.histogram)
-            for known in self._templates
+            for known in self.templates
         )
 
     def best(self, image: Image, candidates: Sequence[Box]) -> tuple[Box, float] | None:

@@ -1,0 +1,73 @@
+"""Tells when a camera shows nothing, or the same picture again and again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.frame import Frame
+
+_ABOUT_SAMPLES = 6000
+
+
+class FrameHealth(StrEnum):
+    """Whether there is anything to be seen in a frame."""
+
+    GOOD = "good"
+    BLANK = "blank"
+    """Nothing but one brightness: lens cap, black or white frames."""
+    FROZEN = "frozen"
+    """Exactly the picture of a while ago; a living camera has noise and never repeats itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameCheckSettings:
+    """When a frame is not to be trusted.
+
+    Attributes:
+        frozen_after_s: a picture that has not changed for this long, and was repeated at least
+            twice, is frozen. Recordings of perfectly still scenes need more, or infinity.
+        blank_deviation: a frame whose grey levels deviate less than this is blank.
+    """
+
+    frozen_after_s: float = 0.1
+    blank_deviation: float = 4.0
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    def __post_init__(self) -> None:
+        if not self.frozen_after_s > 0:
+            raise ValueError("frame check: frozen_after_s has to be positive")
+        if not 0 <= self.blank_deviation < math.inf:
+            raise ValueError("frame check: blank_deviation has to be 0 or more")
+
+
+class FrameCheck:
+    """Looks at a sample of every frame's pixels."""
+
+    def __init__(self, settings: FrameCheckSettings | None = None) -> None:
+        self._settings = settings or FrameCheckSettings()
+        self._sample: npt.NDArray[np.uint8] | None = None
+        self._changed_s = 0.0
+        self._repeats = 0
+
+    def update(self, frame: Frame) -> FrameHealth:
+        """Judge the next frame; call it for every frame, in order."""
+        step = max(1, math.isqrt(frame.width * frame.height // _ABOUT_SAMPLES))
+        sample = frame.image[step // 2 :: step, step // 2 :: step].copy()
+        if self._sample is not None and np.array_equal(sample, self._sample):
+            self._repeats += 1
+        else:
+            self._repeats, self._changed_s = 0, frame.captured_s
+        self._sample = sample
+        if float(sample.std()) < self._settings.blank_deviation:
+            return FrameHealth.BLANK
+        still_s = frame.captured_s - self._changed_s
+        if self._repeats >= 2 and still_s >= self._settings.frozen_after_s:
+            return FrameHealth.FROZEN
+        return FrameHealth.GOOD

@@ -1,0 +1,160 @@
+"""Follows one target through occlusion and absence without an object detector.
+
+The "unfamiliar target" of Panda and Barczyk, "Blending of Learning-based Tracking and Object
+Detection for Monocular Camera-based Target Following" (IFAC 2019), with their re-identification.
+A motion tracker follows the box; it is believed only while its confidence, the box and what the
+box shows make sense. Otherwise the track coasts for a moment and then is lost, and the target is
+searched for and recognised by its looks.
+"""
+
+from __future__ import annotations
+
+import math
+
+from follower_vision.blur import BlurDetector
+from follower_vision.box import Box
+from follower_vision.coasting import Coasting
+from follower_vision.frame import Frame
+from follower_vision.framecheck import FrameCheck, FrameHealth
+from follower_vision.longterm_settings import LongTermSettings
+from follower_vision.motion import MotionTracker
+from follower_vision.reidentify import Reidentifier
+from follower_vision.sighting import Sighting, SightingJudge
+from follower_vision.targetsearch import TargetSearch
+from follower_vision.track import Track, TrackState
+
+__all__ = ["LongTermSettings", "LongTermTracker"]
+
+
+class LongTermTracker:
+    """A motion tracker with honest states and re-identification; see `TargetTracker`.
+
+    `produced_by` is the motion tracker's name, "reacquired", or why the target was not seen:
+    "coasting", "frozen", "blank", "lost".
+    """
+
+    def __init__(self, motion: MotionTracker, settings: LongTermSettings | None = None) -> None:
+        self._settings = settings or LongTermSettings()
+        self._motion = motion
+        self._judge = SightingJudge(self._settings)
+        self._reidentifier = Reidentifier(self._settings.reidentify)
+        self._check = FrameCheck(self._settings.frame_check)
+        self._blur = BlurDetector(self._settings.blur)
+        self._search = TargetSearch()
+        self._coasting = Coasting()
+        self._state = TrackState.LOST
+        self._on_probation = False
+        self._refreshed_s = -math.inf
+        self._started = False
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
+
+        Raises:
+            ValueError: less than a tenth of the box lies inside the image.
+        """
+        if box.visible_share(frame.width, frame.height) < 0.1:
+            raise ValueError(
+                f"the target's box (x {box.left:.0f}, y {box.top:.0f}, {box.width:.0f} x "
+                f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
+            )
+        self._check = FrameCheck(self._settings.frame_check)
+        self._check.update(frame)
+        self._blur.reset()
+        self._judge.reset()
+        self._reidentifier.start(frame.image, box, frame.captured_s)
+        self._search.learn(frame.image, box)
+        self._started, self._refreshed_s = True, frame.captured_s
+        return self._restart(frame, box, 1.0, TrackState.TRACKING, self._motion.name)
+
+    def step(self, frame: Frame) -> Track:
+        """Return the target's track in the next frame.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        if not self._started:
+            raise RuntimeError("the tracker was not started")
+        health = self._check.update(frame)
+        if health is not FrameHealth.GOOD:
+            return self._unseen(frame, health.value)
+        if self._state is TrackState.LOST:
+            return self._reacquired(frame) or self._unseen(frame, "lost")
+        sighting = self._sighting(frame)
+        if sighting.seen:
+            return self._seen(frame, sighting)
+        if self._on_probation:
+            return self._unseen(frame, "lost")
+        return self._reacquired(frame) or self._unseen(frame, "coasting")
+
+    def _sighting(self, frame: Frame) -> Sighting:
+        """Ask the motion tracker, and judge what it says."""
+        estimate = self._motion.update(frame.image)
+        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
+        score = None if blurred else self._reidentifier.score(frame.image, estimate.box)
+        strict = self._state is not TrackState.TRACKING
+        return self._judge.judge(frame, estimate, score, self._coasting.last, strict)
+
+    def _seen(self, frame: Frame, sighting: Sighting) -> Track:
+        self._coasting.add(frame.captured_s, sighting.box)
+        self._state = TrackState.TRACKING
+        self._on_probation = False
+        self._learn(frame, sighting)
+        return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
+
+    def _learn(self, frame: Frame, sighting: Sighting) -> None:
+        """Keep good views: the first second's for good, later ones for a while."""
+        if not sighting.good_view:
+            return
+        self._reidentifier.learn(frame.image, sighting.box, frame.captured_s)
+        if frame.captured_s >= self._refreshed_s + self._settings.refresh_s:
+            self._refreshed_s = frame.captured_s
+            self._reidentifier.refresh(frame.image, sighting.box)
+            self._search.learn(frame.image, sighting.box)
+
+    def _unseen(self, frame: Frame, why: str) -> Track:
+        """Coast for a while; then, or where the target has left the image, it is lost."""
+        last_s, last = self._coasting.last
+        expected = self._coasting.predict(frame.captured_s)
+        gone = expected.visible_share(frame.width, frame.height) < self._settings.least_visible
+        late = frame.captured_s - last_s > self._settings.coast_s
+        if self._state is TrackState.LOST or self._on_probation or gone or late:
+            self._state = TrackState.LOST
+            self._on_probation = False
+            return self._track(frame, last, 0.0, "lost" if why == "coasting" else why)
+        self._state = TrackState.COASTING
+        return self._track(frame, expected, 0.0, why)
+
+    def _reacquired(self, frame: Frame) -> Track | None:
+        """Search; a candidate that is recognised becomes the track, on probation if only just."""
+        last_s, _ = self._coasting.last
+        expected = self._coasting.predict(frame.captured_s)
+        reach = expected.scale * (
+            self._settings.reach + self._settings.reach_growth_s * (frame.captured_s - last_s)
+        )
+        if self._state is TrackState.LOST:
+            candidates = self._search.everywhere(frame.image, expected, reach)
+        else:
+            candidates = self._search.near(frame.image, expected, reach)
+        found = self._reidentifier.best(frame.image, candidates)
+        if found is None:
+            return None
+        box, score = found
+        sure = score >= self._reidentifier.epsilon + self._settings.sure_margin
+        state = TrackState.TRACKING if sure else TrackState.COASTING
+        return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")
+
+    def _restart(
+        self, frame: Frame, box: Box, confidence: float, state: TrackState, produced_by: str
+    ) -> Track:
+        """Set the motion tracker onto a box and take its past as unknown."""
+        self._motion.start(frame.image, box)
+        self._judge.restart()
+        self._coasting.reset()
+        self._coasting.add(frame.captured_s, box)
+        self._state = state
+        self._on_probation = state is not TrackState.TRACKING
+        return self._track(frame, box, confidence, produced_by)
+
+    def _track(self, frame: Frame, box: Box, confidence: float, produced_by: str) -> Track:
+        return Track(box, self._state, confidence, produced_by, frame.captured_s, frame.sequence)

@@ -1,0 +1,62 @@
+"""Settings of the long-term tracker."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from follower_vision.blur import BlurSettings
+from follower_vision.framecheck import FrameCheckSettings
+from follower_vision.reidentify import ReidentifySettings
+
+
+@dataclass(frozen=True, slots=True)
+class LongTermSettings:
+    """When a track is believed, and what happens when it is not.
+
+    Attributes:
+        low_ratio: a motion tracker's confidence below this share of its usual one is doubt.
+        high_ratio: it has to come back to this share to be believed again.
+        reject_score: a box whose re-identification score (0 to 2) falls below this is doubted.
+        resume_score: it has to reach this to be believed again.
+        doubt_s: how long doubt may last before the track says so.
+        size_jump: largest change of the box's scale at once, as a natural logarithm.
+        size_rate_s: how much more for each second since the target was last seen.
+        least_visible: a box with less than this share inside the image is not seen.
+        coast_s: how long a box is extrapolated before the target is lost.
+        reach: side of the square searched around the expected place, in target sizes.
+        reach_growth_s: how many target sizes it grows in a second.
+        sure_margin: a found target that exceeds epsilon by less has to be seen a second time.
+        refresh_s: how often a recent view is kept.
+    """
+
+    low_ratio: float = 0.4
+    high_ratio: float = 0.6
+    reject_score: float = 0.7
+    resume_score: float = 1.05
+    doubt_s: float = 0.1
+    size_jump: float = 0.4
+    size_rate_s: float = 2.0
+    least_visible: float = 0.3
+    coast_s: float = 0.5
+    reach: float = 4.0
+    reach_growth_s: float = 8.0
+    sure_margin: float = 0.25
+    refresh_s: float = 0.5
+    reidentify: ReidentifySettings = field(default_factory=ReidentifySettings)
+    blur: BlurSettings = field(default_factory=BlurSettings)
+    frame_check: FrameCheckSettings = field(default_factory=FrameCheckSettings)
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.low_ratio <= self.high_ratio <= 1:
+            raise ValueError("long-term tracker: 0 <= low_ratio <= high_ratio <= 1 has to hold")
+        if not self.reject_score <= self.resume_score <= 2:
+            raise ValueError("long-term tracker: reject_score <= resume_score <= 2 has to hold")
+        if not 0 <= self.least_visible < 1:
+            raise ValueError("long-term tracker: least_visible lies between 0 and 1")
+        for name in ("doubt_s", "coast_s", "refresh_s", "reach", "size_jump"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"long-term tracker: {name} has to be 0 or more")

@@ -1,0 +1,140 @@
+"""Looks for a picture of the target in a part of an image, at several sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.box import Box
+from follower_vision.frame import Image
+
+_TEMPLATE_SIDE = 14.0
+_PEAKS = 2
+_LEAST_CORRELATION = 0.4
+_LEAST_DEVIATION = 3.0
+_MOST_SIDE = 240
+
+
+class TemplateSearch:
+    """Normalised cross-correlation with one view of the target, reduced to about 14 pixels.
+
+    One call looks at one place of at most 240 x 240 reduced pixels, so that its time is bounded
+    however large the image is.
+    """
+
+    def __init__(self) -> None:
+        self._template: npt.NDArray[np.uint8] | None = None
+        self._box = Box(0, 0, 1, 1)
+        self._factor = 1.0
+
+    def learn(self, image: Image, box: Box) -> None:
+        """Take the view to look for, (H, W, 3) uint8 BGR; a view without structure is none."""
+        self._box = box
+        self._factor = min(1.0, _TEMPLATE_SIDE / box.scale)
+        patch = _reduced(image, box, self._factor)
+        usable = patch is not None and min(patch.shape[:2]) >= 4 and patch.std() > _LEAST_DEVIATION
+        self._template = patch if usable else None
+
+    @property
+    def reach_px(self) -> float:
+        """Side of the largest square that one call looks at, in the image's pixels."""
+        return _MOST_SIDE / self._factor
+
+    def candidates(
+        self,
+        image: Image,
+        centre: tuple[float, float],
+        reach_px: float,
+        scales: Sequence[float] = (1.0,),
+    ) -> list[Box]:
+        """Return the most similar boxes in a square about a point, the most similar first.
+
+        Args:
+            image: (H, W, 3) uint8 BGR.
+            centre: of the square, (x, y) in pixels.
+            reach_px: side of the square; more than `self.reach_px` is cut to that.
+            scales: sizes to look for, relative to the view's.
+        """
+        side = min(reach_px, self.reach_px)
+        region = _inside(Box(centre[0], centre[1], side, side), image)
+        if self._template is None or region is None:
+            return []
+        place = _reduced(image, region, self._factor)
+        if place is None:
+            return []
+        found = [
+            peak for scale in scales for peak in self._peaks(place, self._template, scale, region)
+        ]
+        return [box for _, box in sorted(found, key=lambda pair: -pair[0])]
+
+    def _peaks(
+        self,
+        place: npt.NDArray[np.uint8],
+        template: npt.NDArray[np.uint8],
+        scale: float,
+        region: Box,
+    ) -> list[tuple[float, Box]]:
+        sized = cv2.resize(template, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        tall, wide = sized.shape[:2]
+        if tall > place.shape[0] or wide > place.shape[1] or min(tall, wide) < 3:
+            return []
+        response = np.asarray(cv2.matchTemplate(place, sized, cv2.TM_CCOEFF_NORMED), np.float32)
+        response[~np.isfinite(response)] = 0
+        found = []
+        for value, x, y in _maxima(response, max(wide, tall) // 2):
+            across = region.width / place.shape[1]
+            down = region.height / place.shape[0]
+            cx, cy = region.left + (x + wide / 2) * across, region.top + (y + tall / 2) * down
+            found.append((value, self._box.scaled(scale).moved_to(cx, cy)))
+        return found
+
+
+def tiles(width: int, height: int, side_px: float) -> list[tuple[float, float]]:
+    """Return the centres of squares that cover an image, overlapping by a quarter at least."""
+    across = max(1, math.ceil((width - side_px / 4) / (0.75 * side_px)))
+    down = max(1, math.ceil((height - side_px / 4) / (0.75 * side_px)))
+    return [
+        ((column + 0.5) * width / across, (row + 0.5) * height / down)
+        for row in range(down)
+        for column in range(across)
+    ]
+
+
+def _maxima(response: npt.NDArray[np.float32], apart: int) -> list[tuple[float, int, int]]:
+    """The highest values (value, x, y), each at least `apart` from the others."""
+    left = response.copy()
+    found = []
+    for _ in range(_PEAKS):
+        _, value, _, (x, y) = cv2.minMaxLoc(left)
+        if value < _LEAST_CORRELATION:
+            break
+        found.append((float(value), int(x), int(y)))
+        left[max(0, y - apart) : y + apart + 1, max(0, x - apart) : x + apart + 1] = -1
+    return found
+
+
+def _inside(region: Box, image: Image) -> Box | None:
+    """The part of a region within the image, in whole pixels; None if that is nothing."""
+    height, width = image.shape[:2]
+    left, right = max(0, math.floor(region.left)), min(width, math.ceil(region.right))
+    top, bottom = max(0, math.floor(region.top)), min(height, math.ceil(region.bottom))
+    if right - left < 2 or bottom - top < 2:
+        return None
+    return Box.from_xywh(left, top, right - left, bottom - top)
+
+
+def _reduced(image: Image, region: Box, factor: float) -> npt.NDArray[np.uint8] | None:
+    """A region of the image in grey at the search's size; None if it lies outside."""
+    whole = _inside(region, image)
+    if whole is None:
+        return None
+    x, y, w, h = (round(value) for value in whole.xywh)
+    cut = image[y : y + h, x : x + w]
+    if factor < 1:
+        size = (max(1, round(w * factor)), max(1, round(h * factor)))
+        cut = np.asarray(cv2.resize(cut, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
