@@ -21,6 +21,11 @@ class FrameSource(Protocol):
         ...
 
     @property
+    def frame_count(self) -> int | None:
+        """How many frames there are, as the source declares it; None if nobody knows."""
+        ...
+
+    @property
     def problem(self) -> str | None:
         """What went wrong so far, in one line, e.g. why a file ended early; None if nothing."""
         ...

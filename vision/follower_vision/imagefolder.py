@@ -44,6 +44,11 @@ class ImageFolder(ClosesItself):
         return self._rate_hz
 
     @property
+    def frame_count(self) -> int | None:
+        """How many pictures there are."""
+        return len(self._paths)
+
+    @property
     def paths(self) -> list[Path]:
         """The pictures in order."""
         return list(self._paths)

@@ -27,6 +27,11 @@ class Paced(ClosesItself):
         return self._recording.nominal_rate_hz
 
     @property
+    def frame_count(self) -> int | None:
+        """How many frames the recording has; fewer may be given."""
+        return self._recording.frame_count
+
+    @property
     def problem(self) -> str | None:
         """What is wrong with the recording."""
         return self._recording.problem

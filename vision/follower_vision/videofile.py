@@ -66,6 +66,11 @@ class VideoFile(ClosesItself):
         return None
 
     @property
+    def frame_count(self) -> int | None:
+        """How many frames the file declares; None if it does not."""
+        return self._stream.frames or None
+
+    @property
     def problem(self) -> str | None:
         """Says what is broken in the file, as far as it was read; None if nothing."""
         if self._damaged:
