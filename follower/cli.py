@@ -1,7 +1,183 @@
-"""The command line."""
+"""The command line: `follower --help`."""
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
 
-def main() -> None:
-    """Run the command line."""
+import typer
+
+from follower.configs import scenario_files
+from follower_control.strict_yaml import SettingsError
+from follower_vision.box import Box
+
+SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help=(
+        "Follow a target seen by a drone's camera: a tracker finds it in the pixels, a Kalman "
+        "filter and a PID visual servo turn its box into velocity setpoints, MAVLink carries them "
+        "to PX4 (OFFBOARD) or ArduPilot (GUIDED).\n\n"
+        "Start with **follower demo**."
+    ),
+)
+
+Autopilot = Annotated[
+    str,
+    typer.Option(
+        "--autopilot",
+        help="Which autopilot to simulate: **px4** or **ardupilot**.",
+        metavar="px4|ardupilot",
+    ),
+]
+Seed = Annotated[
+    int | None, typer.Option(help="Seed of everything random; the scenario's own by default.")
+]
+LockstepFlag = Annotated[
+    bool,
+    typer.Option(
+        "--lockstep",
+        help="Run on a simulated clock instead of in real time: no threads, the same each time.",
+    ),
+]
+Config = Annotated[
+    Path | None, typer.Option("--config", "-c", help="Settings (YAML); see `follower settings`.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="One setting, e.g. servo.distance_m=12."),
+]
+Out = Annotated[Path, typer.Option(help="Folder in which each run gets a folder of its own.")]
+Video = Annotated[bool, typer.Option(help="Write the video with overlay.")]
+
+
+@app.command()
+def demo(
+    autopilot: Autopilot = "px4",
+    seed: Seed = None,
+    lockstep: LockstepFlag = False,
+    config: Config = None,
+    overrides: Overrides = None,
+    out: Out = Path("runs"),
+    video: Video = True,
+) -> None:
+    """Fly a pursuit: a car on a winding road, a drone with a camera behind it.
+
+    Takes about a minute and a half in real time. Afterwards runs/demo holds the video, an HTML
+    report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed.
+    """
+    sim("demo", autopilot, seed, lockstep, config, overrides, out, video)
+
+
+@app.command()
+def sim(
+    scenario: Annotated[
+        str, typer.Argument(help="A scenario file (YAML) or a name from `follower scenarios`.")
+    ],
+    autopilot: Autopilot = "px4",
+    seed: Seed = None,
+    lockstep: LockstepFlag = False,
+    config: Config = None,
+    overrides: Overrides = None,
+    out: Out = Path("runs"),
+    video: Video = True,
+) -> None:
+    """Fly any scenario in the simulator and report on it."""
+    from follower.simulate import SimulationOptions, simulate
+
+    options = SimulationOptions(
+        scenario, autopilot, seed, lockstep, config, tuple(overrides or ()), out, video
+    )
+    raise typer.Exit(simulate(options))
+
+
+@app.command()
+def scenarios() -> None:
+    """List the scenarios that come along."""
+    from follower_sim.scenario_file import load_scenario
+
+    for name, path in scenario_files().items():
+        typer.echo(f"{name:18} {load_scenario(path).title}")
+
+
+@app.command()
+def track(
+    source: Annotated[str, typer.Argument(help="A video file or a folder of images.")],
+    target: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,W,H", help="The target's box in the first frame, in pixels."),
+    ] = None,
+    colour: Annotated[
+        str | None,
+        typer.Option(metavar="#RRGGBB", help="Instead of a box: the largest thing of this colour."),
+    ] = None,
+    rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
+    save: Annotated[Path | None, typer.Option(help="Where to write the video with overlay.")] = None,
+    boxes: Annotated[Path | None, typer.Option(help="Where to write the boxes (CSV).")] = None,
+    config: Config = None,
+    overrides: Overrides = None,
+    out: Out = Path("runs"),
+) -> None:
+    """Track a target in recorded video, with the code that flies.
+
+    Writes the video with overlay, the boxes, the setpoints that would have been sent, and a plot.
+    """
+    from follower.track import TrackOptions, track_recording
+
+    options = TrackOptions(
+        source, _box(target), colour, rate_hz, save, boxes, config, tuple(overrides or ()), out
+    )
+    raise typer.Exit(track_recording(options))
+
+
+@app.command()
+def settings(config: Config = None, overrides: Overrides = None) -> None:
+    """Print all settings as they resolve, as YAML to copy and edit."""
+    from follower.settings import load_settings
+
+    typer.echo(load_settings(config, overrides=overrides or ()).to_yaml(), nl=False)
+
+
+def main() -> NoReturn:
+    """Run the command line; what the user can mend ends in one line and exit code 2."""
+    try:
+        app()
+    except (ValueError, OSError) as error:
+        if not isinstance(error, _user_errors()):
+            raise
+        typer.echo(f"follower: {_one_line(error)}", err=True)
+        sys.exit(UNUSABLE)
+    except KeyboardInterrupt:
+        typer.echo("follower: interrupted", err=True)
+        sys.exit(INTERRUPTED)
+    sys.exit(SUCCESS)
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    """Return what a user can mend; any other error is ours and shows its traceback."""
+    from follower.links.connection import ConnectionFailedError
+    from follower_vision.framesource import SourceError
+
+    return SettingsError, ConnectionFailedError, SourceError, OSError
+
+
+def _one_line(error: ValueError | OSError) -> str:
+    return " ".join(str(error).split())
+
+
+def _box(text: str | None) -> Box | None:
+    if text is None:
+        return None
+    try:
+        x, y, width, height = (float(part) for part in text.split(","))
+        return Box.from_xywh(x, y, width, height)
+    except ValueError as error:
+        raise SettingsError(
+            f"--target {text}: write x,y,w,h in pixels with w and h above 0, for example "
+            f"320,180,40,30 ({error})"
+        ) from None

@@ -11,12 +11,10 @@ from follower.flightlog import FlightLog, TrackRecord
 from follower.realtime import VisionLoop
 from follower.settings import Settings
 from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
+from follower.vision_stage import Selector, VisionStage
 from follower_control.envelope import EnvelopeSettings
 from follower_control.vehicle import VehicleState
-from follower_vision.box import Box
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
 from follower_vision.framesource import FrameSource, SourceError
 
 OnFrame = Callable[[TrackRecord], None]
@@ -28,48 +26,48 @@ class RecordedRun:
     There is no telemetry: the estimator works on the body's axes, and the envelope does without
     the limits that need a height or a position. The vehicle is taken to stand still and to allow
     following all the time.
+
+    Args:
+        settings: all of them; the camera's have to fit the recording.
+        source: the recording, at its beginning.
+        selector: finds the target in the first frames.
+
+    Raises:
+        SourceError: there is no frame, or the selector refuses the first one.
     """
 
-    def __init__(
-        self, settings: Settings, source: FrameSource, video: FlightVideo | None = None
-    ) -> None:
-        self._settings = settings.model_copy(update={"envelope": _without_position(settings)})
+    def __init__(self, settings: Settings, source: FrameSource, selector: Selector) -> None:
         self._source = source
-        self._clock = SimulatedClock()
-        self._video = video
-        self._due_s = 0.0
+        self._first = source.read()
+        if self._first is None:
+            raise SourceError(f"no frame could be read: {source.problem or 'the source is empty'}")
+        selector(self._first)
+        self._settings = settings.model_copy(update={"envelope": _without_position(settings)})
+        self._stage = VisionStage(make_target_tracker(settings))
+        self._stage.select(selector)
+        self._clock = SimulatedClock(self._first.captured_s)
+        self._due_s = self._first.captured_s
         self.log = FlightLog()
 
-    def run(self, target: Box, on_frame: OnFrame) -> None:
-        """Track `target`, a box in the first frame, to the recording's end.
-
-        `on_frame` is shown each frame's record; an exception from it, such as the user's
-        interrupt, ends the run with the log complete so far.
-
-        Raises:
-            SourceError: there is no frame, or the target does not lie in the first one.
-        """
-        frame = self._source.read()
+    def run(self, video: FlightVideo | None, on_frame: OnFrame) -> None:
+        """Go through the recording to its end; `on_frame` is shown each frame's record."""
+        frame = self._first
         if frame is None:
-            raise SourceError(f"no frame could be read: {self._source.problem or 'it is empty'}")
-        check_target(target, frame)
-        stage = VisionStage(make_target_tracker(self._settings))
-        stage.select(lambda _frame: target)
-        vision = VisionLoop(stage, self._clock, self.log, self._video)
+            return
+        vision = VisionLoop(self._stage, self._clock, self.log, video)
         camera = self._settings.camera.model(frame.width, frame.height)
         control = ControlStage(self._settings, camera, self.log, needs_telemetry=False)
-        self._due_s = frame.captured_s
         while frame is not None:
             self._clock.sleep_until(frame.captured_s)
             record = vision.step(frame)
             on_frame(record)
             frame = self._source.read()
-            self._control_until(control, record, None if frame is None else frame.captured_s)
+            self._control(control, record, None if frame is None else frame.captured_s)
 
-    def _control_until(
+    def _control(
         self, control: ControlStage, newest: TrackRecord, next_frame_s: float | None
     ) -> None:
-        """Step control at its own rate up to the next frame; at least once a frame's answer."""
+        """Step control at its own rate up to the next frame, once more after the last one."""
         period_s = 1.0 / self._settings.control_rate_hz
         end_s = self._due_s + period_s / 2 if next_frame_s is None else next_frame_s
         while self._due_s < end_s:
@@ -78,20 +76,6 @@ class RecordedRun:
             )
             control.step(self._due_s, newest, here)
             self._due_s += period_s
-
-
-def check_target(target: Box, frame: Frame) -> None:
-    """Refuse a target that lies outside the image.
-
-    Raises:
-        SourceError: less than a tenth of the box is in the image.
-    """
-    if target.visible_share(frame.width, frame.height) < 0.1:
-        x, y, width, height = target.xywh
-        raise SourceError(
-            f"the target {x:g},{y:g},{width:g},{height:g} lies outside the image, which is "
-            f"{frame.width}x{frame.height}: give x,y,w,h of a box in the first frame"
-        )
 
 
 def _without_position(settings: Settings) -> EnvelopeSettings:

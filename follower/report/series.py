@@ -1,0 +1,218 @@
+"""A flight's log as arrays to plot. A NaN in them is a gap in the curve and nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower_control.sighting import SightFrame
+from follower_control.vehicle import VehicleState
+from follower_sim.kinematics import BodyState
+from follower_sim.score import TruthSample
+from follower_vision.lineofsight import wrap_angle
+
+Array = npt.NDArray[np.float64]
+
+_NAN = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of time in which a state did not change; times since the flight's start."""
+
+    start_s: float
+    end_s: float
+    state: str
+    reason: str
+
+    @property
+    def length_s(self) -> float:
+        """How long it lasted."""
+        return self.end_s - self.start_s
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How the vehicle moved, shape (N,) or as said.
+
+    Attributes:
+        time_s: since the flight's start.
+        velocity: (N, 4): forward, right, up in m/s, yaw rate in deg/s.
+        tilt_deg: (N, 2): roll, pitch.
+        position_m: (N, 3): north, east, up.
+    """
+
+    time_s: Array
+    velocity: Array
+    tilt_deg: Array
+    position_m: Array
+
+
+def start_of(log: FlightLog, truth: Sequence[TruthSample] = ()) -> float:
+    """Return the earliest time in the log, 0 for an empty one."""
+    firsts = [
+        *(record.time_s for record in log.controls[:1]),
+        *(record.captured_s for record in log.tracks[:1]),
+        *(event.time_s for event in log.events[:1]),
+        *(sample.time_s for sample in truth[:1]),
+    ]
+    return min(firsts, default=0.0)
+
+
+def end_of(log: FlightLog) -> float:
+    """Return the latest time in the log, 0 for an empty one."""
+    lasts = [
+        *(record.time_s for record in log.controls[-1:]),
+        *(record.captured_s for record in log.tracks[-1:]),
+        *(event.time_s for event in log.events[-1:]),
+    ]
+    return max(lasts, default=0.0)
+
+
+def control_times(controls: Sequence[ControlRecord], start_s: float) -> Array:
+    """Return the steps' times, shape (N,)."""
+    return np.array([record.time_s - start_s for record in controls], np.float64)
+
+
+def setpoints(controls: Sequence[ControlRecord], name: str) -> Array:
+    """Return "asked" or "allowed", (N, 4): forward, right, up in m/s, yaw rate in deg/s."""
+    rows = [getattr(record, name).values for record in controls]
+    return _table(rows, 4) * (1.0, 1.0, -1.0, math.degrees(1.0))
+
+
+def directions(controls: Sequence[ControlRecord]) -> Array:
+    """Return the estimate's (azimuth, elevation) from the nose in degrees, (N, 2)."""
+    return np.degrees(_table([_direction(record) for record in controls], 2))
+
+
+def estimated_ranges(controls: Sequence[ControlRecord], target_size_m: float | None) -> Array:
+    """Return the range that the estimate's angular size stands for, metres, shape (N,)."""
+    size = _NAN if target_size_m is None else target_size_m
+    return np.array(
+        [
+            _NAN if record.estimate is None else size / math.exp(record.estimate.log_scale)
+            for record in controls
+        ],
+        np.float64,
+    )
+
+
+def telemetry_motion(controls: Sequence[ControlRecord], start_s: float) -> Motion:
+    """Return the motion as telemetry told it."""
+    rows = [_telemetry_row(record.vehicle) for record in controls]
+    return _motion(control_times(controls, start_s), rows)
+
+
+def true_motion(truth: Sequence[TruthSample], start_s: float) -> Motion:
+    """Return the motion as the simulator knows it."""
+    rows = [_truth_row(sample.vehicle) for sample in truth]
+    return _motion(np.array([sample.time_s - start_s for sample in truth], np.float64), rows)
+
+
+def boxes(tracks: Sequence[TrackRecord]) -> Array:
+    """Return (centre x, centre y, scale) in pixels and confidence, shape (N, 4)."""
+    rows = [
+        (r.track.box.cx, r.track.box.cy, r.track.box.scale, r.track.confidence)
+        if r.track is not None
+        else (_NAN,) * 4
+        for r in tracks
+    ]
+    return _table(rows, 4)
+
+
+def state_spans(controls: Sequence[ControlRecord], start_s: float) -> list[Span]:
+    """Return the supervisor's states, joined where state and reason stay the same."""
+    return _spans((r.time_s - start_s, str(r.state), str(r.reason)) for r in controls)
+
+
+def track_spans(tracks: Sequence[TrackRecord], start_s: float) -> list[Span]:
+    """Return vision's states by capture time; "none" while no target is chosen."""
+    return _spans(
+        (r.captured_s - start_s, "none" if r.track is None else str(r.track.state), "")
+        for r in tracks
+    )
+
+
+def thinned(time: Array, values: Array, most: int = 1600) -> tuple[Array, Array]:
+    """Return at most about `most` points of a curve: each bin's smallest and largest value."""
+    if len(time) <= most:
+        return time, values
+    size = math.ceil(2 * len(time) / most)
+    index = np.arange(math.ceil(len(time) / size) * size).clip(max=len(time) - 1).reshape(-1, size)
+    known = np.isfinite(values[index])
+    low = np.where(known, values[index], np.inf).argmin(axis=1)
+    high = np.where(known, values[index], -np.inf).argmax(axis=1)
+    rows = np.arange(len(index))
+    kept = np.unique(np.concatenate([index[rows, low], index[rows, high]]))
+    return time[kept], values[kept]
+
+
+def _direction(record: ControlRecord) -> tuple[float, float]:
+    estimate, attitude = record.estimate, record.vehicle.attitude
+    if estimate is None:
+        return _NAN, _NAN
+    if estimate.frame is SightFrame.BODY:
+        return estimate.azimuth_rad, estimate.elevation_rad
+    if attitude is None:
+        return _NAN, _NAN
+    return wrap_angle(estimate.azimuth_rad - attitude.yaw_rad), estimate.elevation_rad
+
+
+def _telemetry_row(vehicle: VehicleState) -> tuple[float, ...]:
+    """Return (roll, pitch, yaw, p, q, r, position and velocity north, east, down)."""
+    a, p = vehicle.attitude, vehicle.position
+    attitude: tuple[float, ...] = (_NAN,) * 6
+    position: tuple[float, ...] = (_NAN,) * 6
+    if a is not None:
+        attitude = (a.roll_rad, a.pitch_rad, a.yaw_rad)
+        attitude += (a.roll_rate_rad_s, a.pitch_rate_rad_s, a.yaw_rate_rad_s)
+    if p is not None:
+        position = (p.north_m, p.east_m, p.down_m, p.north_m_s, p.east_m_s, p.down_m_s)
+    return attitude + position
+
+
+def _truth_row(body: BodyState) -> tuple[float, ...]:
+    return (*body.attitude_rad, *body.rates_rad_s, *body.position_m, *body.velocity_m_s)
+
+
+def _motion(time_s: Array, rows: Sequence[tuple[float, ...]]) -> Motion:
+    table = _table(rows, 12)
+    roll, pitch, yaw = table[:, 0], table[:, 1], table[:, 2]
+    q, r = table[:, 4], table[:, 5]
+    north, east, down = table[:, 9], table[:, 10], table[:, 11]
+    forward = np.cos(yaw) * north + np.sin(yaw) * east
+    right = np.cos(yaw) * east - np.sin(yaw) * north
+    # The heading's rate, not the body's: they differ while the vehicle is tilted.
+    turn = (q * np.sin(roll) + r * np.cos(roll)) / np.cos(pitch)
+    return Motion(
+        time_s,
+        np.column_stack([forward, right, -down, np.degrees(turn)]),
+        np.degrees(table[:, :2]),
+        table[:, 6:9] * (1.0, 1.0, -1.0),
+    )
+
+
+def _table(rows: Sequence[tuple[float, ...]], columns: int) -> Array:
+    return np.array(rows, np.float64).reshape(-1, columns)
+
+
+def _spans(samples: Iterable[tuple[float, str, str]]) -> list[Span]:
+    spans: list[Span] = []
+    for time_s, state, reason in samples:
+        if spans and (spans[-1].state, spans[-1].reason) == (state, reason):
+            spans[-1] = Span(spans[-1].start_s, time_s, state, reason)
+            continue
+        if spans:
+            spans[-1] = Span(spans[-1].start_s, time_s, spans[-1].state, spans[-1].reason)
+        spans.append(Span(time_s, time_s, state, reason))
+    return spans
+
+
+def finite(values: Array) -> Iterator[float]:
+    """Yield the values that are finite."""
+    yield from values[np.isfinite(values)].tolist()

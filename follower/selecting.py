@@ -1,0 +1,49 @@
+"""Ways to point out the target."""
+
+from __future__ import annotations
+
+from follower.vision_stage import Selector
+from follower_control.strict_yaml import SettingsError
+from follower_vision.acquire import ColourSearchSettings, colour_from_hex, find_by_colour
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.framesource import SourceError
+
+_LEAST_IN_IMAGE = 0.1
+
+
+def box_selector(target: Box) -> Selector:
+    """Select what `target` shows in the next frame.
+
+    The selector raises SourceError if the box lies outside the image.
+    """
+
+    def select(frame: Frame) -> Box:
+        if target.visible_share(frame.width, frame.height) < _LEAST_IN_IMAGE:
+            x, y, width, height = target.xywh
+            raise SourceError(
+                f"the target {x:g},{y:g},{width:g},{height:g} lies outside the image, which is "
+                f"{frame.width}x{frame.height}: give x,y,w,h of a box in the first frame"
+            )
+        return target
+
+    return select
+
+
+def colour_selector(colour: str, search: ColourSearchSettings | None = None) -> Selector:
+    """Select the best thing of a colour ("#rrggbb"), as soon as one is seen.
+
+    Raises:
+        SettingsError: the text is no colour.
+    """
+    try:
+        wanted = colour_from_hex(colour)
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    settings = search or ColourSearchSettings()
+
+    def select(frame: Frame) -> Box | None:
+        candidates = find_by_colour(frame.image, wanted, settings)
+        return candidates[0] if candidates else None
+
+    return select
