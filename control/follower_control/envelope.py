@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from enum import StrEnum
 from typing import Any, ClassVar
 
+from follower_control.bound import Bound
 from follower_control.flight_context import FlightContext
 from follower_control.jerklimit import JerkLimit
+from follower_control.limit import Limit
 from follower_control.setpoint import HOLD, VelocitySetpoint
 
 SLACK = 1e-9
@@ -24,25 +25,6 @@ HUGE = 1e6
 
 NOTICEABLE = 0.05
 """A smaller difference between asked and allowed velocity is not reported, m/s."""
-
-
-class Limit(StrEnum):
-    """What kept a setpoint from being allowed as asked."""
-
-    NOT_FINITE = "not finite"
-    SPEED = "speed"
-    CLIMB = "climb speed"
-    DESCENT = "descent speed"
-    YAW_RATE = "yaw rate"
-    MIN_HEIGHT = "minimum height"
-    CEILING = "ceiling"
-    HEIGHT_UNKNOWN = "height unknown"
-    FENCE = "fence"
-    POSITION_UNKNOWN = "position unknown"
-    TARGET_NEAR = "minimum distance"
-    RANGE_UNKNOWN = "range unknown"
-    ACCELERATION = "acceleration"
-    YAW_ACCELERATION = "yaw acceleration"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +42,8 @@ class EnvelopeSettings:
         min_height_m: above home; no descent below it.
         ceiling_m: above home; no climb above it.
         fence_radius_m: around home; no motion away from home beyond it.
-        min_distance_m: to the target; no motion towards it within that.
+        min_distance_m: to the target; no motion towards a standing target within that. A target
+            that moves away is taken to brake like us (Gipps, 1981), so that it can be followed.
         braking_m_s2: with what deceleration speeds are reduced ahead of these four.
         reaction_s: how long the vehicle takes to answer, counted before it brakes.
         max_interval_s: longer pauses between two calls count as this long.
@@ -68,18 +51,18 @@ class EnvelopeSettings:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    max_speed_m_s: float = 8.0
+    max_speed_m_s: float = 10.0
     max_climb_m_s: float = 2.0
     max_descent_m_s: float = 1.5
-    max_acceleration_m_s2: float = 2.5
-    max_jerk_m_s3: float = 8.0
+    max_acceleration_m_s2: float = 3.0
+    max_jerk_m_s3: float = 10.0
     max_yaw_rate_deg_s: float = 60.0
     max_yaw_acceleration_deg_s2: float = 120.0
     min_height_m: float | None = 3.0
     ceiling_m: float | None = 50.0
     fence_radius_m: float | None = 200.0
     min_distance_m: float | None = 4.0
-    braking_m_s2: float = 1.5
+    braking_m_s2: float = 2.0
     reaction_s: float = 0.5
     max_interval_s: float = 0.1
 
@@ -108,23 +91,6 @@ class LimitedSetpoint:
     asked: VelocitySetpoint
     allowed: VelocitySetpoint
     limits: tuple[Limit, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Bound:
-    """How fast the vehicle may move in one horizontal direction, a complex number of length 1."""
-
-    direction: complex
-    max_speed: float
-    limit: Limit
-
-    def speed(self, velocity: complex) -> float:
-        return (velocity * self.direction.conjugate()).real
-
-    def share(self, velocity: complex) -> float:
-        """Return what share of a velocity keeps the bound; 1 if all of it does."""
-        speed = self.speed(velocity)
-        return 1.0 if speed <= self.max_speed else self.max_speed / speed
 
 
 class Envelope:
@@ -204,39 +170,34 @@ class Envelope:
             velocity *= top / abs(velocity)
         bounds = (*self._fence(context), *self._nearness(context))
         for bound in bounds:
-            velocity = self._without_excess(velocity, bound)
+            if bound.excess(velocity) > 0:
+                self._limits.append(Limit(bound.name))
+            velocity = bound.kept(velocity)
         return velocity * min((bound.share(velocity) for bound in bounds), default=1.0)
 
-    def _fence(self, context: FlightContext) -> tuple[_Bound, ...]:
+    def _fence(self, context: FlightContext) -> tuple[Bound, ...]:
         radius = self._settings.fence_radius_m
         if radius is None:
             return ()
         known = context.known("yaw_rad", "north_m", "east_m")
         if known is None:
-            return tuple(_Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
+            return tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
         yaw, north, east = known
-        room = radius - math.hypot(north, east)
-        outward = _direction(math.atan2(east, north) - yaw)
-        return (_Bound(outward, self._braking_speed(room), Limit.FENCE),)
+        speed = self._braking_speed(radius - math.hypot(north, east))
+        return (Bound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE),)
 
-    def _nearness(self, context: FlightContext) -> tuple[_Bound, ...]:
+    def _nearness(self, context: FlightContext) -> tuple[Bound, ...]:
         nearest = self._settings.min_distance_m
         if nearest is None:
             return ()
         known = context.known("target_range_m", "target_bearing_rad")
         if known is None:
-            return (_Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
+            return (Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
         target_range, bearing = known
-        speed = self._braking_speed(target_range - nearest)
-        return (_Bound(_direction(bearing), speed, Limit.TARGET_NEAR),)
-
-    def _without_excess(self, velocity: complex, bound: _Bound) -> complex:
-        """Take away what is too fast in the bound's direction; sideways motion stays."""
-        excess = bound.speed(velocity) - bound.max_speed
-        if excess <= 0:
-            return velocity
-        self._limits.append(bound.limit)
-        return velocity - excess * bound.direction
+        (target_speed,) = context.known("target_speed_m_s") or (0.0,)
+        moves_on = min(max(target_speed, 0.0), HUGE) ** 2 / (2 * self._settings.braking_m_s2)
+        speed = self._braking_speed(target_range + moves_on - nearest)
+        return (Bound.towards(bearing, speed, Limit.TARGET_NEAR),)
 
     def _wanted_down(self, wanted: float, context: FlightContext) -> float:
         s = self._settings
@@ -300,7 +261,3 @@ def _clip(value: float, largest: float) -> float:
 
 def _horizontal(setpoint: VelocitySetpoint) -> complex:
     return complex(_clip(setpoint.forward_m_s, HUGE), _clip(setpoint.right_m_s, HUGE))
-
-
-def _direction(bearing_rad: float) -> complex:
-    return complex(math.cos(bearing_rad), math.sin(bearing_rad))

@@ -56,11 +56,11 @@ class EstimatorSettings:
 
     direction_noise_deg: float = 0.1
     direction_noise_share: float = 0.03
-    log_scale_noise: float = 0.04
+    log_scale_noise: float = 0.03
     cut_noise_factor: float = 5.0
     azimuth_acceleration_deg_s2: float = 20.0
     elevation_acceleration_deg_s2: float = 15.0
-    log_scale_acceleration_s2: float = 0.2
+    log_scale_acceleration_s2: float = 0.15
     start_rate_deg_s: float = 30.0
     start_log_scale_rate_s: float = 0.5
     gate: float = 16.27

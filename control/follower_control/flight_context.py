@@ -19,6 +19,7 @@ class FlightContext:
         height_m: height above home.
         target_range_m: distance to the target.
         target_bearing_rad: the target's azimuth from the nose, right is positive.
+        target_speed_m_s: how fast the target itself moves away along the line of sight.
     """
 
     yaw_rad: float | None = None
@@ -27,6 +28,7 @@ class FlightContext:
     height_m: float | None = None
     target_range_m: float | None = None
     target_bearing_rad: float | None = None
+    target_speed_m_s: float | None = None
 
     @classmethod
     def of(
@@ -35,6 +37,7 @@ class FlightContext:
         now_s: float,
         target_range_m: float | None = None,
         target_bearing_rad: float | None = None,
+        target_speed_m_s: float | None = None,
         stale_after_s: float = 1.0,
     ) -> FlightContext:
         """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
@@ -47,6 +50,7 @@ class FlightContext:
             height_m=position.height_m if position else None,
             target_range_m=target_range_m,
             target_bearing_rad=target_bearing_rad,
+            target_speed_m_s=target_speed_m_s,
         )
 
     def known(self, *names: str) -> tuple[float, ...] | None:

@@ -17,6 +17,8 @@ class PidSettings:
         kd: derivative gain, output per unit of the measurement's rate.
         derivative_filter_s: time constant of the derivative's first-order low-pass.
         tracking_s: time constant with which the integral gives way to an output cut short.
+        cut_tolerance: a cut up to this size counts as none, so that an envelope that smooths noise
+            does not stop the integral.
         bumpless_s: time constant with which the step at the start is faded out.
     """
 
@@ -27,11 +29,14 @@ class PidSettings:
     kd: float = 0.0
     derivative_filter_s: float = 0.2
     tracking_s: float = 1.0
+    cut_tolerance: float = 0.0
     bumpless_s: float = 0.5
 
     def __post_init__(self) -> None:
         if not all(0 <= gain < math.inf for gain in (self.kp, self.ki, self.kd)):
             raise ValueError(f"gains are finite and not negative, not {self}")
+        if not 0 <= self.cut_tolerance < math.inf:
+            raise ValueError(f"cut_tolerance is finite and not negative, not {self.cut_tolerance}")
         times = (self.derivative_filter_s, self.tracking_s, self.bumpless_s)
         if not all(0 < time < math.inf for time in times):
             raise ValueError(f"time constants are finite and positive, not {self}")
@@ -117,6 +122,8 @@ class Pid:
         self._measurement = measurement
 
     def _integrate(self, error: float, interval_s: float, cut: float) -> None:
+        if abs(cut) <= self._settings.cut_tolerance:
+            cut = 0.0
         if error * cut <= 0:
             self._integral += self._settings.ki * error * interval_s
         if self._integral * cut > 0:

@@ -12,6 +12,7 @@ from follower_control.estimate import TargetEstimate
 from follower_control.pid import Pid, PidSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
+from follower_control.target_speed import TargetSpeed
 from follower_control.vehicle import VehicleState
 from follower_vision.lineofsight import wrap_angle
 
@@ -51,7 +52,8 @@ class ServoSettings:
         max_backward_m_s: largest backward velocity.
         max_vertical_m_s: largest velocity up or down.
         max_yaw_rate_deg_s: largest yaw rate.
-        target_speed_filter_s: time constant of the target's estimated speed.
+        target_speed_filter_s: time constant of the target's estimated speed, which is fed forward.
+        own_speed_lag_s: how late the estimate's rates are, against our own velocity.
         azimuth: loop from azimuth error to yaw rate.
         elevation: loop from elevation error to vertical velocity over range.
         range: loop from the logarithm of range over wanted range to forward velocity.
@@ -70,10 +72,13 @@ class ServoSettings:
     max_backward_m_s: float = 3.0
     max_vertical_m_s: float = 2.0
     max_yaw_rate_deg_s: float = 60.0
-    target_speed_filter_s: float = 1.0
+    target_speed_filter_s: float = 0.4
+    own_speed_lag_s: float = 0.3
     azimuth: PidSettings = field(default_factory=lambda: PidSettings(kp=1.5))
     elevation: PidSettings = field(default_factory=lambda: PidSettings(kp=0.8, ki=0.1))
-    range: PidSettings = field(default_factory=lambda: PidSettings(kp=0.4, ki=0.05, kd=0.3))
+    range: PidSettings = field(
+        default_factory=lambda: PidSettings(kp=0.6, ki=0.05, kd=0.1, cut_tolerance=0.03)
+    )
 
     def __post_init__(self) -> None:
         positive = (
@@ -82,11 +87,10 @@ class ServoSettings:
             self.max_backward_m_s,
             self.max_vertical_m_s,
             self.max_yaw_rate_deg_s,
-            self.target_speed_filter_s,
             1.0 if self.target_size_m is None else self.target_size_m,
         )
         if not all(0 < value < math.inf for value in positive):
-            raise ValueError(f"distances, sizes, speeds and times are positive, not {self}")
+            raise ValueError(f"distances, sizes and speeds are positive, not {self}")
         if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
             raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
         if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
@@ -102,7 +106,7 @@ class ServoErrors:
         elevation_rad: target above where it is wanted is positive.
         log_range: logarithm of the range over the wanted range; too far is positive.
         range_m: distance to the target, as good as `target_size_m` is.
-        target_speed_m_s: the target's speed along the heading; 0 without telemetry.
+        target_speed_m_s: the target's own speed away from us.
     """
 
     azimuth_rad: float
@@ -132,6 +136,7 @@ class VisualServo:
         self._range_pid = Pid(
             s.range, -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
         )
+        self._target_speed = TargetSpeed(s.target_speed_filter_s, s.own_speed_lag_s)
         self.start()
 
     def start(self, present: VelocitySetpoint = HOLD) -> None:
@@ -151,7 +156,7 @@ class VisualServo:
         self._asked = present if present.is_finite else HOLD
         self._forward = self._asked.forward_m_s
         self._last_s: float | None = None
-        self._target_speed: float | None = None
+        self._target_speed.reset()
 
     @property
     def errors(self) -> ServoErrors | None:
@@ -168,7 +173,7 @@ class VisualServo:
 
         Args:
             estimate: the target, predicted to now.
-            vehicle: newest telemetry; without a position the target's speed is not fed forward.
+            vehicle: newest telemetry; without a position, what was allowed counts as our velocity.
             allowed: what the envelope let through of the last setpoint.
         """
         yaw = _yaw(estimate, vehicle)
@@ -180,7 +185,9 @@ class VisualServo:
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
             self._begin(estimate)
-        self._errors = self._see(estimate, yaw, vehicle, interval_s)
+        self._errors = self._see(
+            estimate, yaw, _speed_towards(estimate, vehicle, allowed), interval_s
+        )
         if interval_s > 0:
             self._asked = self._steer(self._errors, estimate, allowed, interval_s)
         return self._asked
@@ -195,7 +202,7 @@ class VisualServo:
         self._range_pid.start(self._asked.forward_m_s / self._settings.distance_m)
 
     def _see(
-        self, estimate: TargetEstimate, yaw: float, vehicle: VehicleState, interval_s: float
+        self, estimate: TargetEstimate, yaw: float, own_speed: float, interval_s: float
     ) -> ServoErrors:
         range_m = self._range(estimate)
         return ServoErrors(
@@ -203,37 +210,15 @@ class VisualServo:
             elevation_rad=estimate.elevation_rad - self._elevation,
             log_range=math.log(range_m / self._settings.distance_m),
             range_m=range_m,
-            target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
+            target_speed_m_s=self._target_speed.update(
+                own_speed, -range_m * estimate.log_scale_rate_s, interval_s
+            ),
         )
 
     def _range(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""
         wanted = estimate.log_scale if self._wanted_log_scale is None else self._wanted_log_scale
         return self._settings.distance_m * math.exp(_clip(wanted - estimate.log_scale, LOG_TEN))
-
-    def _seen_speed(
-        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
-    ) -> float:
-        """Return the target's speed along the line of sight, low-passed; 0 if it is not known.
-
-        It is our own speed in that direction plus the growth of the range.
-        """
-        position = vehicle.position
-        if (
-            position is None
-            or vehicle.position_age_s(estimate.time_s) > PAUSE_S
-            or estimate.frame is not SightFrame.WORLD
-        ):
-            self._target_speed = None
-            return 0.0
-        north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
-        own = position.north_m_s * north + position.east_m_s * east
-        seen = own - range_m * estimate.log_scale_rate_s
-        if self._target_speed is None:
-            self._target_speed = own
-        share = interval_s / (interval_s + self._settings.target_speed_filter_s)
-        self._target_speed += share * (seen - self._target_speed)
-        return self._target_speed
 
     def _steer(
         self,
@@ -314,6 +299,21 @@ def _yaw(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
     if vehicle.attitude is None or age_s > PAUSE_S:
         return None
     return turned_on(vehicle.attitude, _clip(age_s, 0.1)).yaw_rad
+
+
+def _speed_towards(
+    estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint
+) -> float:
+    """Return our own speed towards the target; without telemetry, what was last allowed."""
+    position = vehicle.position
+    if (
+        position is None
+        or vehicle.position_age_s(estimate.time_s) > PAUSE_S
+        or estimate.frame is SightFrame.BODY
+    ):
+        return allowed.forward_m_s
+    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
+    return position.north_m_s * north + position.east_m_s * east
 
 
 def _clip(value: float, largest: float) -> float:

@@ -1,0 +1,42 @@
+"""A horizontal direction in which the vehicle may move only so fast."""
+
+from __future__ import annotations
+
+import cmath
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Velocities are complex numbers, forward + 1j * right.
+
+    Attributes:
+        direction: a complex number of length 1.
+        max_speed_m_s: in that direction, not negative; standing still keeps every bound.
+        name: what it is there for.
+    """
+
+    direction: complex
+    max_speed_m_s: float
+    name: str
+
+    @classmethod
+    def towards(cls, bearing_rad: float, max_speed_m_s: float, name: str) -> Bound:
+        """Make a bound on the speed towards a bearing from the nose, right is positive."""
+        return cls(cmath.rect(1.0, bearing_rad), max_speed_m_s, name)
+
+    def excess(self, velocity: complex) -> float:
+        """Return by how much a velocity is too fast in this direction, 0 if it is not."""
+        return max(0.0, self._speed(velocity) - self.max_speed_m_s)
+
+    def kept(self, velocity: complex) -> complex:
+        """Take away what is too fast; motion across the direction stays."""
+        return velocity - self.excess(velocity) * self.direction
+
+    def share(self, velocity: complex) -> float:
+        """Return what share of a velocity keeps the bound; 1 if all of it does."""
+        speed = self._speed(velocity)
+        return 1.0 if speed <= self.max_speed_m_s else self.max_speed_m_s / speed
+
+    def _speed(self, velocity: complex) -> float:
+        return (velocity * self.direction.conjugate()).real
