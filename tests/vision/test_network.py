@@ -87,6 +87,16 @@ def test_tensor_of_another_shape_is_refused(averaging_file: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_half_precision_inputs_are_refused(tmp_path: Path) -> None:
+    half = [h.make_tensor_value_info(name, onnx.TensorProto.FLOAT16, [4]) for name in "ab"]
+    graph = h.make_graph([h.make_node("Relu", ["a"], ["b"])], "relu", half[:1], half[1:])
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 14)], ir_version=8)
+    path = tmp_path / "half.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match=r"half\.onnx: input a is a tensor\(float16\)"):
+        Network(path)
+
+
 @pytest.mark.parametrize("side", [4, 16, 127, 128, 300])
 def test_resized_network_computes_the_same_on_another_size(tmp_path: Path, side: int) -> None:
     network = Network(

@@ -106,9 +106,11 @@ class Network:
             content: the network's bytes, if they are not to be read from `path`.
 
         Raises:
-            ModelError: the file is missing or is no network that onnxruntime can run.
+            ModelError: the file is missing, or is no network that onnxruntime can run, or its
+                inputs are not float32.
         """
         self._session = onnx_session(path, threads, content)
+        _check_types(path, self._session.get_inputs())
         self.path = path
         self.inputs = {node.name: _shape(node) for node in self._session.get_inputs()}
         self.outputs = {node.name: _shape(node) for node in self._session.get_outputs()}
@@ -129,6 +131,12 @@ class Network:
                 f"{self.path}: this network does not take tensors of shape {shapes} "
                 f"({_first_line(error)})"
             ) from error
+
+
+def _check_types(path: Path, inputs: list[Any]) -> None:
+    for node in inputs:
+        if node.type != "tensor(float)":
+            raise ModelError(f"{path}: input {node.name} is a {node.type}; only float32 is taken")
 
 
 def _shape(node: Any) -> tuple[int, ...]:

@@ -1,0 +1,273 @@
+"""The detector's glue on a network with known weights, and the real networks on real frames."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from follower_vision.box import Box
+from follower_vision.detection import DetectorSettings, OnnxDetector
+from follower_vision.detection.classes import COCO_CLASSES, VOC_CLASSES, choose_class_names
+from follower_vision.detection.pixels import InputFormat, Placement
+from follower_vision.network import ModelError
+
+onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
+h = onnx.helper
+
+DATA = Path(
+    os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
+)
+SIDE = 64
+BOX_SHARE = 0.25
+needs_data = pytest.mark.skipif(
+    not (DATA / "weights").is_dir(), reason="the real networks in shared/data/weights are missing"
+)
+
+
+def red_detector(path: Path, side: int | str = SIDE, names: str | None = None) -> Path:
+    """A FastestDet of two classes: a red cell is an object, a quarter of the input wide and high.
+
+    Red and dark is class 0, red and bright (with blue) is class 1.
+    """
+    weights, bias = np.zeros((7, 3, 1, 1)), np.zeros(7)
+    weights[0, :, 0, 0] = [0.0, -20.0, 20.0]  # blue, green, red, each 0 to 1
+    bias[0] = -12.0
+    weights[5:, 0, 0, 0] = [-20.0, 20.0]
+    bias[5:] = [10.0, -10.0]
+    bias[3:5] = np.log(BOX_SHARE / (1 - BOX_SHARE))
+    nodes = [
+        h.make_node("AveragePool", ["x"], ["mean"], kernel_shape=[16, 16], strides=[16, 16]),
+        h.make_node("Conv", ["mean", "w", "b"], ["raw"]),
+        h.make_node("Split", ["raw", "parts"], ["objectness", "box", "classes"], axis=1),
+        h.make_node("Sigmoid", ["objectness"], ["likely"]),
+        h.make_node("Sigmoid", ["classes"], ["named"]),
+        h.make_node("Concat", ["likely", "box", "named"], ["y"], axis=1),
+    ]
+    constants = [
+        onnx.numpy_helper.from_array(weights.astype(np.float32), "w"),
+        onnx.numpy_helper.from_array(bias.astype(np.float32), "b"),
+        onnx.numpy_helper.from_array(np.array([1, 4, 2]), "parts"),
+    ]
+    graph = h.make_graph(
+        nodes,
+        "red",
+        [h.make_tensor_value_info("x", 1, [1, 3, side, side])],
+        [h.make_tensor_value_info("y", 1, [1, 7, "rows", "columns"])],
+        initializer=constants,
+    )
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    if names is not None:
+        h.set_model_props(model, {"names": names})
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+@pytest.fixture
+def red_file(tmp_path: Path) -> Path:
+    return red_detector(tmp_path / "red.onnx")
+
+
+def scene(*squares: tuple[int, int, int, tuple[int, int, int]]) -> np.ndarray:
+    """A black image of 640x640 with squares (left, top, side, colour)."""
+    image = np.zeros((640, 640, 3), np.uint8)
+    for left, top, side, colour in squares:
+        cv2.rectangle(image, (left, top, side, side), colour, -1)
+    return image
+
+
+RED, MAGENTA = (0, 0, 255), (255, 0, 255)
+
+
+def test_the_whole_image_is_searched(red_file: Path) -> None:
+    detector = OnnxDetector(red_file, class_names=["dark", "bright"])
+    # A cell is 160 pixels here; the network puts the box's middle at the cell's corner.
+    found = detector.detect(scene((160, 320, 160, RED), (480, 0, 160, MAGENTA)))
+    assert {(one.class_name, round(one.box.cx, 3), round(one.box.cy, 3)) for one in found} == {
+        ("dark", 160.0, 320.0),
+        ("bright", 480.0, 0.0),
+    }
+    for one in found:
+        assert one.box.width == one.box.height == pytest.approx(160.0, rel=1e-5)
+        assert 0.9 < one.score <= 1.0
+        assert not one.cut
+
+
+def test_a_region_is_a_zoom_and_boxes_come_back_in_image_pixels(red_file: Path) -> None:
+    detector = OnnxDetector(red_file)
+    image = scene((320, 240, 16, RED))
+    assert detector.detect(image) == []
+    (found,) = detector.detect(image, Box(336, 256, 64, 64))
+    assert found.box.cx == pytest.approx(320)
+    assert found.box.cy == pytest.approx(240)
+    assert found.box.width == pytest.approx(16, rel=1e-5)
+
+
+@pytest.mark.parametrize("left", [-32.0, 0.0])
+def test_a_region_may_reach_beyond_the_image(red_file: Path, left: float) -> None:
+    image = scene((0, 16, 16, RED))
+    (found,) = OnnxDetector(red_file).detect(image, Box.from_xywh(left, 0, 64, 64))
+    assert found.box.cx == pytest.approx(0, abs=1e-4)
+    assert found.box.cy == pytest.approx(16, abs=1e-4)
+
+
+def test_what_the_regions_edge_cuts_is_marked_or_dropped(red_file: Path) -> None:
+    image = scene((400, 416, 16, RED), (416, 432, 16, RED))
+    region = Box(432, 432, 64, 64)  # begins at 400, the first square's box at 392
+    found = OnnxDetector(red_file).detect(image, region)
+    assert {round(one.box.cx): one.cut for one in found} == {400: True, 416: False}
+    strict = OnnxDetector(red_file, DetectorSettings(drop_cut=True))
+    assert [round(one.box.cx) for one in strict.detect(image, region)] == [416]
+
+
+def test_the_images_own_edge_is_no_cut(red_file: Path) -> None:
+    found = OnnxDetector(red_file).detect(scene((0, 0, 160, RED)))
+    assert [one.cut for one in found] == [False]
+    at_corner = OnnxDetector(red_file).detect(scene((0, 0, 16, RED)), Box(32, 32, 64, 64))
+    assert [one.cut for one in at_corner] == [False]
+
+
+def test_neighbouring_boxes_of_one_class_are_thinned_others_not(tmp_path: Path) -> None:
+    # Cells are 16 of 64 pixels and boxes 16 wide: neighbours of one class just touch.
+    detector = OnnxDetector(red_detector(tmp_path / "a.onnx"), DetectorSettings(max_overlap=0.0))
+    everything = detector.detect(scene((0, 0, 640, RED)))
+    assert len(everything) == 16
+    few = OnnxDetector(red_detector(tmp_path / "b.onnx"), DetectorSettings(most=3))
+    found = few.detect(scene((0, 0, 640, RED)))
+    assert len(found) == 3
+    assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
+
+
+def test_min_score_decides(red_file: Path) -> None:
+    image = scene((160, 320, 150, RED))
+    (weak,) = OnnxDetector(red_file, DetectorSettings(min_score=0.01)).detect(image)
+    assert OnnxDetector(red_file, DetectorSettings(min_score=weak.score + 1e-4)).detect(image) == []
+
+
+def test_a_free_input_size_gets_a_usual_one(tmp_path: Path) -> None:
+    detector = OnnxDetector(red_detector(tmp_path / "free.onnx", side="any"))
+    (found,) = detector.detect(scene((320, 320, 25, RED)))
+    assert found.box.cx == pytest.approx(320, abs=13)
+
+
+def test_same_image_same_answer(red_file: Path) -> None:
+    detector, image = OnnxDetector(red_file), scene((160, 320, 160, RED))
+    first = detector.detect(image)
+    detector.detect(scene((0, 0, 640, MAGENTA)), Box(100, 100, 50, 80))
+    assert detector.detect(image) == first
+
+
+def test_class_names_come_from_the_call_the_file_or_the_number(tmp_path: Path) -> None:
+    named = red_detector(tmp_path / "named.onnx", names="{0: 'boat', 1: 'car'}")
+    assert OnnxDetector(named).class_names == ("boat", "car")
+    assert OnnxDetector(named, class_names=["a", "b"]).class_names == ("a", "b")
+    plain = red_detector(tmp_path / "plain.onnx", names="rubbish(")
+    assert OnnxDetector(plain).class_names == ("class 0", "class 1")
+    assert choose_class_names(80, None, {}) == COCO_CLASSES
+    assert choose_class_names(20, None, {}) == VOC_CLASSES
+    assert COCO_CLASSES[0] == VOC_CLASSES[14] == "person"
+    with pytest.raises(ValueError, match="3 class names were given for 2 classes"):
+        OnnxDetector(named, class_names=["a", "b", "c"])
+
+
+def test_a_network_of_another_kind_is_one_line_with_the_file_name(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"gone\.onnx: no such network.*pull"):
+        OnnxDetector(tmp_path / "gone.onnx")
+    with pytest.raises(ModelError, match=r"red\.onnx: not a detector of the family yolox: input"):
+        OnnxDetector(red_detector(tmp_path / "red.onnx"), family="yolox")
+    tensors = [h.make_tensor_value_info(name, 1, [4]) for name in "ab"]
+    graph = h.make_graph([h.make_node("Relu", ["a"], ["b"])], "relu", tensors[:1], tensors[1:])
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    (tmp_path / "relu.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match=r"relu\.onnx: not a detector of images") as caught:
+        OnnxDetector(tmp_path / "relu.onnx")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"min_score": 1.1}, {"max_overlap": -0.1}, {"most": 0}, {"edge_px": float("nan")}]
+)
+def test_nonsense_settings_are_refused(changes: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        DetectorSettings(**changes)
+
+
+@given(st.floats(20, 900), st.floats(20, 900), st.sampled_from(list(Placement)))
+def test_the_view_contains_the_region(width: float, height: float, placement: Placement) -> None:
+    region = Box(500, 400, width, height)
+    view = InputFormat(placement).view(region, 416, 320)
+    assert view.left <= region.left + 1e-6
+    assert view.right >= region.right - 1e-6
+    assert view.top <= region.top + 1e-6
+    assert view.bottom >= region.bottom - 1e-6
+    if placement is not Placement.STRETCH:
+        assert view.width / view.height == pytest.approx(416 / 320)
+    if placement is Placement.CORNER:
+        assert (view.left, view.top) == pytest.approx((region.left, region.top))
+
+
+def test_pixels_are_ordered_and_scaled_as_asked() -> None:
+    image = np.zeros((2, 2, 3), np.uint8)
+    image[:] = (10, 20, 30)
+    tensor = np.empty((1, 3, 2, 2), np.float32)
+    InputFormat(Placement.CENTRE, red_first=True, mean=(5, 0, 0), deviation=(2, 4, 5)).write(
+        image, tensor
+    )
+    np.testing.assert_allclose(tensor[0, :, 0, 0], [12.5, 5.0, 2.0])
+
+
+SEQUENCES = {
+    "otb_crossing": {"person"},
+    "otb_jogging1": {"person"},
+    "uav123_group2_2": {"person"},
+    "uav123_car16_1": {"car", "truck", "bus"},
+    "uavdt_S0601": {"car", "truck", "bus"},
+    "vot_car": {"car", "truck", "bus"},
+}
+
+
+def real_frames() -> list[tuple[np.ndarray, Box, set[str]]]:
+    frames = []
+    for name, classes in SEQUENCES.items():
+        folder = DATA / "sequences" / name
+        truth = np.loadtxt(folder / "groundtruth.txt", delimiter=",")
+        for index in np.linspace(0, len(truth) - 1, 5).astype(int):
+            if truth[index, 2] > 0:
+                image = cv2.imread(str(folder / "img" / f"{index + 1:06d}.jpg"))
+                frames.append((image, Box.from_xywh(*truth[index]), classes))
+    return frames
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("file", "whole", "zoomed"),
+    [
+        ("yolox_nano_bi.onnx", 0.55, 0.8),
+        ("fastestdet.onnx", 0.4, 0.8),
+        ("nanodet_m.onnx", 0.5, 0.7),
+        ("yolo11n_int8.onnx", 0.45, 0.75),
+    ],
+)
+def test_real_networks_find_real_targets_and_better_in_a_region(
+    file: str, whole: float, zoomed: float
+) -> None:
+    detector = OnnxDetector(DATA / "weights" / file, DetectorSettings(min_score=0.2))
+    hits = []
+    for image, box, classes in real_frames():
+        side = max(128.0, 5 * box.scale)
+        tries = detector.detect(image), detector.detect(image, Box(box.cx, box.cy, side, side))
+        hits.append(
+            [
+                any(one.box.iou(box) >= 0.5 for one in found if one.class_name in classes)
+                for found in tries
+            ]
+        )
+    recall_whole, recall_zoomed = np.mean(hits, axis=0)
+    assert recall_whole >= whole
+    assert recall_zoomed >= zoomed
+    assert recall_zoomed > recall_whole

@@ -1,0 +1,158 @@
+"""Object detection by an ONNX network of any known family."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from follower_vision.box import Box
+from follower_vision.crop import crop
+from follower_vision.detection.candidates import Candidates
+from follower_vision.detection.classes import choose_class_names
+from follower_vision.detection.detection import Detection
+from follower_vision.detection.families import make_decoder
+from follower_vision.detection.layout import NetworkLayout
+from follower_vision.detection.settings import DetectorSettings
+from follower_vision.frame import Image
+from follower_vision.network import ModelError, Network, Tensor
+from follower_vision.nms import keep_best
+
+_USUAL_SIDE = 416
+_CANDIDATES_A_DETECTION = 5
+
+
+class OnnxDetector:
+    """Finds objects with YOLOX, YOLOv8/11, NanoDet, FastestDet or YOLO v2.
+
+    One thread at a time may call `detect`: the input's memory is used again and again.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        settings: DetectorSettings | None = None,
+        *,
+        family: str | None = None,
+        class_names: Sequence[str] | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Load a network and try it on a blank image.
+
+        Args:
+            path: the ONNX file.
+            settings: which answers count.
+            family: a key of `FAMILIES`; None recognises it by the shapes of the answers.
+            class_names: None takes those written in the file, or COCO's or VOC's.
+            threads: processor threads that one detection may use.
+
+        Raises:
+            ModelError: the file is missing, broken or of no known family.
+            ValueError: the number of class names is not that of the classes.
+        """
+        self._settings = settings or DetectorSettings()
+        self._network = Network(path, threads)
+        self._tensor = np.zeros(_input_shape(self._network), np.float32)
+        try:
+            self._decoder = make_decoder(_layout(self._network, self._tensor), family)
+        except ValueError as error:
+            raise ModelError(f"{path}: {error}") from error
+        self._class_names = choose_class_names(
+            self._decoder.classes, class_names, self._network.metadata
+        )
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """The names of all classes, by their numbers."""
+        return self._class_names
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        """Return the objects in an image, or in a region of it, best first.
+
+        Args:
+            image: (H, W, 3) uint8 BGR.
+            region: look only here, enlarged to the network's input; None is the whole image. It
+                may reach beyond the image. An object counts where its centre lies in the region.
+        """
+        whole = _whole(image)
+        height, width = self._tensor.shape[2:]
+        view = self._decoder.input_format.view(region or whole, width, height)
+        self._show(image, view)
+        found = self._decoder.decode(self._network.run(self._tensor), self._settings.min_score)
+        detections = self._detections(self._thinned(found), view, whole)
+        return [one for one in detections if region is None or _centre_within(one.box, region)]
+
+    def _show(self, image: Image, view: Box) -> None:
+        """Write the view into the input."""
+        height, width = self._tensor.shape[2:]
+        fill = [self._decoder.input_format.fill] * 3
+        self._decoder.input_format.write(crop(image, view, width, height, fill), self._tensor)
+
+    def _thinned(self, found: Candidates) -> Candidates:
+        """Keep the best of the boxes of one class that overlap, and no more than asked for."""
+        few = self._settings.most * _CANDIDATES_A_DETECTION
+        best = np.argsort(-found.scores, kind="stable")[:few]
+        # Boxes of different classes are moved apart, so that they cannot overlap.
+        apart = found.classes[best, None] * (2.0 * float(np.ptp(found.corners)) if best.size else 0)
+        corners = found.corners[best] + apart
+        kept = keep_best(
+            corners, found.scores[best], self._settings.max_overlap, self._settings.most
+        )
+        chosen = best[kept]
+        return Candidates(found.corners[chosen], found.scores[chosen], found.classes[chosen])
+
+    def _detections(self, found: Candidates, view: Box, whole: Box) -> list[Detection]:
+        height, width = self._tensor.shape[2:]
+        scale = np.array([view.width / width, view.height / height] * 2)
+        corners = found.corners * scale + np.array([view.left, view.top] * 2)
+        cut = self._cut(corners, view, whole)
+        made = []
+        for (left, top, right, bottom), score, number, is_cut in zip(
+            corners.tolist(), found.scores.tolist(), found.classes.tolist(), cut, strict=True
+        ):
+            if right > left and bottom > top and not (is_cut and self._settings.drop_cut):
+                box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
+                made.append(Detection(box, number, self._class_names[number], score, is_cut))
+        return made
+
+    def _cut(self, corners: Tensor, view: Box, whole: Box) -> list[bool]:
+        """Tell of each box whether it ends where the view ends and the image does not."""
+        near = self._settings.edge_px * view.width / self._tensor.shape[3]
+        inside = [view.left > 0, view.top > 0, view.right < whole.right, view.bottom < whole.bottom]
+        at_edge = np.stack(
+            [
+                corners[:, 0] <= view.left + near,
+                corners[:, 1] <= view.top + near,
+                corners[:, 2] >= view.right - near,
+                corners[:, 3] >= view.bottom - near,
+            ],
+            axis=1,
+        )
+        return [bool(one) for one in (at_edge & np.array(inside)).any(axis=1)]
+
+
+def _whole(image: Image) -> Box:
+    height, width = image.shape[:2]
+    return Box(width / 2, height / 2, width, height)
+
+
+def _centre_within(box: Box, region: Box) -> bool:
+    across = region.left <= box.cx <= region.right
+    return across and region.top <= box.cy <= region.bottom
+
+
+def _input_shape(network: Network) -> tuple[int, int, int, int]:
+    """Return the input's shape, with the usual side where the network takes any."""
+    shapes = list(network.inputs.values())
+    if len(shapes) != 1 or len(shapes[0]) != 4 or shapes[0][1] not in (0, 3):
+        raise ModelError(f"{network.path}: not a detector of images: its inputs are {shapes}")
+    height, width = shapes[0][2:]
+    return 1, 3, height or _USUAL_SIDE, width or _USUAL_SIDE
+
+
+def _layout(network: Network, blank: Tensor) -> NetworkLayout:
+    """Try a network on a blank image, because not every file states its outputs' shapes."""
+    shapes = [output.shape for output in network.run(blank)]
+    outputs = tuple(zip(network.outputs, shapes, strict=True))
+    return NetworkLayout(blank.shape[2], blank.shape[3], outputs)
