@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
 from follower_control.pid import Pid, PidSettings
+from follower_control.servo_errors import ServoErrors
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
 from follower_control.target_speed import TargetSpeed
@@ -73,11 +74,11 @@ class ServoSettings:
     max_vertical_m_s: float = 2.0
     max_yaw_rate_deg_s: float = 60.0
     target_speed_filter_s: float = 0.4
-    own_speed_lag_s: float = 0.3
+    own_speed_lag_s: float = 0.5
     azimuth: PidSettings = field(default_factory=lambda: PidSettings(kp=1.5))
     elevation: PidSettings = field(default_factory=lambda: PidSettings(kp=0.8, ki=0.1))
     range: PidSettings = field(
-        default_factory=lambda: PidSettings(kp=0.6, ki=0.05, kd=0.1, cut_tolerance=0.03)
+        default_factory=lambda: PidSettings(kp=0.5, ki=0.05, kd=0.3, cut_tolerance=0.03)
     )
 
     def __post_init__(self) -> None:
@@ -95,25 +96,6 @@ class ServoSettings:
             raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
         if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
             raise ValueError(f"elevation_deg lies within ±90, not {self.elevation_deg}")
-
-
-@dataclass(frozen=True, slots=True)
-class ServoErrors:
-    """What the servo saw of the pursuit at its last update, for logs and displays.
-
-    Attributes:
-        azimuth_rad: target right of the nose is positive.
-        elevation_rad: target above where it is wanted is positive.
-        log_range: logarithm of the range over the wanted range; too far is positive.
-        range_m: distance to the target, as good as `target_size_m` is.
-        target_speed_m_s: the target's own speed away from us.
-    """
-
-    azimuth_rad: float
-    elevation_rad: float
-    log_range: float
-    range_m: float
-    target_speed_m_s: float
 
 
 class VisualServo:
@@ -173,7 +155,8 @@ class VisualServo:
 
         Args:
             estimate: the target, predicted to now.
-            vehicle: newest telemetry; without a position, what was allowed counts as our velocity.
+            vehicle: newest telemetry; without a position the target's speed is not fed
+                forward.
             allowed: what the envelope let through of the last setpoint.
         """
         yaw = _yaw(estimate, vehicle)
@@ -185,9 +168,7 @@ class VisualServo:
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
             self._begin(estimate)
-        self._errors = self._see(
-            estimate, yaw, _speed_towards(estimate, vehicle, allowed), interval_s
-        )
+        self._errors = self._see(estimate, yaw, vehicle, interval_s)
         if interval_s > 0:
             self._asked = self._steer(self._errors, estimate, allowed, interval_s)
         return self._asked
@@ -202,7 +183,7 @@ class VisualServo:
         self._range_pid.start(self._asked.forward_m_s / self._settings.distance_m)
 
     def _see(
-        self, estimate: TargetEstimate, yaw: float, own_speed: float, interval_s: float
+        self, estimate: TargetEstimate, yaw: float, vehicle: VehicleState, interval_s: float
     ) -> ServoErrors:
         range_m = self._range(estimate)
         return ServoErrors(
@@ -210,10 +191,18 @@ class VisualServo:
             elevation_rad=estimate.elevation_rad - self._elevation,
             log_range=math.log(range_m / self._settings.distance_m),
             range_m=range_m,
-            target_speed_m_s=self._target_speed.update(
-                own_speed, -range_m * estimate.log_scale_rate_s, interval_s
-            ),
+            target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
         )
+
+    def _seen_speed(
+        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
+    ) -> float:
+        own_speed = _speed_towards(estimate, vehicle)
+        if own_speed is None:
+            self._target_speed.reset()
+            return 0.0
+        range_rate = -range_m * estimate.log_scale_rate_s
+        return self._target_speed.update(own_speed, range_rate, interval_s)
 
     def _range(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""
@@ -301,17 +290,12 @@ def _yaw(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
     return turned_on(vehicle.attitude, _clip(age_s, 0.1)).yaw_rad
 
 
-def _speed_towards(
-    estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint
-) -> float:
-    """Return our own speed towards the target; without telemetry, what was last allowed."""
+def _speed_towards(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
+    """Return our own speed towards the target, None if it is not known."""
     position = vehicle.position
-    if (
-        position is None
-        or vehicle.position_age_s(estimate.time_s) > PAUSE_S
-        or estimate.frame is SightFrame.BODY
-    ):
-        return allowed.forward_m_s
+    fresh = vehicle.position_age_s(estimate.time_s) <= PAUSE_S
+    if position is None or not fresh or estimate.frame is SightFrame.BODY:
+        return None
     north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
     return position.north_m_s * north + position.east_m_s * east
 

@@ -1,0 +1,24 @@
+"""How far the pursuit is from what is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ServoErrors:
+    """What the servo saw of the pursuit at its last update, for logs and displays.
+
+    Attributes:
+        azimuth_rad: target right of the nose is positive.
+        elevation_rad: target above where it is wanted is positive.
+        log_range: logarithm of the range over the wanted range; too far is positive.
+        range_m: distance to the target, as good as `target_size_m` is.
+        target_speed_m_s: the target's own speed away from us; 0 without telemetry.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    log_range: float
+    range_m: float
+    target_speed_m_s: float
