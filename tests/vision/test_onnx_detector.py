@@ -93,7 +93,7 @@ def test_the_whole_image_is_searched(red_file: Path) -> None:
         ("bright", 480.0, 0.0),
     }
     for one in found:
-        assert one.box.width == one.box.height == pytest.approx(160.0, rel=1e-5)
+        assert (one.box.width, one.box.height) == pytest.approx((160.0, 160.0), rel=1e-5)
         assert 0.9 < one.score <= 1.0
         assert not one.cut
 
