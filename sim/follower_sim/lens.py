@@ -1,0 +1,75 @@
+"""Projection of faces onto the image, with what lies outside the view cut away first."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.camera import CameraModel, Vector
+
+NEAR_M = 0.15
+_WIDEST_GUARD = 3.0
+
+
+class Lens:
+    """Projects points in camera axes and clips polygons to what the lens can image.
+
+    The distortion polynomial of a real lens folds back far outside the image. Therefore nothing
+    is projected beyond a guard pyramid, somewhat wider than the view, where it still grows.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        corners = np.array([[0, 0], [camera.width, 0], [0, camera.height],
+                            [camera.width, camera.height]], np.float64)  # fmt: skip
+        rays = camera.rays(corners)
+        self._extent = np.abs(rays[:, :2] / rays[:, 2:]).max(axis=0)
+        self._extent *= _guard_factor(camera, float(np.hypot(*self._extent)))
+
+    def pixels(self, points: Vector) -> Vector:
+        """Project points in camera axes, (N, 3) with forward > 0, to pixels, (N, 2)."""
+        return self.camera.pixels(points)
+
+    def outside(self, points: Vector) -> npt.NDArray[np.bool_]:
+        """Return for each point, (..., 3), which of the five planes it is behind, (..., 5)."""
+        return np.stack(self._heights(points), axis=-1) < 0
+
+    def _heights(self, points: Vector) -> list[Vector]:
+        """Return the distances, up to a factor, inward from near, left, right, top, bottom."""
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        across, down = z * self._extent[0], z * self._extent[1]
+        return [z - NEAR_M, across + x, across - x, down + y, down - y]
+
+    def clipped(self, polygon: Vector) -> Vector:
+        """Cut a polygon, (N, 3) in camera axes, to the guard pyramid (Sutherland-Hodgman)."""
+        for plane in range(5):
+            if len(polygon) < 3:
+                break
+            polygon = _cut(polygon, self._heights(polygon)[plane])
+        return polygon
+
+
+def _cut(polygon: Vector, heights: Vector) -> Vector:
+    """Keep the part of a polygon whose heights over a plane are not negative."""
+    kept = []
+    for i in range(len(polygon)):
+        before = i - 1
+        if (heights[i] < 0) != (heights[before] < 0):
+            share = heights[before] / (heights[before] - heights[i])
+            kept.append(polygon[before] + share * (polygon[i] - polygon[before]))
+        if heights[i] >= 0:
+            kept.append(polygon[i])
+    return np.array(kept).reshape(-1, 3)
+
+
+def _guard_factor(camera: CameraModel, corner: float) -> float:
+    """Return how much wider than the view the lens still images farther points farther out."""
+    if not any(camera.distortion):
+        return _WIDEST_GUARD
+    k1, k2, _, _, k3 = camera.distortion
+    factor = np.linspace(1, _WIDEST_GUARD, 201)
+    r2 = (factor * corner) ** 2
+    slope = 1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3))
+    folded = np.flatnonzero(slope <= 0.05)
+    last = folded[0] - 1 if len(folded) else len(factor) - 1
+    return max(1.01, float(factor[max(0, last)]))

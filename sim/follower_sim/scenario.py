@@ -1,0 +1,248 @@
+"""A scenario as data: what a YAML file in configs/scenarios may say."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from follower_sim.course import Corners, Course
+from follower_sim.criteria import Criteria
+from follower_sim.paths import TargetPath
+from follower_sim.speed_profile import SpeedChange, SpeedProfile
+from follower_sim.targets import TargetKind
+from follower_vision.acquire import ColourSearchSettings
+from follower_vision.camera import CameraModel
+from follower_vision.lineofsight import CameraMount
+
+ColourText = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+"""A colour as "#rrggbb"."""
+
+PlanePoint = tuple[float, float]
+"""(north, east) in metres."""
+
+CoursePoint = Annotated[list[float], Field(min_length=2, max_length=3)]
+"""(north, east) or (north, east, height) in metres."""
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class _Section(BaseModel):
+    """A part of a scenario: unknown keys are refused, nothing changes after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class PathSettings(_Section):
+    """A target's course and its speeds; without speeds it stands at the first point."""
+
+    points: list[CoursePoint] = Field(min_length=2)
+    corners: Corners = "winding"
+    radius_m: Positive = 5.0
+    closed: bool = False
+    speeds: list[SpeedChange] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _can_be_built(self) -> Self:
+        self.build()
+        return self
+
+    def build(self) -> TargetPath:
+        """Return the path that these settings describe."""
+        course = Course(self.points, self.corners, self.radius_m, self.closed)
+        return TargetPath(course, SpeedProfile(self.speeds))
+
+
+class TargetSettings(_Section):
+    """One moving thing, followed or not."""
+
+    kind: TargetKind
+    colour: ColourText
+    path: PathSettings
+
+
+class RoadSettings(_Section):
+    """A road painted on the ground: along a target's path, or through points of its own."""
+
+    along: int | None = None
+    points: list[CoursePoint] | None = None
+    corners: Corners = "winding"
+    radius_m: Positive = 5.0
+    width_m: Positive = 6.5
+    surface: Literal["asphalt", "dirt"] = "asphalt"
+
+    @model_validator(mode="after")
+    def _one_course(self) -> Self:
+        if (self.along is None) == (self.points is None):
+            raise ValueError("a road needs either `along` (a target's number) or `points`")
+        if self.points is not None:
+            self.build_course()
+        return self
+
+    def build_course(self) -> Course:
+        """Return the middle line of a road that has points of its own.
+
+        Raises:
+            ValueError: it has none.
+        """
+        return Course(self.points or [], self.corners, self.radius_m)
+
+
+class GroundSettings(_Section):
+    """What the ground looks like."""
+
+    kind: Literal["meadow", "farmland", "desert", "water"] = "meadow"
+    roads: list[RoadSettings] = Field(default_factory=list)
+
+
+class SkySettings(_Section):
+    """Sun, clouds and haze."""
+
+    sun_azimuth_deg: float = 140.0
+    sun_elevation_deg: Annotated[float, Field(gt=5, le=90)] = 48.0
+    clouds: Share = 0.4
+    visibility_m: Positive = 900.0
+
+
+class SceneryItem(_Section):
+    """One thing that stands: it hides what is behind it and casts a shadow."""
+
+    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy"]
+    at: PlanePoint
+    heading_deg: float = 0.0
+    size_m: Positive | None = None
+    """Height of a tree, rock or buoy, length of a house, clear length of a bridge's deck."""
+
+
+class ScatterSettings(_Section):
+    """Many things of one kind at random places, clear of roads, paths and the start."""
+
+    kind: Literal["broadleaf", "fir", "house", "rock", "bale", "buoy"]
+    count: Annotated[int, Field(ge=1, le=500)]
+    clear_m: NotNegative = 10.0
+    within_m: Positive = 60.0
+    """Farthest distance from the paths."""
+    size_m: tuple[Positive, Positive] | None = None
+    """Smallest and largest size."""
+
+
+class WindSettings(_Section):
+    """A mean wind and gusts about it."""
+
+    mean_m_s: NotNegative = 0.0
+    from_deg: float = 0.0
+    """Where the mean wind comes from, clockwise from north."""
+    gust_m_s: NotNegative = 0.0
+    """Standard deviation of the gusts along each horizontal axis; vertically a third of it."""
+
+
+class CameraSettings(_Section):
+    """The simulated camera and its imperfections."""
+
+    width: Annotated[int, Field(ge=32, le=4096)] = 640
+    height: Annotated[int, Field(ge=32, le=4096)] = 480
+    fov_deg: Annotated[float, Field(gt=5, lt=150)] = 75.0
+    """Horizontal field of view, distortion left out."""
+    pitch_deg: Annotated[float, Field(ge=-90, le=90)] = -20.0
+    """Of the mount; negative looks down."""
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 as OpenCV's calibration gives them."""
+    rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
+    exposure_s: NotNegative = 0.006
+    noise: NotNegative = 2.5
+    """Standard deviation in grey levels."""
+    vignetting: Share = 0.15
+    """Loss of brightness in the corners."""
+    exposure_drift: Annotated[float, Field(ge=0, le=0.5)] = 0.06
+    """Amplitude of slow brightness changes, as a share."""
+    latency_s: NotNegative = 0.05
+    """From the middle of the exposure to the frame's arrival."""
+    latency_jitter_s: NotNegative = 0.004
+    jitter_s: NotNegative = 0.001
+    """Standard deviation of the capture time about its schedule."""
+    drop_probability: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    stamp_offset_s: float = 0.0
+    """Error of the frames' time stamps, unknown to the vision side."""
+
+    @property
+    def model(self) -> CameraModel:
+        """The camera model."""
+        fov = math.radians(self.fov_deg)
+        return CameraModel.from_fov(self.width, self.height, fov, self.distortion)
+
+    @property
+    def mount(self) -> CameraMount:
+        """How the camera is turned against the body."""
+        return CameraMount(pitch_rad=math.radians(self.pitch_deg))
+
+
+class FaultSettings(_Section):
+    """A fault of the camera, or the followed target taken out of the world, for some time."""
+
+    kind: Literal["black", "frozen", "silent", "target_removed"]
+    from_s: NotNegative
+    until_s: Positive = 1e9
+
+
+class StartSettings(_Section):
+    """Where the vehicle stands before it takes off."""
+
+    at: PlanePoint
+    heading_deg: float = 0.0
+
+
+class SelectSettings(_Section):
+    """How the operator points out the target: by what it looks like, never by its true place."""
+
+    colour: ColourText
+    search: ColourSearchSettings = ColourSearchSettings()
+
+
+class Scenario(_Section):
+    """A world, something to follow in it, and a camera on a drone.
+
+    Time starts at 0 with the drone on the ground; targets move by their own clocks.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
+    title: str
+    duration_s: Positive
+    seed: Annotated[int, Field(ge=0)] = 0
+    ground: GroundSettings = GroundSettings()
+    sky: SkySettings = SkySettings()
+    targets: list[TargetSettings] = Field(min_length=1)
+    followed: Annotated[int, Field(ge=0)] = 0
+    scenery: list[SceneryItem] = Field(default_factory=list)
+    scatter: list[ScatterSettings] = Field(default_factory=list)
+    wind: WindSettings = WindSettings()
+    camera: CameraSettings = CameraSettings()
+    """The camera and its imperfections."""
+    faults: list[FaultSettings] = Field(default_factory=list)
+    start: StartSettings
+    takeoff_height_m: Positive = 8.0
+    select: SelectSettings
+    follow: dict[str, Any] = Field(default_factory=dict)
+    """Settings of the follower, checked by the application."""
+    expect: Criteria = Criteria()
+    """What the pursuit has to reach."""
+
+    @model_validator(mode="after")
+    def _targets_exist(self) -> Self:
+        numbers = [self.followed, *(r.along for r in self.ground.roads if r.along is not None)]
+        for number in numbers:
+            if not 0 <= number < len(self.targets):
+                raise ValueError(f"there is no target number {number}")
+        return self
+
+    @model_validator(mode="after")
+    def _paths_are_long_enough(self) -> Self:
+        for number, target in enumerate(self.targets):
+            short = target.path.build().shortfall_m(self.duration_s)
+            if short > 0:
+                raise ValueError(
+                    f"the path of target number {number} is {short:.0f} m too short for its speeds"
+                )
+        return self

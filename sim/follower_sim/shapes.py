@@ -1,0 +1,157 @@
+"""Convex building blocks of the low-poly bodies.
+
+Shapes are given in forward, right, up, which is how one thinks of a car; meshes are kept in
+forward, right, down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from follower_sim.mesh import Colour, Mesh
+from follower_vision.camera import Vector
+
+Point = tuple[float, float, float]
+Outline = Sequence[Point] | Vector
+
+_DOWN = np.array([1.0, 1.0, -1.0])
+
+
+def convex(
+    polygons: Sequence[tuple[Outline, Colour]], layer: int = 0, centre: Point | None = None
+) -> Mesh:
+    """Make a mesh of polygons (forward, right, up), turned to face away from `centre`.
+
+    Without a centre it is the mean of all corners, as fits a convex body.
+    """
+    corners = [np.asarray(points, np.float64) * _DOWN for points, _ in polygons]
+    middle = np.vstack(corners).mean(axis=0) if centre is None else np.array(centre) * _DOWN
+    colours = [colour for _, colour in polygons]
+    turned = [_turned_away(points, middle) for points in corners]
+    return Mesh.of_polygons(list(zip(turned, colours, strict=True)), layer)
+
+
+def _turned_away(points: Vector, centre: Vector) -> Vector:
+    """Order the corners anticlockwise as seen from outside."""
+    normal = np.cross(points[1] - points[0], points[2] - points[0])
+    return points if float(normal @ (points.mean(axis=0) - centre)) >= 0 else points[::-1]
+
+
+def prism(
+    lower: Outline, upper: Outline, side: Colour, top: Colour | None = None, layer: int = 0
+) -> Mesh:
+    """Make the convex body between two outlines with equally many corners."""
+    count = len(lower)
+    sides = [
+        ([lower[i], lower[(i + 1) % count], upper[(i + 1) % count], upper[i]], side)
+        for i in range(count)
+    ]
+    floor = [(part, side) for part in _quads(lower)]
+    roof = [(part, side if top is None else top) for part in _quads(upper)]
+    return convex([*sides, *floor, *roof], layer)
+
+
+def _quads(outline: Outline) -> list[list[Point]]:
+    """Cut a convex outline into quadrilaterals, and a triangle if one is left over."""
+    corners = [tuple(map(float, point)) for point in outline]
+    starts = range(1, len(corners) - 1, 2)
+    return [[corners[0], *corners[i : i + 3]] for i in starts]  # type: ignore[list-item]
+
+
+def rectangle(length: float, width: float, up: float, at: tuple[float, float] = (0, 0)) -> Outline:
+    """Return a level rectangle about (forward, right) = `at`."""
+    f, r = length / 2, width / 2
+    return [(at[0] + a, at[1] + b, up) for a, b in ((f, r), (f, -r), (-f, -r), (-f, r))]
+
+
+def ring(sides: int, radius: float, up: float, at: tuple[float, float] = (0, 0)) -> Outline:
+    """Return a level regular polygon about (forward, right) = `at`."""
+    angles = [2 * math.pi * (i + 0.5) / sides for i in range(sides)]
+    return [(at[0] + radius * math.cos(a), at[1] + radius * math.sin(a), up) for a in angles]
+
+
+def box(
+    size: Point,
+    colour: Colour,
+    at: Point = (0, 0, 0),
+    top: Colour | None = None,
+    layer: int = 0,
+) -> Mesh:
+    """Make a box of (length, width, height) whose floor's middle is `at`."""
+    length, width, height = size
+    lower = rectangle(length, width, at[2], at[:2])
+    upper = rectangle(length, width, at[2] + height, at[:2])
+    return prism(lower, upper, colour, top, layer)
+
+
+def disc(radius: float, at: Point, colour: Colour, sides: int = 8, layer: int = 0) -> Mesh:
+    """Make a level disc that faces up, seen from above only."""
+    parts = _quads(ring(sides, radius, at[2], at[:2]))
+    return convex([(part, colour) for part in parts], layer, centre=(at[0], at[1], at[2] - 1))
+
+
+def wheel(radius: float, at: Point, side: float, layer: int = 0) -> Mesh:
+    """Make a wheel's outer face with its hub, facing right (`side` 1) or left (-1)."""
+    away = (at[0], at[1] - side, at[2])
+    tyre = [(at[0] + f, at[1], at[2] + r) for f, r, _ in ring(10, radius, 0)]
+    hub = [(at[0] + f, at[1], at[2] + r) for f, r, _ in ring(6, radius * 0.55, 0)]
+    return Mesh.joined(
+        [
+            convex([(part, (32, 30, 30)) for part in _quads(tyre)], layer, away),
+            convex([(part, (168, 165, 160)) for part in _quads(hub)], layer + 1, away),
+        ]
+    )
+
+
+def panel(
+    face: Outline,
+    across: tuple[float, float],
+    along: tuple[float, float],
+    colour: Colour,
+    away_from: Point,
+    layer: int,
+) -> Mesh:
+    """Make a part of a four-cornered face (a window in a wall, say).
+
+    Args:
+        face: the four corners, in order.
+        across: from and to, as shares of the way from the first to the second corner.
+        along: from and to, as shares of the way from the first to the fourth corner.
+        colour: of the panel.
+        away_from: a point (forward, right, up) behind it.
+        layer: to be painted after that of the face.
+    """
+    a, b, c, d = (np.asarray(p, np.float64) for p in face)
+
+    def point(u: float, v: float) -> Vector:
+        return np.asarray((1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
+
+    (u0, u1), (v0, v1) = across, along
+    corners = np.array([point(u0, v0), point(u1, v0), point(u1, v1), point(u0, v1)])
+    return convex([(corners, colour)], layer, away_from)
+
+
+def ball(radius: float, centre: Point, colour: Colour, roughness: Vector | None = None) -> Mesh:
+    """Make an icosahedron; `roughness`, shape (12,), multiplies the distance of its corners."""
+    g = (1 + math.sqrt(5)) / 2
+    corners = np.array(
+        [p for a in (1, -1) for b in (g, -g) for p in ((0, a, b), (a, b, 0), (b, 0, a))]
+    ) / math.hypot(1, g)
+    faces = _icosahedron_faces(corners)
+    stretch = np.ones(12) if roughness is None else roughness
+    points = corners * (radius * stretch[:, None]) + centre
+    return convex([(points[list(face)], colour) for face in faces], 0, centre)
+
+
+def _icosahedron_faces(corners: Vector) -> list[tuple[int, int, int]]:
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 1.2
+    return [
+        (i, j, k)
+        for i in range(12)
+        for j in range(i)
+        for k in range(j)
+        if near[i, j] and near[j, k] and near[i, k]
+    ]

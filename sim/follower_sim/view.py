@@ -1,0 +1,45 @@
+"""Where a camera is and how it looks: world points into camera axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from follower_sim.kinematics import BodyState
+from follower_vision.camera import Vector
+from follower_vision.lineofsight import CameraMount
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A camera's pose at one instant.
+
+    Attributes:
+        position_m: (3,) north, east, down.
+        world_to_camera: 3x3, world vectors to (right, down, forward).
+    """
+
+    position_m: Vector
+    world_to_camera: Vector
+
+    @classmethod
+    def of(cls, body: BodyState, mount: CameraMount, after_s: float = 0.0) -> View:
+        """Return the view of a camera at the body's origin, `after_s` later at its present rates.
+
+        Args:
+            body: pose and motion of the vehicle.
+            mount: how the camera is turned against the body.
+            after_s: a fraction of an exposure, positive or negative.
+        """
+        position = np.array(body.position_m) + np.array(body.velocity_m_s) * after_s
+        turn, _ = cv2.Rodrigues(np.array(body.rates_rad_s) * after_s)
+        camera_to_world = body.body_to_world @ turn @ mount.camera_to_body
+        return cls(position, np.asarray(camera_to_world.T))
+
+    def to_camera(self, points: npt.ArrayLike) -> Vector:
+        """Turn world points, (N, 3), into camera axes."""
+        relative = np.asarray(points, np.float64).reshape(-1, 3) - self.position_m
+        return np.asarray(relative @ self.world_to_camera.T)

@@ -1,0 +1,192 @@
+"""Everything that a scenario puts into the world, at any time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from follower_sim.course import Course
+from follower_sim.ground_map import GroundMap
+from follower_sim.kinematics import Triple
+from follower_sim.mesh import Colour, Mesh
+from follower_sim.painter import SolidBatch
+from follower_sim.paths import TargetPath, TargetPose
+from follower_sim.placing import scattered
+from follower_sim.roads import Road
+from follower_sim.scenario import RoadSettings, Scenario, SceneryItem, TargetSettings
+from follower_sim.scenery import DISTANT_KINDS, SIZES_M, distant_mesh, scenery_mesh
+from follower_sim.sky import panorama
+from follower_sim.solid import Solid
+from follower_sim.targets import HEIGHTS_M, target_mesh
+from follower_sim.terrain import PALETTES, ground_maps
+from follower_sim.wind import Wind
+from follower_vision.camera import Vector
+from follower_vision.frame import Image
+from follower_vision.lineofsight import rotation
+
+_MARGIN_M = 55.0
+_SMALLEST_PX = 1.2
+_SIMPLE_PX = 16.0
+_ROAD_GOES_ON_M = 200.0
+
+
+def colour_of(text: str) -> Colour:
+    """Turn "#rrggbb" into blue, green, red."""
+    red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
+    return blue, green, red
+
+
+class World:
+    """The simulated world: targets that move by the clock, and what stands around them.
+
+    Args:
+        scenario: what to build.
+        seed: for everything random; the scenario's own if None.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int | None = None) -> None:
+        self.scenario = scenario
+        self.seed = scenario.seed if seed is None else seed
+        self.paths = [target.path.build() for target in scenario.targets]
+        self.wind = Wind(scenario.wind, self._rng(0))
+        self.sun = _sun(scenario.sky.sun_azimuth_deg, scenario.sky.sun_elevation_deg)
+        self.roads = [self._road(road) for road in scenario.ground.roads]
+
+    def _rng(self, purpose: int) -> np.random.Generator:
+        """Return a generator of its own for each purpose, so that none disturbs another."""
+        return np.random.default_rng([self.seed, purpose])
+
+    def _road(self, road: RoadSettings) -> Road:
+        course = self.paths[road.along].course if road.along is not None else road.build_course()
+        line = course.line[:: max(1, round(0.5 * len(course.line) / course.length_m))]
+        line = _extended(np.vstack([line, course.line[-1:]]), course)
+        return Road(line, road.width_m, road.surface == "asphalt")
+
+    @cached_property
+    def _items(self) -> list[SceneryItem]:
+        lines = [path.course.line[::5] for path in self.paths]
+        lines += [road.line for road in self.roads]
+        lines.append(np.array([[*self.scenario.start.at, 0.0]]))
+        items = [*self.scenario.scenery]
+        for scatter in self.scenario.scatter:
+            items += scattered(scatter, lines, items, self._rng(1 + len(items)))
+        return items
+
+    @cached_property
+    def scenery(self) -> list[Solid]:
+        """What stands and never moves."""
+        return [self._standing(scenery_mesh, i) for i in range(len(self._items))]
+
+    def _standing(self, make: Callable[..., Mesh], number: int) -> Solid:
+        item, rng = self._items[number], self._rng(100 + number)
+        size = float(rng.uniform(*SIZES_M[item.kind])) if item.size_m is None else item.size_m
+        turn = rotation(0, 0, math.radians(item.heading_deg))
+        mesh = make(item.kind, size, rng)
+        return Solid.placed(mesh, np.array([*item.at, 0.0]), turn, self.sun)
+
+    @cached_property
+    def scenery_batch(self) -> SolidBatch:
+        """The scenery, ready to be drawn."""
+        solids = []
+        for number, solid in enumerate(self.scenery):
+            if self._items[number].kind in DISTANT_KINDS:
+                distant = self._standing(distant_mesh, number)
+                solids.append(replace(distant, shown_px=(_SMALLEST_PX, _SIMPLE_PX)))
+                solid = replace(solid, shown_px=(_SIMPLE_PX, math.inf))
+            solids.append(solid)
+        return SolidBatch.of(solids)
+
+    @cached_property
+    def ground(self) -> list[GroundMap]:
+        """Pictures of the ground, from the finest to the coarsest; takes a second or two."""
+        shadows = [solid.shadow(self.sun) for solid in self.scenery]
+        return ground_maps(self.scenario.ground, self.roads, shadows, self._area(), self._rng(2))
+
+    @cached_property
+    def sky(self) -> Image:
+        """The sky's panorama."""
+        hills = self.scenario.ground.kind != "water"
+        return panorama(self.haze, self.scenario.sky.clouds, hills, self._rng(3))
+
+    @property
+    def haze(self) -> Colour:
+        """Colour of the far distance."""
+        return PALETTES[self.scenario.ground.kind].haze
+
+    def _area(self) -> tuple[float, float, float, float]:
+        """Return the south, west, north and east limit of the scene."""
+        points = np.vstack([*(path.course.line for path in self.paths),
+                            [[*self.scenario.start.at, 0.0]]])  # fmt: skip
+        south, west = points[:, :2].min(axis=0) - _MARGIN_M
+        north, east = points[:, :2].max(axis=0) + _MARGIN_M
+        return float(south), float(west), float(north), float(east)
+
+    def is_present(self, number: int, time_s: float) -> bool:
+        """Whether a target is in the world; a fault may have taken the followed one out."""
+        removed = any(
+            fault.kind == "target_removed" and fault.from_s <= time_s < fault.until_s
+            for fault in self.scenario.faults
+        )
+        return not (removed and number == self.scenario.followed)
+
+    def target_pose(self, number: int, time_s: float) -> TargetPose:
+        """Return where a target stands, and how it moves."""
+        return self.paths[number].pose(time_s)
+
+    def target_centre(self, number: int, time_s: float) -> Triple:
+        """Return the middle of a target's body: (north, east, down)."""
+        north, east, down = self.target_pose(number, time_s).position_m
+        return north, east, down - HEIGHTS_M[self.scenario.targets[number].kind] / 2
+
+    def target_solid(self, number: int, time_s: float) -> Solid:
+        """Return a target's body as it stands in the world."""
+        settings, pose = self.scenario.targets[number], self.target_pose(number, time_s)
+        travelled = round(pose.distance_m, 2) % 1.5 if settings.kind == "person" else 0.0
+        mesh = _target_mesh(settings.kind, colour_of(settings.colour), travelled)
+        roll, pitch = _lean(settings, self.paths[number], time_s)
+        turn = rotation(roll, pitch, pose.heading_rad)
+        return Solid.placed(mesh, np.array(pose.position_m), turn, self.sun)
+
+    def moving(self, time_s: float) -> list[Solid]:
+        """Return the bodies of all targets present."""
+        numbers = range(len(self.paths))
+        return [self.target_solid(n, time_s) for n in numbers if self.is_present(n, time_s)]
+
+
+_target_mesh = lru_cache(maxsize=512)(target_mesh)
+
+
+def _extended(line: Vector, course: Course) -> Vector:
+    """Let a road go straight on at both ends; a closed one is left as it is."""
+    if course.closed:
+        return line
+    reach = np.linspace(0, _ROAD_GOES_ON_M, 400)[1:, None]
+    before = line[0] - course.direction(0) * reach[::-1]
+    after = line[-1] + course.direction(course.length_m) * reach
+    return np.vstack([before, line, after])
+
+
+def _sun(azimuth_deg: float, elevation_deg: float) -> Vector:
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    level = math.cos(elevation)
+    return np.array([level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation)])
+
+
+def _lean(target: TargetSettings, path: TargetPath, time_s: float) -> tuple[float, float]:
+    """Return roll and pitch: a boat rocks, a quadrotor tilts where it accelerates to."""
+    if target.kind == "boat":
+        return 0.05 * math.sin(1.9 * time_s), 0.035 * math.sin(1.3 * time_s + 1)
+    if target.kind != "quadrotor":
+        return 0.0, 0.0
+    before, now, after = (path.pose(time_s + dt) for dt in (-0.2, 0.0, 0.2))
+    north, east = (
+        (after.velocity_m_s[i] - before.velocity_m_s[i]) / 0.4 + 0.12 * now.velocity_m_s[i]
+        for i in (0, 1)
+    )
+    c, s = math.cos(now.heading_rad), math.sin(now.heading_rad)
+    ahead, right = c * north + s * east, c * east - s * north
+    return math.atan2(right, 9.81), -math.atan2(ahead, 9.81)
