@@ -1,0 +1,79 @@
+"""What can be set on the correlation tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True)
+class CorrelationSettings:
+    """Settings of the correlation tracker; the defaults serve all kinds of targets.
+
+    Attributes:
+        patch_px: side of the square into which the search region is scaled, in pixels.
+        cell_px: side of a feature cell in the patch, in pixels.
+        search_factor: side of the search region over the target's side (square of equal area).
+        gradient_channels: principal components kept of the 31 gradient channels.
+        colour_channels: principal components kept of the 12 colour channels.
+        label_sigma: width of the wanted response over the target's side.
+        learning_rate: share of the newest sample in the model.
+        regularisation: weight of the filter's norm.
+        iterations: ADMM iterations per training.
+        scale_count: sizes compared per frame, odd.
+        scale_step: ratio of neighbouring sizes.
+        scale_learning_rate: share of the newest sample in the scale model.
+        scale_regularisation: weight of the scale filter's norm.
+        minimum_side_px: the box's shorter side does not shrink below this.
+        learning_confidence: below this confidence nothing is learnt and the size is kept.
+
+    Raises:
+        ValueError: a number is out of its range.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    patch_px: int = 200
+    cell_px: int = 4
+    search_factor: float = 5.0
+    gradient_channels: int = 12
+    colour_channels: int = 4
+    label_sigma: float = 1 / 16
+    learning_rate: float = 0.02
+    regularisation: float = 1e-4
+    iterations: int = 2
+    scale_count: int = 17
+    scale_step: float = 1.02
+    scale_learning_rate: float = 0.025
+    scale_regularisation: float = 0.01
+    minimum_side_px: float = 3.0
+    learning_confidence: float = 0.25
+
+    def __post_init__(self) -> None:
+        if self.cell_px < 2 or self.patch_px % self.cell_px or self.patch_px < 8 * self.cell_px:
+            raise ValueError("patch_px is a multiple of cell_px (2 or more), at least 8 cells")
+        if not 1 <= self.gradient_channels <= 31 or not 1 <= self.colour_channels <= 12:
+            raise ValueError("gradient_channels are 1 to 31 and colour_channels 1 to 12")
+        if self.scale_count < 3 or self.scale_count % 2 == 0:
+            raise ValueError("scale_count is an odd number from 3")
+        if self.search_factor < 1.5 or self.scale_step <= 1 or self.iterations < 1:
+            raise ValueError(
+                "search_factor is 1.5 or more, scale_step above 1, iterations 1 or more"
+            )
+        self._check_positive()
+        self._check_shares()
+
+    def _check_positive(self) -> None:
+        for name in (
+            "label_sigma",
+            "regularisation",
+            "scale_regularisation",
+            "minimum_side_px",
+        ):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is positive, not {getattr(self, name)}")
+
+    def _check_shares(self) -> None:
+        for name in ("learning_rate", "scale_learning_rate", "learning_confidence"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} lies between 0 and 1, not {getattr(self, name)}")
