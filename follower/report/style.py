@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -59,9 +60,12 @@ STATES = {
 
 TRACK_STATES = {"none": PALE, "tracking": GREEN, "coasting": YELLOW, "lost": RED}
 
+UNSEEN = {name: TRACK_STATES[name] for name in ("coasting", "lost")}
+"""Of vision's states, those in which the target was not seen."""
+
 WIDTH_IN = 9.0
 _LEFT, _RIGHT = 0.085, 0.985
-_PARAMETERS = {
+_PARAMETERS: Any = {
     "svg.fonttype": "none",
     "font.size": 9,
     "font.sans-serif": ["DejaVu Sans"],
@@ -114,6 +118,7 @@ def time_panels(heights_in: Sequence[float], until_s: float) -> tuple[Figure, li
         axes.append(figure.add_subplot(grid[row], sharex=axes[0] if axes else None))
         axes[-1].tick_params(labelbottom=row == len(heights_in) - 1)
     axes[-1].set_xlabel("time [s]")
+    figure.align_ylabels(axes)
     axes[0].set_xlim(0, max(until_s, 1e-3))
     return figure, axes
 

@@ -1,0 +1,79 @@
+"""Small pieces of HTML. Whatever comes in as text is escaped here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+
+@dataclass(frozen=True, slots=True)
+class Html:
+    """Text that is HTML already and is not escaped again."""
+
+    text: str
+
+
+Cell = str | Html
+
+
+def text_of(cell: Cell) -> str:
+    """Return a cell's HTML."""
+    return cell.text if isinstance(cell, Html) else escape(cell)
+
+
+def section(title: str, *parts: str) -> str:
+    """Return a titled section, "" if there is nothing in it."""
+    body = "\n".join(part for part in parts if part)
+    return f"<section>\n<h2>{escape(title)}</h2>\n{body}\n</section>" if body else ""
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph in small print."""
+    return f'<p class="quiet">{escape(text)}</p>'
+
+
+def figure(svg: str, caption: str, kind: str = "") -> str:
+    """Return a plot with its caption; the plot scrolls sideways where it has no room."""
+    names = f"plot {kind}".strip()
+    said = f"<figcaption>{escape(caption)}</figcaption>"
+    return f'<figure><div class="{names}">{svg}</div>{said}</figure>'
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], numbers: Sequence[int] = ()) -> str:
+    """Return a table, "" without rows; the columns in `numbers` are aligned to the right."""
+    body = "\n".join(f"<tr>{_cells('td', row, numbers)}</tr>" for row in rows)
+    if not body:
+        return ""
+    return (
+        f'<div class="table"><table>\n<thead><tr>{_cells("th", head, numbers)}</tr></thead>\n'
+        f"<tbody>\n{body}\n</tbody></table></div>"
+    )
+
+
+def folded(summary: str, body: str, is_open: bool = False) -> str:
+    """Return something that opens on a click."""
+    attribute = " open" if is_open else ""
+    return f"<details{attribute}><summary>{escape(summary)}</summary>\n{body}\n</details>"
+
+
+def preformatted(text: str) -> str:
+    """Return text as it is typed."""
+    return f"<pre>{escape(text)}</pre>"
+
+
+def tiles(pairs: Iterable[tuple[str, str]]) -> str:
+    """Return the few figures that a reader looks for first: (name, value)."""
+    items = "\n".join(
+        f"<li><b>{escape(value)}</b><span>{escape(name)}</span></li>" for name, value in pairs
+    )
+    return f'<ul class="tiles">\n{items}\n</ul>' if items else ""
+
+
+def _cells(tag: str, cells: Sequence[Cell], numbers: Sequence[int]) -> str:
+    return "".join(
+        f'<{tag} class="number">{text_of(cell)}</{tag}>'
+        if column in numbers
+        else f"<{tag}>{text_of(cell)}</{tag}>"
+        for column, cell in enumerate(cells)
+    )

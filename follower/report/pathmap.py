@@ -1,0 +1,86 @@
+"""The map of the paths flown and driven: north up, equal axes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from follower.report.flight import Flight
+from follower.report.series import Array
+from follower.report.style import BLUE, INK, MUTED, ORANGE, PAPER, Colour
+
+_STEPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600)
+_POINTS = 2000
+"""At most this many points of a path are drawn."""
+
+
+def path_map(flight: Flight) -> Figure | None:
+    """Draw both paths from above, with lines of sight and times, or None if nothing is known."""
+    time, own = flight.motion.time_s, flight.motion.position_m[:, :2]
+    known = np.isfinite(own).all(axis=1)
+    if not known.any():
+        return None
+    figure = Figure(figsize=(7.0, 5.6))
+    axes = figure.add_axes((0.1, 0.1, 0.87, 0.82))
+    axes.set_aspect("equal", adjustable="datalim")
+    target = np.array([sample.target_position_m[:2] for sample in flight.truth]).reshape(-1, 2)
+    ticks = _ticks(time[known])
+    if len(target):
+        _draw_sights(axes, time, own, target, ticks)
+        _draw_path(axes, target, ORANGE, "target")
+    _draw_path(axes, own[known], BLUE, "vehicle")
+    _draw_times(axes, time[known], own[known], ticks)
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0.2)
+    return figure
+
+
+def _draw_path(axes: Axes, path: Array, colour: Colour, name: str) -> None:
+    line = path[:: 1 + len(path) // _POINTS]
+    axes.plot(line[:, 1], line[:, 0], color=colour.light, linewidth=1.8, label=name, zorder=3)
+    for row, marker, what in ((0, "o", "start"), (-1, "s", "end")):
+        axes.plot(
+            path[row, 1],
+            path[row, 0],
+            marker,
+            color=colour.light,
+            markeredgecolor=PAPER.light,
+            markersize=8,
+            zorder=5,
+            label=f"{what}" if colour is BLUE else None,
+        )
+
+
+def _draw_sights(axes: Axes, time: Array, own: Array, target: Array, ticks: list[float]) -> None:
+    """Join the two paths by a thin line at each time tick."""
+    for tick in ticks:
+        row = int(np.searchsorted(time, tick))
+        ends = np.array([own[row], target[row]])
+        axes.plot(ends[:, 1], ends[:, 0], color=MUTED.light, linewidth=0.6, zorder=2)
+
+
+def _draw_times(axes: Axes, time: Array, path: Array, ticks: list[float]) -> None:
+    for tick in ticks:
+        north, east = path[int(np.searchsorted(time, tick))]
+        axes.plot(east, north, ".", color=INK.light, markersize=5, zorder=4)
+        axes.annotate(
+            f"{tick:.0f} s",
+            (east, north),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=INK.light,
+            zorder=6,
+        )
+
+
+def _ticks(time: Array) -> list[float]:
+    """Return about eight round times within the flight."""
+    first, last = float(time[0]), float(time[-1])
+    step = next((s for s in _STEPS_S if (last - first) / s <= 9), _STEPS_S[-1])
+    start = math.ceil(first / step) * step
+    return [float(tick) for tick in np.arange(start, last, step)]
