@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -65,21 +66,29 @@ def look(image: Image, box: Box, size: tuple[int, int], margin: float = 0.0) -> 
     return Appearance(grey, colour_histogram(inner))
 
 
-def correlation(template: Grey, picture: Grey) -> float:
-    """Return the best normalised cross-correlation of a template within a picture, -1 to 1.
+def correlations(templates: Sequence[Grey], picture: Grey) -> npt.NDArray[np.float64]:
+    """Return, for each template, its best normalised cross-correlation within a picture.
 
-    A template or picture without structure correlates with nothing: 0.
+    A template, or a place in the picture, without structure correlates with nothing: 0.
+
+    Args:
+        templates: (h, w) uint8 each, all of one size.
+        picture: (H, W) uint8, at least as large; every second shift is tried.
+
+    Returns:
+        Shape (number of templates,), -1 to 1.
     """
-    if min(float(template.std()), float(picture.std())) < _LEAST_DEVIATION:
-        return 0.0
-    found = cv2.matchTemplate(picture, template, cv2.TM_CCOEFF_NORMED)
-    best = float(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0).max())
-    return min(1.0, max(-1.0, best))
+    size = templates[0].shape
+    down, across = (picture.shape[0] - size[0]) % 4 // 2, (picture.shape[1] - size[1]) % 4 // 2
+    places = np.lib.stride_tricks.sliding_window_view(picture, size)[down::2, across::2]
+    windows = _normalised(places.reshape(-1, size[0] * size[1]))
+    known = _normalised(np.stack(templates).reshape(len(templates), -1))
+    return np.asarray((known @ windows.T).max(axis=1), np.float64)
 
 
-def intersection(one: Histogram, two: Histogram) -> float:
-    """Return how much of two histograms is common, 0 to 1."""
-    return float(np.minimum(one, two).sum())
+def intersections(histograms: Sequence[Histogram], other: Histogram) -> npt.NDArray[np.float64]:
+    """Return how much each histogram has in common with another, shape (number,), 0 to 1."""
+    return np.asarray(np.minimum(np.stack(histograms), other).sum(axis=1))
 
 
 def colour_histogram(image: Image) -> Histogram:
@@ -111,6 +120,16 @@ def histogram_bins(hsv: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
     )
     grey = _HUES * _SATURATIONS + value.astype(np.intp) * _GREYS // 256
     return np.where(pale, grey, ring * _SATURATIONS + depth)
+
+
+def _normalised(rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Each row with mean 0 and length 1; 0 where there is no structure."""
+    centred = rows.astype(np.float32)
+    centred -= centred.mean(axis=1, keepdims=True)
+    length = np.sqrt(np.einsum("ij,ij->i", centred, centred))
+    usable = length > _LEAST_DEVIATION * math.sqrt(rows.shape[1])
+    centred *= np.divide(1.0, length, out=np.zeros_like(length), where=usable)[:, None]
+    return centred
 
 
 @lru_cache(maxsize=32)

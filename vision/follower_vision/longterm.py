@@ -19,7 +19,8 @@ from follower_vision.framecheck import FrameCheck, FrameHealth
 from follower_vision.longterm_settings import LongTermSettings
 from follower_vision.motion import MotionTracker
 from follower_vision.reidentify import Reidentifier
-from follower_vision.sighting import Sighting, SightingJudge
+from follower_vision.sighting import Looks, Sighting, SightingJudge
+from follower_vision.surroundings import Surroundings
 from follower_vision.targetsearch import TargetSearch
 from follower_vision.track import Track, TrackState
 
@@ -40,6 +41,7 @@ class LongTermTracker:
         self._reidentifier = Reidentifier(self._settings.reidentify)
         self._check = FrameCheck(self._settings.frame_check)
         self._blur = BlurDetector(self._settings.blur)
+        self._surroundings = Surroundings()
         self._search = TargetSearch()
         self._coasting = Coasting()
         self._state = TrackState.LOST
@@ -62,6 +64,7 @@ class LongTermTracker:
         self._check.update(frame)
         self._blur.reset()
         self._judge.reset()
+        self._surroundings.reset()
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._started, self._refreshed_s = True, frame.captured_s
@@ -93,12 +96,14 @@ class LongTermTracker:
         blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
         score = None if blurred else self._reidentifier.score(frame.image, estimate.box)
         strict = self._state is not TrackState.TRACKING
-        return self._judge.judge(frame, estimate, score, self._coasting.last, strict)
+        looks = Looks(score, self._surroundings.level)
+        return self._judge.judge(frame, estimate, looks, self._coasting.last, strict)
 
     def _seen(self, frame: Frame, sighting: Sighting) -> Track:
         self._coasting.add(frame.captured_s, sighting.box)
         self._state = TrackState.TRACKING
         self._on_probation = False
+        self._surroundings.update(frame.image, sighting.box, frame.captured_s, self._reidentifier)
         self._learn(frame, sighting)
         return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
 
@@ -137,12 +142,19 @@ class LongTermTracker:
         else:
             candidates = self._search.near(frame.image, expected, reach)
         found = self._reidentifier.best(frame.image, candidates)
-        if found is None:
+        if found is None or found[1] < self._epsilon:
             return None
         box, score = found
-        sure = score >= self._reidentifier.epsilon + self._settings.sure_margin
+        sure = score >= self._epsilon + self._settings.sure_margin
         state = TrackState.TRACKING if sure else TrackState.COASTING
         return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")
+
+    @property
+    def _epsilon(self) -> float:
+        """The least score of a found target, more among things that look like it."""
+        level = self._surroundings.level or 0.0
+        raised = min(level + self._settings.look_alike_margin, self._settings.most_epsilon)
+        return max(self._reidentifier.epsilon, raised)
 
     def _restart(
         self, frame: Frame, box: Box, confidence: float, state: TrackState, produced_by: str

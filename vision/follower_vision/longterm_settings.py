@@ -18,8 +18,10 @@ class LongTermSettings:
     Attributes:
         low_ratio: a motion tracker's confidence below this share of its usual one is doubt.
         high_ratio: it has to come back to this share to be believed again.
-        reject_score: a box whose re-identification score (0 to 2) falls below this is doubted.
-        resume_score: it has to reach this to be believed again.
+        recognised_score: a box with this re-identification score (0 to 2) shows the target.
+        surroundings_margin: with less it has to exceed the score of its surroundings by this.
+        reject_score: with less than this it is doubted in any case.
+        resume_margin: how much better both have to be to be believed again.
         doubt_s: how long doubt may last before the track says so.
         size_jump: largest change of the box's scale at once, as a natural logarithm.
         size_rate_s: how much more for each second since the target was last seen.
@@ -27,14 +29,19 @@ class LongTermSettings:
         coast_s: how long a box is extrapolated before the target is lost.
         reach: side of the square searched around the expected place, in target sizes.
         reach_growth_s: how many target sizes it grows in a second.
+        look_alike_margin: a found target has to exceed what its surroundings scored by this; see
+            `most_epsilon`.
+        most_epsilon: the surroundings do not raise the score asked of a found target above this.
         sure_margin: a found target that exceeds epsilon by less has to be seen a second time.
         refresh_s: how often a recent view is kept.
     """
 
-    low_ratio: float = 0.4
-    high_ratio: float = 0.6
-    reject_score: float = 0.7
-    resume_score: float = 1.05
+    low_ratio: float = 0.2
+    high_ratio: float = 0.4
+    recognised_score: float = 1.1
+    surroundings_margin: float = 0.05
+    reject_score: float = 0.4
+    resume_margin: float = 0.15
     doubt_s: float = 0.1
     size_jump: float = 0.4
     size_rate_s: float = 2.0
@@ -42,6 +49,8 @@ class LongTermSettings:
     coast_s: float = 0.5
     reach: float = 4.0
     reach_growth_s: float = 8.0
+    look_alike_margin: float = 0.1
+    most_epsilon: float = 1.6
     sure_margin: float = 0.25
     refresh_s: float = 0.5
     reidentify: ReidentifySettings = field(default_factory=ReidentifySettings)
@@ -53,8 +62,8 @@ class LongTermSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.low_ratio <= self.high_ratio <= 1:
             raise ValueError("long-term tracker: 0 <= low_ratio <= high_ratio <= 1 has to hold")
-        if not self.reject_score <= self.resume_score <= 2:
-            raise ValueError("long-term tracker: reject_score <= resume_score <= 2 has to hold")
+        if not self.reject_score <= self.recognised_score <= 2:
+            raise ValueError("long-term tracker: reject_score <= recognised_score <= 2 has to hold")
         if not 0 <= self.least_visible < 1:
             raise ValueError("long-term tracker: least_visible lies between 0 and 1")
         for name in ("doubt_s", "coast_s", "refresh_s", "reach", "size_jump"):

@@ -18,7 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from follower_vision.appearance import Appearance, correlation, intersection, look, standard_size
+from follower_vision.appearance import (
+    Appearance,
+    correlations,
+    intersections,
+    look,
+    standard_size,
+)
 from follower_vision.box import Box
 from follower_vision.frame import Image
 
@@ -120,10 +126,10 @@ class Reidentifier:
         if not self._templates:
             raise RuntimeError("nothing was learnt yet")
         seen = look(image, box, self._size, self._settings.shift_ratio)
-        return max(
-            correlation(known.grey, seen.grey) + intersection(known.histogram, seen.histogram)
-            for known in self.templates
-        )
+        known = self.templates
+        alike = correlations([view.grey for view in known], seen.grey)
+        common = intersections([view.histogram for view in known], seen.histogram)
+        return float((alike + common).max())
 
     def best(self, image: Image, candidates: Sequence[Box]) -> tuple[Box, float] | None:
         """Return the candidate with the highest score if it reaches epsilon, with that score."""

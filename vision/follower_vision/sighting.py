@@ -31,6 +31,19 @@ class Sighting:
     good_view: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """What a box shows.
+
+    Attributes:
+        score: its re-identification score, 0 to 2; None where blur forbids one.
+        surroundings: the highest score around the target of late; None if unknown.
+    """
+
+    score: float | None
+    surroundings: float | None
+
+
 class SightingJudge:
     """Weighs confidence, appearance and plausibility, with hysteresis and a moment's patience.
 
@@ -59,7 +72,7 @@ class SightingJudge:
         self,
         frame: Frame,
         estimate: MotionEstimate,
-        score: float | None,
+        looks: Looks,
         last: tuple[float, Box],
         strict: bool,
     ) -> Sighting:
@@ -68,15 +81,15 @@ class SightingJudge:
         Args:
             frame: the frame that it is for.
             estimate: what the motion tracker says.
-            score: the box's re-identification score, 0 to 2; None where blur forbids one.
+            looks: what the box shows.
             last: when and where the target was last seen.
             strict: whether it has to convince anew, because it was not seen just before.
         """
         usual = estimate.confidence if self._usual is None else self._usual
         relative = min(1.0, estimate.confidence / usual) if usual > 0 else 0.0
-        smooth = self._smoothed(score, frame.captured_s)
+        smooth = self._smoothed(looks.score, frame.captured_s)
         plausible = self._plausible(frame, estimate.box, last)
-        believed = plausible and self._convinces(relative, smooth, strict)
+        believed = plausible and self._convinces(relative, smooth, looks.surroundings, strict)
         seen = plausible and (believed or (not strict and self._patient(frame.captured_s)))
         if believed:
             self._doubt_since_s = None
@@ -85,22 +98,30 @@ class SightingJudge:
         epsilon = self._settings.reidentify.epsilon
         confidence = min(relative, max(0.0, smooth / epsilon), 1.0) if plausible else 0.0
         good = believed and relative >= self._settings.high_ratio and smooth >= epsilon
-        return Sighting(estimate.box, confidence, seen, good and score is not None)
+        return Sighting(estimate.box, confidence, seen, good and looks.score is not None)
 
     def _smoothed(self, score: float | None, now_s: float) -> float:
         if score is None:
-            return self._settings.resume_score if self._score is None else self._score
+            return self._settings.recognised_score if self._score is None else self._score
         if self._score is None:
             self._score = score
         share = 1 - math.exp(-max(0.0, now_s - self._judged_s) / _SCORE_MEMORY_S)
         self._score += share * (score - self._score)
         return self._score
 
-    def _convinces(self, relative: float, score: float, strict: bool) -> bool:
+    def _convinces(
+        self, relative: float, score: float, surroundings: float | None, strict: bool
+    ) -> bool:
+        """Weigh confidence and appearance; more is asked where `strict`."""
         settings = self._settings
-        if strict:
-            return relative >= settings.high_ratio and score >= settings.resume_score
-        return relative >= settings.low_ratio and score >= settings.reject_score
+        more = settings.resume_margin if strict else 0.0
+        enough = settings.recognised_score
+        if surroundings is not None:
+            enough = min(enough, surroundings + settings.surroundings_margin)
+        least = max(enough + more, settings.reject_score)
+        return score >= least and relative >= (
+            settings.high_ratio if strict else settings.low_ratio
+        )
 
     def _patient(self, now_s: float) -> bool:
         """Whether doubt is too young to speak of."""
