@@ -5,6 +5,11 @@ from __future__ import annotations
 import cmath
 from dataclasses import dataclass
 
+from follower_control.limit import Limit
+
+ROUNDING = 1e-9
+"""A velocity just brought to a bound may exceed it by this much, m/s."""
+
 
 @dataclass(frozen=True, slots=True)
 class Bound:
@@ -13,17 +18,17 @@ class Bound:
     Attributes:
         direction: a complex number of length 1.
         max_speed_m_s: in that direction, not negative; standing still keeps every bound.
-        name: what it is there for.
+        limit: what it is there for.
     """
 
     direction: complex
     max_speed_m_s: float
-    name: str
+    limit: Limit
 
     @classmethod
-    def towards(cls, bearing_rad: float, max_speed_m_s: float, name: str) -> Bound:
+    def towards(cls, bearing_rad: float, max_speed_m_s: float, limit: Limit) -> Bound:
         """Make a bound on the speed towards a bearing from the nose, right is positive."""
-        return cls(cmath.rect(1.0, bearing_rad), max_speed_m_s, name)
+        return cls(cmath.rect(1.0, bearing_rad), max_speed_m_s, limit)
 
     def excess(self, velocity: complex) -> float:
         """Return by how much a velocity is too fast in this direction, 0 if it is not."""
@@ -36,7 +41,7 @@ class Bound:
     def share(self, velocity: complex) -> float:
         """Return what share of a velocity keeps the bound; 1 if all of it does."""
         speed = self._speed(velocity)
-        return 1.0 if speed <= self.max_speed_m_s else self.max_speed_m_s / speed
+        return 1.0 if speed <= self.max_speed_m_s + ROUNDING else self.max_speed_m_s / speed
 
     def _speed(self, velocity: complex) -> float:
         return (velocity * self.direction.conjugate()).real

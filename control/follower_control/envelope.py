@@ -128,7 +128,7 @@ class Envelope:
         self._horizontal.start(_horizontal(known))
         self._vertical.start(_clip(known.down_m_s, HUGE))
         self._yaw_rate = _clip(known.yaw_rate_rad_s, self._max_yaw_rate)
-        self._last_s = now_s
+        self._last_s = now_s if now_s is not None and math.isfinite(now_s) else None
 
     def limit(
         self, asked: VelocitySetpoint, now_s: float, context: FlightContext
@@ -146,7 +146,7 @@ class Envelope:
         if abs(velocity - horizontal) > NOTICEABLE or abs(sink - down) > NOTICEABLE:
             self._limits.append(Limit.ACCELERATION)
         allowed = VelocitySetpoint(velocity.real, velocity.imag, sink, self._yaw_rate)
-        return LimitedSetpoint(asked, allowed, tuple(self._limits))
+        return LimitedSetpoint(asked, allowed, tuple(dict.fromkeys(self._limits)))
 
     def hold_now(self, now_s: float) -> LimitedSetpoint:
         """Slow down to a hold, as fast as acceleration and jerk allow."""
@@ -171,7 +171,7 @@ class Envelope:
         bounds = (*self._fence(context), *self._nearness(context))
         for bound in bounds:
             if bound.excess(velocity) > 0:
-                self._limits.append(Limit(bound.name))
+                self._limits.append(bound.limit)
             velocity = bound.kept(velocity)
         return velocity * min((bound.share(velocity) for bound in bounds), default=1.0)
 

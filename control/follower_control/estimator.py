@@ -49,7 +49,8 @@ class EstimatorSettings:
         gate: largest accepted squared Mahalanobis distance; 16.27 passes 99.9 % of good sightings
             (chi-squared with 3 degrees of freedom).
         gated_in_a_row: so many gated sightings in a row restart the filter on the last of them.
-        restart_after_s: the first sighting after such a gap restarts the filter.
+        restart_after_s: after so long without a sighting there is no estimate, and the next
+            sighting restarts the filter.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -128,14 +129,17 @@ class TargetEstimator:
         return self._fuse(self._filter, sighting, gap_s)
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
-        """Predict to `now_s` without altering the filter; None before the first sighting.
+        """Predict to `now_s` without altering the filter.
 
-        The filter is never run backwards: before the last sighting's time, the estimate is for
-        that time. A `now_s` that is not finite gives None.
+        None before the first sighting, more than `restart_after_s` after the last one, and if
+        `now_s` is not finite. The filter is never run backwards: before the last sighting's time,
+        the estimate is for that time.
         """
         if self._filter is None or not math.isfinite(now_s):
             return None
         ahead_s = max(0.0, now_s - self._filter_s)
+        if ahead_s > self._settings.restart_after_s:
+            return None
         state, covariance = self._predicted(self._filter, ahead_s)
         azimuth, elevation, log_scale, *rates = state.tolist()
         return TargetEstimate(

@@ -136,7 +136,7 @@ class VisualServo:
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
         """Go on after a pause with what was wanted before; continues from `present`."""
         self._asked = present if present.is_finite else HOLD
-        self._forward = self._asked.forward_m_s
+        self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
         self._target_speed.reset()
 
@@ -151,7 +151,8 @@ class VisualServo:
         """Return the setpoint for the estimate's time.
 
         An estimate in the world's frame needs a fresh attitude: without one, the answer is to
-        hold. After a pause of more than `PAUSE_S` the loops resume from `allowed`.
+        hold. After a pause of more than `PAUSE_S`, and when time ran backwards, the loops resume
+        from `allowed`.
 
         Args:
             estimate: the target, predicted to now.
@@ -163,7 +164,7 @@ class VisualServo:
         if yaw is None:
             self.resume()
             return HOLD
-        if self._last_s is not None and estimate.time_s - self._last_s > PAUSE_S:
+        if self._last_s is not None and not 0 <= estimate.time_s - self._last_s <= PAUSE_S:
             self.resume(allowed)
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
@@ -252,8 +253,9 @@ class VisualServo:
             errors.elevation_rad,
             -errors.elevation_rad,
             interval_s,
-            cut=(allowed.down_m_s - self._asked.down_m_s) / errors.range_m,
+            cut=(self._climb + allowed.down_m_s) / errors.range_m,
         )
+        self._climb = climb
         return -_clip(climb, self._settings.max_vertical_m_s)
 
     def _close_in(

@@ -1,0 +1,107 @@
+"""Whatever is asked, whenever, wherever: what leaves the envelope is within its limits."""
+
+import math
+
+import hypothesis.strategies as st
+from hypothesis import settings as hypothesis_settings
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from follower_control.envelope import Envelope, EnvelopeSettings
+from follower_control.flight_context import FlightContext
+from follower_control.setpoint import VelocitySetpoint
+
+SETTINGS = EnvelopeSettings(
+    max_speed_m_s=6.0,
+    max_climb_m_s=2.0,
+    max_descent_m_s=1.0,
+    max_acceleration_m_s2=2.5,
+    max_jerk_m_s3=8.0,
+    fence_radius_m=50.0,
+)
+MAX_YAW_RATE = math.radians(SETTINGS.max_yaw_rate_deg_s)
+MAX_YAW_ACCELERATION = math.radians(SETTINGS.max_yaw_acceleration_deg_s2)
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+plausible = st.floats(-12, 12)
+number = st.one_of(plausible, anything)
+setpoints = st.builds(VelocitySetpoint, number, number, number, number)
+unknown = st.one_of(st.none(), st.floats(-80, 80), anything)
+contexts = st.builds(FlightContext, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
+steps = st.one_of(st.just(0.02), st.floats(0, 0.3), st.floats(1e-6, 1e-3))
+
+
+class AnythingGoesIn(RuleBasedStateMachine):
+    """Plays all kinds of calls, and measures what comes out from the outside alone."""
+
+    def __init__(self):
+        super().__init__()
+        self.envelope = Envelope(SETTINGS)
+        self.clock = 100.0
+        self.envelope.start(now_s=self.clock)
+        self.out = VelocitySetpoint()
+        self.accelerations = (0.0, 0.0)
+
+    def call(self, limited, now_s):
+        elapsed = now_s - self.clock if math.isfinite(now_s) else 0.0
+        self.clock = now_s if math.isfinite(now_s) else self.clock
+        dt = min(max(elapsed, 0.0), SETTINGS.max_interval_s)
+        self.check_change(self.out, limited.allowed, dt)
+        self.out = limited.allowed
+
+    def check_change(self, before, after, dt):
+        level = complex(after.forward_m_s - before.forward_m_s, after.right_m_s - before.right_m_s)
+        sink = after.down_m_s - before.down_m_s
+        turn = after.yaw_rate_rad_s - before.yaw_rate_rad_s
+        assert abs(turn) <= MAX_YAW_ACCELERATION * dt + 1e-12
+        if dt == 0:
+            assert level == sink == turn == 0
+            return
+        rounding = 1e-6 + 1e-14 / dt
+        for change, last in zip((level, sink), self.accelerations, strict=True):
+            assert abs(change / dt) <= SETTINGS.max_acceleration_m_s2 + rounding
+            assert abs(change / dt - last) <= SETTINGS.max_jerk_m_s3 * dt + rounding
+        self.accelerations = level / dt, sink / dt
+
+    @rule(asked=setpoints, context=contexts, dt=steps)
+    def ask(self, asked, context, dt):
+        now_s = self.clock + dt
+        self.call(self.envelope.limit(asked, now_s, context), now_s)
+
+    @rule(asked=setpoints, context=contexts, count=st.integers(2, 60))
+    def insist(self, asked, context, count):
+        for _ in range(count):
+            self.ask(asked, context, 0.02)
+
+    @rule(asked=setpoints, context=contexts, now_s=anything.filter(lambda t: not abs(t) > 1e9))
+    def ask_at_any_time(self, asked, context, now_s):
+        self.call(self.envelope.limit(asked, now_s, context), now_s)
+
+    @rule(now_s=st.sampled_from([math.nan, math.inf, -math.inf]), asked=setpoints)
+    def ask_at_no_time(self, asked, now_s):
+        self.call(self.envelope.limit(asked, now_s, FlightContext()), now_s)
+
+    @rule(dt=steps)
+    def hold(self, dt):
+        now_s = self.clock + dt
+        self.call(self.envelope.hold_now(now_s), now_s)
+
+    @rule(velocity=setpoints)
+    def start_again(self, velocity):
+        self.envelope.start(velocity, self.clock)
+        self.out = self.envelope.limit(velocity, self.clock, FlightContext()).allowed
+        self.accelerations = (0.0, 0.0)
+
+    @invariant()
+    def within_bounds(self):
+        assert self.out.is_finite
+        speed = math.hypot(self.out.forward_m_s, self.out.right_m_s)
+        assert speed <= SETTINGS.max_speed_m_s + 1e-6
+        assert -SETTINGS.max_climb_m_s - 1e-6 <= self.out.down_m_s
+        assert self.out.down_m_s <= SETTINGS.max_descent_m_s + 1e-6
+        assert abs(self.out.yaw_rate_rad_s) <= MAX_YAW_RATE + 1e-9
+
+
+AnythingGoesIn.TestCase.settings = hypothesis_settings(
+    max_examples=150, stateful_step_count=30, deadline=None
+)
+TestAnythingGoesIn = AnythingGoesIn.TestCase
