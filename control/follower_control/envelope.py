@@ -63,7 +63,7 @@ class EnvelopeSettings:
     fence_radius_m: float | None = 200.0
     min_distance_m: float | None = 4.0
     braking_m_s2: float = 2.0
-    reaction_s: float = 0.5
+    reaction_s: float = 1.0
     max_interval_s: float = 0.1
 
     def __post_init__(self) -> None:
