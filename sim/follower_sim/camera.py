@@ -64,6 +64,11 @@ class SimCamera:
         self.next_capture_s = start_s
         """Middle of the next exposure, on the system's clock."""
 
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, dropped ones counted."""
+        return self._settings.rate_hz
+
     def capture(self) -> Delivery | None:
         """Take the picture due at `next_capture_s` and go on to the next one.
 

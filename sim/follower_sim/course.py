@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Literal
@@ -78,7 +79,7 @@ def _arc(before: Vector, corner: Vector, after: Vector, radius_m: float) -> Vect
 def _densified(line: Vector) -> Vector:
     """Put points between those of a polyline so that none are farther than a step apart."""
     pieces = []
-    for a, b in zip(line[:-1], line[1:], strict=True):
+    for a, b in itertools.pairwise(line):
         count = max(1, math.ceil(float(np.linalg.norm(b - a)) / _STEP_M))
         pieces.append(a + (b - a) * np.linspace(0, 1, count, endpoint=False)[:, None])
     return np.vstack([*pieces, line[-1:]])

@@ -53,7 +53,7 @@ class GroundPainter:
     ) -> None:
         self._maps = list(maps)
         self._rays = rays
-        self._haze = haze
+        self._blank = np.full((*rays.x.shape, 3), haze, np.uint8)
         self._visibility_m = visibility_m
 
     def paint(self, image: Image, view: View) -> None:
@@ -67,8 +67,9 @@ class GroundPainter:
             farthest = height / limits[number + 1]
             rows = _rows_between(low, high, farthest, nearest)
             if rows is not None:
-                mask = cv2.inRange(sink[rows], farthest, min(nearest, 1e9))
-                self._paint_band(image[rows], mask, number, sink[rows], rows, view, height)
+                mask = cv2.inRange(sink[rows], (farthest,), (min(nearest, 1e9),))
+                band = np.asarray(mask, np.uint8)
+                self._paint_band(image[rows], band, number, sink[rows], rows, view, height)
         self._add_haze(image, sink, low, high, height)
 
     def _depth_limit(self, ground: GroundMap, height: float) -> float:
@@ -90,7 +91,10 @@ class GroundPainter:
         ground = self._maps[number]
         x, y = self._map_pixels(ground, sink, rows, view, height)
         if _covers(ground, x, y, mask):
-            part = cv2.remap(ground.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            whole, fraction = cv2.convertMaps(x, y, cv2.CV_16SC2)
+            part = cv2.remap(
+                ground.image, whole, fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
         else:
             part = self._with_far_map(ground, x, y)
         cv2.copyTo(part, mask, image)
@@ -129,12 +133,11 @@ class GroundPainter:
         rows = _rows_between(low, high, height / _FARTHEST_M, near)
         if rows is None:
             return
-        part = sink[rows]
-        clear = np.exp(-height / self._visibility_m / np.maximum(part, 1e-6))
-        clear[(part < height / _FARTHEST_M) | (part > near)] = 1
-        haze = np.array(self._haze, np.float32)
-        blended = (image[rows] - haze) * clear[..., None] + haze
-        image[rows] = blended.astype(np.uint8)
+        part = image[rows]
+        inverse = cv2.divide(-height / self._visibility_m, np.maximum(sink[rows], 1e-6))
+        clear = np.asarray(cv2.exp(inverse), np.float32)
+        clear[sink[rows] < height / _FARTHEST_M] = 1
+        cv2.blendLinear(part, self._blank[: len(part)], clear, 1 - clear, dst=part)
 
 
 def _row_extremes(sink: Plane) -> tuple[Plane, Plane]:

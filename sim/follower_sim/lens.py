@@ -40,6 +40,12 @@ class Lens:
         across, down = z * self._extent[0], z * self._extent[1]
         return [z - NEAR_M, across + x, across - x, down + y, down - y]
 
+    def touches(self, centres: Vector, radii: Vector) -> npt.NDArray[np.bool_]:
+        """Return which spheres, centres (N, 3) in camera axes, reach into the guard pyramid."""
+        slopes = np.hypot(1, np.array([0, *np.repeat(self._extent, 2)]))
+        heights = np.stack(self._heights(centres), axis=-1)
+        return np.asarray(np.all(heights > -radii[:, None] * slopes, axis=-1))
+
     def clipped(self, polygon: Vector) -> Vector:
         """Cut a polygon, (N, 3) in camera axes, to the guard pyramid (Sutherland-Hodgman)."""
         for plane in range(5):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +18,7 @@ Colour: TypeAlias = tuple[int, int, int]
 Faces: TypeAlias = npt.NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Mesh:
     """A body in its own axes (forward, right, down), origin where it touches the ground.
 
@@ -63,7 +64,7 @@ class Mesh:
 
     def moved(self, forward: float = 0.0, right: float = 0.0, down: float = 0.0) -> Mesh:
         """Return the mesh shifted in its own axes."""
-        return replace(self, vertices=self.vertices + (forward, right, down))
+        return replace(self, vertices=self.vertices + np.array([forward, right, down]))
 
     def turned(self, rotation: Vector) -> Mesh:
         """Return the mesh turned about its origin by a 3x3 matrix."""
@@ -73,7 +74,7 @@ class Mesh:
         """Return the mesh with all its faces on one layer."""
         return replace(self, layers=np.full(len(self.faces), layer, np.intp))
 
-    @property
+    @cached_property
     def normals(self) -> Vector:
         """(F, 3) outward unit vectors."""
         return face_normals(self.vertices, self.faces)

@@ -28,17 +28,19 @@ def smooth_noise(
     values = rng.standard_normal((rows, columns), np.float32) * contrast + 128
     coarse = np.clip(values, 0, 255).astype(np.uint8)
     if cell_px <= 1:
-        return coarse[:height, :width]
+        return np.asarray(coarse[:height, :width], np.uint8)
     size = (math.ceil(columns * cell_px), math.ceil(rows * cell_px))
-    return np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)[:height, :width])
+    return np.asarray(
+        cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)[:height, :width], np.uint8
+    )
 
 
 def layered_noise(
     rng: np.random.Generator, height: int, width: int, layers: Sequence[tuple[float, float]]
 ) -> Grey:
     """Return the sum, about 128, of smooth noises given as (cell in pixels, contrast)."""
-    total = np.full((height, width), 128, np.uint8)
+    total: Grey = np.full((height, width), 128, np.uint8)
     for cell, contrast in layers:
         layer = smooth_noise(rng, height, width, cell, contrast)
-        total = cv2.addWeighted(total, 1.0, layer, 1.0, -128.0)
+        total = np.asarray(cv2.addWeighted(total, 1.0, layer, 1.0, -128.0), np.uint8)
     return total

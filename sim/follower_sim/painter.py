@@ -32,6 +32,7 @@ class SolidBatch:
         normals, face_centres, colours: (F, 3).
         layers, owners: (F,) layer, and number of the solid that the face belongs to.
         centres, radii_m: (S, 3), (S,) of the solids.
+        velocities_m_s: (S, 3) of the solids.
         shown_px: (S, 2) the apparent radii between which each is drawn.
     """
 
@@ -44,6 +45,7 @@ class SolidBatch:
     owners: npt.NDArray[np.intp]
     centres: Vector
     radii_m: Vector
+    velocities_m_s: Vector
     shown_px: Vector
 
     @classmethod
@@ -61,23 +63,24 @@ class SolidBatch:
             np.repeat(np.arange(len(solids)), [len(s.faces) for s in solids]),
             np.array([s.centre for s in solids]).reshape(-1, 3),
             np.array([s.radius_m for s in solids]),
+            np.array([s.velocity_m_s for s in solids]).reshape(-1, 3),
             np.array([s.shown_px for s in solids]).reshape(-1, 2),
         )  # fmt: skip
 
-    def joined(self, other: SolidBatch) -> SolidBatch:
-        """Return both batches as one."""
-        return SolidBatch(
-            np.vstack([self.vertices, other.vertices]),
-            np.vstack([self.faces, other.faces + len(self.vertices)]),
-            np.vstack([self.normals, other.normals]),
-            np.vstack([self.face_centres, other.face_centres]),
-            np.vstack([self.colours, other.colours]),
-            np.concatenate([self.layers, other.layers]),
-            np.concatenate([self.owners, other.owners + len(self.centres)]),
-            np.vstack([self.centres, other.centres]),
-            np.concatenate([self.radii_m, other.radii_m]),
-            np.vstack([self.shown_px, other.shown_px]),
-        )
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The faces that a view shows, in painting order.
+
+    Attributes:
+        corners: (F, 4, 3) in the world.
+        velocities_m_s: (F, 3) of the solids that they belong to.
+        colours: of each face.
+    """
+
+    corners: Vector
+    velocities_m_s: Vector
+    colours: list[list[float]]
 
 
 class SolidPainter:
@@ -87,50 +90,57 @@ class SolidPainter:
         self._lens = lens
         self._focal_px = max(lens.camera.fx, lens.camera.fy)
 
-    def paint(self, image: Image, batch: SolidBatch, view: View) -> None:
-        """Draw all faces that look towards the camera, the farthest solid's first."""
-        for polygon, colour in self.polygons(batch, view):
-            cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SHIFT)
+    def select(self, batches: Sequence[SolidBatch], view: View) -> Selection:
+        """Choose the faces that look towards the camera and sort them, the farthest first."""
+        parts = [self._chosen(batch, view) for batch in batches]
+        corners, velocities, colours, keys = (np.concatenate(p) for p in zip(*parts, strict=True))
+        order = np.lexsort(keys.T)
+        return Selection(corners[order], velocities[order], colours[order].tolist())
 
-    def polygons(
-        self, batch: SolidBatch, view: View
-    ) -> Iterator[tuple[FixedPoints, tuple[float, float, float]]]:
-        """Yield the image polygons, in OpenCV's fixed point, with colours, in painting order."""
+    def _chosen(self, batch: SolidBatch, view: View) -> tuple[Vector, Vector, Vector, Vector]:
+        """Return corners, velocities, colours and sorting keys of one batch's visible faces."""
         near, distances = self._near_solids(batch, view)
-        towards = np.einsum("ij,ij->i", batch.normals, batch.face_centres - view.position_m) < 0
-        chosen = np.flatnonzero(near[batch.owners] & towards)
-        corners = view.to_camera(batch.vertices[batch.faces[chosen]]).reshape(-1, 4, 3)
-        outside = self._lens.outside(corners)
-        seen = ~outside.all(axis=1).any(axis=1)
-        chosen, corners, outside = chosen[seen], corners[seen], outside[seen]
-        order = self._painting_order(batch, chosen, corners, distances)
-        cut = outside.any(axis=(1, 2))
-        fixed = self._fixed(np.where(cut[:, None, None], (0.0, 0.0, 1.0), corners))
-        colours = batch.colours[chosen].tolist()
-        for i in order:
-            polygon = self._cut_polygon(corners[i]) if cut[i] else fixed[i]
-            if polygon is not None:
-                yield polygon, colours[i]
+        chosen = np.flatnonzero(near[batch.owners])
+        sight = batch.face_centres[chosen] - view.position_m
+        towards = np.einsum("ij,ij->i", batch.normals[chosen], sight) < 0
+        chosen, sight = chosen[towards], sight[towards]
+        owners = batch.owners[chosen]
+        depth = np.linalg.norm(sight, axis=1)
+        keys = np.column_stack([-depth, batch.layers[chosen], owners, -distances[owners]])
+        corners = batch.vertices[batch.faces[chosen]]
+        return corners, batch.velocities_m_s[owners], batch.colours[chosen], keys
 
     def _near_solids(self, batch: SolidBatch, view: View) -> tuple[npt.NDArray[np.bool_], Vector]:
-        """Return which solids are to be drawn at their distance, and how far each is."""
+        """Return which solids are in view and drawn at their distance, and how far each is."""
         centres = view.to_camera(batch.centres)
         distances = np.asarray(np.linalg.norm(centres, axis=1))
         apparent_px = batch.radii_m * self._focal_px / np.maximum(distances, 1e-9)
         shown = (apparent_px > batch.shown_px[:, 0]) & (apparent_px <= batch.shown_px[:, 1])
-        return shown & (centres[:, 2] > -batch.radii_m), distances
+        return shown & self._lens.touches(centres, batch.radii_m), distances
 
-    def _painting_order(
-        self,
-        batch: SolidBatch,
-        chosen: npt.NDArray[np.intp],
-        corners: Vector,
-        distances: Vector,
-    ) -> list[int]:
-        depth = np.linalg.norm(corners.mean(axis=1), axis=1)
-        owners = batch.owners[chosen]
-        keys = (-depth, batch.layers[chosen], owners, -distances[owners])
-        return [int(i) for i in np.lexsort(keys)]
+    def paint(self, image: Image, selection: Selection, view: View, after_s: float = 0.0) -> None:
+        """Draw the faces as they stand `after_s` after their selection."""
+        corners = selection.corners + selection.velocities_m_s[:, None] * after_s
+        for number, polygon in self.polygons(corners, view):
+            colour = selection.colours[number]
+            cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SHIFT)
+
+    def polygons(self, corners: Vector, view: View) -> Iterator[tuple[int, FixedPoints]]:
+        """Yield the number and the image polygon, in OpenCV's fixed point, of each face in view.
+
+        Args:
+            corners: (F, 4, 3) in the world.
+            view: of the camera.
+        """
+        points = view.to_camera(corners).reshape(-1, 4, 3)
+        outside = self._lens.outside(points)
+        seen = np.flatnonzero(~np.any(np.all(outside, axis=1), axis=1))
+        cut = np.any(outside, axis=(1, 2))
+        fixed = self._fixed(np.where(cut[:, None, None], (0.0, 0.0, 1.0), points))
+        for i in seen.tolist():
+            polygon = self._cut_polygon(points[i]) if cut[i] else fixed[i]
+            if polygon is not None:
+                yield i, polygon
 
     def _fixed(self, corners: Vector) -> FixedPoints:
         pixels = self._lens.pixels(corners.reshape(-1, 3)).reshape(*corners.shape[:-1], 2)
@@ -152,9 +162,9 @@ class SolidPainter:
             return
         part = image[area]
         light = np.full(part.shape[:2], 255, np.uint8)
-        offset = (area[1].start << _SHIFT, area[0].start << _SHIFT)
+        offset = np.array([area[1].start << _SHIFT, area[0].start << _SHIFT], np.int32)
         shade = round(255 * (1 - darkness))
-        cv2.fillConvexPoly(light, fixed - np.int32(offset), shade, cv2.LINE_AA, _SHIFT)
+        cv2.fillConvexPoly(light, fixed - offset, (shade,), cv2.LINE_AA, _SHIFT)
         soft = cv2.merge([cv2.blur(light, (5, 5))] * 3)
         cv2.multiply(part, soft, dst=part, scale=1 / 255)
 

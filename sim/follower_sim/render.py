@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
 from follower_sim.ground import GroundPainter, PixelRays
-from follower_sim.kinematics import BodyState
+from follower_sim.kinematics import BodyState, Triple
 from follower_sim.lens import Lens
 from follower_sim.painter import SolidBatch, SolidPainter
 from follower_sim.sky import SkyPainter
 from follower_sim.view import View
 from follower_sim.world import World
-from follower_vision.camera import CameraModel
+from follower_vision.camera import CameraModel, Vector
 from follower_vision.frame import Image
 from follower_vision.lineofsight import CameraMount
 
 _SHADOW = 0.42
-_STILL_PX = 0.6
+_STILL_PX = 0.8
 _STEP_PX = 2.2
 _MOST_STEPS = 3
 
@@ -69,9 +70,18 @@ class Renderer:
             body: pose and motion of the vehicle at that time.
             exposure_s: how long it lasts; 0 is sharp.
         """
+        moving = self._world.moving(time_s)
+        batches = [self._world.scenery_batch, SolidBatch.of(moving)]
+        selection = self._solids.select(batches, View.of(body, self._mount))
+        shadows = [(solid.shadow(self._world.sun), solid.velocity_m_s) for solid in moving]
         count = self._steps(time_s, body, exposure_s)
-        offsets = [exposure_s * ((i + 0.5) / count - 0.5) for i in range(count)]
-        images = [self._instant(time_s + o, View.of(body, self._mount, o)) for o in offsets]
+        images = []
+        for i in range(count):
+            after_s = exposure_s * ((i + 0.5) / count - 0.5)
+            view = View.of(body, self._mount, after_s)
+            image = self._background(view, shadows, after_s)
+            self._solids.paint(image, selection, view, after_s)
+            images.append(image)
         return _mean(images)
 
     def _steps(self, time_s: float, body: BodyState, exposure_s: float) -> int:
@@ -84,27 +94,42 @@ class Renderer:
         return min(_MOST_STEPS, max(2, math.ceil(flow / _STEP_PX)))
 
     def _flow_px(self, time_s: float, body: BodyState, exposure_s: float) -> float:
-        """Estimate the largest motion in the image during the exposure, in pixels."""
-        turn = float(np.linalg.norm(body.rates_rad_s)) * exposure_s
-        focal = max(self._camera.fx, self._camera.fy)
-        followed = self._world.scenario.followed
-        target = self._world.target_pose(followed, time_s)
-        here, there = np.array(body.position_m), np.array(target.position_m)
-        away = max(1.0, float(np.linalg.norm(there - here)))
-        own = float(np.linalg.norm(body.velocity_m_s)) * exposure_s
-        its = float(np.linalg.norm(target.velocity_m_s)) * exposure_s
-        nearest = max(1.0, 1.2 * -body.position_m[2])
-        return focal * (turn + max(own / nearest, (own + its) / away))
+        """Estimate the largest visible motion in the image during the exposure, in pixels.
 
-    def _instant(self, time_s: float, view: View) -> Image:
+        The camera's turning moves everything. Its travel moves the ground by as many metres
+        everywhere, which cannot be seen while they are fewer than a pixel of the ground's map.
+        """
+        turn = float(np.linalg.norm(body.rates_rad_s)) * exposure_s
+        own = np.array(body.velocity_m_s) * exposure_s
+        grain = self._world.ground[0].m_per_px
+        height = max(1.0, 1.2 * -body.position_m[2])
+        over_ground = max(0.0, float(np.linalg.norm(own)) - grain) / height
+        past = max(
+            self._passing_rad(number, time_s, body, own, exposure_s)
+            for number in range(len(self._world.paths))
+        )
+        return max(self._camera.fx, self._camera.fy) * (turn + max(over_ground, past))
+
+    def _passing_rad(
+        self, number: int, time_s: float, body: BodyState, own: Vector, exposure_s: float
+    ) -> float:
+        """Return the angle by which a target passes the camera during the exposure."""
+        pose = self._world.target_pose(number, time_s)
+        away = np.array(pose.position_m) - np.array(body.position_m)
+        passed = np.array(pose.velocity_m_s) * exposure_s - own
+        distance = max(1.0, float(np.linalg.norm(away)))
+        return float(np.linalg.norm(np.cross(away, passed))) / distance**2
+
+    def _background(
+        self, view: View, shadows: Sequence[tuple[Vector, Triple]], after_s: float
+    ) -> Image:
+        """Draw sky, ground and the shadows of what moves."""
         image = self._blank.copy()
         self._sky.paint(image, view)
         self._ground.paint(image, view)
-        moving = self._world.moving(time_s)
-        for solid in moving:
-            self._solids.shade(image, solid.shadow(self._world.sun), view, _SHADOW)
-        batch = self._world.scenery_batch.joined(SolidBatch.of(moving))
-        self._solids.paint(image, batch, view)
+        for outline, velocity in shadows:
+            moved = outline + np.array(velocity[:2]) * after_s
+            self._solids.shade(image, moved, view, _SHADOW)
         return image
 
 

@@ -145,8 +145,7 @@ def _bridge(length: float) -> Mesh:
 
 def _rock(height: float, rng: np.random.Generator) -> Mesh:
     stone = _pick([(138, 144, 148), (120, 128, 136)], rng)
-    rock = ball(height * 0.75, (0, 0, height * 0.25), stone, rng.uniform(0.7, 1.15, 12))
-    return rock
+    return ball(height * 0.75, (0, 0, height * 0.25), stone, rng.uniform(0.7, 1.15, 12))
 
 
 def _bale(width: float) -> Mesh:

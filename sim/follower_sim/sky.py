@@ -101,7 +101,8 @@ class SkyPainter:
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        cv2.remap(self._sky, places, None, cv2.INTER_LINEAR, part, cv2.BORDER_REPLICATE)
+        whole, fraction = cv2.convertMaps(places[..., 0], places[..., 1], cv2.CV_16SC2)
+        cv2.remap(self._sky, whole, fraction, cv2.INTER_LINEAR, part, cv2.BORDER_REPLICATE)
 
     def _sky_pixels(self, directions: Vector, view: View) -> tuple[Vector, Vector]:
         heading = np.arctan2(view.world_to_camera[2, 1], view.world_to_camera[2, 0])

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.mesh import Faces, Mesh, face_normals
+from follower_sim.kinematics import Triple
+from follower_sim.mesh import Faces, Mesh
 from follower_vision.camera import Vector
 
 _AMBIENT = 0.62
@@ -26,6 +27,7 @@ class Solid:
         normals: (F, 3) outward unit vectors.
         colours: (F, 3) BGR after shading.
         layers: (F,) painting order, see `Mesh`.
+        velocity_m_s: (north, east, down), for motion blur.
         shown_px: it is drawn while its apparent radius lies within these limits, so that a
             simpler body can take its place in the distance.
     """
@@ -35,10 +37,18 @@ class Solid:
     normals: Vector
     colours: Vector
     layers: npt.NDArray[np.intp]
+    velocity_m_s: Triple = (0.0, 0.0, 0.0)
     shown_px: tuple[float, float] = (0.7, math.inf)
 
     @classmethod
-    def placed(cls, mesh: Mesh, position_m: Vector, body_to_world: Vector, sun: Vector) -> Solid:
+    def placed(
+        cls,
+        mesh: Mesh,
+        position_m: npt.ArrayLike,
+        body_to_world: Vector,
+        sun: Vector,
+        velocity_m_s: Triple = (0.0, 0.0, 0.0),
+    ) -> Solid:
         """Put a mesh into the world.
 
         Args:
@@ -46,13 +56,14 @@ class Solid:
             position_m: (3,) of its origin.
             body_to_world: 3x3 rotation.
             sun: (3,) unit vector from the ground to the sun.
+            velocity_m_s: of the body.
         """
-        vertices = mesh.vertices @ body_to_world.T + position_m
-        normals = face_normals(vertices, mesh.faces)
+        vertices = mesh.vertices @ body_to_world.T + np.asarray(position_m)
+        normals = mesh.normals @ body_to_world.T
         light = _AMBIENT + (1.08 - _AMBIENT) * np.maximum(0, normals @ sun)
         light -= 0.1 * np.maximum(0, normals[:, 2])
         colours = np.clip(mesh.colours * light[:, None], 0, 255)
-        return cls(vertices, mesh.faces, normals, colours, mesh.layers)
+        return cls(vertices, mesh.faces, normals, colours, mesh.layers, velocity_m_s)
 
     @cached_property
     def centre(self) -> Vector:

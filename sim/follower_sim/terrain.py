@@ -109,9 +109,9 @@ def _tint_map(
     numbers = _nearest_site(rng.uniform(0, size, (sites, 2)), size)
     colours = np.array(palette.patches, np.float64)[rng.integers(len(palette.patches), size=sites)]
     colours *= rng.uniform(0.94, 1.06, (sites, 1))
-    image = np.clip(colours, 0, 255).astype(np.uint8)[numbers]
+    image: Image = np.clip(colours, 0, 255).astype(np.uint8)[numbers]
     if not fields:
-        image = cv2.GaussianBlur(image, (0, 0), palette.patch_m / 4)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), palette.patch_m / 4), np.uint8)
     return GroundMap(
         np.asarray(image, np.uint8),
         (north + south) / 2 + FAR_EXTENT_M / 2,

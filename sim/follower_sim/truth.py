@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from follower_sim.kinematics import BodyState, Triple
 from follower_sim.lens import NEAR_M, Lens
+from follower_sim.noise import Grey
 from follower_sim.painter import FixedPoints, SolidBatch, SolidPainter
 from follower_sim.score import TruthSample
 from follower_sim.solid import Solid
@@ -66,6 +68,8 @@ class TruthTeller:
         self._mount = mount or world.scenario.camera.mount
         self._lens = Lens(self._camera)
         self._painter = SolidPainter(self._lens)
+        self._centres = np.array([body.centre for body in world.scenery]).reshape(-1, 3)
+        self._radii = np.array([body.radius_m for body in world.scenery])
 
     def truth(self, time_s: float, body: BodyState) -> TargetTruth:
         """Return the truth at a time of the scenario, with the vehicle at `body`."""
@@ -140,36 +144,36 @@ class TruthTeller:
 
     def _nearer(self, number: int, time_s: float, solid: Solid, view: View) -> list[Solid]:
         """Return the bodies whose spheres touch the line of sight in front of the target."""
-        to_target = solid.centre - view.position_m
-        distance = float(np.linalg.norm(to_target))
         others = [
             self._world.target_solid(n, time_s)
             for n in range(len(self._world.paths))
             if n != number and self._world.is_present(n, time_s)
         ]
         bodies = [*self._world.scenery, *others]
-        ray = to_target / distance
-        return [b for b in bodies if _in_front(b, view.position_m, ray, distance, solid.radius_m)]
+        if not bodies:
+            return []
+        centres = np.vstack([self._centres, *(body.centre for body in others)]) - view.position_m
+        radii = np.append(self._radii, [body.radius_m for body in others])
+        hit = _in_front(centres, radii, solid.centre - view.position_m, solid.radius_m)
+        return [bodies[i] for i in np.flatnonzero(hit)]
 
-    def _drawn(
-        self,
-        mask: np.ndarray[tuple[int, ...], np.dtype[np.uint8]],
-        solids: list[Solid],
-        box: Box,
-        view: View,
-        value: int,
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-        for polygon, _ in self._painter.polygons(SolidBatch.of(solids), view):
-            cv2.fillConvexPoly(mask, _into(polygon, box), value, cv2.LINE_8, _SHIFT)
+    def _drawn(self, mask: Grey, solids: list[Solid], box: Box, view: View, value: int) -> Grey:
+        selection = self._painter.select([SolidBatch.of(solids)], view)
+        for _, polygon in self._painter.polygons(selection.corners, view):
+            cv2.fillConvexPoly(mask, _into(polygon, box), (value,), cv2.LINE_8, _SHIFT)
         return mask
 
 
-def _in_front(body: Solid, eye: Vector, ray: Vector, distance: float, margin: float) -> bool:
-    relative = body.centre - eye
-    along = float(relative @ ray)
-    beside = float(np.linalg.norm(relative - along * ray))
-    near = float(np.linalg.norm(relative)) < distance
-    return near and along > -body.radius_m and beside < body.radius_m + margin
+def _in_front(
+    centres: Vector, radii: Vector, target: Vector, target_radius: float
+) -> npt.NDArray[np.bool_]:
+    """Return which spheres about points, (N, 3) seen from the camera, can hide the target."""
+    distance = float(np.linalg.norm(target))
+    along = centres @ target / distance
+    beside2 = (centres**2).sum(axis=1) - along**2
+    nearer = np.linalg.norm(centres, axis=1) < distance
+    touching = beside2 < (radii + target_radius) ** 2
+    return np.asarray(nearer & touching & (along > -radii))
 
 
 def _into(polygon: FixedPoints, box: Box) -> FixedPoints:
@@ -177,7 +181,7 @@ def _into(polygon: FixedPoints, box: Box) -> FixedPoints:
     corner = np.array([box.left, box.top]) - 0.5
     scale = np.array([_MASK_PX / box.width, _MASK_PX / box.height])
     pixels = (polygon / (1 << _SHIFT) - corner) * scale - 0.5
-    return np.clip(np.round(pixels * (1 << _SHIFT)), -1e6, 1e6).astype(np.int32)
+    return np.asarray(np.clip(np.round(pixels * (1 << _SHIFT)), -1e6, 1e6), np.int32)
 
 
 def target_truth(

@@ -86,7 +86,7 @@ class World:
         size = float(rng.uniform(*SIZES_M[item.kind])) if item.size_m is None else item.size_m
         turn = rotation(0, 0, math.radians(item.heading_deg))
         mesh = make(item.kind, size, rng)
-        return Solid.placed(mesh, np.array([*item.at, 0.0]), turn, self.sun)
+        return Solid.placed(mesh, (*item.at, 0.0), turn, self.sun)
 
     @cached_property
     def scenery_batch(self) -> SolidBatch:
@@ -149,7 +149,7 @@ class World:
         mesh = _target_mesh(settings.kind, colour_of(settings.colour), travelled)
         roll, pitch = _lean(settings, self.paths[number], time_s)
         turn = rotation(roll, pitch, pose.heading_rad)
-        return Solid.placed(mesh, np.array(pose.position_m), turn, self.sun)
+        return Solid.placed(mesh, pose.position_m, turn, self.sun, pose.velocity_m_s)
 
     def moving(self, time_s: float) -> list[Solid]:
         """Return the bodies of all targets present."""
