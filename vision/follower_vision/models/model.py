@@ -1,0 +1,68 @@
+"""What is known about a network before it is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Purpose(StrEnum):
+    """What a network is for."""
+
+    DETECTOR = "detector"
+    TRACKER = "tracker"
+    APPEARANCE = "appearance"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFile:
+    """One file of a network.
+
+    Attributes:
+        name: in the models' folder.
+        size_bytes: its length.
+        sha256: in hexadecimal digits.
+        addresses: where it may be fetched, the first choice first; none if it may not.
+    """
+
+    name: str
+    size_bytes: int
+    sha256: str
+    addresses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A network: one file, or several that belong together.
+
+    Attributes:
+        name: by which the user and the configuration call it.
+        purpose: what it is for.
+        summary: one line for the user.
+        licence: SPDX name, or plain words where it is not so simple.
+        origin: who made it.
+        files: all that it consists of.
+        family: of a detector, how its answer is read; a key of the detectors' families.
+        classes: what a detector knows, in words.
+        usual: fetched where the user names none.
+    """
+
+    name: str
+    purpose: Purpose
+    summary: str
+    licence: str
+    origin: str
+    files: tuple[ModelFile, ...]
+    family: str = ""
+    classes: str = ""
+    usual: bool = False
+
+    @property
+    def size_bytes(self) -> int:
+        """The length of all files together."""
+        return sum(file.size_bytes for file in self.files)
+
+    @property
+    def can_be_fetched(self) -> bool:
+        """Whether every file has an address."""
+        return all(file.addresses for file in self.files)

@@ -1,0 +1,136 @@
+"""The folder that networks are kept in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+
+from follower_vision.models.download import DownloadError, Progress, fetch, sha256_of
+from follower_vision.models.model import Model, ModelFile
+from follower_vision.models.table import MODELS
+from follower_vision.network import ModelError
+
+
+class FileState(StrEnum):
+    """Whether a network's file is there and is the right one."""
+
+    GOOD = "good"
+    MISSING = "missing"
+    WRONG = "wrong"
+
+
+def default_folder(environment: Mapping[str, str]) -> Path:
+    """Return the user's folder: $FOLLOWER_MODELS, or follower/models in the user's cache."""
+    own = environment.get("FOLLOWER_MODELS")
+    if own:
+        return Path(own).expanduser()
+    cache = environment.get("XDG_CACHE_HOME")
+    # The XDG specification says to ignore a path that is not absolute.
+    base = Path(cache) if cache and Path(cache).is_absolute() else Path.home() / ".cache"
+    return base / "follower" / "models"
+
+
+class ModelStore:
+    """Finds, fetches and verifies the networks of a table in one folder."""
+
+    def __init__(self, folder: Path, models: Sequence[Model] = MODELS) -> None:
+        """Look after a folder, which need not exist yet.
+
+        Args:
+            folder: where the files lie, under the names in the table.
+            models: the table.
+        """
+        self.folder = folder
+        self.models = tuple(models)
+
+    def model(self, name: str) -> Model:
+        """Return a network's entry.
+
+        Raises:
+            ModelError: there is none of that name.
+        """
+        for model in self.models:
+            if model.name == name:
+                return model
+        names = ", ".join(model.name for model in self.models)
+        raise ModelError(f"there is no network {name!r}; there are {names}")
+
+    def file(self, name: str) -> Path:
+        """Return the path of a file, e.g. "nanotrackv3_head.onnx", that is there.
+
+        Raises:
+            ModelError: it is not; the message says how to get it.
+        """
+        path = self.folder / name
+        if not path.is_file():
+            raise ModelError(f"{path}: no such network; {self._advice(name)}")
+        return path
+
+    def paths(self, model: Model) -> list[Path]:
+        """Return the paths of all files of a network that is there.
+
+        Raises:
+            ModelError: a file is missing; the message says how to get it.
+        """
+        return [self.file(file.name) for file in model.files]
+
+    def is_present(self, model: Model) -> bool:
+        """Tell whether all files are there, without reading them."""
+        return all((self.folder / file.name).is_file() for file in model.files)
+
+    def verify(self, model: Model) -> dict[str, FileState]:
+        """Read all files of a network and tell, by name, whether they are the right ones."""
+        return {file.name: self._state(file) for file in model.files}
+
+    def pull(self, model: Model, progress: Progress | None = None) -> list[Path]:
+        """Fetch those files of a network that are not there or not right.
+
+        Args:
+            model: what to fetch.
+            progress: called now and then with the bytes of the whole network that are there, and
+                those wanted.
+
+        Returns:
+            The files' paths.
+
+        Raises:
+            DownloadError: a file cannot be fetched; the message is one line and says what to do.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DownloadError(f"cannot make {self.folder}: {error.strerror}") from error
+        before = 0
+        for file in model.files:
+            tell = _shifted(progress, before, model.size_bytes)
+            if self._state(file) is not FileState.GOOD:
+                fetch(file, self.folder / file.name, tell)
+            tell(file.size_bytes, file.size_bytes)
+            before += file.size_bytes
+        return self.paths(model)
+
+    def _state(self, file: ModelFile) -> FileState:
+        path = self.folder / file.name
+        if not path.is_file():
+            return FileState.MISSING
+        right = path.stat().st_size == file.size_bytes and sha256_of(path) == file.sha256
+        return FileState.GOOD if right else FileState.WRONG
+
+    def _advice(self, file_name: str) -> str:
+        for model in self.models:
+            if file_name in [file.name for file in model.files]:
+                if model.can_be_fetched:
+                    return f"`follower models pull {model.name}` fetches it"
+                return f"{model.name} cannot be fetched: put your own copy there"
+        return "it is none of ours: put your own copy there"
+
+
+def _shifted(progress: Progress | None, before: int, wanted: int) -> Progress:
+    """Turn one file's progress into that of all files."""
+
+    def tell(done: int, _: int) -> None:
+        if progress is not None:
+            progress(before + done, wanted)
+
+    return tell
