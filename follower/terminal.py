@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -36,7 +37,7 @@ _PLAIN_S = 5.0
 _UNKNOWN = "–"
 
 
-class Terminal:
+class FlightDisplay:
     """Shows a flight while it goes on.
 
     On a terminal it redraws one small table ten times a second; into a file or pipe it writes a
@@ -45,12 +46,20 @@ class Terminal:
 
     Args:
         console: where to.
+        total_s: how long the flight is to last, for statuses that do not say; None if unknown.
         title: stands above the table.
         clock: the reader's time, not the flight's.
     """
 
-    def __init__(self, console: Console, title: str, clock: Clock | None = None) -> None:
+    def __init__(
+        self,
+        console: Console,
+        total_s: float | None = None,
+        title: str = "",
+        clock: Clock | None = None,
+    ) -> None:
         self._console = console
+        self._total_s = total_s
         self._title = title
         self._clock = clock or MonotonicClock()
         self._live: Live | None = None
@@ -61,7 +70,7 @@ class Terminal:
         if self._console.is_terminal:
             self._live = Live(console=self._console, auto_refresh=False)
             self._live.start()
-        else:
+        elif self._title:
             self._print(self._title)
         return self
 
@@ -82,6 +91,8 @@ class Terminal:
         if now_s - self._shown_s < period_s and not is_new:
             return
         self._shown_s, self._shown_state = now_s, status.state
+        if status.total_s is None:
+            status = replace(status, total_s=self._total_s)
         if self._live is None:
             self._print(plain_line(status))
         else:
@@ -101,7 +112,7 @@ def plain_line(status: LiveStatus) -> str:
     parts = [
         f"{status.elapsed_s:6.1f}{total} s",
         f"{status.state} ({_why(status)})",
-        f"off by {_direction(status)}",
+        f"off by {_direction(status, 0)}",
         f"range {_number(status.range_m, '.1f', 'm')}",
         f"asked {_speed(status.allowed)}",
         f"flown {_speed(status.flown)}",
@@ -128,7 +139,8 @@ def status_table(status: LiveStatus, title: str = "") -> RenderableType:
     table.add_row("flown", _velocity(status.flown))
     table.add_row("vision", _vision(status))
     table.add_row("control", _control(status))
-    return Group(Text(title, "bold"), table, _progress(status))
+    heading = [Text(title, "bold")] if title else []
+    return Group(*heading, table, _progress(status))
 
 
 def score_table(score: PursuitScore, criteria: Criteria) -> Table:
@@ -150,11 +162,11 @@ def print_score(
     """Write the score, the verdict and where everything lies."""
     console.print(score_table(score, criteria))
     failures = verdict(score, criteria)
-    headline = (
-        ("The pursuit failed", "bold red") if failures else ("The pursuit succeeded", "green")
-    )
     console.print()
-    console.print(Text(*headline))
+    if failures:
+        console.print(Text("The pursuit failed", "bold red"))
+    else:
+        console.print(Text("The pursuit succeeded", "bold green"))
     for line in failures:
         console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     for path in files:
@@ -165,11 +177,12 @@ def _why(status: LiveStatus) -> str:
     return ", ".join(part for part in (status.reason, status.phase) if part) or _UNKNOWN
 
 
-def _direction(status: LiveStatus) -> str:
+def _direction(status: LiveStatus, width: int = 6) -> str:
     azimuth, elevation = status.azimuth_error_rad, status.elevation_error_rad
     if azimuth is None or elevation is None:
         return _UNKNOWN
-    return f"{math.degrees(azimuth):+6.1f}° right {math.degrees(elevation):+6.1f}° up"
+    form = f"+{width}.1f" if width else "+.1f"
+    return f"{math.degrees(azimuth):{form}}° right {math.degrees(elevation):{form}}° up"
 
 
 def _velocity(setpoint: VelocitySetpoint | None) -> str:
@@ -206,7 +219,9 @@ def _progress(status: LiveStatus) -> RenderableType:
     if status.total_s is None:
         return Text(f"{status.elapsed_s:.1f} s", "dim")
     row = Table.grid(padding=(0, 2))
-    bar = ProgressBar(total=status.total_s, completed=status.elapsed_s, width=50)
+    bar = ProgressBar(
+        status.total_s, status.elapsed_s, width=50, complete_style="green", finished_style="green"
+    )
     row.add_row(bar, f"{status.elapsed_s:.1f} of {status.total_s:.0f} s")
     return row
 

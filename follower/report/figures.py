@@ -93,6 +93,7 @@ def _draw_error(axes: Axes, flight: Flight) -> None:
     style.curve(axes, _truth_times(flight), angle, BLUE, "true angle to the wanted direction")
     axes.set_ylabel("error [°]")
     axes.set_ylim(bottom=0)
+    _mark_approach(axes, flight)
     style.shade(axes, flight.states, _TROUBLE)
     style.legend(axes)
 
@@ -112,6 +113,7 @@ def distance(flight: Flight) -> Figure | None:
     style.curve(axes[0], _truth_times(flight), true, INK, "truth", width=0.9)
     axes[0].set_ylabel("range [m]")
     axes[0].set_ylim(0, _top(true, ranges))
+    _mark_approach(axes[0], flight)
     style.curve(axes[1], flight.motion.time_s, height, BLUE, "vehicle")
     target = np.array([-sample.target_position_m[2] for sample in flight.truth], np.float64)
     style.curve(axes[1], _truth_times(flight), target, ORANGE, "target")
@@ -129,6 +131,21 @@ def _draw_wanted_range(axes: Axes, flight: Flight) -> None:
     low, high = (1 - APPROACH_RANGE) * wanted_m, (1 + APPROACH_RANGE) * wanted_m
     axes.axhspan(low, high, facecolor=GREEN.light, alpha=0.12, linewidth=0)
     style.level(axes, wanted_m, "wanted, ± 15 %")
+
+
+def _mark_approach(axes: Axes, flight: Flight) -> None:
+    if flight.approached_s is not None:
+        axes.axvline(flight.approached_s, color=MUTED.light, linewidth=1, linestyle=(0, (1, 2)))
+        axes.annotate(
+            "scored from here",
+            (flight.approached_s, 0.93),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="top",
+            fontsize=8,
+            color=MUTED.light,
+        )
 
 
 def _top(true: Array, estimated: Array) -> float | None:

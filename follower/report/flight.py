@@ -16,7 +16,8 @@ from follower.report.series import (
     track_spans,
     true_motion,
 )
-from follower_sim.score import PursuitGoal, TruthSample
+from follower.supervisor import State
+from follower_sim.score import PursuitGoal, PursuitScore, TruthSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class Flight:
         states: the supervisor's states.
         seen: vision's states.
         motion: the vehicle's true motion, or what telemetry says of it.
+        approached_s: when the approach was over, None if it never was or nobody knows.
     """
 
     log: FlightLog
@@ -44,6 +46,7 @@ class Flight:
     states: list[Span]
     seen: list[Span]
     motion: Motion
+    approached_s: float | None
 
     @classmethod
     def of(
@@ -52,6 +55,7 @@ class Flight:
         truth: Sequence[TruthSample] = (),
         goal: PursuitGoal | None = None,
         target_size_m: float | None = None,
+        score: PursuitScore | None = None,
     ) -> Flight:
         """Prepare a flight."""
         start_s = start_of(log, truth)
@@ -66,4 +70,12 @@ class Flight:
             states=state_spans(log.controls, start_s),
             seen=track_spans(log.tracks, start_s),
             motion=motion,
+            approached_s=_approached_s(log, start_s, score),
         )
+
+
+def _approached_s(log: FlightLog, start_s: float, score: PursuitScore | None) -> float | None:
+    if score is None or score.approach_s is None:
+        return None
+    acquired = (r.time_s for r in log.controls if r.state is State.FOLLOWING)
+    return next(acquired) - start_s + score.approach_s

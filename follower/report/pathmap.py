@@ -23,20 +23,31 @@ def path_map(flight: Flight) -> Figure | None:
     known = np.isfinite(own).all(axis=1)
     if not known.any():
         return None
-    figure = Figure(figsize=(7.0, 5.6))
-    axes = figure.add_axes((0.1, 0.1, 0.87, 0.82))
-    axes.set_aspect("equal", adjustable="datalim")
     target = np.array([sample.target_position_m[:2] for sample in flight.truth]).reshape(-1, 2)
+    figure, axes = _sheet(np.concatenate([own[known], target]))
     ticks = _ticks(time[known])
     if len(target):
         _draw_sights(axes, time, own, target, ticks)
         _draw_path(axes, target, ORANGE, "target")
     _draw_path(axes, own[known], BLUE, "vehicle")
     _draw_times(axes, time[known], own[known], ticks)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
+    return figure
+
+
+def _sheet(points: Array) -> tuple[Figure, Axes]:
+    """Return a sheet of about the paths' own shape, neither too slim nor too flat."""
+    tall_m, wide_m = np.ptp(points, axis=0) + 10.0
+    shape = min(max(float(wide_m / tall_m), 0.6), 2.0)
+    height_in = min(6.0, 8.0 / shape)
+    width_in = shape * height_in
+    figure = Figure(figsize=(width_in + 0.9, height_in + 0.8))
+    wide, tall = figure.get_size_inches()
+    axes = figure.add_axes((0.7 / wide, 0.5 / tall, width_in / wide, height_in / tall))
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east [m]")
     axes.set_ylabel("north [m]")
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0.2)
-    return figure
+    return figure, axes
 
 
 def _draw_path(axes: Axes, path: Array, colour: Colour, name: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def write_report(
     Raises:
         OSError: it cannot be written.
     """
-    flight = Flight.of(log, truth, goal, target_size_m)
+    flight = Flight.of(log, truth, goal, target_size_m, score)
     page = render(flight, meta, score, criteria or Criteria())
     return write_whole(folder / REPORT, page)
 
@@ -53,7 +53,7 @@ def write_score(
     folder: Path,
     score: PursuitScore,
     criteria: Criteria | None = None,
-    run: dict[str, str | int | float] | None = None,
+    run: Mapping[str, object] | None = None,
 ) -> Path:
     """Write `score.json`: whether it passed, the failures, the figures and the criteria.
 
@@ -71,7 +71,7 @@ def write_score(
     content = {
         "passed": not failures,
         "failures": failures,
-        "run": run or {},
+        "run": dict(run or {}),
         "score": score.to_dict(),
         "criteria": asdict(held_against),
     }
