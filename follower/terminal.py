@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -37,7 +36,7 @@ _PLAIN_S = 5.0
 _UNKNOWN = "–"
 
 
-class FlightDisplay:
+class Terminal:
     """Shows a flight while it goes on.
 
     On a terminal it redraws one small table ten times a second; into a file or pipe it writes a
@@ -46,7 +45,6 @@ class FlightDisplay:
 
     Args:
         console: where to.
-        total_s: how long the flight is to last, for statuses that do not say; None if unknown.
         title: stands above the table.
         clock: the reader's time, not the flight's.
     """
@@ -54,12 +52,10 @@ class FlightDisplay:
     def __init__(
         self,
         console: Console,
-        total_s: float | None = None,
         title: str = "",
         clock: Clock | None = None,
     ) -> None:
         self._console = console
-        self._total_s = total_s
         self._title = title
         self._clock = clock or MonotonicClock()
         self._live: Live | None = None
@@ -91,8 +87,6 @@ class FlightDisplay:
         if now_s - self._shown_s < period_s and not is_new:
             return
         self._shown_s, self._shown_state = now_s, status.state
-        if status.total_s is None:
-            status = replace(status, total_s=self._total_s)
         if self._live is None:
             self._print(plain_line(status))
         else:
