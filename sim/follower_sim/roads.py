@@ -16,7 +16,6 @@ from follower_vision.camera import Vector
 
 _ASPHALT: Colour = (112, 108, 106)
 _DIRT: Colour = (122, 154, 178)
-_VERGE: Colour = (104, 146, 146)
 _PAINT: Colour = (226, 232, 234)
 _DASH_M, _GAP_M = 3.0, 5.0
 _PIECE = 40
@@ -32,11 +31,13 @@ class Road:
         line: (N, 3) points of its middle in the world.
         width_m: from edge to edge.
         paved: asphalt with markings, else a dirt track.
+        verge: colour of its edges, and of the middle of a dirt track.
     """
 
     line: Vector
     width_m: float
     paved: bool
+    verge: Colour
 
     @property
     def colour(self) -> Colour:
@@ -47,10 +48,10 @@ class Road:
 def paint_road(ground: GroundMap, road: Road) -> None:
     """Paint verge, surface and, on asphalt, markings."""
     half = road.width_m / 2
-    paint_strip(ground, road.line, (-half - 0.9, half + 0.9), _VERGE)
+    paint_strip(ground, road.line, (-half - 0.9, half + 0.9), road.verge)
     paint_strip(ground, road.line, (-half, half), road.colour)
     if not road.paved:
-        paint_strip(ground, road.line, (-0.5, 0.5), _VERGE)
+        paint_strip(ground, road.line, (-0.5, 0.5), road.verge)
         return
     for edge in (0.3 - half, half - 0.42):
         paint_strip(ground, road.line, (edge, edge + 0.12), _PAINT)

@@ -18,7 +18,7 @@ _MARGIN_DEG = 120.0
 _BLOCK = 16
 _BLUE = np.array([206.0, 158.0, 104.0])
 _CLOUD = np.array([244.0, 242.0, 240.0])
-_HILL = np.array([150.0, 150.0, 122.0])
+_HILL = np.array([128.0, 134.0, 104.0])
 
 
 def panorama(haze: Colour, clouds: float, hills: bool, rng: np.random.Generator) -> Image:
@@ -59,15 +59,16 @@ def _clouds(rows: int, columns: int, share: float, rng: np.random.Generator) -> 
 
 
 def _raise_hills(sky: Vector, elevation: Vector, haze: Vector, rng: np.random.Generator) -> None:
-    """Draw two rows of hills, the farther one paler."""
+    """Draw two rows of hills in the mist, the farther one paler."""
     azimuth = np.linspace(0, 2 * np.pi, sky.shape[1], endpoint=False)
-    for tallest, paleness in ((2.6, 0.72), (1.4, 0.45)):
+    for tallest, paleness in ((4.2, 0.55), (2.1, 0.2)):
         waves = sum(
             np.cos(k * azimuth + rng.uniform(0, 2 * np.pi)) / k**0.7 for k in (2, 3, 5, 9, 14, 23)
         )
         top = tallest * np.clip(0.45 + 0.22 * np.asarray(waves), 0.05, 1)
         cover = np.clip((top - elevation) * _PX_PER_DEG + 0.5, 0, 1)[..., None]
-        sky += (haze * paleness + _HILL * (1 - paleness) - sky) * cover
+        mist = np.clip(1 - elevation / tallest, paleness, 1)[..., None]
+        sky += (haze * mist + _HILL * (1 - mist) - sky) * cover
 
 
 class SkyPainter:

@@ -32,12 +32,14 @@ class Palette:
         patch_m: their size.
         relief: how strongly small structure shows, 1 is grass.
         haze: colour of the far distance.
+        verge: colour of the edges of roads.
     """
 
     patches: Sequence[Colour]
     patch_m: float
     relief: float
     haze: Colour
+    verge: Colour = (104, 146, 146)
 
 
 _PALE: Colour = (222, 214, 204)
@@ -64,6 +66,7 @@ PALETTES = {
         42,
         0.8,
         (214, 216, 220),
+        (122, 158, 184),
     ),
     "water": Palette([(128, 98, 46), (134, 104, 52), (122, 94, 42)], 60, 0.55, (222, 210, 192)),
 }

@@ -64,7 +64,9 @@ class World:
         course = self.paths[road.along].course if road.along is not None else road.build_course()
         line = course.line[:: max(1, round(0.5 * len(course.line) / course.length_m))]
         line = _extended(np.vstack([line, course.line[-1:]]), course)
-        return Road(line, road.width_m, road.surface == "asphalt")
+        return Road(
+            line, road.width_m, road.surface == "asphalt", PALETTES[self.scenario.ground.kind].verge
+        )
 
     @cached_property
     def _items(self) -> list[SceneryItem]:
