@@ -33,12 +33,14 @@ class VisionLoop:
         log: FlightLog,
         video: FlightVideo | None = None,
         lines: Callable[[], Sequence[str]] = tuple,
+        on_record: Callable[[TrackRecord], None] | None = None,
     ) -> None:
         self._stage = stage
         self._clock = clock
         self._log = log
         self._video = video
         self._lines = lines
+        self._on_record = on_record
         self.tracks: Mailbox[TrackRecord] = Mailbox()
 
     def step(self, frame: Frame, delay_s: float = 0.0) -> TrackRecord:
@@ -57,6 +59,8 @@ class VisionLoop:
         self._log.tracks.append(record)
         if self._video is not None:
             self._video.add(frame, track, self._lines())
+        if self._on_record is not None:
+            self._on_record(record)
         return record
 
 

@@ -208,7 +208,8 @@ def _wanted_when_engaged(
     if _target_seen(situation):
         return State.FOLLOWING, Reason.TARGET_SEEN
     if state is State.HOLDING:
-        return State.HOLDING, Reason.SEARCH_FAILED
+        searched = situation.unseen_s >= settings.search_s
+        return State.HOLDING, Reason.SEARCH_FAILED if searched else Reason.TARGET_UNSEEN
     if state is State.SEARCHING and situation.in_state_s >= settings.search_s:
         return State.HOLDING, Reason.SEARCH_FAILED
     if (

@@ -56,7 +56,7 @@ def test_a_mistake_is_told_in_one_line_with_its_place(
 
 
 def test_a_missing_file_and_a_malformed_override_are_told() -> None:
-    with pytest.raises(SettingsError, match="nowhere.yaml: cannot be read"):
+    with pytest.raises(SettingsError, match=r"nowhere\.yaml: cannot be read"):
         load_settings("nowhere.yaml")
     with pytest.raises(SettingsError, match="write key=value"):
         load_settings(overrides=["servo.distance_m"])

@@ -19,15 +19,18 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The computer's monotonic clock."""
+    """The computer's monotonic clock, counted from when this object was made."""
+
+    def __init__(self) -> None:
+        self._origin = time.monotonic()
 
     def now(self) -> float:
-        """Return `time.monotonic()`."""
-        return time.monotonic()
+        """Return the seconds since the clock was made."""
+        return time.monotonic() - self._origin
 
     def sleep_until(self, time_s: float) -> None:
         """Sleep until `time_s`, or not at all if that has passed."""
-        remaining = time_s - time.monotonic()
+        remaining = time_s - self.now()
         if remaining > 0:
             time.sleep(remaining)
 

@@ -1,0 +1,123 @@
+"""The two ways to fly a simulated flight: on a simulated clock, and in real time."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+
+from follower.lockstep import Lockstep
+from follower.realtime import RealtimeRun
+from follower.simulated_flight import SimulatedFlight
+from follower_sim.autopilot import run_autopilot
+from follower_sim.camera import SimCamera
+from follower_sim.vehicle import STEP_S
+from follower_vision.clock import Clock, SimulatedClock
+from follower_vision.frame import Frame
+from follower_vision.framesource import ClosesItself
+
+VISION_DELAY_S = 0.012
+"""How long vision is held to take in lockstep, where its own time does not count."""
+SHOW_EVERY_S = 0.1
+
+
+def fly_lockstep(flight: SimulatedFlight, clock: SimulatedClock, show: Callable[[], None]) -> None:
+    """Fly to the end on a simulated clock: the same setpoints each time, bit for bit."""
+    lockstep = Lockstep(clock)
+
+    def physics() -> None:
+        flight.autopilot.step(clock.now())
+
+    def capture() -> None:
+        delivery = flight.camera.capture()
+        if delivery is not None:
+            lockstep.at(delivery.available_s, lambda: see(delivery.frame))
+        # One physics step later the vehicle's place at the time of exposure is known.
+        lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
+
+    def see(frame: Frame) -> None:
+        record = flight.vision.step(frame, VISION_DELAY_S)
+        lockstep.at(record.done_s, lambda: flight.vision.tracks.put(record))
+
+    lockstep.every(STEP_S, physics)
+    lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
+    lockstep.every(1 / flight.settings.control_rate_hz, lambda: flight.control.step(clock.now()))
+    lockstep.every(SHOW_EVERY_S, show)
+    lockstep.run(lambda: flight.finished)
+
+
+def fly_realtime(flight: SimulatedFlight, clock: Clock, show: Callable[[], None]) -> None:
+    """Fly to the end in real time, with a thread each for autopilot, camera, vision, control."""
+
+    def watch() -> bool:
+        show()
+        return not flight.finished
+
+    with CameraSource(flight.camera, clock) as source, _autopilot_thread(flight, clock):
+        rate_hz = flight.settings.control_rate_hz
+        RealtimeRun(clock, source, flight.vision, flight.control, rate_hz).run(watch, SHOW_EVERY_S)
+
+
+class CameraSource(ClosesItself):
+    """The simulated camera as a frame source that waits for its frames."""
+
+    def __init__(self, camera: SimCamera, clock: Clock) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._closed = False
+        self.nominal_rate_hz = camera.rate_hz
+        self.frame_count: int | None = None
+        self.problem: str | None = None
+
+    def read(self) -> Frame | None:
+        """Return the next frame when it arrives, None after closing."""
+        while not self._closed:
+            frame = self._camera.read(self._clock)
+            if frame is not None:
+                return frame
+        return None
+
+    def close(self) -> None:
+        """End the reading."""
+        self._closed = True
+
+
+@contextmanager
+def _autopilot_thread(flight: SimulatedFlight, clock: Clock) -> Iterator[None]:
+    stop = threading.Event()
+    arguments = (flight.autopilot, clock, stop)
+    thread = threading.Thread(target=run_autopilot, args=arguments, name="autopilot", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+class StopOnInterrupt:
+    """While entered, the first Ctrl-C calls `stop` and the second one interrupts as usual."""
+
+    def __init__(self, stop: Callable[[], None]) -> None:
+        self._stop = stop
+        self.interrupted = False
+
+    def __enter__(self) -> StopOnInterrupt:
+        self._before = signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _handle(self, _number: int, _frame: FrameType | None) -> None:
+        if self.interrupted:
+            raise KeyboardInterrupt
+        self.interrupted = True
+        self._stop()

@@ -1,0 +1,219 @@
+"""`follower sim` and `follower demo`: fly a scenario and report on it."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+
+from follower.configs import find_scenario
+from follower.flight_video import BackgroundVideo, FlightVideo, OverlayVideo
+from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
+from follower.links.connection import open_connection
+from follower.outputs import write_boxes, write_setpoints, write_text
+from follower.report.meta import ReportMeta
+from follower.report.writer import write_report, write_score
+from follower.run_folder import new_run_folder
+from follower.scoring import score_flight
+from follower.settings import Settings, load_settings, merged
+from follower.simulated_flight import SimulatedFlight, camera_settings
+from follower.terminal import Terminal, print_score
+from follower_control.strict_yaml import SettingsError
+from follower_control.transport import MemoryTransport, Transport
+from follower_control.udp import UdpTransport
+from follower_sim.criteria import Criteria, verdict
+from follower_sim.scenario import Scenario
+from follower_sim.scenario_file import load_scenario
+from follower_sim.world import World
+from follower_vision.clock import MonotonicClock, SimulatedClock
+
+_SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
+FLAVOURS = ("px4", "ardupilot")
+VIDEO = "video.mp4"
+FILES = (
+    ("report.html", "this report"),
+    (VIDEO, "what the camera saw, with the track"),
+    ("score.json", "the score and its limits"),
+    ("boxes.csv", "the track, a line a frame"),
+    ("setpoints.csv", "the setpoints, a line a control step"),
+    ("settings.yaml", "the settings as resolved"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """What the command line was given; see `follower sim --help`."""
+
+    scenario: str
+    autopilot: str = "px4"
+    seed: int | None = None
+    lockstep: bool = False
+    config: Path | None = None
+    overrides: tuple[str, ...] = ()
+    out: Path = Path("runs")
+    video: bool = True
+    connect: str = "udpin:127.0.0.1:14540"
+
+    @property
+    def command(self) -> str:
+        """The command line that does this run again."""
+        words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
+        words += [] if self.seed is None else ["--seed", str(self.seed)]
+        words += ["--lockstep"] if self.lockstep else []
+        words += [] if self.config is None else ["--config", str(self.config)]
+        for override in self.overrides:
+            words += ["--set", override]
+        return shlex.join(words)
+
+
+def simulate(options: SimulationOptions) -> int:
+    """Fly, write the report, and return the exit code."""
+    if options.autopilot not in FLAVOURS:
+        raise SettingsError(f"--autopilot {options.autopilot}: choose {' or '.join(FLAVOURS)}")
+    scenario = load_scenario(find_scenario(options.scenario))
+    settings = simulation_settings(scenario, options)
+    console = Console()
+    with _transports(options) as ends:
+        with console.status("Building the world"):
+            world = World(scenario, options.seed)
+            _build(world)
+        folder = new_run_folder(options.out, scenario.name)
+        flight, interrupted = _fly(world, settings, options, ends, folder, console)
+    return _report(flight, options, folder, interrupted, console)
+
+
+def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
+    """Resolve the settings: the scenario's camera and wishes first, the user's on top."""
+    base = merged({"camera": camera_settings(scenario)}, scenario.follow)
+    return load_settings(options.config, base, options.overrides)
+
+
+def _build(world: World) -> None:
+    """Paint what takes seconds before the clock starts to run."""
+    _ = world.ground, world.sky, world.scenery_batch
+
+
+@contextmanager
+def _transports(options: SimulationOptions) -> Iterator[tuple[Transport, Transport]]:
+    """Give the follower's end and the autopilot's: memory in lockstep, else real UDP."""
+    if options.lockstep:
+        yield MemoryTransport.pair()
+        return
+    ours = open_connection(options.connect)
+    theirs: Transport | None = None
+    try:
+        host, _, port = options.connect.partition(":")[2].rpartition(":")
+        theirs = UdpTransport.connect(host, int(port))
+        yield ours, theirs
+    finally:
+        ours.close()
+        if theirs is not None:
+            theirs.close()
+
+
+def _fly(
+    world: World,
+    settings: Settings,
+    options: SimulationOptions,
+    ends: tuple[Transport, Transport],
+    folder: Path,
+    console: Console,
+) -> tuple[SimulatedFlight, bool]:
+    """Return the flight when it is over, and whether the user ended it."""
+    clock = SimulatedClock() if options.lockstep else MonotonicClock()
+    with _video(options, folder, world.scenario.camera.rate_hz) as video:
+        flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video)
+        terminal = Terminal(console, world.scenario.title)
+        with terminal, StopOnInterrupt(flight.stop) as interrupt:
+
+            def show() -> None:
+                terminal.show(flight.status())
+
+            if isinstance(clock, SimulatedClock):
+                fly_lockstep(flight, clock, show)
+            else:
+                fly_realtime(flight, clock, show)
+    return flight, interrupt.interrupted
+
+
+@contextmanager
+def _video(
+    options: SimulationOptions, folder: Path, rate_hz: float
+) -> Iterator[FlightVideo | None]:
+    if not options.video:
+        yield None
+        return
+    kind = OverlayVideo if options.lockstep else BackgroundVideo
+    with kind(folder / VIDEO, rate_hz) as video:
+        yield video
+
+
+def _report(
+    flight: SimulatedFlight,
+    options: SimulationOptions,
+    folder: Path,
+    interrupted: bool,
+    console: Console,
+) -> int:
+    """Write everything, say what came of it, and return the exit code."""
+    criteria = criteria_of(flight.scenario)
+    score = score_flight(
+        flight.log,
+        flight.truth,
+        flight.goal,
+        overlaps=flight.overlaps,
+        chosen_s=flight.chosen_s,
+    )
+    write_boxes(folder / "boxes.csv", flight.log.tracks)
+    write_setpoints(folder / "setpoints.csv", flight.log.controls)
+    write_text(folder / "settings.yaml", flight.settings.to_yaml())
+    run = {"scenario": flight.scenario.name, "autopilot": options.autopilot, "seed": flight.seed}
+    write_score(folder, score, criteria, run)
+    write_report(
+        folder,
+        flight.log,
+        _meta(flight, options, interrupted),
+        truth=flight.truth,
+        goal=flight.goal,
+        score=score,
+        criteria=criteria,
+        target_size_m=flight.settings.servo.target_size_m,
+    )
+    files = [folder / name for name, _ in FILES if (folder / name).exists()]
+    print_score(console, score, criteria, files)
+    if interrupted:
+        return _INTERRUPTED
+    return _FAILED if verdict(score, criteria) else _SUCCESS
+
+
+def criteria_of(scenario: Scenario) -> Criteria:
+    """Return what the scenario expects of a pursuit, as the score's criteria."""
+    return Criteria(**{k: v for k, v in scenario.expect.model_dump().items() if v is not None})
+
+
+def _meta(flight: SimulatedFlight, options: SimulationOptions, interrupted: bool) -> ReportMeta:
+    how = "lockstep" if options.lockstep else "real time"
+    link = "through memory" if options.lockstep else f"over UDP, {options.connect}"
+    return ReportMeta(
+        title=flight.scenario.title,
+        subtitle=f"{flight.scenario.name} · {options.autopilot} · seed {flight.seed} · {how}",
+        command=options.command,
+        settings_yaml=flight.settings.to_yaml(),
+        facts=(
+            ("Version", version("drone-target-follower")),
+            ("Python", sys.version.split()[0]),
+            ("Autopilot", f"simulated, {options.autopilot}"),
+            ("Link", f"MAVLink 2 {link}"),
+            ("Tracker", flight.settings.tracker),
+            ("Seed", str(flight.seed)),
+        ),
+        files=FILES,
+        video=VIDEO if options.video else "",
+        remarks=("The user ended this flight.",) if interrupted else (),
+    )

@@ -1,0 +1,176 @@
+"""One simulated flight: the world, the autopilot and the follower, wired together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from follower.autonomy import Autonomy, Phase
+from follower.control_loop import ControlLoop
+from follower.control_stage import ControlStage
+from follower.flight_video import FlightVideo
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.links.mavlink import MavlinkLink
+from follower.live_status import LiveStatus
+from follower.realtime import VisionLoop
+from follower.selecting import colour_selector
+from follower.settings import Settings
+from follower.supervisor import State
+from follower.tracking import make_target_tracker
+from follower.vision_stage import VisionStage
+from follower_control.transport import Transport
+from follower_sim.autopilot import SimAutopilot
+from follower_sim.camera import SimCamera
+from follower_sim.kinematics import BodyState
+from follower_sim.scenario import Scenario
+from follower_sim.score import PursuitGoal, TruthSample
+from follower_sim.truth import TruthTeller
+from follower_sim.world import World
+from follower_vision.acquire import ColourSearchSettings
+from follower_vision.clock import Clock
+from follower_vision.track import TrackState
+
+_STANDING_M_S = 0.3
+_LONGEST_STOP_S = 6.0
+_FAREWELL_S = 1.0
+
+
+class SimulatedFlight:
+    """A drone with our follower in a simulated world.
+
+    The scenario's time 0 is the clock's time 0. Of the truth, nothing but `truth` and `overlaps`
+    is kept, and nothing of it goes to vision or control: they see frames and MAVLink.
+
+    Args:
+        world: what there is, its scenario and its seed.
+        settings: of the follower.
+        flavour: which autopilot to simulate, "px4" or "ardupilot".
+        clock: stands at 0 now.
+        ends: the transports of the follower and of the autopilot.
+        video: takes every frame with its track, if given.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        settings: Settings,
+        flavour: str,
+        clock: Clock,
+        ends: tuple[Transport, Transport],
+        video: FlightVideo | None = None,
+    ) -> None:
+        self.scenario = scenario = world.scenario
+        self._world = world
+        self.settings = settings
+        self.autopilot = SimAutopilot(
+            flavour, ends[1], start_state(scenario), wind=world.wind.velocity_m_s
+        )
+        self.camera = SimCamera(world, self.autopilot.state_at)
+        self.log = FlightLog()
+        self.truth: list[TruthSample] = []
+        self.overlaps: list[float] = []
+        self.chosen_s: float | None = None
+        self._teller = TruthTeller(world)
+        self._clock = clock
+        self._vision_stage = VisionStage(make_target_tracker(settings))
+        self.vision = VisionLoop(
+            self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
+        )
+        self._link = MavlinkLink(ends[0])
+        self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
+        self.stage = ControlStage(settings, scenario.camera.model, self.log)
+        self.control = ControlLoop(
+            self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
+        )
+        self._stopped_s = math.inf
+
+    @property
+    def phase(self) -> Phase:
+        """How far the flight has come."""
+        return self._autonomy.phase
+
+    @property
+    def seed(self) -> int:
+        """The seed of the world."""
+        return self._world.seed
+
+    @property
+    def goal(self) -> PursuitGoal:
+        """What the follower was asked to reach."""
+        servo = self.settings.servo
+        elevation = servo.elevation_deg
+        wanted_deg = self.scenario.camera.pitch_deg if elevation is None else elevation
+        distance = None if servo.mode == "watch" else servo.distance_m
+        return PursuitGoal(distance, math.radians(wanted_deg))
+
+    def status(self) -> LiveStatus:
+        """Return what a display shows of this moment."""
+        errors, phase = self.stage.servo.errors, str(self.phase)
+        return LiveStatus.of(self.log, 0.0, self.scenario.duration_s, errors, phase)
+
+    def stop(self) -> None:
+        """Let go, from any thread: hold, then release."""
+        self.stage.request_stop()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the vehicle was let go and stands still, or has had time enough for it."""
+        if self.stage.supervisor.state is not State.RELEASED:
+            return False
+        waited_s = self.stage.supervisor.in_state_s(self._clock.now())
+        speed = math.hypot(*self.autopilot.state.velocity_m_s)
+        return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and speed < _STANDING_M_S)
+
+    def _newest(self) -> TrackRecord | None:
+        return self.vision.tracks.newest
+
+    def _on_step(self, record: ControlRecord) -> None:
+        """Take the truth beside each step, and play the operator."""
+        now_s = record.time_s
+        self.truth.append(self._teller.sample(now_s, self.autopilot.state_at(now_s)))
+        if self.chosen_s is None and self.phase is Phase.AIRBORNE:
+            self.chosen_s = now_s
+            select = self.scenario.select
+            search = ColourSearchSettings(min_area_px=select.min_area_px)
+            self._vision_stage.select(colour_selector(select.colour, search))
+        if now_s >= self.scenario.duration_s:
+            self.stop()
+
+    def _record_overlap(self, record: TrackRecord) -> None:
+        """Compare a track that claims to see the target with the truth, for the score."""
+        track = record.track
+        if track is None or track.state is not TrackState.TRACKING:
+            return
+        true_s = record.captured_s - self.scenario.camera.stamp_offset_s
+        box = self._teller.truth(true_s, self.autopilot.state_at(true_s)).box
+        self.overlaps.append(0.0 if box is None else box.iou(track.box))
+
+    def _lines(self) -> Sequence[str]:
+        """Return what the video shows in its corner."""
+        supervisor = self.stage.supervisor
+        first = f"{self._clock.now():5.1f} s  {supervisor.state.upper()}  {supervisor.reason}"
+        errors = self.stage.servo.errors
+        if errors is None:
+            return (first,)
+        return first, (
+            f"range {errors.range_m:4.1f} m  azimuth {math.degrees(errors.azimuth_rad):+5.1f}  "
+            f"elevation {math.degrees(errors.elevation_rad):+5.1f} deg"
+        )
+
+
+def start_state(scenario: Scenario) -> BodyState:
+    """Return where the vehicle stands at first."""
+    north, east = scenario.start.at
+    heading = math.radians(scenario.start.heading_deg)
+    return BodyState(0.0, (north, east, 0.0), attitude_rad=(0.0, 0.0, heading))
+
+
+def camera_settings(scenario: Scenario) -> dict[str, Any]:
+    """Return what a calibrated follower would know of the scenario's camera."""
+    camera = scenario.camera
+    return {
+        "fov_deg": camera.fov_deg,
+        "pitch_deg": camera.pitch_deg,
+        "distortion": list(camera.distortion),
+    }

@@ -1,0 +1,169 @@
+"""From a box in the image to a setpoint: signs, and what happens when something is missing."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from follower.control_stage import ControlStage, heading_velocity
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.settings import Settings, load_settings
+from follower.supervisor import Reason, State
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_vision.box import Box
+from follower_vision.track import Track, TrackState
+
+WIDTH, HEIGHT, STEP_S = 640, 480, 0.02
+DISTANCE_M, SIZE_M = 15.0, 2.0
+
+
+def settings() -> Settings:
+    wanted = {"distance_m": DISTANCE_M, "target_size_m": SIZE_M}
+    return load_settings(base={"camera": {"pitch_deg": -20}, "servo": wanted})
+
+
+class Bench:
+    """A control stage with a vehicle that hovers, and a target that stands in the image."""
+
+    def __init__(self, yaw_rad: float = 0.0, telemetry: bool = True) -> None:
+        self.log = FlightLog()
+        resolved = settings()
+        self.camera = resolved.camera.model(WIDTH, HEIGHT)
+        self.stage = ControlStage(resolved, self.camera, self.log, telemetry)
+        self.yaw_rad = yaw_rad
+        self.telemetry = telemetry
+        self.now_s = 0.0
+        self.vehicle = VehicleState(
+            mode="GUIDED", obeys_setpoints=True, armed=True, landed=False, heartbeat_s=0.0
+        )
+        self.stale = False
+
+    def box(self, right_px: float = 0.0, up_px: float = 0.0, nearness: float = 1.0) -> Box:
+        side = nearness * self.camera.fx * SIZE_M / DISTANCE_M
+        return Box(WIDTH / 2 + right_px, HEIGHT / 2 - up_px, side, side)
+
+    def fly(
+        self, box: Box | None, seconds: float, state: TrackState = TrackState.TRACKING
+    ) -> ControlRecord:
+        record = None
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            record = self.step(box, state)
+        assert record is not None
+        return record
+
+    def step(self, box: Box | None, state: TrackState) -> ControlRecord:
+        now = self.now_s
+        attitude = Attitude(0.0, 0.0, self.yaw_rad, 0.0, 0.0, 0.0, now - 0.01)
+        position = LocalPosition(3.0, 4.0, -10.0, 0.0, 0.0, 0.0, now - 0.01)
+        if self.telemetry and not self.stale:
+            self.vehicle = replace(
+                self.vehicle, attitude=attitude, position=position, heartbeat_s=now
+            )
+        newest = None
+        if box is not None:
+            track = Track(box, state, 0.9, "test", now - 0.04, round(now / STEP_S))
+            newest = TrackRecord(track, track.sequence, now - 0.04, now, now, 0.001)
+        return self.stage.step(now, newest, self.vehicle, [attitude] if self.telemetry else [])
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 60.0, 179.9, -120.0])
+def test_a_target_to_the_right_turns_to_the_right(yaw_deg: float) -> None:
+    bench = Bench(math.radians(yaw_deg))
+    assert bench.fly(bench.box(right_px=80), 1.0).allowed.yaw_rate_rad_s > 0.05
+    bench = Bench(math.radians(yaw_deg))
+    assert bench.fly(bench.box(right_px=-80), 1.0).allowed.yaw_rate_rad_s < -0.05
+
+
+def test_a_target_above_the_wanted_elevation_goes_up() -> None:
+    bench = Bench()
+    assert bench.fly(bench.box(up_px=60), 1.0).allowed.down_m_s < -0.1
+    bench = Bench()
+    assert bench.fly(bench.box(up_px=-60), 1.0).allowed.down_m_s > 0.1
+
+
+def test_a_target_too_small_goes_forward_and_one_too_large_backward() -> None:
+    bench = Bench()
+    assert bench.fly(bench.box(nearness=0.6), 1.0).allowed.forward_m_s > 0.3
+    bench = Bench()
+    assert bench.fly(bench.box(nearness=1.6), 1.0).allowed.forward_m_s < -0.2
+
+
+def test_a_target_where_it_is_wanted_is_left_alone() -> None:
+    bench = Bench()
+    allowed = bench.fly(bench.box(), 3.0).allowed
+    assert allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
+    assert allowed.down_m_s == pytest.approx(0.0, abs=0.05)
+    assert allowed.yaw_rate_rad_s == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_same_signs_hold_without_telemetry() -> None:
+    bench = Bench(telemetry=False)
+    bench.vehicle = replace(bench.vehicle, heartbeat_s=1.0)
+    assert bench.fly(bench.box(right_px=80), 1.0).allowed.yaw_rate_rad_s > 0.05
+
+
+def test_an_unseen_target_is_coasted_held_and_let_go() -> None:
+    bench = Bench()
+    bench.fly(bench.box(right_px=80), 1.0)
+    states = []
+    for _ in range(20):
+        record = bench.fly(bench.box(), 1.0, TrackState.LOST)
+        if not states or states[-1] is not record.state:
+            states.append(record.state)
+        if record.state in (State.HOLDING, State.RELEASED):
+            assert record.asked == HOLD
+    assert states == [State.SEARCHING, State.HOLDING, State.RELEASED]
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+def test_stale_telemetry_holds_and_good_telemetry_goes_on() -> None:
+    bench = Bench()
+    bench.fly(bench.box(right_px=80), 1.0)
+    bench.stale = True
+    bench.vehicle = replace(bench.vehicle, heartbeat_s=100.0)
+    assert bench.fly(bench.box(right_px=80), 0.7).reason is Reason.TELEMETRY_STALE
+    bench.stale = False
+    assert bench.fly(bench.box(right_px=80), 0.2).state is State.FOLLOWING
+
+
+def test_the_pilot_takes_over_and_nothing_more_is_sent() -> None:
+    bench = Bench()
+    bench.fly(bench.box(), 1.0)
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=False, mode="LOITER")
+    record = bench.fly(bench.box(), STEP_S)
+    assert (record.state, record.sent) == (State.RELEASED, False)
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=True, mode="GUIDED")
+    record = bench.fly(bench.box(right_px=80), 2.0)
+    assert record.state is State.RELEASED
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+    bench.stage.renew_consent()
+    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
+
+
+def test_stop_lets_go_at_the_next_step() -> None:
+    bench = Bench()
+    bench.fly(bench.box(), 1.0)
+    bench.stage.request_stop()
+    record = bench.fly(bench.box(), STEP_S)
+    assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+
+
+def test_a_stalled_control_loop_holds_once_and_goes_on() -> None:
+    bench = Bench()
+    bench.fly(bench.box(), 1.0)
+    bench.now_s += 0.5
+    assert bench.fly(bench.box(), STEP_S).reason is Reason.CONTROL_LATE
+    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
+
+
+def test_following_begins_at_the_vehicles_own_speed() -> None:
+    bench = Bench(yaw_rad=math.pi / 2)
+    bench.stage.step(0.0, None, bench.vehicle)
+    moving = LocalPosition(0.0, 0.0, -10.0, 0.0, 4.0, 0.0, 0.0)
+    attitude = Attitude(0.0, 0.0, math.pi / 2, 0.0, 0.0, 0.0, 0.0)
+    present = heading_velocity(replace(bench.vehicle, attitude=attitude, position=moving))
+    assert present.forward_m_s == pytest.approx(4.0)
+    assert present.right_m_s == pytest.approx(0.0, abs=1e-12)
+    assert heading_velocity(VehicleState()) == VelocitySetpoint()
