@@ -1,0 +1,224 @@
+"""A simulated autopilot: physics, rules and MAVLink, stepped by whoever owns the time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower_control.transport import Transport
+from follower_sim.arducopter import ArduCopterController
+from follower_sim.commands import Commands
+from follower_sim.faults import Faults
+from follower_sim.firmware import ARDUCOPTER, PX4
+from follower_sim.flight_controller import FlightController
+from follower_sim.kinematics import BodyState
+from follower_sim.mavlink_endpoint import MavlinkEndpoint
+from follower_sim.position_target import PositionTarget
+from follower_sim.px4 import Px4Controller
+from follower_sim.telemetry import Telemetry
+from follower_sim.vehicle import STEP_S, Vehicle, WindField
+from follower_vision.clock import Clock
+
+SYSTEM_ID, COMPONENT_ID = 1, 1
+_BOOTED_BEFORE_S = 20.0
+_SLACK_S = 1e-9
+
+
+class SimAutopilot:
+    """A quadrotor with PX4 or ArduCopter, as seen through its MAVLink port.
+
+    Knows no threads, sockets and clocks: `step` brings it to a time. With the same bytes at the
+    same times it answers with the same bytes.
+
+    Args:
+        flavour: "px4" or "ardupilot".
+        transport: carries MAVLink to and from the companion.
+        start: where it stands at the start and when; in the air it is armed and holds its place.
+        wind: the air's velocity at a time; None is still air.
+        rng: decides which packets are lost when faults ask for that.
+
+    Attributes:
+        faults: switches for what goes wrong.
+
+    Raises:
+        ValueError: there is no such flavour.
+    """
+
+    def __init__(
+        self,
+        flavour: str,
+        transport: Transport,
+        start: BodyState,
+        wind: WindField | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.faults = Faults()
+        self._controller = _controller(flavour, start, wind)
+        self._start_s = start.time_s
+        self._steps = 0
+        self._boot_s = start.time_s - _BOOTED_BEFORE_S
+        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s)
+        lots = np.random.default_rng(0) if rng is None else rng
+        self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
+        self._commands = Commands(self._controller, self._telemetry, self._link.send)
+        self._handlers: dict[str, Callable[[Any], None]] = {
+            "SET_POSITION_TARGET_LOCAL_NED": self._on_position_target,
+            "COMMAND_LONG": self._on_command_long,
+            "COMMAND_INT": self._on_command_int,
+            "SET_MODE": self._on_set_mode,
+            "PARAM_REQUEST_READ": self._on_param_read,
+            "PARAM_REQUEST_LIST": self._on_param_list,
+            "PARAM_SET": self._on_param_set,
+            "TIMESYNC": self._on_timesync,
+        }
+
+    @property
+    def state(self) -> BodyState:
+        """The truth at the last step."""
+        return self._controller.vehicle.state
+
+    @property
+    def mode(self) -> str:
+        """The flight mode by the autopilot's own name, e.g. "OFFBOARD", "GUIDED", "LOITER"."""
+        return self._controller.mode.name
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors turn."""
+        return self._controller.armed
+
+    @property
+    def landed(self) -> bool:
+        """Whether it stands on the ground."""
+        return self._controller.landed
+
+    def state_at(self, time_s: float) -> BodyState:
+        """Return the truth at a time of the last two seconds, interpolated."""
+        return self._controller.vehicle.state_at(time_s)
+
+    def switch_mode(self, name: str) -> bool:
+        """Turn the pilot's mode switch; whether the autopilot follows.
+
+        Raises:
+            ValueError: it has no mode of that name.
+        """
+        modes = self._controller.firmware.modes
+        if name not in modes:
+            raise ValueError(f"no mode {name!r}; there are {', '.join(modes)}")
+        return self._controller.set_mode(modes[name])
+
+    def step(self, now_s: float) -> None:
+        """Hear what has arrived, fly up to `now_s` and tell what is due on the way."""
+        for message in self._link.receive():
+            self._hear(message)
+        self._say_texts()
+        while self._start_s + (self._steps + 1) * STEP_S <= now_s + _SLACK_S:
+            self._steps += 1
+            self._controller.step()
+            for message in self._telemetry.due():
+                self._link.send(message)
+            self._say_texts()
+
+    def _hear(self, message: Any) -> None:
+        handler = self._handlers.get(message.get_type())
+        if handler is not None and _is_for_us(message):
+            handler(message)
+
+    def _say_texts(self) -> None:
+        for severity, text in self._controller.texts:
+            self._link.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+        self._controller.texts.clear()
+
+    def _on_position_target(self, m: Any) -> None:
+        self._controller.take_setpoint(
+            PositionTarget(
+                m.coordinate_frame,
+                m.type_mask,
+                (m.x, m.y, m.z),
+                (m.vx, m.vy, m.vz),
+                m.yaw,
+                m.yaw_rate,
+            )
+        )
+
+    def _on_command_long(self, m: Any) -> None:
+        params = [getattr(m, f"param{number}") for number in range(1, 8)]
+        self._acknowledge(m, self._commands.run(m.command, params))
+
+    def _on_command_int(self, m: Any) -> None:
+        params = [m.param1, m.param2, m.param3, m.param4, float(m.x), float(m.y), m.z]
+        self._acknowledge(m, self._commands.run(m.command, params))
+
+    def _acknowledge(self, m: Any, result: int) -> None:
+        self._link.send(
+            mavlink.MAVLink_command_ack_message(
+                m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
+            )
+        )
+
+    def _on_set_mode(self, m: Any) -> None:
+        if m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            self._commands.set_mode(m.custom_mode)
+
+    def _on_param_read(self, m: Any) -> None:
+        names = list(self._controller.parameters)
+        if 0 <= m.param_index < len(names):
+            self._send_parameter(names[m.param_index])
+        elif m.param_index == -1:
+            self._send_parameter(m.param_id)
+
+    def _on_param_list(self, _m: Any) -> None:
+        for name in self._controller.parameters:
+            self._send_parameter(name)
+
+    def _on_param_set(self, m: Any) -> None:
+        parameters = self._controller.parameters
+        if m.param_id in parameters and 0 <= m.param_value < 1e6:
+            parameters[m.param_id] = m.param_value
+        self._send_parameter(m.param_id)
+
+    def _send_parameter(self, name: str) -> None:
+        parameters = self._controller.parameters
+        if name in parameters:
+            index = list(parameters).index(name)
+            self._link.send(
+                mavlink.MAVLink_param_value_message(
+                    name.encode(),
+                    parameters[name],
+                    mavlink.MAV_PARAM_TYPE_REAL32,
+                    len(parameters),
+                    index,
+                )
+            )
+
+    def _on_timesync(self, m: Any) -> None:
+        if m.tc1 == 0:
+            boot_ns = round((self.state.time_s - self._boot_s) * 1e9)
+            self._link.send(mavlink.MAVLink_timesync_message(boot_ns, m.ts1))
+
+
+def _controller(flavour: str, start: BodyState, wind: WindField | None) -> FlightController:
+    if flavour == PX4.name:
+        return Px4Controller(Vehicle(PX4.response, start, wind))
+    if flavour == ARDUCOPTER.name:
+        return ArduCopterController(Vehicle(ARDUCOPTER.response, start, wind))
+    raise ValueError(f"no autopilot {flavour!r}; there are px4 and ardupilot")
+
+
+def _is_for_us(message: Any) -> bool:
+    """Whether a message is addressed to this vehicle, or to all."""
+    system = getattr(message, "target_system", 0)
+    component = getattr(message, "target_component", 0)
+    return system in (0, SYSTEM_ID) and component in (0, COMPONENT_ID)
+
+
+def run_autopilot(autopilot: SimAutopilot, clock: Clock, stop: threading.Event) -> None:
+    """Step an autopilot in real time until told to stop; made to be a thread's target."""
+    while not stop.is_set():
+        now_s = clock.now()
+        autopilot.step(now_s)
+        clock.sleep_until(now_s + STEP_S)

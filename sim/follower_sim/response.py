@@ -1,0 +1,176 @@
+"""How a multirotor under its autopilot answers a velocity demand: parameters with names."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Shaping:
+    """Acceleration and jerk limits that turn a step into an S-curve before the loop sees it.
+
+    The acceleration asked for is (jerk / acceleration) times the velocity error, as ArduPilot's
+    `shape_vel_accel` does it: the curve ends in an exponential with that rate.
+    """
+
+    acceleration_m_s2: float
+    jerk_m_s3: float
+
+    def __post_init__(self) -> None:
+        if self.acceleration_m_s2 <= 0 or self.jerk_m_s3 <= 0:
+            raise ValueError("shaping needs an acceleration and a jerk above 0")
+
+    @property
+    def rate_per_s(self) -> float:
+        """Acceleration per velocity error."""
+        return self.jerk_m_s3 / self.acceleration_m_s2
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityLoop:
+    """A PID loop from velocity error to acceleration.
+
+    Attributes:
+        p_per_s: acceleration per velocity error.
+        i_per_s2: growth of the acceleration per velocity error.
+        d: share of the acceleration error that is fed back.
+        position_per_s: velocity per distance to where the shaped velocity would have led; 0 for a
+            loop that knows no position.
+        shaping: limits on the demand; None hands steps straight to the loop.
+    """
+
+    p_per_s: float
+    i_per_s2: float
+    d: float = 0.0
+    position_per_s: float = 0.0
+    shaping: Shaping | None = None
+
+    def __post_init__(self) -> None:
+        if self.p_per_s <= 0 or min(self.i_per_s2, self.d, self.position_per_s) < 0:
+            raise ValueError("a velocity loop needs p above 0 and no negative gain")
+        if self.position_per_s > 0 and self.shaping is None:
+            raise ValueError("a loop that holds position needs shaping")
+
+
+@dataclass(frozen=True, slots=True)
+class TiltResponse:
+    """Roll and pitch: a second-order lag behind the tilt that the acceleration needs."""
+
+    natural_frequency_rad_s: float
+    damping: float
+    max_tilt_deg: float
+
+    def __post_init__(self) -> None:
+        if self.natural_frequency_rad_s <= 0 or self.damping <= 0:
+            raise ValueError("a tilt response needs a frequency and a damping above 0")
+        if not 0 < self.max_tilt_deg < 80:
+            raise ValueError("the largest tilt lies between 0 and 80 degrees")
+
+    @property
+    def max_acceleration_m_s2(self) -> float:
+        """Horizontal acceleration at the largest tilt while height is held."""
+        return 9.80665 * math.tan(math.radians(self.max_tilt_deg))
+
+
+@dataclass(frozen=True, slots=True)
+class YawResponse:
+    """A rate loop (PI, behind a lag of the motors), with or without a heading to keep.
+
+    Attributes:
+        p_per_s: yaw acceleration per rate error.
+        i_per_s2: growth of the yaw acceleration per rate error.
+        lag_s: time constant of the yaw torque.
+        drag_per_s: yaw acceleration lost per rate.
+        max_acceleration_deg_s2: the most torque there is.
+        heading_per_s: rate per error to the heading that the demand would have led to; 0 keeps
+            no heading.
+    """
+
+    p_per_s: float
+    i_per_s2: float
+    lag_s: float
+    drag_per_s: float
+    max_acceleration_deg_s2: float
+    heading_per_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.p_per_s, self.lag_s, self.max_acceleration_deg_s2) <= 0:
+            raise ValueError("a yaw response needs p, lag and largest acceleration above 0")
+        if min(self.i_per_s2, self.drag_per_s, self.heading_per_s) < 0:
+            raise ValueError("a yaw response has no negative gain")
+
+
+@dataclass(frozen=True, slots=True)
+class Drag:
+    """Deceleration through the air: linear and quadratic in the airspeed."""
+
+    linear_per_s: float
+    quadratic_per_m: float
+    vertical_per_s: float
+
+    def __post_init__(self) -> None:
+        if min(self.linear_per_s, self.quadratic_per_m, self.vertical_per_s) < 0:
+            raise ValueError("drag is not negative")
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleResponse:
+    """All that shapes the way from a velocity demand to motion.
+
+    Attributes:
+        dead_time_s: from the arrival of a demand until the loops see it.
+        horizontal, vertical: the velocity loops.
+        tilt: roll and pitch.
+        thrust_lag_s: time constant of the vertical acceleration.
+        max_climb_acceleration_m_s2: what thrust is left above hovering.
+        yaw: the yaw loop.
+        drag: the air.
+        climb_share, descent_share: the steady vertical velocity over the one demanded.
+    """
+
+    dead_time_s: float
+    horizontal: VelocityLoop
+    vertical: VelocityLoop
+    tilt: TiltResponse
+    thrust_lag_s: float
+    max_climb_acceleration_m_s2: float
+    yaw: YawResponse
+    drag: Drag
+    climb_share: float = 1.0
+    descent_share: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.dead_time_s < 0:
+            raise ValueError("a dead time is not negative")
+        if min(self.thrust_lag_s, self.max_climb_acceleration_m_s2) <= 0:
+            raise ValueError("thrust needs a lag and a reserve above 0")
+        if min(self.climb_share, self.descent_share) <= 0:
+            raise ValueError("the shares of climb and descent are above 0")
+
+
+ARDUCOPTER_RESPONSE = VehicleResponse(
+    dead_time_s=0.05,
+    horizontal=VelocityLoop(2.0, 1.0, 0.25, 1.0, Shaping(2.5, 5.0)),
+    vertical=VelocityLoop(5.0, 1.0, 0.0, 1.0, Shaping(1.0, 5.0)),
+    tilt=TiltResponse(12.0, 0.9, 30.0),
+    thrust_lag_s=0.05,
+    max_climb_acceleration_m_s2=8.0,
+    yaw=YawResponse(8.0, 0.0, 0.1, 0.0, 110.0, 2.5),
+    drag=Drag(0.243, 0.031, 0.3),
+)
+"""ArduCopter 4.6 with default parameters; gains of its own names, lags fitted to recordings."""
+
+PX4_RESPONSE = VehicleResponse(
+    dead_time_s=0.04,
+    horizontal=VelocityLoop(1.8, 0.4, 0.2),
+    vertical=VelocityLoop(4.0, 2.0, 0.0),
+    tilt=TiltResponse(9.0, 0.9, 45.0),
+    thrust_lag_s=0.05,
+    max_climb_acceleration_m_s2=8.0,
+    yaw=YawResponse(5.0, 1.0, 0.08, 0.3, 95.0),
+    drag=Drag(1.0, 0.0, 1.0),
+    climb_share=1.1,
+    descent_share=0.85,
+)
+"""PX4 1.18 with default parameters (MPC_XY_VEL_*, the drag of its SIH quadrotor)."""

@@ -1,0 +1,181 @@
+"""What the simulated autopilot tells about itself, and how often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower_sim.faults import Faults
+from follower_sim.flight_controller import FlightController
+from follower_sim.flight_modes import Behaviour
+from follower_sim.kinematics import BodyState
+
+_EARTH_RADIUS_M = 6378137.0
+_SLACK_S = 1e-9
+
+
+class Telemetry:
+    """Builds messages and knows when each is due.
+
+    Args:
+        controller: whose state is told.
+        faults: what to falsify.
+        boot_s: the simulation's time at which the autopilot's own clock was 0.
+    """
+
+    def __init__(self, controller: FlightController, faults: Faults, boot_s: float) -> None:
+        self._controller = controller
+        self._faults = faults
+        self._boot_s = boot_s
+        self._frozen: BodyState | None = None
+        self._builders: dict[str, Callable[[BodyState], Any]] = {
+            "HEARTBEAT": self._heartbeat,
+            "SYS_STATUS": self._sys_status,
+            "ATTITUDE": self._attitude,
+            "LOCAL_POSITION_NED": self._local_position,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "EXTENDED_SYS_STATE": self._extended_sys_state,
+            "AUTOPILOT_VERSION": self._autopilot_version,
+        }
+        self._names = {getattr(mavlink, f"MAVLINK_MSG_ID_{n}"): n for n in self._builders}
+        rates = controller.firmware.message_rates_hz
+        now_s = controller.now_s
+        self._period_s = {name: 1.0 / rate for name, rate in rates.items()}
+        self._due_s = dict.fromkeys(rates, now_s)
+
+    def set_interval(self, message_id: int, interval_us: float) -> bool:
+        """Send a message this often: 0 is the default rate, -1 never; whether it is known."""
+        name = self._names.get(message_id)
+        if name is None or not math.isfinite(interval_us):
+            return False
+        if interval_us < 0:
+            self._due_s.pop(name, None)
+            return True
+        default_hz = self._controller.firmware.message_rates_hz.get(name, 1.0)
+        self._period_s[name] = interval_us / 1e6 if interval_us > 0 else 1.0 / default_hz
+        self._due_s[name] = self._controller.now_s
+        return True
+
+    def due(self) -> list[Any]:
+        """Return the messages whose time has come."""
+        now_s = self._controller.now_s
+        names = [name for name, due_s in self._due_s.items() if due_s <= now_s + _SLACK_S]
+        for name in names:
+            # One that is late is not sent twice to catch up.
+            self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
+        if self._faults.telemetry_stopped:
+            names = [name for name in names if name == "HEARTBEAT"]
+        return [self._build(name) for name in names]
+
+    def on_request(self, message_id: int) -> Any | None:
+        """Return one message by its number, None if it is not known."""
+        name = self._names.get(message_id)
+        return None if name is None else self._build(name)
+
+    def boot_ms(self, time_s: float) -> int:
+        """Return a time on the autopilot's clock, as messages carry it."""
+        return round((time_s - self._boot_s) * 1000.0) & 0xFFFFFFFF
+
+    def _build(self, name: str) -> Any:
+        return self._builders[name](self._controller.vehicle.state)
+
+    def _heartbeat(self, _state: BodyState) -> Any:
+        controller = self._controller
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        if controller.mode.behaviour is not Behaviour.HOLD:
+            flags |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        status = mavlink.MAV_STATE_STANDBY
+        if controller.armed:
+            flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+            status = mavlink.MAV_STATE_ACTIVE
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            controller.firmware.mav_autopilot,
+            flags,
+            controller.mode.custom_mode,
+            status,
+            3,
+        )
+
+    def _sys_status(self, _state: BodyState) -> Any:
+        sensors = (
+            mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+            | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+            | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+            | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+            | mavlink.MAV_SYS_STATUS_AHRS
+        )
+        battery = (15800, -1, 90)
+        return mavlink.MAVLink_sys_status_message(
+            *(sensors, sensors, sensors), 300, *battery, *(0, 0, 0, 0, 0, 0)
+        )
+
+    def _attitude(self, state: BodyState) -> Any:
+        if not self._faults.attitude_frozen:
+            self._frozen = None
+        elif self._frozen is None:
+            self._frozen = state
+        shown = self._frozen or state
+        numbers = (*shown.attitude_rad, *shown.rates_rad_s)
+        if self._faults.attitude_nan:
+            numbers = (math.nan,) * 6
+        return mavlink.MAVLink_attitude_message(self.boot_ms(state.time_s), *numbers)
+
+    def _local_position(self, state: BodyState) -> Any:
+        local_m = [p - o for p, o in zip(state.position_m, self._controller.origin_m, strict=True)]
+        return mavlink.MAVLink_local_position_ned_message(
+            self.boot_ms(state.time_s), *local_m, *state.velocity_m_s
+        )
+
+    def _global_position(self, state: BodyState) -> Any:
+        latitude, longitude, height_m = self._position_deg(state)
+        north, east, down = (_int16(100.0 * v) for v in state.velocity_m_s)
+        return mavlink.MAVLink_global_position_int_message(
+            self.boot_ms(state.time_s),
+            round(latitude * 1e7),
+            round(longitude * 1e7),
+            round((self._controller.firmware.home[2] + height_m) * 1000.0),
+            round(height_m * 1000.0),
+            *(north, east, down),
+            round(math.degrees(state.yaw_rad) % 360.0 * 100.0) % 36000,
+        )
+
+    def _position_deg(self, state: BodyState) -> tuple[float, float, float]:
+        """Return (latitude, longitude, height): home lies at the world's origin."""
+        latitude, longitude, _ = self._controller.firmware.home
+        north, east, down = state.position_m
+        per_metre = math.degrees(1.0 / _EARTH_RADIUS_M)
+        shrunk = math.cos(math.radians(latitude))
+        return latitude + north * per_metre, longitude + east * per_metre / shrunk, -down
+
+    def _extended_sys_state(self, _state: BodyState) -> Any:
+        return mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())
+
+    def _landed_state(self) -> int:
+        controller = self._controller
+        if controller.landed:
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        special = {
+            Behaviour.TAKE_OFF: mavlink.MAV_LANDED_STATE_TAKEOFF,
+            Behaviour.LAND: mavlink.MAV_LANDED_STATE_LANDING,
+        }
+        return int(special.get(controller.mode.behaviour, mavlink.MAV_LANDED_STATE_IN_AIR))
+
+    def _autopilot_version(self, _state: BodyState) -> Any:
+        capabilities = (
+            mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+            | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        )
+        major, minor, patch = self._controller.firmware.version
+        version = major << 24 | minor << 16 | patch << 8 | 255
+        return mavlink.MAVLink_autopilot_version_message(
+            capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
+        )
+
+
+def _int16(value: float) -> int:
+    return max(-32768, min(32767, round(value)))

@@ -1,0 +1,104 @@
+"""A multirotor with the autopilot's inner loops, stepped at a fixed rate."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from follower_sim.airframe import Airframe
+from follower_sim.demand import STAND_STILL, Demand
+from follower_sim.history import History
+from follower_sim.kinematics import BodyState, Triple
+from follower_sim.response import VehicleResponse
+from follower_sim.velocity_control import VelocityControl
+from follower_sim.yaw_control import YawAxis
+
+STEP_S = 0.005
+"""The fixed step of the simulation: 200 Hz."""
+
+_WIND_EVERY = 4
+_LIFT_OFF_M_S = 0.05
+
+WindField = Callable[[float], Triple]
+"""Velocity of the air (north, east, down), m/s, at a time of the simulation."""
+
+
+class Vehicle:
+    """Follows velocity demands as the recorded vehicles do.
+
+    Deterministic: the same start, demands and wind give the same motion, bit for bit.
+
+    Args:
+        response: the flavour's parameters.
+        start: where it stands or hovers, and when.
+        wind: the air's velocity; None is still air.
+    """
+
+    def __init__(
+        self, response: VehicleResponse, start: BodyState, wind: WindField | None = None
+    ) -> None:
+        self._response = response
+        self._airframe = Airframe(response, start)
+        limit = response.tilt.max_acceleration_m_s2
+        self._level = VelocityControl(response.horizontal, 2, limit)
+        self._vertical = VelocityControl(response.vertical, 1, 9.0)
+        self._yaw = YawAxis(response.yaw)
+        self._wind = wind
+        waiting = round(response.dead_time_s / STEP_S)
+        self._pending: deque[Demand] = deque([STAND_STILL] * waiting)
+        self._start_s = start.time_s
+        self._steps = 0
+        self.history = History(self._airframe.state(start.time_s))
+        self.motors_on = not self.on_ground
+
+    @property
+    def state(self) -> BodyState:
+        """The newest truth."""
+        return self.history.newest
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the ground carries it."""
+        return self._airframe.on_ground
+
+    def state_at(self, time_s: float) -> BodyState:
+        """Return the truth at a time of the last two seconds; earlier or later, the nearest."""
+        return self.history.at(time_s)
+
+    def step(self, demand: Demand) -> None:
+        """Advance by `STEP_S` under a demand, which takes effect after the dead time."""
+        self._pending.append(demand)
+        self._fly(self._pending.popleft())
+        self._steps += 1
+        now_s = self._start_s + self._steps * STEP_S
+        if self._wind is not None and self._steps % _WIND_EVERY == 1:
+            self._airframe.wind_m_s = self._wind(now_s)
+        self.history.add(self._airframe.state(now_s))
+
+    def _fly(self, demand: Demand) -> None:
+        lifts = demand.velocity_m_s[2] < -_LIFT_OFF_M_S
+        if not self.motors_on:
+            self._rest()
+            self._airframe.fall(STEP_S)
+        elif self.on_ground and not lifts:
+            self._rest()
+        else:
+            self._control(demand)
+
+    def _rest(self) -> None:
+        self._level.reset([0.0, 0.0])
+        self._vertical.reset([0.0])
+        self._yaw.reset()
+
+    def _control(self, demand: Demand) -> None:
+        frame = self._airframe
+        north, east, down = demand.velocity_m_s
+        share = self._response.climb_share if down < 0 else self._response.descent_share
+        level = self._level.update(
+            [north, east], frame.velocity[:2], frame.acceleration[:2], STEP_S
+        )
+        vertical = self._vertical.update(
+            [down * share], frame.velocity[2:], frame.acceleration[2:], STEP_S
+        )
+        turned = self._yaw.update(demand.yaw_rate_rad_s, STEP_S)
+        frame.fly(level, vertical[0], turned, STEP_S)
