@@ -68,6 +68,32 @@ def red_detector(path: Path, side: int | str = SIDE, names: str | None = None) -
     return path
 
 
+def constant_detector(path: Path, rows: list[tuple[float, ...]]) -> Path:
+    """A YOLOv8 that always sees the same: rows of cx, cy, width, height and two class scores."""
+    cells = sum((SIDE // stride) ** 2 for stride in (8, 16, 32))
+    answer = np.zeros((1, 6, cells), np.float32)
+    answer[0, :, : len(rows)] = np.array(rows, np.float32).T
+    nodes = [
+        h.make_node("ReduceMean", ["x"], ["mean"], axes=[1, 2, 3], keepdims=0),
+        h.make_node("Mul", ["mean", "zero"], ["nothing"]),
+        h.make_node("Add", ["answer", "nothing"], ["y"]),
+    ]
+    constants = [
+        onnx.numpy_helper.from_array(answer, "answer"),
+        onnx.numpy_helper.from_array(np.zeros(1, np.float32), "zero"),
+    ]
+    graph = h.make_graph(
+        nodes,
+        "constant",
+        [h.make_tensor_value_info("x", 1, [1, 3, SIDE, SIDE])],
+        [h.make_tensor_value_info("y", 1, [1, 6, cells])],
+        initializer=constants,
+    )
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
 @pytest.fixture
 def red_file(tmp_path: Path) -> Path:
     return red_detector(tmp_path / "red.onnx")
@@ -141,6 +167,38 @@ def test_neighbouring_boxes_of_one_class_are_thinned_others_not(tmp_path: Path) 
     found = few.detect(scene((0, 0, 640, RED)))
     assert len(found) == 3
     assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
+
+
+def test_overlap_counts_within_a_class_only(tmp_path: Path) -> None:
+    rows = [
+        (32, 32, 16, 16, 0.9, 0.0),
+        (33, 32, 16, 16, 0.8, 0.0),  # the same object again
+        (32, 32, 16, 16, 0.0, 0.7),  # another class at the same place
+        (48, 32, 16, 16, 0.6, 0.0),  # a neighbour
+    ]
+    found = OnnxDetector(constant_detector(tmp_path / "c.onnx", rows)).detect(scene())
+    assert [(one.class_id, round(one.score, 3), one.box.cx) for one in found] == [
+        (0, 0.9, 320.0),
+        (1, 0.7, 320.0),
+        (0, 0.6, 480.0),
+    ]
+
+
+def test_a_wide_image_is_shown_whole_and_undistorted(tmp_path: Path) -> None:
+    file = constant_detector(tmp_path / "c.onnx", [(32, 32, 16, 8, 0.9, 0.0)])
+    (found,) = OnnxDetector(file).detect(np.zeros((360, 640, 3), np.uint8))
+    assert found.box == Box(320, 180, 160, 80)
+
+
+def test_boxes_that_are_none_are_dropped(tmp_path: Path) -> None:
+    rows = [
+        (32, 32, float("inf"), 16, 0.9, 0.0),
+        (float("nan"), 32, 16, 16, 0.9, 0.0),
+        (32, 32, 0, 16, 0.9, 0.0),
+        (32, 32, 16, 16, 0.5, 0.0),
+    ]
+    found = OnnxDetector(constant_detector(tmp_path / "c.onnx", rows)).detect(scene())
+    assert [round(one.score, 3) for one in found] == [0.5]
 
 
 def test_min_score_decides(red_file: Path) -> None:

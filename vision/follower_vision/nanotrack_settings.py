@@ -30,7 +30,7 @@ class NanoTrackSettings:
     context: float = 0.5
     smallest_side_px: float = 3.0
     candidates: int = 5
-    candidate_score: float = 0.3
+    candidate_score: float = 0.1
     candidate_overlap: float = 0.3
 
     def __post_init__(self) -> None:

@@ -26,8 +26,17 @@ class Candidates:
 
     def above(self, score: float) -> Candidates:
         """Return those with at least this score."""
-        good = self.scores >= score
-        return Candidates(self.corners[good], self.scores[good], self.classes[good])
+        return self._chosen(self.scores >= score)
+
+    def sound(self) -> Candidates:
+        """Return those whose boxes are finite and have an area."""
+        finite = self._chosen(np.isfinite(self.corners).all(axis=1))
+        sides = finite.corners[:, 2:] - finite.corners[:, :2]
+        return finite._chosen((sides > 0).all(axis=1))
+
+    def _chosen(self, good: npt.ArrayLike) -> Candidates:
+        rows = np.flatnonzero(good)
+        return Candidates(self.corners[rows], self.scores[rows], self.classes[rows])
 
 
 def from_centres(centres: Tensor, sizes: Tensor) -> Tensor:

@@ -80,7 +80,7 @@ class OnnxDetector:
         view = self._decoder.input_format.view(region or whole, width, height)
         self._show(image, view)
         found = self._decoder.decode(self._network.run(self._tensor), self._settings.min_score)
-        detections = self._detections(self._thinned(found), view, whole)
+        detections = self._detections(self._thinned(found.sound()), view, whole)
         return [one for one in detections if region is None or _centre_within(one.box, region)]
 
     def _show(self, image: Image, view: Box) -> None:
@@ -111,7 +111,7 @@ class OnnxDetector:
         for (left, top, right, bottom), score, number, is_cut in zip(
             corners.tolist(), found.scores.tolist(), found.classes.tolist(), cut, strict=True
         ):
-            if right > left and bottom > top and not (is_cut and self._settings.drop_cut):
+            if not (is_cut and self._settings.drop_cut):
                 box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
                 made.append(Detection(box, number, self._class_names[number], score, is_cut))
         return made
