@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from follower_vision.acceptance import Acceptance
 from follower_vision.blur import BlurDetector
 from follower_vision.box import Box
 from follower_vision.coasting import Coasting
@@ -25,6 +26,8 @@ from follower_vision.targetsearch import TargetSearch
 from follower_vision.track import Track, TrackState
 
 __all__ = ["LongTermSettings", "LongTermTracker"]
+
+_SLACK = 0.05
 
 
 class LongTermTracker:
@@ -41,11 +44,12 @@ class LongTermTracker:
         self._reidentifier = Reidentifier(self._settings.reidentify)
         self._check = FrameCheck(self._settings.frame_check)
         self._blur = BlurDetector(self._settings.blur)
-        self._surroundings = Surroundings()
+        self._acceptance = Acceptance(self._settings)
         self._search = TargetSearch()
+        self._surroundings = Surroundings(self._reidentifier, self._search)
         self._coasting = Coasting()
         self._state = TrackState.LOST
-        self._on_probation = False
+        self._probation_ends_s: float | None = None
         self._refreshed_s = -math.inf
         self._started = False
 
@@ -65,6 +69,7 @@ class LongTermTracker:
         self._blur.reset()
         self._judge.reset()
         self._surroundings.reset()
+        self._acceptance.reset()
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._started, self._refreshed_s = True, frame.captured_s
@@ -84,10 +89,10 @@ class LongTermTracker:
         if self._state is TrackState.LOST:
             return self._reacquired(frame) or self._unseen(frame, "lost")
         sighting = self._sighting(frame)
+        if self._probation_ends_s is not None:
+            return self._probed(frame, sighting, self._probation_ends_s)
         if sighting.seen:
             return self._seen(frame, sighting)
-        if self._on_probation:
-            return self._unseen(frame, "lost")
         return self._reacquired(frame) or self._unseen(frame, "coasting")
 
     def _sighting(self, frame: Frame) -> Sighting:
@@ -99,11 +104,22 @@ class LongTermTracker:
         looks = Looks(score, self._surroundings.level)
         return self._judge.judge(frame, estimate, looks, self._coasting.last, strict)
 
+    def _probed(self, frame: Frame, sighting: Sighting, ends_s: float) -> Track:
+        """Found, but only just: it has to go on scoring as a found target for a moment."""
+        epsilon = self._epsilon(frame.captured_s) - _SLACK
+        if sighting.score is not None and sighting.score < epsilon:
+            self._acceptance.fail(frame.captured_s)
+            return self._lost(frame, "lost")
+        if frame.captured_s >= ends_s and sighting.score is not None:
+            return self._seen(frame, sighting)
+        self._coasting.add(frame.captured_s, sighting.box)
+        return self._track(frame, sighting.box, sighting.confidence, "reacquired")
+
     def _seen(self, frame: Frame, sighting: Sighting) -> Track:
         self._coasting.add(frame.captured_s, sighting.box)
         self._state = TrackState.TRACKING
-        self._on_probation = False
-        self._surroundings.update(frame.image, sighting.box, frame.captured_s, self._reidentifier)
+        self._probation_ends_s = None
+        self._surroundings.update(frame.image, sighting.box, frame.captured_s)
         self._learn(frame, sighting)
         return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
 
@@ -119,16 +135,20 @@ class LongTermTracker:
 
     def _unseen(self, frame: Frame, why: str) -> Track:
         """Coast for a while; then, or where the target has left the image, it is lost."""
-        last_s, last = self._coasting.last
+        last_s, _ = self._coasting.last
         expected = self._coasting.predict(frame.captured_s)
         gone = expected.visible_share(frame.width, frame.height) < self._settings.least_visible
         late = frame.captured_s - last_s > self._settings.coast_s
-        if self._state is TrackState.LOST or self._on_probation or gone or late:
-            self._state = TrackState.LOST
-            self._on_probation = False
-            return self._track(frame, last, 0.0, "lost" if why == "coasting" else why)
+        on_probation = self._probation_ends_s is not None
+        if self._state is TrackState.LOST or on_probation or gone or late:
+            return self._lost(frame, "lost" if why == "coasting" else why)
         self._state = TrackState.COASTING
         return self._track(frame, expected, 0.0, why)
+
+    def _lost(self, frame: Frame, why: str) -> Track:
+        self._state = TrackState.LOST
+        self._probation_ends_s = None
+        return self._track(frame, self._coasting.last[1], 0.0, why)
 
     def _reacquired(self, frame: Frame) -> Track | None:
         """Search; a candidate that is recognised becomes the track, on probation if only just."""
@@ -142,19 +162,16 @@ class LongTermTracker:
         else:
             candidates = self._search.near(frame.image, expected, reach)
         found = self._reidentifier.best(frame.image, candidates)
-        if found is None or found[1] < self._epsilon:
+        epsilon = self._epsilon(frame.captured_s)
+        if found is None or found[1] < epsilon:
             return None
         box, score = found
-        sure = score >= self._epsilon + self._settings.sure_margin
+        sure = score >= epsilon + self._settings.sure_margin
         state = TrackState.TRACKING if sure else TrackState.COASTING
         return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")
 
-    @property
-    def _epsilon(self) -> float:
-        """The least score of a found target, more among things that look like it."""
-        level = self._surroundings.level or 0.0
-        raised = min(level + self._settings.look_alike_margin, self._settings.most_epsilon)
-        return max(self._reidentifier.epsilon, raised)
+    def _epsilon(self, now_s: float) -> float:
+        return self._acceptance.epsilon(self._surroundings.level, now_s)
 
     def _restart(
         self, frame: Frame, box: Box, confidence: float, state: TrackState, produced_by: str
@@ -165,7 +182,9 @@ class LongTermTracker:
         self._coasting.reset()
         self._coasting.add(frame.captured_s, box)
         self._state = state
-        self._on_probation = state is not TrackState.TRACKING
+        certain = state is TrackState.TRACKING
+        probation_ends_s = frame.captured_s + self._settings.probation_s
+        self._probation_ends_s = None if certain else probation_ends_s
         return self._track(frame, box, confidence, produced_by)
 
     def _track(self, frame: Frame, box: Box, confidence: float, produced_by: str) -> Track:

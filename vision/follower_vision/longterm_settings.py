@@ -23,6 +23,7 @@ class LongTermSettings:
         reject_score: with less than this it is doubted in any case.
         resume_margin: how much better both have to be to be believed again.
         doubt_s: how long doubt may last before the track says so.
+        looks_doubt_s: the same, where only the looks are in doubt, not the confidence.
         size_jump: largest change of the box's scale at once, as a natural logarithm.
         size_rate_s: how much more for each second since the target was last seen.
         least_visible: a box with less than this share inside the image is not seen.
@@ -32,7 +33,8 @@ class LongTermSettings:
         look_alike_margin: a found target has to exceed what its surroundings scored by this; see
             `most_epsilon`.
         most_epsilon: the surroundings do not raise the score asked of a found target above this.
-        sure_margin: a found target that exceeds epsilon by less has to be seen a second time.
+        sure_margin: a found target that exceeds epsilon by less is on probation.
+        probation_s: how long it then has to keep up its score.
         refresh_s: how often a recent view is kept.
     """
 
@@ -43,6 +45,7 @@ class LongTermSettings:
     reject_score: float = 0.4
     resume_margin: float = 0.15
     doubt_s: float = 0.1
+    looks_doubt_s: float = 0.25
     size_jump: float = 0.4
     size_rate_s: float = 2.0
     least_visible: float = 0.3
@@ -51,7 +54,8 @@ class LongTermSettings:
     reach_growth_s: float = 8.0
     look_alike_margin: float = 0.1
     most_epsilon: float = 1.6
-    sure_margin: float = 0.25
+    sure_margin: float = 0.3
+    probation_s: float = 0.1
     refresh_s: float = 0.5
     reidentify: ReidentifySettings = field(default_factory=ReidentifySettings)
     blur: BlurSettings = field(default_factory=BlurSettings)

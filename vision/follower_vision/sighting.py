@@ -23,12 +23,14 @@ class Sighting:
         confidence: 0 to 1, the least of what the judgements say.
         seen: whether the target is to be taken as seen in this frame.
         good_view: whether the box is fit to be learnt from.
+        score: the box's own re-identification score, 0 to 2; None if blurred.
     """
 
     box: Box
     confidence: float
     seen: bool
     good_view: bool
+    score: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,9 @@ class SightingJudge:
         smooth = self._smoothed(looks.score, frame.captured_s)
         plausible = self._plausible(frame, estimate.box, last)
         believed = plausible and self._convinces(relative, smooth, looks.surroundings, strict)
-        seen = plausible and (believed or (not strict and self._patient(frame.captured_s)))
+        seen = plausible and (
+            believed or (not strict and self._patient(relative, frame.captured_s))
+        )
         if believed:
             self._doubt_since_s = None
             self._adapt_usual(estimate.confidence, frame.captured_s - self._judged_s)
@@ -98,7 +102,8 @@ class SightingJudge:
         epsilon = self._settings.reidentify.epsilon
         confidence = min(relative, max(0.0, smooth / epsilon), 1.0) if plausible else 0.0
         good = believed and relative >= self._settings.high_ratio and smooth >= epsilon
-        return Sighting(estimate.box, confidence, seen, good and looks.score is not None)
+        learn = good and looks.score is not None
+        return Sighting(estimate.box, confidence, seen, learn, looks.score)
 
     def _smoothed(self, score: float | None, now_s: float) -> float:
         if score is None:
@@ -123,11 +128,14 @@ class SightingJudge:
             settings.high_ratio if strict else settings.low_ratio
         )
 
-    def _patient(self, now_s: float) -> bool:
+    def _patient(self, relative: float, now_s: float) -> bool:
         """Whether doubt is too young to speak of."""
+        settings = self._settings
+        confident = relative >= settings.high_ratio
+        patience_s = settings.looks_doubt_s if confident else settings.doubt_s
         if self._doubt_since_s is None:
             self._doubt_since_s = now_s
-        return now_s - self._doubt_since_s < self._settings.doubt_s
+        return now_s - self._doubt_since_s < patience_s
 
     def _plausible(self, frame: Frame, box: Box, last: tuple[float, Box]) -> bool:
         settings = self._settings
