@@ -32,7 +32,7 @@ def states(flight: Flight) -> Figure | None:
     if not flight.states:
         return None
     rows = [name for name in style.STATES if any(s.state == name for s in flight.states)]
-    figure, (axes,) = style.time_panels([0.3 * len(rows) + 0.1], flight.length_s)
+    figure, (axes,) = style.time_panels([0.3 * len(rows) + 0.1], flight.length_s, top_in=0.05)
     axes.set_yticks(range(len(rows)), rows)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -66,7 +66,7 @@ def _draw_band(axes: Axes, spans: list[Span], row: int, flight: Flight) -> None:
 def line_of_sight(flight: Flight) -> Figure | None:
     """Draw azimuth and elevation of the target from the heading: truth and estimate."""
     controls = flight.log.controls
-    if not controls:
+    if not flight.truth and all(record.estimate is None for record in controls):
         return None
     heights = [1.5, 1.5, 1.1] if flight.truth and flight.goal else [1.5, 1.5]
     figure, axes = style.time_panels(heights, flight.length_s)
@@ -157,7 +157,7 @@ def _top(true: Array, estimated: Array) -> float | None:
 def velocities(flight: Flight) -> Figure | None:
     """Draw each axis' velocity and the yaw rate: asked, allowed and flown."""
     controls = flight.log.controls
-    if not controls:
+    if not (any(r.sent for r in controls) or np.isfinite(flight.motion.velocity).any()):
         return None
     figure, axes = style.time_panels([1.35] * 4, flight.length_s)
     time = control_times(controls, flight.start_s)

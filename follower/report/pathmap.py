@@ -94,4 +94,4 @@ def _ticks(time: Array) -> list[float]:
     first, last = float(time[0]), float(time[-1])
     step = next((s for s in _STEPS_S if (last - first) / s <= 9), _STEPS_S[-1])
     start = math.ceil(first / step) * step
-    return [float(tick) for tick in np.arange(start, last, step)]
+    return [float(tick) for tick in np.arange(start, last - 0.2 * step, step)]

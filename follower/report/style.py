@@ -99,10 +99,12 @@ def plot_style() -> Iterator[None]:
         yield
 
 
-def time_panels(heights_in: Sequence[float], until_s: float) -> tuple[Figure, list[Axes]]:
+def time_panels(
+    heights_in: Sequence[float], until_s: float, top_in: float = 0.3
+) -> tuple[Figure, list[Axes]]:
     """Return a figure of panels below each other that share one time axis from 0 to `until_s`."""
     gaps_in = 0.32 * (len(heights_in) - 1)
-    top_in, bottom_in = 0.3, 0.48
+    bottom_in = 0.48
     tall = sum(heights_in) + gaps_in + top_in + bottom_in
     figure = Figure(figsize=(WIDTH_IN, tall))
     grid = figure.add_gridspec(len(heights_in), 1, height_ratios=list(heights_in))

@@ -54,7 +54,7 @@ def histograms(log: FlightLog) -> Figure | None:
         return None
     figure = Figure(figsize=(WIDTH_IN, 4.6))
     grid = figure.add_gridspec(2, 2)
-    grid.update(left=0.075, right=0.985, top=0.93, bottom=0.1, hspace=0.5, wspace=0.18)
+    grid.update(left=0.075, right=0.985, top=0.93, bottom=0.1, hspace=0.55, wspace=0.18)
     for number, timing in enumerate(measured):
         _draw(figure.add_subplot(grid[divmod(number, 2)]), timing)
     return figure
@@ -71,9 +71,8 @@ def _draw(axes: Axes, timing: Timing) -> None:
     )
     for percent, colour, name in ((50, INK, "median"), (99, ORANGE, "p99")):
         value = timing.percentile_ms(percent)
-        axes.axvline(value, color=colour.light, linewidth=1.3, label=f"{name} {value:.3g} ms")
-    axes.set_title(timing.name)
-    axes.set_xlabel("time [ms]")
+        axes.axvline(value, color=colour.light, linewidth=1.3, label=f"{name} {value:.2f} ms")
+    axes.set_xlabel(f"{timing.name} [ms]")
     axes.set_ylabel("number")
     axes.set_ylim(bottom=0.7)
     style.legend(axes)

@@ -1,0 +1,332 @@
+"""The report: whole, self-contained, true to the log, and there whatever the log holds."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from follower.flightlog import FlightLog
+from follower.report import ReportMeta, write_report, write_score, write_whole
+from follower.report.flight import Flight
+from follower.report.series import (
+    directions,
+    setpoints,
+    state_spans,
+    telemetry_motion,
+    thinned,
+    true_motion,
+)
+from follower.report.track_plot import write_track_plot
+from follower.scoring import score_flight, setpoint_delays, stopped_s
+from follower_control.setpoint import HOLD
+from follower_sim.criteria import Criteria
+from follower_sim.score import PursuitScore
+
+META = ReportMeta(
+    title="A car <on> a winding road",
+    subtitle="px4, seed 1",
+    command="follower sim winding --seed 1 && echo 'done'",
+    settings_yaml="servo:\n  distance_m: 15.0\n",
+    facts=(("Seed", "1"),),
+    files=(("score.json", "the score"),),
+)
+SECTIONS = (
+    "Score",
+    "States",
+    "Track error",
+    "Range and height",
+    "Commanded and flown velocity",
+    "Tilt",
+    "Box in the image",
+    "Map",
+    "Timing",
+    "Envelope interventions",
+    "Events",
+    "This run",
+)
+_VOID = {"meta", "link", "br", "img", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Checks that elements are closed in order, and collects what a test asks about."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[str] = []
+        self.ids: list[str] = []
+        self.loads: list[str] = []
+        self.plots: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {name: value or "" for name, value in attrs}
+        self.ids += [values["id"]] if "id" in values else []
+        self.loads += [values[name] for name in ("src", "href", "xlink:href") if name in values]
+        if tag == "svg":
+            self.plots.append(values["aria-label"])
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in _VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self.open[-1:] == ["h2"]:
+            self.headings.append(data)
+
+
+@pytest.fixture(scope="module")
+def flight(fly: Any) -> Any:
+    return fly(30.0)
+
+
+@pytest.fixture(scope="module")
+def score(flight: Any) -> PursuitScore:
+    return score_flight(flight.log, flight.truth, flight.goal, overlaps=[0.7, 0.8])
+
+
+@pytest.fixture(scope="module")
+def html(flight: Any, score: PursuitScore, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write_flight(tmp_path_factory.mktemp("report"), flight, score)
+
+
+def write_flight(folder: Path, flight: Any, score: PursuitScore) -> str:
+    path = write_report(
+        folder,
+        flight.log,
+        META,
+        truth=flight.truth,
+        goal=flight.goal,
+        score=score,
+        target_size_m=flight.target_size_m,
+    )
+    return path.read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(html: str) -> Page:
+    return Page(html)
+
+
+def test_the_page_is_well_formed_and_has_each_section(page: Page) -> None:
+    assert page.open == []
+    assert tuple(page.headings) == SECTIONS
+
+
+def test_the_page_loads_nothing_from_elsewhere(html: str, page: Page) -> None:
+    assert not re.search(r"https?://", html)
+    assert all(target.startswith("#") or target == "score.json" for target in page.loads)
+    assert "@import" not in html
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", html))
+
+
+def test_each_reference_within_the_page_has_its_target_once(html: str, page: Page) -> None:
+    assert len(set(page.ids)) == len(page.ids)
+    wanted = {target[1:] for target in page.loads if target.startswith("#")}
+    wanted |= set(re.findall(r"url\(#([^)]*)\)", html))
+    assert wanted <= set(page.ids)
+
+
+def test_plots_take_their_colours_from_the_page(html: str, page: Page) -> None:
+    assert len(page.plots) == 8
+    for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL):
+        assert set(re.findall(r"#[0-9a-f]{6}\b", svg)) <= {"#000000", "#ffffff"}
+        for name in re.findall(r"var\(--(\w+)\)", svg):
+            assert f"--{name}:" in html
+
+
+def test_text_is_escaped(html: str, page: Page) -> None:
+    assert "A car <on>" not in html
+    assert "Takeoff <complete>" not in html
+    assert "A car <on> a winding road" in page.text
+    assert "Takeoff <complete> & hovering" in page.text
+
+
+def test_the_page_says_what_was_measured(page: Page, score: PursuitScore) -> None:
+    assert score.line_of_sight_rms_deg is not None
+    assert f"{score.line_of_sight_rms_deg:.2f}°" in page.text
+    assert "waiting for the pilot's mode" in page.text
+    assert "acceleration" in page.text
+    assert META.command in page.text
+    assert META.settings_yaml in page.text
+
+
+def test_the_headline_follows_the_verdict(score: PursuitScore, tmp_path: Path) -> None:
+    for criteria, headline in (
+        (Criteria(max_line_of_sight_rms_deg=1e-6), "The pursuit failed"),
+        (Criteria(None, None, None, None, None, None, None), "The pursuit succeeded"),
+    ):
+        write_report(tmp_path, FlightLog(), META, score=score, criteria=criteria)
+        assert headline in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_the_same_flight_gives_the_same_page_and_leaves_matplotlib_alone(
+    flight: Any, score: PursuitScore, html: str, tmp_path: Path
+) -> None:
+    before = dict(mpl.rcParams)
+    again = write_flight(tmp_path, flight, score)
+    assert again == html
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_flight_without_truth_or_telemetry_still_shows_track_and_setpoints(
+    fly: Any, tmp_path: Path
+) -> None:
+    log = fly(10.0, telemetry=False).log
+    page = Page(write_report(tmp_path, log, META).read_text("utf-8"))
+    assert "Box in the image" in page.headings
+    assert "Track error" in page.headings
+    assert "Commanded and flown velocity" in page.headings
+    assert "Map" not in page.headings
+    assert "Score" not in page.headings
+    assert "no truth to score by" in page.text
+
+
+@pytest.mark.parametrize(("count", "with_truth"), [(0, False), (1, False), (1, True), (2, True)])
+def test_a_log_of_hardly_anything_makes_a_report(
+    flight: Any, count: int, with_truth: bool, tmp_path: Path
+) -> None:
+    whole = flight.log
+    log = FlightLog(whole.tracks[-count:][:count], whole.controls[:count], whole.events[:count])
+    truth = flight.truth[:count] if with_truth else []
+    score = score_flight(log, truth, flight.goal)
+    write_report(tmp_path, log, META, truth=truth, goal=flight.goal, score=score)
+    page = Page((tmp_path / "report.html").read_text("utf-8"))
+    assert page.open == []
+    assert "The target was never followed" in page.text
+    write_track_plot(tmp_path / "track.png", log)
+
+
+@pytest.mark.parametrize("missing", ["tracks", "controls", "events"])
+def test_a_missing_part_of_the_log_is_left_out(flight: Any, missing: str, tmp_path: Path) -> None:
+    log = replace(flight.log, **{missing: []})
+    page = Page(write_report(tmp_path, log, META, truth=flight.truth).read_text("utf-8"))
+    assert page.open == []
+    assert "Timing" in page.headings
+
+
+def test_the_score_file_holds_the_score(score: PursuitScore, tmp_path: Path) -> None:
+    run = {"scenario": "winding", "seed": 1}
+    path = write_score(tmp_path, score, Criteria(max_losses=0), run)
+    content = json.loads(path.read_text("utf-8"))
+    assert content["score"] == score.to_dict()
+    assert content["criteria"]["max_losses"] == 0
+    assert content["run"] == run
+    assert content["passed"] is False
+    assert any(line.startswith("Losses: 1") for line in content["failures"])
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = write_whole(tmp_path / "report.html", "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_whole(path, "half of it \udc80")
+    assert path.read_text("utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_track_plot_is_a_picture(flight: Any, tmp_path: Path) -> None:
+    path = tmp_path / "track.png"
+    write_track_plot(path, flight.log)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_directions_are_taken_from_the_nose(fly: Any) -> None:
+    flight = fly(20.0)
+    estimate = directions(flight.log.controls)
+    truth = np.degrees([(s.azimuth_rad, s.elevation_rad) for s in flight.truth])
+    known = np.isfinite(estimate).all(axis=1)
+    assert known.sum() > 900
+    # One step of the heading and the estimate's noise of 0.23 deg are between the two.
+    assert np.abs(estimate - truth)[known].max() < 2.0
+
+
+def test_flown_velocity_is_the_same_from_truth_and_telemetry(flight: Any) -> None:
+    start_s = flight.log.controls[0].time_s
+    true = true_motion(flight.truth, start_s)
+    told = telemetry_motion(flight.log.controls, start_s)
+    np.testing.assert_allclose(told.velocity, true.velocity)
+    np.testing.assert_allclose(told.position_m, true.position_m)
+    sample = flight.truth[-1].vehicle
+    north, east, down = sample.velocity_m_s
+    assert true.velocity[-1, 0] == pytest.approx(
+        north * math.cos(sample.yaw_rad) + east * math.sin(sample.yaw_rad)
+    )
+    assert true.velocity[-1, 2] == pytest.approx(-down)
+
+
+def test_setpoints_are_shown_up_and_in_degrees(flight: Any) -> None:
+    row = 600
+    allowed = flight.log.controls[row].allowed
+    shown = setpoints(flight.log.controls, "allowed")[row]
+    assert shown[2] == pytest.approx(-allowed.down_m_s)
+    assert shown[3] == pytest.approx(math.degrees(allowed.yaw_rate_rad_s))
+
+
+def test_states_fill_the_flight_without_gaps(flight: Any) -> None:
+    spans = state_spans(flight.log.controls, flight.log.controls[0].time_s)
+    assert [span.state for span in spans].count("searching") == 1
+    assert spans[0].start_s == 0
+    for before, after in pairwise(spans):
+        assert before.end_s == after.start_s
+    assert spans[-1].end_s == pytest.approx(29.98)
+
+
+def test_the_approachs_end_is_drawn_where_the_score_says(flight: Any) -> None:
+    score = score_flight(flight.log, flight.truth, flight.goal)
+    shown = Flight.of(flight.log, flight.truth, flight.goal, score=score)
+    if score.approach_s is None:
+        assert shown.approached_s is None
+    else:
+        first = next(r.time_s for r in flight.log.controls if r.state == "following")
+        assert shown.approached_s == pytest.approx(first - shown.start_s + score.approach_s)
+
+
+def test_thinning_keeps_the_peaks_and_the_gaps() -> None:
+    time = np.arange(100_000, dtype=np.float64)
+    values = np.sin(time / 5000)
+    values[12_345], values[67_890] = 9.0, -9.0
+    values[40_000:50_000] = np.nan
+    x, y = thinned(time, values, most=1000)
+    assert len(x) <= 1001
+    assert np.all(np.diff(x) > 0)
+    assert (np.nanmax(y), np.nanmin(y)) == (9.0, -9.0)
+    assert np.isnan(y).any()
+
+
+def test_delays_count_each_frame_once_and_only_while_following(flight: Any) -> None:
+    controls = flight.log.controls
+    delays = setpoint_delays(controls)
+    frames = {r.track_captured_s for r in controls if r.state == "following"}
+    assert len(delays) <= len(frames)
+    assert len(delays) > 0.95 * len(frames)
+    assert min(delays) >= 0.05 - 1e-9
+    assert max(delays) <= 0.05 + 0.02 + 1e-9
+
+
+def test_the_scored_time_ends_with_the_operators_stop(flight: Any) -> None:
+    assert stopped_s(flight.log.controls) == pytest.approx(1029.0)
+    unsent = [replace(r, sent=False, allowed=HOLD) for r in flight.log.controls]
+    log = FlightLog(flight.log.tracks, unsent, flight.log.events)
+    score = score_flight(log, flight.truth, flight.goal)
+    assert score.delay_median_s is None
+    assert score.commanded.horizontal_acceleration_m_s2 == 0
+    assert score.losses == 1
