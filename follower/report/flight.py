@@ -78,4 +78,5 @@ def _approached_s(log: FlightLog, start_s: float, score: PursuitScore | None) ->
     if score is None or score.approach_s is None:
         return None
     acquired = (r.time_s for r in log.controls if r.state is State.FOLLOWING)
-    return next(acquired) - start_s + score.approach_s
+    first_s = next(acquired, None)
+    return None if first_s is None else first_s - start_s + score.approach_s

@@ -216,7 +216,7 @@ def test_a_log_of_hardly_anything_makes_a_report(
     write_track_plot(tmp_path / "track.png", log)
 
 
-@pytest.mark.parametrize("missing", ["tracks", "controls", "events"])
+@pytest.mark.parametrize("missing", ["tracks", "controls"])
 def test_a_missing_part_of_the_log_is_left_out(flight: Any, missing: str, tmp_path: Path) -> None:
     log = replace(flight.log, **{missing: []})
     page = Page(write_report(tmp_path, log, META, truth=flight.truth).read_text("utf-8"))
