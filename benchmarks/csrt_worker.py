@@ -1,0 +1,78 @@
+"""Run one tracker over image files, told by lines of JSON; benchmarks/csrt.py starts it.
+
+It stands alone, because CSRT's environment holds OpenCV and numpy only.
+
+Usage: python csrt_worker.py {csrt,correlation} OPENCV_THREADS
+
+A request is {"images": [paths], "box": [x, y, w, h]} on one line of the standard input; the answer
+is one line: {"boxes": [[x, y, w, h] or null, ...], "update_s": [seconds, ...], "processor_s":
+[seconds, ...]}, the first box being the initial one.
+"""
+
+import json
+import sys
+import time
+
+import cv2
+
+
+class Csrt:
+    """OpenCV's CSRT with its own defaults; its boxes are whole pixels."""
+
+    def __init__(self, image, box):
+        """Start on an image from x, y, w, h."""
+        self._tracker = cv2.TrackerCSRT_create()
+        self._tracker.init(image, tuple(round(value) for value in box))
+
+    def update(self, image):
+        """Return x, y, w, h, or None where it says that it lost the target."""
+        found, box = self._tracker.update(image)
+        return [float(value) for value in box] if found else None
+
+
+class Correlation:
+    """Our own tracker with its own defaults."""
+
+    def __init__(self, image, box):
+        """Start on an image from x, y, w, h."""
+        from follower_vision.box import Box
+        from follower_vision.correlation import CorrelationTracker
+
+        self._tracker = CorrelationTracker()
+        self._tracker.start(image, Box.from_xywh(*box))
+
+    def update(self, image):
+        """Return x, y, w, h."""
+        return list(self._tracker.update(image).box.xywh)
+
+
+TRACKERS = {"csrt": Csrt, "correlation": Correlation}
+
+
+def follow(make_tracker, images, box):
+    """Track through image files; return boxes and the seconds of each update."""
+    tracker = make_tracker(cv2.imread(images[0]), box)
+    boxes, update_s, processor_s = [box], [], []
+    for path in images[1:]:
+        image = cv2.imread(path)
+        begin, processor_begin = time.perf_counter(), time.process_time()
+        found = tracker.update(image)
+        update_s.append(time.perf_counter() - begin)
+        processor_s.append(time.process_time() - processor_begin)
+        boxes.append(found)
+    return {"boxes": boxes, "update_s": update_s, "processor_s": processor_s}
+
+
+def main():
+    """Answer requests until the input ends."""
+    name, threads = sys.argv[1], int(sys.argv[2])
+    if threads:
+        cv2.setNumThreads(threads)
+    for line in sys.stdin:
+        request = json.loads(line)
+        answer = follow(TRACKERS[name], request["images"], request["box"])
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()
