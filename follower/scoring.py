@@ -63,4 +63,4 @@ def stopped_s(controls: Sequence[ControlRecord]) -> float | None:
 
 def _pursuit_step(record: ControlRecord) -> PursuitStep:
     setpoint = record.allowed if record.sent else None
-    return PursuitStep(record.time_s, str(record.state), setpoint, record.limits)
+    return PursuitStep(record.time_s, str(record.state), setpoint, tuple(map(str, record.limits)))

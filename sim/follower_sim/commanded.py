@@ -13,6 +13,8 @@ from follower_control.setpoint import VelocitySetpoint
 
 _Array = npt.NDArray[np.float64]
 
+_ENGAGED = frozenset({"following", "coasting", "searching", "holding"})
+
 
 @dataclass(frozen=True, slots=True)
 class PursuitStep:
@@ -38,8 +40,10 @@ class CommandedPeaks:
 
     Acceleration is the difference of two setpoints sent one after the other over the time between
     them; jerk is the difference of two such accelerations over the later one's time, which is how
-    the envelope counts it. Setpoints with unsent steps between them are not compared. Horizontal is
-    the length of the vector (forward, right); the turning of the heading itself is not counted.
+    the envelope counts it. Horizontal is the length of the vector (forward, right); the turning of
+    the heading itself is not counted. Setpoints with unsent steps between them are not compared,
+    nor is the last hold before following with the first setpoint of it, which begins at the
+    vehicle's own velocity.
     """
 
     horizontal_acceleration_m_s2: float
@@ -64,11 +68,14 @@ def commanded_peaks(steps: Sequence[PursuitStep]) -> CommandedPeaks:
 def _unbroken(steps: Sequence[PursuitStep]) -> Iterable[_Array]:
     """Yield runs of steps that were all sent: rows of (time, forward, right, down, yaw rate)."""
     run: list[tuple[float, ...]] = []
+    engaged = False
     for step in steps:
-        if step.setpoint is None:
+        engages = step.state in _ENGAGED and not engaged
+        engaged = step.state in _ENGAGED
+        if step.setpoint is None or engages:
             yield np.array(run)
             run = []
-        elif not run or step.time_s > run[-1][0]:
+        if step.setpoint is not None and (not run or step.time_s > run[-1][0]):
             run.append((step.time_s, *step.setpoint.values))
     yield np.array(run)
 

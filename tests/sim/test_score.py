@@ -264,6 +264,17 @@ def test_setpoints_across_a_pause_in_sending_are_not_compared() -> None:
     assert commanded_peaks(steps).horizontal_acceleration_m_s2 == 0
 
 
+def test_engaging_at_the_vehicles_own_velocity_is_no_commanded_acceleration() -> None:
+    names = ("ready", "following", "following", "released")
+    speeds = (0.0, 0.4, 0.41, 0.41)
+    steps = [
+        PursuitStep(0.02 * n, name, VelocitySetpoint(speed))
+        for n, (name, speed) in enumerate(zip(names, speeds, strict=True))
+    ]
+    assert commanded_peaks(steps).horizontal_acceleration_m_s2 == pytest.approx(0.5)
+    assert commanded_peaks(steps[1:3]) == commanded_peaks(steps[:3])
+
+
 def test_two_steps_at_the_same_time_do_not_divide_by_zero() -> None:
     steps = [PursuitStep(1.0, "following", VelocitySetpoint(v)) for v in (0.0, 5.0)]
     assert commanded_peaks(steps).horizontal_acceleration_m_s2 == 0
