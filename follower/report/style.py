@@ -140,16 +140,16 @@ def level(axes: Axes, value: float, label: str = "") -> None:
 
 
 def legend(axes: Axes) -> None:
-    """Put the legend above the panel, to the right, if there is more than nothing to say."""
+    """Put the legend above the panel, on the left, where a narrow screen shows it first."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         axes.legend(
             handles,
             labels,
-            loc="lower right",
-            bbox_to_anchor=(1.0, 0.97),
+            loc="lower left",
+            bbox_to_anchor=(0.0, 0.99),
             ncols=len(handles),
-            borderaxespad=0,
+            borderaxespad=0.2,
             columnspacing=1.4,
             handlelength=1.6,
         )

@@ -42,7 +42,7 @@ def states_table(spans: Sequence[Span]) -> str:
 def _state(name: str) -> Html:
     colour = style.STATES[name].name if name in style.STATES else "muted"
     swatch = f'<span class="swatch" style="background: var(--{colour})"></span>'
-    return Html(swatch + html.text_of(name))
+    return Html(f'<span class="state">{swatch}{html.text_of(name)}</span>')
 
 
 def events_table(flight: Flight) -> str:

@@ -45,15 +45,15 @@ def _draw_bands(axes: Axes, flight: Flight) -> None:
         colour = style.TRACK_STATES[span.state].light
         axes.axvspan(span.start_s, span.end_s, facecolor=colour, linewidth=0)
     occurring = [name for name in style.TRACK_STATES if any(s.state == name for s in flight.seen)]
-    axes.set_yticks([])
+    axes.set_yticks([0.5], ["target"])
+    axes.tick_params(axis="y", length=0)
     axes.grid(visible=False)
-    axes.set_ylabel("target", rotation=0, ha="right", va="center")
     axes.legend(
         handles=[Patch(facecolor=style.TRACK_STATES[name].light, label=name) for name in occurring],
-        loc="lower right",
-        bbox_to_anchor=(1.0, 0.97),
+        loc="lower left",
+        bbox_to_anchor=(0.0, 0.99),
         ncols=max(1, len(occurring)),
-        borderaxespad=0,
+        borderaxespad=0.2,
     )
 
 

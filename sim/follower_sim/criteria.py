@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 from follower_sim.score import PursuitScore
@@ -32,6 +33,16 @@ class Criteria:
     max_approach_s: float | None = 30.0
     max_losses: int | None = None
     max_wrong_box_share: float | None = 0.02
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and not 0 <= value < math.inf:
+                raise ValueError(f"{field.name} is a number from 0 on, not {value}")
+        for name in ("min_in_frame_share", "max_wrong_box_share"):
+            share = getattr(self, name)
+            if share is not None and share > 1:
+                raise ValueError(f"{name} is a share from 0 to 1, not {share}")
 
 
 @dataclass(frozen=True, slots=True)

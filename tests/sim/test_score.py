@@ -320,6 +320,21 @@ def test_the_score_survives_json() -> None:
     assert json.loads(json.dumps(score.to_dict(), allow_nan=False)) == score.to_dict()
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"min_in_frame_share": 99.0},
+        {"max_wrong_box_share": 2.0},
+        {"max_line_of_sight_rms_deg": -1.0},
+        {"max_median_range_error": math.nan},
+        {"max_acquire_s": math.inf},
+    ],
+)
+def test_criteria_refuse_nonsense_by_name(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Criteria(**wrong)
+
+
 @pytest.mark.parametrize("distance_m", [0.0, -1.0, math.nan, math.inf])
 def test_a_goal_refuses_nonsense(distance_m: float) -> None:
     with pytest.raises(ValueError, match="distance"):
