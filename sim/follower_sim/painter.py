@@ -84,7 +84,11 @@ class Selection:
 
 
 class SolidPainter:
-    """Draws batches of solids, and the shadows of moving ones, through a lens."""
+    """Draws batches of solids, and the shadows of moving ones, through a lens.
+
+    OpenCV's anti-aliased polygons reach 0.76 px (mean) beyond their outline on every side: that
+    closes the seams between faces, and bodies look so much larger, without being shifted.
+    """
 
     def __init__(self, lens: Lens) -> None:
         self._lens = lens

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from follower_sim.course import Corners, Course
@@ -166,6 +167,14 @@ class CameraSettings(_Section):
     drop_probability: Annotated[float, Field(ge=0, lt=1)] = 0.0
     stamp_offset_s: float = 0.0
     """Error of the frames' time stamps, unknown to the vision side."""
+
+    @model_validator(mode="after")
+    def _lens_reaches_its_corners(self) -> Self:
+        corners = np.array([(0, 0), (self.width, 0), (0, self.height), (self.width, self.height)])
+        imaged = self.model.pixels(self.model.rays(corners))
+        if not np.allclose(imaged, corners, atol=0.5):
+            raise ValueError("with this distortion the lens cannot image its own corners")
+        return self
 
     @property
     def model(self) -> CameraModel:

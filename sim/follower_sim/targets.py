@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from follower_sim.mesh import Colour, Mesh
-from follower_sim.shapes import Outline, Point, ball, box, convex, disc, panel, prism, wheel
+from follower_sim.shapes import (
+    Outline,
+    Point,
+    ball,
+    box,
+    convex,
+    disc,
+    panel,
+    prism,
+    rectangle,
+    wheel,
+)
 from follower_vision.lineofsight import rotation
 
 TargetKind = Literal["person", "car", "boat", "quadrotor"]
@@ -124,24 +136,25 @@ def boat(colour: Colour) -> Mesh:
         (1.8, -1.0, 0.75),
     ]
     keel: Outline = [(2.6, 0, 0.0), (1.4, 0.75, 0), (-3, 0.85, 0), (-3, -0.85, 0), (1.4, -0.75, 0)]
-    hull = prism(keel, deck, colour, (160, 190, 205))
+    hull = prism(keel, deck, colour, darker(colour, 0.9))
     low: Outline = [(1.1, 0.7, 0.78), (1.1, -0.7, 0.78), (-1.0, -0.75, 0.74), (-1.0, 0.75, 0.74)]
     high: Outline = [(0.5, 0.6, 1.9), (0.5, -0.6, 1.9), (-1.0, -0.65, 1.9), (-1.0, 0.65, 1.9)]
     cabin = prism(low, high, (228, 232, 232), colour, layer=1)
     centre: Point = (-0.2, 0.0, 1.2)
     faces = [[low[i], low[j], high[j], high[i]] for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))]
     windows = [panel(f, (0.1, 0.9), (0.45, 0.85), _GLASS, centre, 2) for f in faces]
+    cockpit = convex([(rectangle(1.6, 1.5, 0.74, (-1.95, 0)), (160, 190, 205))], 1, (-1.95, 0, 0))
     engine = box((0.45, 0.5, 0.7), _DARK, (-3.1, 0, 0.4), layer=1)
     mast = box((0.08, 0.08, 0.2), _DARK, (-0.5, 0, 1.9), layer=3)
-    return Mesh.joined([hull, engine, cabin, *windows, mast])
+    return Mesh.joined([hull, cockpit, engine, cabin, *windows, mast])
 
 
 def quadrotor(colour: Colour) -> Mesh:
     """Make a large quadrotor, 1.2 m from motor to motor, body of `colour`."""
     reach = 0.42
     corners = [(f * reach, r * reach) for f in (1, -1) for r in (1, -1)]
-    arms = [_arm(f, r) for f, r in corners]
-    motors = [box((0.09, 0.09, 0.1), _DARK, (f, r, 0.2)) for f, r in corners]
+    arms = [_arm(f, r, colour) for f, r in corners]
+    motors = [box((0.12, 0.12, 0.13), colour, (f, r, 0.17)) for f, r in corners]
     legs = [box((0.04, 0.04, 0.17), _DARK, (f * 0.4, r * 0.4, 0)) for f, r in corners]
     body = box((0.5, 0.26, 0.13), colour, (0, 0, 0.16), darker(colour, 0.95))
     nose = convex(
@@ -160,11 +173,17 @@ def quadrotor(colour: Colour) -> Mesh:
         (0, 0, 0.22),
     )
     rotors = [disc(0.27, (f, r, 0.31), (128, 126, 124), 10, 2) for f, r in corners]
+    rotors += [_underside(rotor) for rotor in rotors]
     hubs = [disc(0.04, (f, r, 0.33), colour, 6, 3) for f, r in corners]
     return Mesh.joined([*legs, *arms, *motors, body, nose, *rotors, *hubs])
 
 
-def _arm(forward: float, right: float) -> Mesh:
+def _underside(disc_above: Mesh) -> Mesh:
+    """Return the same faces seen from the other side."""
+    return replace(disc_above, faces=disc_above.faces[:, ::-1], layers=disc_above.layers * 0)
+
+
+def _arm(forward: float, right: float, colour: Colour) -> Mesh:
     length = math.hypot(forward, right)
-    arm = box((length, 0.05, 0.05), (58, 56, 54), (length / 2, 0, 0.2))
+    arm = box((length, 0.07, 0.07), colour, (length / 2, 0, 0.19))
     return arm.turned(rotation(0, 0, math.atan2(right, forward)))

@@ -114,7 +114,7 @@ class TruthTeller:
         box = self._box(solid, view)
         if box is None:
             return None, 0.0, 0.0
-        in_frame = box.visible_share(self._camera.width, self._camera.height)
+        in_frame = min(1.0, box.visible_share(self._camera.width, self._camera.height))
         return box, in_frame, self._visible_share(number, time_s, solid, box, view)
 
     def _box(self, solid: Solid, view: View) -> Box | None:

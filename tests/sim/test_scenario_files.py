@@ -1,0 +1,150 @@
+"""Scenario files: strict, with errors that say where and what; the shipped ones can be flown."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from follower_control.strict_yaml import SettingsError
+from follower_sim.kinematics import BodyState
+from follower_sim.render import Renderer
+from follower_sim.scenario import Scenario
+from follower_sim.scenario_file import load_scenario
+from follower_sim.truth import target_truth
+from follower_sim.world import World
+from follower_vision.acquire import colour_from_hex, find_by_colour
+
+FOLDER = Path(__file__).parents[2] / "configs" / "scenarios"
+SHIPPED = sorted(FOLDER.glob("*.yaml"))
+MINIMAL = """
+name: minimal
+title: A car drives straight on.
+duration_s: 10
+targets:
+  - kind: car
+    colour: "#e0401c"
+    path: {points: [[0, 0], [100, 0]], speeds: [{at_s: 1, speed_m_s: 5}]}
+start: {at: [-15, 0]}
+select: {colour: "#e0401c"}
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "scenario.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path, MINIMAL))
+    assert scenario.camera.rate_hz == 30
+    assert scenario.followed == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("duration_s", "duration", "unknown key 'duration'; did you mean 'duration_s'?"),
+        ("speed_m_s", "speed_ms", "unknown key 'targets[0].path.speeds[0].speed_ms'; did you mean"),
+        ("kind: car", "kind: tank", "targets[0].kind: Input should be 'person', 'car'"),
+        ("#e0401c", "orange", "targets[0].colour: String should match"),
+        ("[100, 0]", "[20, 0]", "the path of target number 0 is 16 m too short for its speeds"),
+        ("at_s: 1", "at_s: -1", "targets[0].path.speeds[0]: a speed change needs a time"),
+        ("duration_s: 10", "duration_s: ten", "duration_s: Input should be a valid number"),
+        ("duration_s: 10", "duration_s: .nan", "duration_s: Input should be"),
+        ("duration_s: 10", "duration_s: 10\nfollowed: 1", "there is no target number 1"),
+        ("start:", "starts:", "unknown key 'starts'; did you mean 'start'?"),
+        ("name: minimal", "name: [", "no valid YAML"),
+        (
+            "start:",
+            "camera: {fov_deg: 90, distortion: [-0.6, 0, 0, 0, 0]}\nstart:",
+            "camera: with this distortion the lens cannot image its own corners",
+        ),
+        ("start:", "ground: {roads: [{width_m: 5}]}\nstart:", "a road needs either `along`"),
+    ],
+)
+def test_mistakes_are_named_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = written(tmp_path, MINIMAL.replace(old, new))
+    with pytest.raises(SettingsError) as caught:
+        load_scenario(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"nowhere\.yaml: cannot be read: No such file"):
+        load_scenario(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_a_shipped_scenario_is_named_after_its_file_and_has_a_sentence_for_a_title(
+    path: Path,
+) -> None:
+    scenario = load_scenario(path)
+    assert scenario.name == path.stem
+    assert scenario.title.endswith(".")
+    assert 30 <= scenario.duration_s <= 80
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_a_shipped_target_drives_as_a_real_one_could(path: Path) -> None:
+    scenario = load_scenario(path)
+    target = scenario.targets[scenario.followed].path.build()
+    for step in range(int(scenario.duration_s * 10)):
+        before, after = (target.pose(step / 10 + dt).velocity_m_s for dt in (0, 0.1))
+        acceleration = math.dist(before, after) / 0.1
+        assert acceleration < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_a_shipped_target_can_be_found_by_its_colour_after_take_off(path: Path) -> None:
+    world = World(load_scenario(path))
+    scenario = world.scenario
+    heading = math.radians(scenario.start.heading_deg)
+    north, east = scenario.start.at
+    body = BodyState(
+        10.0, (north, east, -scenario.takeoff_height_m), attitude_rad=(0.0, 0.0, heading)
+    )
+    truth = target_truth(world, 10.0, body)
+    image = Renderer(world).render(10.0, body)
+    select = scenario.select
+    found = find_by_colour(image, colour_from_hex(select.colour), select.search)
+    assert truth.in_frame_share > 0.999
+    assert truth.visible_share > 0.9
+    assert truth.box is not None
+    assert found[0].iou(truth.box) > 0.4
+
+
+@pytest.fixture
+def demo() -> Scenario:
+    return load_scenario(FOLDER / "demo.yaml")
+
+
+def test_the_demo_has_turns_a_stop_and_a_speed_change(demo: Scenario) -> None:
+    path = demo.targets[0].path.build()
+    poses = [path.pose(t) for t in range(int(demo.duration_s))]
+    speeds = [math.hypot(*pose.velocity_m_s) for pose in poses]
+    departed = next(i for i, speed in enumerate(speeds) if speed > 1)
+    assert max(speeds) == pytest.approx(7, abs=0.1)
+    assert min(speeds[departed + 5 :]) < 0.05
+    headings = [math.degrees(pose.heading_rad) for pose in poses]
+    assert max(headings) - min(headings) > 90
+
+
+def test_the_demo_starts_behind_the_car_and_turned_away(demo: Scenario) -> None:
+    world = World(demo)
+    north, east = demo.start.at
+    body = BodyState(0, (north, east, 0), attitude_rad=(0, 0, math.radians(demo.start.heading_deg)))
+    truth = target_truth(world, 0, body)
+    assert 20 < truth.range_m < 30
+    assert 20 < math.degrees(truth.line_of_sight.azimuth_rad) < 40
+
+
+def test_yaml_says_it_all(demo: Scenario) -> None:
+    assert (
+        Scenario.model_validate(yaml.safe_load(yaml.safe_dump(demo.model_dump(mode="json"))))
+        == demo
+    )
