@@ -1,0 +1,277 @@
+"""Fusion on generated sequences: a detector that thresholds colour, a real motion tracker."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detection
+from follower_vision.frame import Frame, Image
+from follower_vision.fusion import FusionSettings, FusionTracker
+from follower_vision.motion import MotionEstimate
+from follower_vision.track import Track, TrackState
+
+WIDTH, HEIGHT, FPS = 480, 360, 30.0
+SIDE = 36
+
+
+class ColourDetector:
+    """Finds patches by their hue: red ones are "ball", blue ones "cone"."""
+
+    class_names = ("ball", "cone")
+
+    def __init__(self) -> None:
+        self.regions: list[Box | None] = []
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        self.regions.append(region)
+        blue, green, red = (image[..., channel].astype(int) for channel in range(3))
+        masks = [(red > green + 60) & (red > blue + 60), (blue > green + 60) & (blue > red + 60)]
+        found = [
+            one for number, mask in enumerate(masks) for one in self._blobs(number, mask, region)
+        ]
+        return sorted(found, key=lambda one: -one.score)
+
+    def _blobs(self, number: int, mask: np.ndarray, region: Box | None) -> list[Detection]:
+        count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+        boxes = [Box.from_xywh(*(float(v) for v in stats[i, :4])) for i in range(1, count)]
+        return [
+            Detection(box, number, self.class_names[number], 0.9)
+            for box in boxes
+            if box.area > 80 and (region is None or _within(box, region))
+        ]
+
+
+class TemplateTracker:
+    """Finds the first image of the target again, by normalised cross-correlation nearby."""
+
+    name = "template"
+
+    def start(self, image: Image, box: Box) -> None:
+        self._box = box
+        left, top = round(box.left), round(box.top)
+        self._template = image[top : top + round(box.height), left : left + round(box.width)].copy()
+
+    def move_to(self, box: Box) -> None:
+        self._box = box
+
+    def update(self, image: Image) -> MotionEstimate:
+        left = max(0, round(self._box.cx - 1.5 * self._box.width))
+        top = max(0, round(self._box.cy - 1.5 * self._box.height))
+        place = image[top : top + 3 * SIDE, left : left + 3 * SIDE]
+        height, width = self._template.shape[:2]
+        if place.shape[0] < height or place.shape[1] < width:
+            return MotionEstimate(self._box, 0.0)
+        found = cv2.matchTemplate(place, self._template, cv2.TM_CCOEFF_NORMED)
+        _, confidence, _, (x, y) = cv2.minMaxLoc(found)
+        self._box = Box.from_xywh(left + x, top + y, width, height)
+        return MotionEstimate(self._box, max(0.0, min(1.0, confidence)))
+
+
+def _within(box: Box, region: Box) -> bool:
+    return region.left <= box.cx <= region.right and region.top <= box.cy <= region.bottom
+
+
+def _texture(seed: int, height: int, width: int) -> Image:
+    noise = np.random.default_rng(seed).uniform(40, 215, (height // 6, width // 6))
+    grey = cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC).clip(0, 255)
+    return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+
+
+GROUND = _texture(1, 900, 1600)
+
+
+def _paint(image: Image, x: float, y: float, seed: int, blue: bool = False) -> None:
+    """Draw a textured patch of one hue, its middle at (x, y)."""
+    patch = _texture(seed, SIDE, SIDE) // 3
+    patch[..., 0 if blue else 2] += 160
+    left, top = round(x - SIDE / 2), round(y - SIDE / 2)
+    right, bottom = min(WIDTH, left + SIDE), min(HEIGHT, top + SIDE)
+    if right > max(0, left) and bottom > max(0, top):
+        cut = patch[max(0, -top) : bottom - top, max(0, -left) : right - left]
+        image[max(0, top) : bottom, max(0, left) : right] = cut
+
+
+def _ground(pan: float = 0.0) -> Image:
+    left = round(400 + pan)
+    return GROUND[200 : 200 + HEIGHT, left : left + WIDTH].copy()
+
+
+def _frame(image: Image, number: int) -> Frame:
+    return Frame(image, number / FPS, number)
+
+
+def _box(x: float, y: float) -> Box:
+    return Box(x, y, SIDE, SIDE)
+
+
+def _fusion(detector: ColourDetector | None = None, **settings: object) -> FusionTracker:
+    return FusionTracker(
+        TemplateTracker(), detector or ColourDetector(), FusionSettings(**settings)
+    )
+
+
+def _crossing(number: int) -> tuple[Image, tuple[float, float]]:
+    """Two identical balls run into each other and on."""
+    image = _ground()
+    x = 100 + 3.0 * number
+    _paint(image, 400 - 3.0 * number, 190, 7)
+    _paint(image, x, 180, 7)
+    return image, (x, 180.0)
+
+
+def _behind_wall(number: int) -> tuple[Image, tuple[float, float]]:
+    """A ball runs behind a wall of 110 pixels and comes out again."""
+    image = _ground()
+    x = 90 + 3.0 * number
+    _paint(image, x, 180, 7)
+    image[100:260, 220:330] = 90
+    return image, (x, 180.0)
+
+
+def _run(tracker: FusionTracker, scene: object, count: int) -> list[tuple[Track, float]]:
+    """Follow a scene; return each track with its overlap with the truth."""
+    image, place = scene(0)
+    tracker.start(_frame(image, 0), _box(*place))
+    answers = []
+    for number in range(1, count):
+        image, place = scene(number)
+        track = tracker.step(_frame(image, number))
+        answers.append((track, track.box.iou(_box(*place))))
+    return answers
+
+
+def test_follows_a_target_that_the_detector_knows() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        place = (150 + 2.0 * number, 150 + 1.0 * number)
+        _paint(image, *place, 7)
+        return image, place
+
+    answers = _run(_fusion(), scene, 60)
+    assert min(overlap for _, overlap in answers) > 0.6
+    assert {track.state for track, _ in answers} == {TrackState.TRACKING}
+    assert "detector" in {track.produced_by for track, _ in answers}
+
+
+def test_keeps_identity_when_a_twin_crosses() -> None:
+    answers = _run(_fusion(), _crossing, 95)
+    assert np.mean([overlap > 0.5 for _, overlap in answers[-20:]]) == 1.0
+
+
+def test_finds_the_target_again_behind_a_wall() -> None:
+    answers = _run(_fusion(), _behind_wall, 120)
+    hidden = [track.state for track, _ in answers[60:70]]
+    assert TrackState.TRACKING not in hidden
+    assert min(overlap for _, overlap in answers[-15:]) > 0.5
+
+
+def test_wrong_box_is_never_called_tracking_after_the_target_has_left() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        if number < 30:
+            _paint(image, 200.0, 180.0, 7)
+        return image, (200.0, 180.0)
+
+    answers = _run(_fusion(), scene, 90)
+    assert {track.state for track, _ in answers[60:]} == {TrackState.LOST}
+
+
+def test_returns_to_a_target_that_reappears_elsewhere() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        place = (120.0, 120.0) if number < 40 else (350.0, 250.0)
+        if number < 30 or number >= 70:
+            _paint(image, *place, 7)
+        return image, place
+
+    answers = _run(_fusion(), scene, 100)
+    assert min(overlap for _, overlap in answers[-15:]) > 0.5
+    assert any(track.produced_by == "reacquired" for track, _ in answers)
+
+
+def test_does_not_take_another_class_for_the_target() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        if number < 30:
+            _paint(image, 200.0, 180.0, 7)
+        _paint(image, 300.0, 180.0, 7, blue=True)
+        return image, (200.0, 180.0)
+
+    answers = _run(_fusion(), scene, 90)
+    assert {track.state for track, _ in answers[60:]} == {TrackState.LOST}
+
+
+def test_validation_looks_at_a_zoomed_crop_and_the_paper_at_the_whole_image() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        _paint(image, 200.0 + number, 180.0, 7)
+        return image, (200.0 + number, 180.0)
+
+    detector, whole = ColourDetector(), ColourDetector()
+    _run(_fusion(detector), scene, 30)
+    _run(FusionTracker(TemplateTracker(), whole, FusionSettings.paper()), scene, 30)
+    assert all(region is not None and region.width >= 128 for region in detector.regions[:3])
+    assert set(whole.regions) == {None}
+
+
+def test_is_the_same_every_time() -> None:
+    first = [track for track, _ in _run(_fusion(), _crossing, 60)]
+    second = [track for track, _ in _run(_fusion(), _crossing, 60)]
+    assert first == second
+
+
+def test_a_swinging_camera_does_not_lose_a_standing_target() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        pan = 120 * np.sin(number / 6)
+        image = _ground(pan)
+        _paint(image, 240 - pan, 180.0, 7)
+        return image, (float(240 - pan), 180.0)
+
+    answers = _run(_fusion(), scene, 90)
+    assert np.mean([overlap > 0.5 for _, overlap in answers]) > 0.95
+
+
+def test_needs_a_start_within_the_image() -> None:
+    tracker = _fusion()
+    with pytest.raises(RuntimeError):
+        tracker.step(_frame(_ground(), 0))
+    with pytest.raises(ValueError, match="outside"):
+        tracker.start(_frame(_ground(), 0), Box(-100, -100, 20, 20))
+
+
+def test_unfamiliar_target_is_followed_by_the_motion_tracker_alone() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        x, y = 150 + 2 * number, 170
+        image[y - 18 : y + 18, x - 18 : x + 18] = _texture(99, 36, 36) // 2 + 90
+        return image, (float(x), float(y))
+
+    answers = _run(_fusion(), scene, 60)
+    assert min(overlap for _, overlap in answers) > 0.5
+    assert {track.produced_by for track, _ in answers} == {"template"}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"validate_every": 0},
+        {"match_iou": 1.5},
+        {"coast_s": 0.0},
+        {"size_least": 1.5},
+        {"size_change_found": 0.5},
+    ],
+)
+def test_settings_refuse_nonsense(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="fusion"):
+        FusionSettings(**wrong)
+
+
+def test_every_improvement_can_be_switched_off() -> None:
+    paper = FusionSettings.paper()
+    assert paper.reidentify.max_recent == 0
+    assert FusionSettings().without("camera_motion").camera_motion is False
+    with pytest.raises(ValueError, match="camera_motion"):
+        FusionSettings().without("luck")

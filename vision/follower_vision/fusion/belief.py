@@ -1,0 +1,127 @@
+"""What Fusion believes of its target at present."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.fusion.history import History, Moment
+from follower_vision.fusion.kinematics import Kinematics
+from follower_vision.fusion.warp import Warp
+from follower_vision.track import Track, TrackState
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """The last time that the detector saw the target.
+
+    Attributes:
+        moment: the frame.
+        box: the target's box there.
+        velocity: pixels a second over the background, right and down.
+    """
+
+    moment: Moment
+    box: Box
+    velocity: tuple[float, float]
+
+    def expected(self, history: History, moment: Moment) -> Box:
+        """Return where the target would be in another frame if it went on like that."""
+        warp = history.warp(self.moment, moment)
+        interval_s = moment.captured_s - self.moment.captured_s
+        return moved(warp.box(self.box), warp.turn(*self.velocity), interval_s)
+
+
+class Belief:
+    """The target's box and state, and where both come from.
+
+    Attributes:
+        box: where the target is, or is taken to be.
+        reference: a box of the last confirmed size.
+        state: as in `Track`.
+        confidence: as in `Track`.
+        produced_by: as in `Track`.
+        seen_s: when the target was last seen.
+        history: the last frames.
+        kinematics: where the target goes.
+        confirmation: the detector's last sight of it.
+    """
+
+    def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
+        self.box = self.reference = box
+        self.state = TrackState.TRACKING
+        self.confidence = 1.0
+        self.produced_by = produced_by
+        self.seen_s = frame.captured_s
+        self.history = History()
+        self.kinematics = Kinematics(box)
+        moment = self.history.add(frame.captured_s, Warp(), box)
+        self.confirmation = Confirmation(moment, box, (0.0, 0.0))
+
+    @property
+    def now(self) -> Moment:
+        """The present frame."""
+        return self.history.now
+
+    @property
+    def unseen_s(self) -> float:
+        """How long the target has not been seen."""
+        return self.now.captured_s - self.seen_s
+
+    @property
+    def unconfirmed_s(self) -> float:
+        """How long ago the detector last saw the target."""
+        return self.now.captured_s - self.confirmation.moment.captured_s
+
+    def advance(self, captured_s: float, warp: Warp, predict: bool) -> Box:
+        """Go on to the next frame, and return where the target should be in it.
+
+        Args:
+            captured_s: the frame's capture time.
+            warp: the camera's motion.
+            predict: whether the target's own velocity counts.
+        """
+        interval_s = captured_s - self.now.captured_s
+        expected = self.kinematics.advance(warp, interval_s)
+        self.box = warp.box(self.box)
+        self.reference = self.reference.scaled(warp.zoom)
+        self.history.add(captured_s, warp, self.box)
+        return expected if predict else self.box
+
+    def see(self, box: Box, confidence: float, produced_by: str) -> None:
+        """The target is here."""
+        self.box = box
+        self.state = TrackState.TRACKING
+        self.confidence = confidence
+        self.produced_by = produced_by
+        self.seen_s = self.now.captured_s
+
+    def confirm(self, moment: Moment, box: Box) -> None:
+        """The detector saw the target in a frame of the history."""
+        self.confirmation = Confirmation(moment, box, self.kinematics.velocity)
+
+    def present(self, moment: Moment, box: Box) -> Box:
+        """Bring a box that the target had in an earlier frame to the present one."""
+        warp = self.history.warp(moment, self.now)
+        interval_s = self.now.captured_s - moment.captured_s
+        return moved(warp.box(box), self.kinematics.velocity, interval_s)
+
+    def track(self, frame: Frame) -> Track:
+        """Return the belief as a track."""
+        confidence = self.confidence if self.state is TrackState.TRACKING else 0.0
+        return Track(
+            self.box, self.state, confidence, self.produced_by, frame.captured_s, frame.sequence
+        )
+
+
+def moved(box: Box, velocity: tuple[float, float], interval_s: float) -> Box:
+    """Return a box after a time at constant velocity."""
+    return box.moved_to(box.cx + velocity[0] * interval_s, box.cy + velocity[1] * interval_s)
+
+
+def towards(box: Box, other: Box, share: float) -> Box:
+    """Return the box with a size between its own (share 0) and another's (1), as logarithms."""
+    width = box.width * (other.width / box.width) ** share
+    height = box.height * (other.height / box.height) ** share
+    return Box(box.cx, box.cy, width, height)

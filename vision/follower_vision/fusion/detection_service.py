@@ -1,0 +1,168 @@
+"""Runs the detector for trackers: at once, or in the background."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detection, Detector
+from follower_vision.frame import Image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionRequest:
+    """A wish to see what is in an image.
+
+    Attributes:
+        owner: who asks.
+        index: the asker's number of the frame.
+        image: (H, W, 3) uint8 BGR.
+        region: where to look; None is the whole image.
+    """
+
+    owner: object
+    index: int
+    image: Image
+    region: Box | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionAnswer:
+    """What was seen."""
+
+    request: DetectionRequest
+    detections: list[Detection]
+
+
+class DetectionService(Protocol):
+    """Takes requests and has answers later, or at once."""
+
+    def ready(self) -> bool:
+        """Tell whether a request would be taken now."""
+        ...
+
+    def submit(self, request: DetectionRequest) -> None:
+        """Hand in a request; it may be dropped if the service is not ready."""
+        ...
+
+    def take(self, owner: object) -> list[DetectionAnswer]:
+        """Return the answers to one asker's requests that have come in, the oldest first."""
+        ...
+
+    def close(self) -> None:
+        """Let go of threads."""
+        ...
+
+
+class InlineDetection:
+    """Detects at once, when the answers are fetched: the same every time, and slow."""
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self._waiting: list[DetectionRequest] = []
+
+    def ready(self) -> bool:
+        """Tell that a request is always taken."""
+        return True
+
+    def submit(self, request: DetectionRequest) -> None:
+        """Keep a request until its answer is fetched."""
+        self._waiting.append(request)
+
+    def take(self, owner: object) -> list[DetectionAnswer]:
+        """Detect what was asked for by `owner`."""
+        mine = [request for request in self._waiting if request.owner is owner]
+        self._waiting = [request for request in self._waiting if request.owner is not owner]
+        return [_answer(self._detector, request) for request in mine]
+
+    def close(self) -> None:
+        """Forget the requests."""
+        self._waiting = []
+
+
+class BackgroundDetection:
+    """Detects in one thread of its own; nobody ever waits for it.
+
+    One request is worked on at a time; while that lasts, others are refused (`ready`) or dropped.
+    An error of the detector is raised by the next `take`.
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self._changed = threading.Condition()
+        self._request: DetectionRequest | None = None
+        self._answers: list[DetectionAnswer] = []
+        self._error: Exception | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="detection", daemon=True)
+        self._thread.start()
+
+    def ready(self) -> bool:
+        """Tell whether the thread is idle."""
+        with self._changed:
+            return self._request is None
+
+    def submit(self, request: DetectionRequest) -> None:
+        """Hand a request to the thread, unless it is busy."""
+        with self._changed:
+            if self._request is None and not self._closed:
+                self._request = request
+                self._changed.notify_all()
+
+    def take(self, owner: object) -> list[DetectionAnswer]:
+        """Return what has come in for `owner`.
+
+        Raises:
+            RuntimeError: the detector failed.
+        """
+        with self._changed:
+            if self._error is not None:
+                raise RuntimeError("detection in the background failed") from self._error
+            mine = [answer for answer in self._answers if answer.request.owner is owner]
+            self._answers = [one for one in self._answers if one.request.owner is not owner]
+        return mine
+
+    def wait_idle(self, timeout_s: float) -> bool:
+        """Wait until the thread has nothing to do; for tests and the end of a recording."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._request is None, timeout_s)
+
+    def close(self) -> None:
+        """Stop the thread after what it is doing."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while (request := self._next()) is not None:
+            try:
+                answer = _answer(self._detector, request)
+            except (ValueError, RuntimeError) as error:
+                self._put(None, error)
+                return
+            self._put(answer, None)
+
+    def _next(self) -> DetectionRequest | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._request is not None or self._closed)
+            return None if self._closed else self._request
+
+    def _put(self, answer: DetectionAnswer | None, error: Exception | None) -> None:
+        with self._changed:
+            if answer is not None:
+                self._answers.append(answer)
+            self._error = error
+            self._request = None
+            self._changed.notify_all()
+
+
+DetectionMode = Callable[[Detector], DetectionService]
+"""`InlineDetection` or `BackgroundDetection`."""
+
+
+def _answer(detector: Detector, request: DetectionRequest) -> DetectionAnswer:
+    return DetectionAnswer(request, detector.detect(request.image, request.region))

@@ -1,0 +1,149 @@
+"""Follows look-alikes beside the target, so that identity is decided among all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from follower_vision.box import Box
+from follower_vision.fusion.belief import moved
+from follower_vision.fusion.history import History, Moment
+
+_CLAIM = 0.3
+_HITS_TO_CLAIM = 2
+_MOST = 12
+_KEPT_S = 1.0
+_REACH_SIZES = 0.5
+_VELOCITY_SHARE = 0.4
+
+
+@dataclass(slots=True)
+class Neighbour:
+    """One look-alike.
+
+    Attributes:
+        box: at `moment`, when it was last seen.
+        moment: that frame.
+        velocity: pixels a second over the background.
+        hits: how often it was seen.
+    """
+
+    box: Box
+    moment: Moment
+    velocity: tuple[float, float] = (0.0, 0.0)
+    hits: int = 1
+
+    def expected(self, history: History, moment: Moment) -> Box:
+        """Return where it should be in another frame."""
+        warp = history.warp(self.moment, moment)
+        return moved(warp.box(self.box), warp.turn(*self.velocity), self._age_s(moment))
+
+    def see(self, box: Box, history: History, moment: Moment) -> None:
+        """Take a sighting."""
+        expected = self.expected(history, moment)
+        turned = history.warp(self.moment, moment).turn(*self.velocity)
+        age_s = self._age_s(moment)
+        if age_s > 0:
+            share = _VELOCITY_SHARE / age_s
+            self.velocity = (
+                turned[0] + share * (box.cx - expected.cx),
+                turned[1] + share * (box.cy - expected.cy),
+            )
+        self.box, self.moment, self.hits = box, moment, self.hits + 1
+
+    def _age_s(self, moment: Moment) -> float:
+        return moment.captured_s - self.moment.captured_s
+
+
+class Neighbours:
+    """The look-alikes seen in the last second.
+
+    New ones are taken up only in looks in which the target itself was recognised: then whatever
+    else is there is surely somebody else.
+    """
+
+    def __init__(self) -> None:
+        self._known: list[Neighbour] = []
+
+    @property
+    def known(self) -> Sequence[Neighbour]:
+        """All of them."""
+        return self._known
+
+    def expected(self, history: History, moment: Moment) -> list[Box]:
+        """Return where the established ones should be in a frame."""
+        return [one.expected(history, moment) for one in self._known if one.hits >= _HITS_TO_CLAIM]
+
+    def claims(self, boxes: Sequence[Box], history: History, moment: Moment) -> list[list[float]]:
+        """Return how well each established neighbour (rows) explains each box (columns), 0 to 1."""
+        rows = []
+        for place in self.expected(history, moment):
+            row = [likeness(place, box, place.scale * _REACH_SIZES) for box in boxes]
+            rows.append([value if value >= _CLAIM else 0.0 for value in row])
+        return rows
+
+    def see(self, boxes: Sequence[Box], history: History, moment: Moment, may_be_new: bool) -> None:
+        """Take what was seen besides the target."""
+        left = list(boxes)
+        for one in sorted(self._known, key=lambda known: -known.hits):
+            place = one.expected(history, moment)
+            values = [likeness(place, box, place.scale * _REACH_SIZES) for box in left]
+            if values and max(values) >= _CLAIM:
+                one.see(left.pop(values.index(max(values))), history, moment)
+        if may_be_new:
+            self._known += [Neighbour(box, moment) for box in left[:_MOST]]
+        self._known = [
+            one for one in self._known if moment.captured_s - one.moment.captured_s <= _KEPT_S
+        ][:_MOST]
+
+
+def assign_target(target: Sequence[float], claims: Sequence[Sequence[float]]) -> int | None:
+    """Decide which of several boxes is the target.
+
+    The choice with the largest sum of the target's own likeness and of what the neighbours make of
+    the rest, each box belonging to one of them at most. So a box that fits a neighbour better is
+    left to it, though it fits the target too.
+
+    Args:
+        target: the target's likeness for each box; 0 or less is impossible.
+        claims: each neighbour's likeness for each box.
+
+    Returns:
+        The box's number, or None if leaving all to the neighbours fits best.
+    """
+    best, best_sum = None, _greedy(claims, None)
+    for number, value in enumerate(target):
+        if value > 0:
+            total = value + _greedy(claims, number)
+            if total > best_sum:
+                best, best_sum = number, total
+    return best
+
+
+def likeness(expected: Box, seen: Box, reach_px: float) -> float:
+    """Return how well a box fits an expectation, 0 to 1: nearness and likeness of size."""
+    near = math.exp(-((expected.distance(seen) / max(reach_px, 1.0)) ** 2))
+    size = math.exp(-((2.0 * math.log(seen.scale / expected.scale)) ** 2))
+    return near * size
+
+
+def _greedy(claims: Sequence[Sequence[float]], taken: int | None) -> float:
+    """The sum when every neighbour gets the best box that is left, the best fits first."""
+    pairs = sorted(
+        (
+            (-value, row, column)
+            for row, values in enumerate(claims)
+            for column, value in enumerate(values)
+            if value > 0 and column != taken
+        )
+    )
+    rows: set[int] = set()
+    columns: set[int] = set()
+    total = 0.0
+    for negative, row, column in pairs:
+        if row not in rows and column not in columns:
+            rows.add(row)
+            columns.add(column)
+            total -= negative
+    return total

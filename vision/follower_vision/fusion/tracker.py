@@ -1,0 +1,205 @@
+"""Fusion: follows one target by a motion tracker that a detector validates."""
+
+from __future__ import annotations
+
+from follower_vision.blur import BlurDetector
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detector
+from follower_vision.frame import Frame
+from follower_vision.framecheck import FrameCheck, FrameHealth
+from follower_vision.fusion.belief import Belief
+from follower_vision.fusion.camera_motion import CameraMotion
+from follower_vision.fusion.detection_service import (
+    DetectionAnswer,
+    DetectionMode,
+    DetectionRequest,
+    DetectionService,
+    InlineDetection,
+)
+from follower_vision.fusion.finding import Finding
+from follower_vision.fusion.following import Following
+from follower_vision.fusion.history import Moment
+from follower_vision.fusion.identity import Identity
+from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.validation import Validation
+from follower_vision.fusion.warp import Warp
+from follower_vision.motion import MotionTracker
+from follower_vision.track import Track, TrackState
+
+_LEAST_VISIBLE = 0.1
+_LEAST_CROP_SIDES = 2.5
+_REGIONS_PER_WHOLE = 3
+
+
+class FusionTracker:
+    """Follows one target through look-alikes, occlusion and absence; see `TargetTracker`.
+
+    After Panda and Barczyk, "Blending of Learning-based Tracking and Object Detection for
+    Monocular Camera-based Target Following" (IFAC 2019), with the improvements of `FusionSettings`.
+
+    `produced_by` is the motion tracker's name, "detector" (validated in this frame),
+    "reacquired", or why the target was not seen: "coasting", "frozen", "blank", "lost".
+    """
+
+    def __init__(
+        self,
+        motion: MotionTracker,
+        detector: Detector | None = None,
+        settings: FusionSettings | None = None,
+        mode: DetectionMode = InlineDetection,
+    ) -> None:
+        """Make a tracker that waits for `start`.
+
+        Args:
+            motion: follows the box between validations.
+            detector: validates and finds again; without one every target is unfamiliar.
+            settings: see there.
+            mode: `InlineDetection` or `BackgroundDetection`.
+        """
+        self._settings = settings or FusionSettings()
+        self._service: DetectionService | None = None if detector is None else mode(detector)
+        self._camera = CameraMotion()
+        self._name = motion.name
+        self._looks = Looks(self._settings.reidentify)
+        self._following = Following(motion, self._settings, self._looks)
+        self._validation = Validation(self._settings, self._following, self._looks)
+        self._finding = Finding(self._settings, self._following, self._validation, self._looks)
+        self._identity = Identity(self._settings)
+        self._blur = BlurDetector(self._settings.blur)
+        self._health = FrameCheck()
+        self._belief: Belief | None = None
+        self._asked = 0
+
+    def close(self) -> None:
+        """Let go of the detector's thread, if there is one."""
+        if self._service is not None:
+            self._service.close()
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
+
+        Raises:
+            ValueError: less than a tenth of the box lies inside the image.
+        """
+        if box.visible_share(frame.width, frame.height) < _LEAST_VISIBLE:
+            raise ValueError(
+                f"the target's box (x {box.left:.0f}, y {box.top:.0f}, {box.width:.0f} x "
+                f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
+            )
+        self._forget()
+        self._health.update(frame)
+        self._camera.update(frame.image)
+        self._looks.start(frame, box)
+        self._following.start(frame, box)
+        self._belief = Belief(frame, box, self._name)
+        self._ask(frame, self._belief)
+        return self.conclude(frame)
+
+    def step(self, frame: Frame) -> Track:
+        """Return the target's track in the next frame.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        self.advance(frame)
+        return self.conclude(frame)
+
+    def advance(self, frame: Frame) -> None:
+        """Do the first half of a step: follow, and ask for a detection if it is time for one.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        belief = self._started()
+        interval_s = frame.captured_s - belief.now.captured_s
+        warp = Warp()
+        if self._settings.camera_motion:
+            warp = self._camera.update(frame.image, [belief.box])
+        expected = belief.advance(frame.captured_s, warp, self._settings.camera_motion)
+        health = self._health.update(frame)
+        if health is not FrameHealth.GOOD:
+            self._following.coast(frame, belief, expected, health.value)
+        else:
+            self._follow(frame, belief, expected, interval_s)
+        belief.now.box = belief.box
+
+    def conclude(self, frame: Frame) -> Track:
+        """Do the second half of a step: take in what the detector has answered.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        belief = self._started()
+        for answer in [] if self._service is None else self._service.take(self):
+            moment = belief.history.at(answer.request.index)
+            if moment is not None:
+                self._consider(frame, belief, answer, moment)
+        belief.now.box = belief.box
+        return belief.track(frame)
+
+    def _started(self) -> Belief:
+        if self._belief is None:
+            raise RuntimeError("the tracker was not started")
+        return self._belief
+
+    def _forget(self) -> None:
+        self._camera.reset()
+        self._blur.reset()
+        self._validation.start()
+        self._identity = Identity(self._settings)
+        self._health = FrameCheck()
+
+    def _follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
+        self._following.follow(frame, belief, expected, interval_s)
+        if belief.state is TrackState.LOST and not self._identity.familiar:
+            self._finding.unaided(frame, belief, expected)
+        if self._is_due(frame, belief):
+            self._ask(frame, belief)
+
+    def _is_due(self, frame: Frame, belief: Belief) -> bool:
+        since = belief.now.index - self._asked
+        if belief.state is not TrackState.TRACKING:
+            return since >= self._settings.search_every
+        blurred = self._blur.update(frame.image, belief.box, frame.captured_s).blurred
+        return blurred or since >= self._settings.validate_every
+
+    def _ask(self, frame: Frame, belief: Belief) -> None:
+        if self._service is None or not self._service.ready():
+            return
+        self._asked = belief.now.index
+        region = self._region(frame, belief)
+        self._service.submit(DetectionRequest(self, self._asked, frame.image, region))
+
+    def _region(self, frame: Frame, belief: Belief) -> Box | None:
+        """Where to look; None is the whole image."""
+        settings, box = self._settings, belief.box
+        lost = belief.state is TrackState.LOST
+        if not (settings.growing_search if lost else settings.zoomed_validation):
+            return None
+        side = max(
+            settings.crop_least_px,
+            settings.crop_sizes * box.scale,
+            _LEAST_CROP_SIDES * max(box.width, box.height),
+        )
+        if lost:
+            turn = self._asked // settings.search_every
+            if turn % _REGIONS_PER_WHOLE == _REGIONS_PER_WHOLE - 1:
+                return None
+            side *= 1 + belief.unseen_s * settings.search_growth_s / settings.crop_sizes
+        whole = side >= max(frame.width, frame.height)
+        return None if whole else Box(box.cx, box.cy, side, side)
+
+    def _consider(
+        self, frame: Frame, belief: Belief, answer: DetectionAnswer, moment: Moment
+    ) -> None:
+        certain = belief.state is TrackState.TRACKING and belief.confidence > 0.9
+        if certain:
+            self._identity.meet(answer.detections, moment)
+        if not self._identity.familiar:
+            return
+        sight = self._identity.sight(answer.detections, moment)
+        if belief.state is TrackState.LOST:
+            self._finding.among(frame, belief, sight, answer.request.image)
+        else:
+            self._validation.validate(frame, belief, sight)

@@ -1,0 +1,116 @@
+"""Compares the track with what the detector sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detection
+from follower_vision.frame import Frame
+from follower_vision.fusion.belief import Belief, towards
+from follower_vision.fusion.following import Following
+from follower_vision.fusion.history import Moment
+from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.neighbours import Neighbours, assign_target, likeness
+from follower_vision.fusion.settings import FusionSettings
+from follower_vision.track import TrackState
+
+_SIZE_CHANGE = 2.0
+_REACH_SIZES = 0.35
+_REACH_SIZES_S = 0.8
+_TRAJECTORY_S = 1.0
+_LEAST_NEARNESS = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What the detector saw of the target's kind in one frame of the history.
+
+    Attributes:
+        moment: the frame.
+        boxes: the target's box for each detection, if that is the target.
+        detections: the detections.
+    """
+
+    moment: Moment
+    boxes: Sequence[Box]
+    detections: Sequence[Detection]
+
+
+class Validation:
+    """Decides which detection is the target, corrects the track, and counts failures."""
+
+    def __init__(self, settings: FusionSettings, following: Following, looks: Looks) -> None:
+        self._settings = settings
+        self._following = following
+        self._looks = looks
+        self.neighbours = Neighbours()
+        self._misses = 0
+
+    def start(self) -> None:
+        """Forget the look-alikes and the failures: another target, or the same found again."""
+        self.neighbours = Neighbours()
+        self._misses = 0
+
+    def validate(self, frame: Frame, belief: Belief, sight: Sight) -> None:
+        """Correct the belief by a sight that is of this frame or a little late."""
+        chosen = self._choose(belief, sight)
+        if self._settings.distractor_memory:
+            rest = [box for number, box in enumerate(sight.boxes) if number != chosen]
+            self.neighbours.see(rest, belief.history, sight.moment, chosen is not None)
+        if chosen is None:
+            self._missed(frame, belief)
+        else:
+            self._misses = 0
+            self._confirm(frame, belief, sight.moment, sight.boxes[chosen])
+
+    def _choose(self, belief: Belief, sight: Sight) -> int | None:
+        values = [self._value(belief, sight.moment, box) for box in sight.boxes]
+        if not self._settings.distractor_memory:
+            return assign_target(values, [])
+        claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
+        return assign_target(values, claims)
+
+    def _value(self, belief: Belief, moment: Moment, box: Box) -> float:
+        """How much a box is the target by its place: the motion tracker's, and the trajectory's."""
+        age_s = moment.captured_s - belief.confirmation.moment.captured_s
+        expected = belief.confirmation.expected(belief.history, moment)
+        if not 1 / _SIZE_CHANGE < box.scale / expected.scale < _SIZE_CHANGE:
+            return 0.0
+        overlap = box.iou(moment.box)
+        reach_px = expected.scale * (_REACH_SIZES + _REACH_SIZES_S * age_s)
+        near = likeness(expected, box, reach_px) if age_s < _TRAJECTORY_S else 0.0
+        if overlap < self._settings.match_iou and near < _LEAST_NEARNESS:
+            return 0.0
+        return 0.5 * overlap + 0.5 * near
+
+    def _missed(self, frame: Frame, belief: Belief) -> None:
+        self._misses += 1
+        if self._misses < self._settings.misses_to_lose:
+            return
+        score = self._looks.score(frame.image, belief.box) if self._settings.appearance_check else 0
+        if score < self._settings.doubt_score:
+            belief.state = TrackState.LOST
+            belief.produced_by = "lost"
+
+    def _confirm(self, frame: Frame, belief: Belief, moment: Moment, box: Box) -> None:
+        settings = self._settings
+        present = belief.present(moment, box)
+        belief.reference = towards(belief.reference, present, settings.size_share)
+        corrected = present
+        if settings.keep_template and box.iou(moment.box) >= settings.match_iou:
+            corrected = self._blended(belief, moment, box)
+        belief.see(corrected, max(belief.confidence, 0.5), "detector")
+        belief.kinematics.correct(corrected)
+        belief.confirm(moment, box)
+        self._following.relocate(frame, corrected)
+
+    def _blended(self, belief: Belief, moment: Moment, box: Box) -> Box:
+        """Shift the present box by what the past one was off, in part."""
+        settings = self._settings
+        warp = belief.history.warp(moment, belief.now)
+        right, down = warp.turn(box.cx - moment.box.cx, box.cy - moment.box.cy)
+        share = settings.position_share if belief.state is TrackState.TRACKING else 1.0
+        sized = towards(belief.box, box.scaled(warp.zoom), settings.size_share)
+        return sized.moved_to(sized.cx + share * right, sized.cy + share * down)
