@@ -28,6 +28,8 @@ from follower_vision.track import Track, TrackState
 __all__ = ["LongTermSettings", "LongTermTracker"]
 
 _SLACK = 0.05
+_NEARNESS_FADES_S = 1.0
+_FAR = 4.0
 
 
 class LongTermTracker:
@@ -99,28 +101,28 @@ class LongTermTracker:
         """Ask the motion tracker, and judge what it says."""
         estimate = self._motion.update(frame.image)
         blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
-        score = None if blurred else self._reidentifier.score(frame.image, estimate.box)
+        score = self._reidentifier.score(frame.image, estimate.box)
         strict = self._state is not TrackState.TRACKING
-        looks = Looks(score, self._surroundings.level)
+        looks = Looks(score, self._surroundings.level, blurred)
         return self._judge.judge(frame, estimate, looks, self._coasting.last, strict)
 
     def _probed(self, frame: Frame, sighting: Sighting, ends_s: float) -> Track:
         """Found, but only just: it has to go on scoring as a found target for a moment."""
-        epsilon = self._epsilon(frame.captured_s) - _SLACK
-        if sighting.score is not None and sighting.score < epsilon:
+        if sighting.score < self._epsilon(frame.captured_s) - _SLACK:
             self._acceptance.fail(frame.captured_s)
             return self._lost(frame, "lost")
-        if frame.captured_s >= ends_s and sighting.score is not None:
+        if frame.captured_s >= ends_s:
             return self._seen(frame, sighting)
         self._coasting.add(frame.captured_s, sighting.box)
         return self._track(frame, sighting.box, sighting.confidence, "reacquired")
 
     def _seen(self, frame: Frame, sighting: Sighting) -> Track:
-        self._coasting.add(frame.captured_s, sighting.box)
         self._state = TrackState.TRACKING
         self._probation_ends_s = None
-        self._surroundings.update(frame.image, sighting.box, frame.captured_s)
-        self._learn(frame, sighting)
+        if sighting.believed:
+            self._coasting.add(frame.captured_s, sighting.box)
+            self._surroundings.update(frame.image, sighting.box, frame.captured_s)
+            self._learn(frame, sighting)
         return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
 
     def _learn(self, frame: Frame, sighting: Sighting) -> None:
@@ -152,16 +154,7 @@ class LongTermTracker:
 
     def _reacquired(self, frame: Frame) -> Track | None:
         """Search; a candidate that is recognised becomes the track, on probation if only just."""
-        last_s, _ = self._coasting.last
-        expected = self._coasting.predict(frame.captured_s)
-        reach = expected.scale * (
-            self._settings.reach + self._settings.reach_growth_s * (frame.captured_s - last_s)
-        )
-        if self._state is TrackState.LOST:
-            candidates = self._search.everywhere(frame.image, expected, reach)
-        else:
-            candidates = self._search.near(frame.image, expected, reach)
-        found = self._reidentifier.best(frame.image, candidates)
+        found = self._best(frame, self._candidates(frame))
         epsilon = self._epsilon(frame.captured_s)
         if found is None or found[1] < epsilon:
             return None
@@ -169,6 +162,31 @@ class LongTermTracker:
         sure = score >= epsilon + self._settings.sure_margin
         state = TrackState.TRACKING if sure else TrackState.COASTING
         return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")
+
+    def _candidates(self, frame: Frame) -> list[Box]:
+        """Where the target might be by now: near while it coasts, anywhere once it is lost."""
+        settings = self._settings
+        away_s = frame.captured_s - self._coasting.last[0]
+        expected = self._coasting.predict(frame.captured_s)
+        reach = expected.scale * (settings.reach + settings.reach_growth_s * away_s)
+        if self._state is TrackState.LOST:
+            return self._search.everywhere(frame.image, expected, reach)
+        return self._search.near(frame.image, expected, reach)
+
+    def _best(self, frame: Frame, candidates: list[Box]) -> tuple[Box, float] | None:
+        """The likeliest candidate by its looks and, soon after the loss, its place."""
+        expected = self._coasting.predict(frame.captured_s)
+        away_s = frame.captured_s - self._coasting.last[0]
+        weight = self._settings.nearness * math.exp(-away_s / _NEARNESS_FADES_S)
+        scored = [
+            (
+                box,
+                self._reidentifier.score(frame.image, box)
+                - weight * min(1.0, box.distance(expected) / (_FAR * expected.scale)),
+            )
+            for box in candidates
+        ]
+        return max(scored, key=lambda pair: pair[1], default=None)
 
     def _epsilon(self, now_s: float) -> float:
         return self._acceptance.epsilon(self._surroundings.level, now_s)

@@ -20,6 +20,7 @@ class LongTermSettings:
         high_ratio: it has to come back to this share to be believed again.
         recognised_score: a box with this re-identification score (0 to 2) shows the target.
         surroundings_margin: with less it has to exceed the score of its surroundings by this.
+        score_drop: and it has to come within this of the target's usual score.
         reject_score: with less than this it is doubted in any case.
         resume_margin: how much better both have to be to be believed again.
         doubt_s: how long doubt may last before the track says so.
@@ -33,6 +34,8 @@ class LongTermSettings:
         look_alike_margin: a found target has to exceed what its surroundings scored by this; see
             `most_epsilon`.
         most_epsilon: the surroundings do not raise the score asked of a found target above this.
+        nearness: how much a find far from the expected place is marked down just after the loss;
+            this fades within seconds, as the target may be anywhere by then.
         sure_margin: a found target that exceeds epsilon by less is on probation.
         probation_s: how long it then has to keep up its score.
         refresh_s: how often a recent view is kept.
@@ -42,9 +45,10 @@ class LongTermSettings:
     high_ratio: float = 0.4
     recognised_score: float = 1.1
     surroundings_margin: float = 0.05
-    reject_score: float = 0.4
+    score_drop: float = 0.8
+    reject_score: float = 0.5
     resume_margin: float = 0.15
-    doubt_s: float = 0.1
+    doubt_s: float = 0.05
     looks_doubt_s: float = 0.25
     size_jump: float = 0.4
     size_rate_s: float = 2.0
@@ -54,6 +58,7 @@ class LongTermSettings:
     reach_growth_s: float = 8.0
     look_alike_margin: float = 0.1
     most_epsilon: float = 1.6
+    nearness: float = 0.3
     sure_margin: float = 0.3
     probation_s: float = 0.1
     refresh_s: float = 0.5

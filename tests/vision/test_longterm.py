@@ -1,0 +1,278 @@
+"""Honest states: a target that is not there is not tracked, and it is found when it returns."""
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.correlation import CorrelationTracker
+from follower_vision.frame import Frame
+from follower_vision.longterm import LongTermSettings, LongTermTracker
+from follower_vision.motion import IdentityTracker, MotionEstimate
+from follower_vision.track import Track, TrackState
+
+RATE_HZ = 30.0
+SIZE = (36, 24)
+ORANGE, BLUE = (30, 110, 240), (220, 120, 30)
+Path = Callable[[float], tuple[float, float] | None]
+
+
+class TemplateTracker:
+    """A real, if simple, motion tracker: the best match near the last place."""
+
+    name = "template"
+
+    def start(self, image, box):
+        self._box = box
+        self._template = self._cut(image, box)
+
+    def update(self, image):
+        region = self._box.scaled(3.0)
+        x, y = max(0, round(region.left)), max(0, round(region.top))
+        place = image[y : round(region.bottom), x : round(region.right)]
+        tall, wide = self._template.shape[:2]
+        if place.shape[0] < tall or place.shape[1] < wide:
+            return MotionEstimate(self._box, 0.0)
+        match = cv2.matchTemplate(place, self._template, cv2.TM_CCOEFF_NORMED)
+        _, value, _, (right, down) = cv2.minMaxLoc(match)
+        self._box = self._box.moved_to(x + right + wide / 2, y + down + tall / 2)
+        return MotionEstimate(self._box, max(0.0, value) if math.isfinite(value) else 0.0)
+
+    @staticmethod
+    def _cut(image, box):
+        x, y = max(0, round(box.left)), max(0, round(box.top))
+        return image[y : round(box.bottom), x : round(box.right)].copy()
+
+
+TRACKERS = [TemplateTracker, CorrelationTracker]
+
+
+class Scene:
+    """A textured ground, cars on it, and a camera with noise."""
+
+    def __init__(self, seed: int = 0, width: int = 400, height: int = 300) -> None:
+        self._rng = np.random.default_rng(seed)
+        coarse = self._rng.integers(60, 150, (height // 10, width // 10, 3), np.uint8)
+        self._ground = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+
+    def frame(self, index: int, *cars: tuple[tuple[float, float] | None, tuple]) -> Frame:
+        image = self._ground.copy()
+        for centre, colour in cars:
+            if centre is not None:
+                draw_car(image, centre, colour)
+        noisy = image + self._rng.normal(0, 3, image.shape)
+        return Frame(np.clip(noisy, 0, 255).astype(np.uint8), index / RATE_HZ, index)
+
+    def black(self, index: int) -> Frame:
+        noise = np.abs(self._rng.normal(0, 2, self._ground.shape))
+        return Frame(noise.astype(np.uint8), index / RATE_HZ, index)
+
+
+def draw_car(image, centre, colour):
+    w, h = SIZE
+    x, y = round(centre[0] - w / 2), round(centre[1] - h / 2)
+    dark = tuple(channel // 4 for channel in colour)
+    cv2.rectangle(image, (x, y), (x + w - 1, y + h - 1), colour, -1)
+    cv2.rectangle(image, (x + 4, y + 3), (x + w - 5, y + 9), dark, -1)
+    cv2.rectangle(image, (x, y + h - 5), (x + 7, y + h - 1), (20, 20, 20), -1)
+    cv2.rectangle(image, (x + w - 8, y + h - 5), (x + w - 1, y + h - 1), (20, 20, 20), -1)
+
+
+def box_at(centre: tuple[float, float]) -> Box:
+    return Box(round(centre[0] - SIZE[0] / 2) + SIZE[0] / 2, centre[1], *SIZE)
+
+
+def follow(motion, seconds: float, target: Path, other: Path = lambda _: None, seed: int = 0):
+    """Track a target along a path beside a look-alike of another colour."""
+    scene, tracker, tracks = Scene(seed), LongTermTracker(motion), []
+    for index in range(round(seconds * RATE_HZ)):
+        time_s = index / RATE_HZ
+        frame = scene.frame(index, (other(time_s), BLUE), (target(time_s), ORANGE))
+        step = tracker.step if index else lambda frame: tracker.start(frame, box_at(target(0.0)))
+        tracks.append(step(frame))
+    return tracks
+
+
+def first(tracks: list[Track], after_s: float, wanted: Callable[[Track], bool]) -> float:
+    """Seconds from `after_s` until a track is as wanted; infinity if none is."""
+    times = (t.captured_s - after_s for t in tracks if t.captured_s >= after_s and wanted(t))
+    return next(times, math.inf)
+
+
+def driving(time_s: float) -> tuple[float, float]:
+    return 80 + 40 * time_s, 120 + 10 * time_s
+
+
+def is_tracking(track: Track) -> bool:
+    return track.state is TrackState.TRACKING
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_target_that_stays_in_view_is_tracked_all_the_time(tracker):
+    tracks = follow(tracker(), 3.0, driving)
+    assert all(map(is_tracking, tracks))
+    assert min(t.box.iou(box_at(driving(t.captured_s))) for t in tracks) > 0.6
+    assert min(t.confidence for t in tracks) > 0.5
+
+
+@pytest.mark.parametrize("tracker", [*TRACKERS, IdentityTracker])
+def test_a_target_that_vanishes_is_given_up_within_half_a_second(tracker):
+    def path(time_s):
+        return (120.0, 150.0) if time_s < 1.5 else None
+
+    tracks = follow(tracker(), 3.5, path)
+    assert first(tracks, 1.5, lambda t: not is_tracking(t)) < 0.5
+    assert not any(is_tracking(t) for t in tracks if t.captured_s > 2.0)
+    assert tracks[-1].state is TrackState.LOST
+    assert tracks[-1].confidence == 0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_it_is_found_again_elsewhere_and_not_its_look_alike(tracker, seed):
+    def path(time_s):
+        return driving(time_s) if time_s < 1.5 else None if time_s < 3 else (320.0, 60.0)
+
+    def look_alike(time_s):
+        return 200 - 20 * time_s, 230.0
+
+    tracks = follow(tracker(), 4.5, path, look_alike, seed)
+    assert first(tracks, 3.0, is_tracking) < 0.5
+    found = [t for t in tracks if t.captured_s > 3.0 and is_tracking(t)]
+    assert min(t.box.iou(box_at((320.0, 60.0))) for t in found) > 0.5
+    assert any(t.produced_by == "reacquired" for t in tracks)
+    assert not any(is_tracking(t) for t in tracks if 2.0 < t.captured_s < 3.0)
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_it_leaves_the_image_and_returns(tracker):
+    def path(time_s):
+        return (340 + 60 * time_s if time_s < 2.5 else 580 - 60 * (time_s - 1), 150.0)
+
+    tracks = follow(tracker(), 6.5, path)
+    away = [t for t in tracks if 1.6 < t.captured_s < 3.3]
+    assert not any(map(is_tracking, away))
+    # Its centre is back inside the image at 4 s, all of it at 4.3 s.
+    assert first(tracks, 4.3, is_tracking) < 0.5
+    assert tracks[-1].box.iou(box_at(path(tracks[-1].captured_s))) > 0.5
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_it_passes_behind_a_pillar(tracker):
+    scene, long_term = Scene(), LongTermTracker(tracker())
+    states, right = [], 0
+    for index in range(96):
+        centre = (60 + 100 * index / RATE_HZ, 150.0)
+        frame = scene.frame(index, (centre, ORANGE))
+        image = frame.image.copy()
+        image[:, 190:250] = (90, 100, 95)
+        frame = Frame(image, frame.captured_s, index)
+        track = long_term.step(frame) if index else long_term.start(frame, box_at(centre))
+        hidden = 200 < centre[0] < 240
+        if hidden:
+            states.append(track.state)
+        right += track.box.iou(box_at(centre)) > 0.5
+    assert TrackState.COASTING in states
+    assert is_tracking(track)
+    assert right > 75
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_black_frames_are_no_sighting(tracker):
+    scene, long_term = Scene(), LongTermTracker(tracker())
+    long_term.start(scene.frame(0, ((100.0, 100.0), ORANGE)), box_at((100.0, 100.0)))
+    for index in range(1, 30):
+        assert is_tracking(long_term.step(scene.frame(index, ((100.0, 100.0), ORANGE))))
+    dark = [long_term.step(scene.black(index)) for index in range(30, 60)]
+    assert not any(map(is_tracking, dark))
+    assert {t.produced_by for t in dark} == {"blank"}
+    assert dark[-1].state is TrackState.LOST
+    after = [long_term.step(scene.frame(i, ((100.0, 100.0), ORANGE))) for i in range(60, 75)]
+    assert is_tracking(after[-1])
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_frozen_picture_is_no_sighting(tracker):
+    scene, long_term = Scene(), LongTermTracker(tracker())
+    long_term.start(scene.frame(0, ((100.0, 100.0), ORANGE)), box_at((100.0, 100.0)))
+    frozen = scene.frame(1, ((101.0, 100.0), ORANGE)).image
+    tracks = [long_term.step(Frame(frozen, i / RATE_HZ, i)) for i in range(1, 60)]
+    doubt = [t for t in tracks if t.captured_s > 0.2]
+    assert {t.state for t in doubt} == {TrackState.COASTING, TrackState.LOST}
+    assert {t.confidence for t in doubt} == {0.0}
+    assert {t.produced_by for t in doubt} == {"frozen"}
+    assert doubt[-1].state is TrackState.LOST
+
+
+def test_one_repeated_frame_is_not_yet_frozen():
+    scene, long_term = Scene(), LongTermTracker(TemplateTracker())
+    long_term.start(scene.frame(0, ((100.0, 100.0), ORANGE)), box_at((100.0, 100.0)))
+    for index in range(1, 40):
+        frame = scene.frame(index, ((100.0, 100.0), ORANGE))
+        assert is_tracking(long_term.step(frame))
+        twice = Frame(frame.image, frame.captured_s + 0.01, index)
+        assert is_tracking(long_term.step(twice))
+
+
+def test_coasting_goes_on_at_the_speed_in_pixels_a_second():
+    """Half the frame rate makes no difference to where a hidden target is expected."""
+    ends = []
+    for stride in (1, 2):
+        scene, long_term = Scene(), LongTermTracker(TemplateTracker())
+        frames = [
+            scene.frame(i, ((80 + 3.0 * i, 150.0) if i < 46 else None, ORANGE)) for i in range(52)
+        ]
+        long_term.start(frames[0], box_at((80.0, 150.0)))
+        tracks = [long_term.step(frame) for frame in frames[stride::stride]]
+        ends.append(next(t for t in tracks if t.sequence == 50))
+    assert [t.state for t in ends] == [TrackState.COASTING] * 2
+    assert ends[0].box.cx == pytest.approx(ends[1].box.cx, abs=6)
+    assert ends[0].box.cx > 80 + 3.0 * 46
+
+
+def test_choosing_again_forgets_the_first_target():
+    scene, long_term = Scene(), LongTermTracker(TemplateTracker())
+    cars = (((100.0, 100.0), ORANGE), ((300.0, 200.0), BLUE))
+    long_term.start(scene.frame(0, *cars), box_at((100.0, 100.0)))
+    long_term.step(scene.frame(1, *cars))
+    long_term.start(scene.frame(2, *cars), box_at((300.0, 200.0)))
+    track = long_term.step(scene.frame(3, *cars))
+    assert is_tracking(track)
+    assert track.box.iou(box_at((300.0, 200.0))) > 0.6
+    assert (track.captured_s, track.sequence) == (3 / RATE_HZ, 3)
+
+
+def test_the_same_frames_give_the_same_tracks():
+    def path(time_s):
+        return driving(time_s) if time_s < 1 else None if time_s < 1.8 else (300.0, 60.0)
+
+    assert follow(CorrelationTracker(), 3.0, path) == follow(CorrelationTracker(), 3.0, path)
+
+
+def test_a_box_outside_the_image_is_refused():
+    scene, long_term = Scene(), LongTermTracker(IdentityTracker())
+    with pytest.raises(ValueError, match="outside the image of 400 x 300"):
+        long_term.start(scene.frame(0), Box(500, 100, 20, 20))
+
+
+def test_stepping_before_a_start_is_an_error():
+    with pytest.raises(RuntimeError, match="not started"):
+        LongTermTracker(IdentityTracker()).step(Scene().frame(0))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"low_ratio": 0.8, "high_ratio": 0.2},
+        {"reject_score": 3},
+        {"coast_s": -1},
+        {"coast_s": math.inf},
+        {"least_visible": 1.5},
+    ],
+)
+def test_settings_refuse_nonsense(wrong):
+    with pytest.raises(ValueError, match="long-term tracker"):
+        LongTermSettings(**wrong)
