@@ -108,7 +108,7 @@ def plain_line(status: LiveStatus) -> str:
         f"{status.state} ({_why(status)})",
         f"off by {_direction(status, 0)}",
         f"range {_number(status.range_m, '.1f', 'm')}",
-        f"asked {_speed(status.allowed)}",
+        f"sent {_speed(status.allowed)}",
         f"flown {_speed(status.flown)}",
         f"{_number(status.frame_rate_hz, '.0f', 'frames/s')}",
         f"control {_number(_milli(status.control_s), '.2f', 'ms')}",
@@ -168,7 +168,8 @@ def print_score(
 
 
 def _why(status: LiveStatus) -> str:
-    return ", ".join(part for part in (status.reason, status.phase) if part) or _UNKNOWN
+    phase = "" if status.phase == status.state else status.phase
+    return ", ".join(part for part in (status.reason, phase) if part) or _UNKNOWN
 
 
 def _direction(status: LiveStatus, width: int = 6) -> str:

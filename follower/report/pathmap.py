@@ -75,9 +75,15 @@ def _draw_sights(axes: Axes, time: Array, own: Array, target: Array, ticks: list
 
 
 def _draw_times(axes: Axes, time: Array, path: Array, ticks: list[float]) -> None:
+    """Write the ticks' times beside the path, but not one on top of the other."""
+    apart_m = 0.06 * float(np.ptp(path, axis=0).max())
+    labelled = np.full(2, np.inf)
     for tick in ticks:
-        north, east = path[int(np.searchsorted(time, tick))]
+        north, east = place = path[int(np.searchsorted(time, tick))]
         axes.plot(east, north, ".", color=INK.light, markersize=5, zorder=4)
+        if np.linalg.norm(place - labelled) < apart_m:
+            continue
+        labelled = place
         axes.annotate(
             f"{tick:.0f} s",
             (east, north),
