@@ -20,6 +20,9 @@ from follower_control.setpoint import HOLD, VelocitySetpoint
 SLACK = 1e-9
 """What rounding may add to a speed limit, m/s."""
 
+SHORTEST_S = 1e-6
+"""Less time than this is left to add up: rounding would be large against what may change in it."""
+
 HUGE = 1e6
 """Larger components are cut to this before arithmetic that could overflow, m/s."""
 
@@ -160,6 +163,8 @@ class Envelope:
         if not math.isfinite(now_s):
             return 0.0
         interval_s = 0.0 if self._last_s is None else now_s - self._last_s
+        if 0 < interval_s < SHORTEST_S:
+            return 0.0
         self._last_s = now_s
         return min(max(interval_s, 0.0), self._settings.max_interval_s)
 

@@ -124,6 +124,14 @@ def test_a_long_pause_counts_as_a_short_one():
     assert 0 < after <= SETTINGS.max_jerk_m_s3 * longest**2 + 1e-9
 
 
+def test_moments_too_short_to_count_add_up():
+    envelope = Envelope(SETTINGS)
+    envelope.start(HOLD, 0.0)
+    for i in range(1, 100):
+        assert envelope.limit(VelocitySetpoint(5.0), i * 1e-8, FREE).allowed == HOLD
+    assert envelope.limit(VelocitySetpoint(5.0), 1e-5, FREE).allowed.forward_m_s > 0
+
+
 def test_time_running_backwards_changes_nothing_and_then_goes_on():
     envelope = Envelope(SETTINGS)
     envelope.start(VelocitySetpoint(2.0), 100.0)

@@ -6,7 +6,7 @@ import hypothesis.strategies as st
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from follower_control.envelope import Envelope, EnvelopeSettings
+from follower_control.envelope import SHORTEST_S, Envelope, EnvelopeSettings
 from follower_control.flight_context import FlightContext
 from follower_control.setpoint import VelocitySetpoint
 
@@ -18,6 +18,7 @@ SETTINGS = EnvelopeSettings(
     max_jerk_m_s3=8.0,
     fence_radius_m=50.0,
 )
+ROUNDING = 1e-6
 MAX_YAW_RATE = math.radians(SETTINGS.max_yaw_rate_deg_s)
 MAX_YAW_ACCELERATION = math.radians(SETTINGS.max_yaw_acceleration_deg_s2)
 
@@ -42,9 +43,10 @@ class AnythingGoesIn(RuleBasedStateMachine):
         self.accelerations = (0.0, 0.0)
 
     def call(self, limited, now_s):
-        elapsed = now_s - self.clock if math.isfinite(now_s) else 0.0
-        self.clock = now_s if math.isfinite(now_s) else self.clock
-        dt = min(max(elapsed, 0.0), SETTINGS.max_interval_s)
+        dt = 0.0
+        if math.isfinite(now_s) and not 0 < now_s - self.clock < SHORTEST_S:
+            dt = min(max(now_s - self.clock, 0.0), SETTINGS.max_interval_s)
+            self.clock = now_s
         self.check_change(self.out, limited.allowed, dt)
         self.out = limited.allowed
 
@@ -56,10 +58,9 @@ class AnythingGoesIn(RuleBasedStateMachine):
         if dt == 0:
             assert level == sink == turn == 0
             return
-        rounding = 1e-6 + 1e-14 / dt
         for change, last in zip((level, sink), self.accelerations, strict=True):
-            assert abs(change / dt) <= SETTINGS.max_acceleration_m_s2 + rounding
-            assert abs(change / dt - last) <= SETTINGS.max_jerk_m_s3 * dt + rounding
+            assert abs(change / dt) <= SETTINGS.max_acceleration_m_s2 + ROUNDING
+            assert abs(change / dt - last) <= SETTINGS.max_jerk_m_s3 * dt + ROUNDING
         self.accelerations = level / dt, sink / dt
 
     @rule(asked=setpoints, context=contexts, dt=steps)
@@ -102,6 +103,6 @@ class AnythingGoesIn(RuleBasedStateMachine):
 
 
 AnythingGoesIn.TestCase.settings = hypothesis_settings(
-    max_examples=150, stateful_step_count=30, deadline=None
+    max_examples=100, stateful_step_count=30, deadline=None
 )
 TestAnythingGoesIn = AnythingGoesIn.TestCase
