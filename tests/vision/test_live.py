@@ -1,0 +1,210 @@
+"""Live sources: the newest frame, its time, and coming back after a break."""
+
+import socket
+import threading
+import time
+from fractions import Fraction
+from itertools import pairwise
+
+import av
+import numpy as np
+import pytest
+
+from follower_vision.clock import MonotonicClock
+from follower_vision.framesource import SourceError
+from follower_vision.live import LiveSettings, LiveSource
+from follower_vision.sources import is_live, open_source
+
+QUICK = LiveSettings(first_frame_s=8.0, retry_s=0.02, longest_retry_s=0.1)
+
+
+def picture(number: int) -> np.ndarray:
+    return np.full((48, 64, 3), number % 200 + 20, np.uint8)
+
+
+class FakeCamera:
+    """A connection that gives some pictures at a rate and then breaks or ends."""
+
+    rate_hz = 50.0
+
+    def __init__(self, count: int, breaks: bool = False, interval_s: float = 0.005) -> None:
+        self.count, self.breaks, self.interval_s = count, breaks, interval_s
+        self.closed = False
+
+    def images(self):
+        for number in range(self.count):
+            time.sleep(self.interval_s)
+            yield picture(number), MonotonicClock().now()
+        if self.breaks:
+            raise SourceError("camera: unplugged; plug it in")
+
+    def close(self):
+        self.closed = True
+
+
+class UdpSender:
+    """Sends real H.264 in MPEG-TS over UDP, numbers as brightness, until stopped."""
+
+    def __init__(self, port: int, rate: int = 30) -> None:
+        self._port, self._rate = port, rate
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._stop.set()
+        self._thread.join(5)
+
+    def _run(self):
+        address = f"udp://127.0.0.1:{self._port}?pkt_size=1316"
+        with av.open(address, "w", format="mpegts") as container:
+            options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10"}
+            stream = container.add_stream("libx264", rate=self._rate, options=options)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            number = 0
+            while not self._stop.wait(1 / self._rate):
+                frame = av.VideoFrame.from_ndarray(picture(number), format="bgr24")
+                frame.pts, frame.time_base = number, Fraction(1, self._rate)
+                container.mux(stream.encode(frame))
+                number += 1
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time():
+    port, clock = free_port(), MonotonicClock()
+    with UdpSender(port), open_source(f"udp://127.0.0.1:{port}", live=QUICK) as source:
+        frames = [source.read() for _ in range(20)]
+        age_s = clock.now() - frames[-1].captured_s
+        rate_hz = source.nominal_rate_hz
+    assert frames[0].image.shape == (48, 64, 3)
+    assert all(a.captured_s < b.captured_s for a, b in pairwise(frames))
+    assert all(a.sequence < b.sequence for a, b in pairwise(frames))
+    assert 0 <= age_s < 0.5
+    assert rate_hz == pytest.approx(30, rel=0.1)
+
+
+def test_a_sender_that_stops_and_starts_again_is_found_again():
+    port = free_port()
+    with UdpSender(port):
+        source = open_source(f"udp://127.0.0.1:{port}", live=QUICK)
+        last = source.read()
+    time.sleep(2.5)
+    with source, UdpSender(port):
+        end = time.monotonic() + 10
+        while source.connections < 2 and time.monotonic() < end:
+            frame = source.read()
+        frame = source.read()
+    assert source.connections >= 2
+    assert frame.captured_s > last.captured_s + 2
+    assert frame.sequence > last.sequence
+
+
+def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows():
+    with LiveSource(lambda: FakeCamera(400), MonotonicClock(), QUICK) as source:
+        first = source.read()
+        time.sleep(0.3)
+        before = MonotonicClock().now()
+        late = source.read()
+    assert late.sequence - first.sequence > 5
+    assert before - late.captured_s < 0.1
+    assert source.skipped >= late.sequence - first.sequence - 1
+
+
+def test_it_connects_again_after_a_break_and_numbers_go_on():
+    made = []
+
+    def connect():
+        made.append(FakeCamera(3, breaks=True))
+        return made[-1]
+
+    with LiveSource(connect, MonotonicClock(), QUICK) as source:
+        while source.connections < 3:
+            frame = source.read()
+    assert frame.sequence >= 3
+    assert made[0].closed
+    assert made[1].closed
+
+
+def test_the_pauses_between_attempts_grow():
+    attempts = []
+
+    def connect():
+        attempts.append(time.monotonic())
+        raise SourceError("camera: not there; plug it in")
+
+    settings = LiveSettings(retry_s=0.02, longest_retry_s=0.16)
+    with LiveSource(connect, MonotonicClock(), settings) as source:
+        time.sleep(0.8)
+        assert source.problem == "camera: not there; plug it in"
+    pauses = np.diff(attempts)
+    assert 3 <= len(attempts) <= 9
+    assert pauses[-1] > 0.1
+
+
+def test_the_problem_is_over_once_frames_come():
+    with LiveSource(lambda: FakeCamera(1000), MonotonicClock(), QUICK) as source:
+        assert source.read() is not None
+        assert source.problem is None
+
+
+def test_measured_latency_is_subtracted():
+    settings = LiveSettings(latency_s=0.25)
+    with LiveSource(lambda: FakeCamera(1000), MonotonicClock(), settings) as source:
+        age_s = MonotonicClock().now() - source.read().captured_s
+    assert 0.25 <= age_s < 0.5
+
+
+def test_closing_lets_a_waiting_reader_go():
+    source = LiveSource(lambda: FakeCamera(1, interval_s=0.0), MonotonicClock(), LiveSettings())
+    assert source.read() is not None
+    threading.Timer(0.1, source.close).start()
+    assert source.read() is None
+    assert source.read() is None
+
+
+def test_a_stream_that_nobody_sends_is_a_clear_error():
+    settings = LiveSettings(first_frame_s=0.5, retry_s=0.05)
+    with pytest.raises(SourceError, match=r"is it sending|is the camera sending"):
+        open_source(f"udp://127.0.0.1:{free_port()}", live=settings)
+
+
+def test_a_missing_device_is_refused_at_once():
+    with pytest.raises(SourceError, match="/dev/video97: there is no such device"):
+        open_source("/dev/video97")
+
+
+def test_gstreamer_is_refused_where_opencv_lacks_it():
+    with pytest.raises(SourceError, match="no GStreamer"):
+        open_source("gst:videotestsrc ! appsink")
+
+
+@pytest.mark.parametrize(
+    ("spec", "live"),
+    [
+        ("/dev/video0", True),
+        ("rtsp://10.0.0.1/live", True),
+        ("udp://0.0.0.0:5600", True),
+        ("gst:videotestsrc ! appsink", True),
+        ("flight.mp4", False),
+        ("/dev/null", False),
+        ("folder/img", False),
+    ],
+)
+def test_live_sources_are_told_from_recordings(spec, live):
+    assert is_live(spec) is live
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"latency_s": -1}, {"retry_s": 0}, {"retry_s": 9}, {"first_frame_s": 0}]
+)
+def test_live_settings_refuse_nonsense(wrong):
+    with pytest.raises(ValueError, match="live source"):
+        LiveSettings(**wrong)
