@@ -22,7 +22,7 @@ from follower_vision.lineofsight import CameraMount
 _SHADOW = 0.42
 _STILL_PX = 0.8
 _STEP_PX = 2.2
-_MOST_STEPS = 3
+_MOST_STEPS = 4
 
 
 def pixel_rays(camera: CameraModel) -> PixelRays:
@@ -38,7 +38,7 @@ def pixel_rays(camera: CameraModel) -> PixelRays:
 class Renderer:
     """Draws ground, sky and bodies through a camera model, with distortion and motion blur.
 
-    Motion blur is the mean of up to three pictures taken during the exposure, each of which
+    Motion blur is the mean of up to four pictures taken during the exposure, each of which
     moves camera and targets; how many depends on how far things move in the image.
 
     Args:
@@ -133,10 +133,8 @@ class Renderer:
         return image
 
 
-def _mean(images: list[Image]) -> Image:
-    if len(images) == 1:
-        return images[0]
-    total = cv2.addWeighted(images[0], 0.5, images[1], 0.5, 0)
-    if len(images) == 3:
-        total = cv2.addWeighted(total, 2 / 3, images[2], 1 / 3, 0)
-    return np.asarray(total, np.uint8)
+def _mean(images: Sequence[Image]) -> Image:
+    total = images[0]
+    for count, image in enumerate(images[1:], start=2):
+        total = np.asarray(cv2.addWeighted(total, 1 - 1 / count, image, 1 / count, 0), np.uint8)
+    return total
