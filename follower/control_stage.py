@@ -202,7 +202,9 @@ class ControlStage:
         errors = self._servo.errors
         if errors is None:
             return FlightContext.of(vehicle, now_s)
-        return FlightContext.of(vehicle, now_s, errors.range_m, errors.azimuth_rad)
+        return FlightContext.of(
+            vehicle, now_s, errors.range_m, errors.azimuth_rad, errors.target_speed_m_s
+        )
 
     @staticmethod
     def _sends(state: State, vehicle: VehicleState) -> bool:

@@ -27,7 +27,7 @@ from follower.terminal import Terminal, print_score
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
 from follower_control.udp import UdpTransport
-from follower_sim.criteria import Criteria, verdict
+from follower_sim.criteria import verdict
 from follower_sim.scenario import Scenario
 from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
@@ -162,7 +162,7 @@ def _report(
     console: Console,
 ) -> int:
     """Write everything, say what came of it, and return the exit code."""
-    criteria = criteria_of(flight.scenario)
+    criteria = flight.scenario.expect
     score = score_flight(
         flight.log,
         flight.truth,
@@ -190,11 +190,6 @@ def _report(
     if interrupted:
         return _INTERRUPTED
     return _FAILED if verdict(score, criteria) else _SUCCESS
-
-
-def criteria_of(scenario: Scenario) -> Criteria:
-    """Return what the scenario expects of a pursuit, as the score's criteria."""
-    return Criteria(**{k: v for k, v in scenario.expect.model_dump().items() if v is not None})
 
 
 def _meta(flight: SimulatedFlight, options: SimulationOptions, interrupted: bool) -> ReportMeta:

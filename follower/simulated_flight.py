@@ -27,7 +27,6 @@ from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal, TruthSample
 from follower_sim.truth import TruthTeller
 from follower_sim.world import World
-from follower_vision.acquire import ColourSearchSettings
 from follower_vision.clock import Clock
 from follower_vision.track import TrackState
 
@@ -132,8 +131,7 @@ class SimulatedFlight:
         if self.chosen_s is None and self.phase is Phase.AIRBORNE:
             self.chosen_s = now_s
             select = self.scenario.select
-            search = ColourSearchSettings(min_area_px=select.min_area_px)
-            self._vision_stage.select(colour_selector(select.colour, search))
+            self._vision_stage.select(colour_selector(select.colour, select.search))
         if now_s >= self.scenario.duration_s:
             self.stop()
 
