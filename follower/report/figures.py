@@ -20,7 +20,7 @@ from follower.report.series import (
     setpoints,
 )
 from follower.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE
-from follower_sim.score import APPROACH_RANGE, line_of_sight_errors
+from follower_sim.score import APPROACH_RANGE, PursuitGoal, line_of_sight_errors
 
 _TROUBLE = {name: style.STATES[name] for name in ("coasting", "searching", "holding", "released")}
 _CHARACTER_IN = 0.068
@@ -83,13 +83,12 @@ def line_of_sight(flight: Flight) -> Figure | None:
         style.shade(panel, flight.states, _TROUBLE)
     style.legend(axes[0])
     if flight.truth and flight.goal:
-        _draw_error(axes[2], flight)
+        _draw_error(axes[2], flight, flight.goal)
     return figure
 
 
-def _draw_error(axes: Axes, flight: Flight) -> None:
-    assert flight.goal is not None  # noqa: S101  the caller drew this panel for the goal
-    angle = np.degrees(line_of_sight_errors(flight.truth, flight.goal))
+def _draw_error(axes: Axes, flight: Flight, goal: PursuitGoal) -> None:
+    angle = np.degrees(line_of_sight_errors(flight.truth, goal))
     style.curve(axes, _truth_times(flight), angle, BLUE, "true angle to the wanted direction")
     axes.set_ylabel("error [°]")
     axes.set_ylim(bottom=0)

@@ -51,10 +51,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], numbers: Sequence
     )
 
 
-def folded(summary: str, body: str, is_open: bool = False) -> str:
+def folded(summary: str, body: str) -> str:
     """Return something that opens on a click."""
-    attribute = " open" if is_open else ""
-    return f"<details{attribute}><summary>{escape(summary)}</summary>\n{body}\n</details>"
+    return f"<details><summary>{escape(summary)}</summary>\n{body}\n</details>"
 
 
 def preformatted(text: str) -> str:

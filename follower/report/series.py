@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -211,8 +211,3 @@ def _spans(samples: Iterable[tuple[float, str, str]]) -> list[Span]:
             spans[-1] = Span(spans[-1].start_s, time_s, spans[-1].state, spans[-1].reason)
         spans.append(Span(time_s, time_s, state, reason))
     return spans
-
-
-def finite(values: Array) -> Iterator[float]:
-    """Yield the values that are finite."""
-    yield from values[np.isfinite(values)].tolist()
