@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from follower_vision.frame import Image
 from follower_vision.framesource import ClosesItself
 
 _TICKS_PER_S = 90_000
+_FAILURES = (av.error.FFmpegError, OSError)
 
 
 class VideoWriteError(OSError):
@@ -35,7 +37,7 @@ class VideoWriter(ClosesItself):
         quality: x264's constant rate factor, 0 (no loss) to 51 (worst).
 
     Raises:
-        VideoWriteError: by `write`, if the file cannot be made or written.
+        VideoWriteError: by `write` and `close`, if the file cannot be made or written.
     """
 
     def __init__(self, path: str | Path, rate_hz: float = 30.0, quality: int = 23) -> None:
@@ -71,11 +73,8 @@ class VideoWriter(ClosesItself):
         try:
             stream = self._stream or self._open(image, captured_s)
             self._encode(stream, self._picture(stream, image, captured_s))
-        except (av.error.FFmpegError, OSError) as error:
-            raise VideoWriteError(
-                f"{self._path}: cannot write the video ({error.strerror}); "
-                "check the folder, its permissions and the space left"
-            ) from error
+        except _FAILURES as error:
+            raise self._failed(error) from error
 
     def close(self) -> None:
         """Finish the file; it plays from here on. Without frames there is no file."""
@@ -86,17 +85,33 @@ class VideoWriter(ClosesItself):
         self._container = self._stream = None
         try:
             container.mux(stream.encode(None))
-        finally:
             container.close()
+        except _FAILURES as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: Exception) -> VideoWriteError:
+        """Give up the file; what is in it already may still play."""
+        container, self._container, self._stream = self._container, None, None
+        self._closed = True
+        if container is not None:
+            with suppress(*_FAILURES):
+                container.close()
+        return VideoWriteError(
+            f"{self._path}: cannot write the video ({getattr(error, 'strerror', error)}); "
+            "check the folder, its permissions and the space left"
+        )
 
     def _open(self, image: Image, captured_s: float) -> av.VideoStream:
-        container = av.open(str(self._path), "w", options={"movflags": "hybrid_fragmented"})
+        container = av.open(
+            str(self._path), "w", format="mp4", options={"movflags": "hybrid_fragmented"}
+        )
         stream = container.add_stream("libx264", rate=self._rate, options=self._options())
         height, width = image.shape[:2]
         stream.width, stream.height = width + width % 2, height + height % 2
         stream.pix_fmt = "yuv420p"
         stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
         self._container, self._stream, self._origin_s = container, stream, captured_s
+        container.start_encoding()
         return stream
 
     def _options(self) -> dict[str, str]:

@@ -1,0 +1,67 @@
+"""The overlay shows box, state and text, at any size, without touching the frame."""
+
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.overlay import STATE_COLOURS, draw_track
+from follower_vision.track import Track, TrackState
+
+
+def grey(width: int, height: int) -> np.ndarray:
+    return np.full((height, width, 3), 110, np.uint8)
+
+
+def track(box: Box, state: TrackState = TrackState.TRACKING) -> Track:
+    return Track(box, state, 0.87, "correlation", 1.0, 30)
+
+
+def near(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    return np.abs(image.astype(int) - colour).sum(axis=2) < 150
+
+
+@pytest.mark.parametrize("state", list(TrackState))
+@pytest.mark.parametrize(("width", "height"), [(320, 240), (640, 480), (1280, 720)])
+def test_the_box_is_drawn_in_its_states_colour_where_it_is(width, height, state):
+    box = Box.from_xywh(0.3 * width, 0.4 * height, 0.2 * width, 0.25 * height)
+    drawn = draw_track(grey(width, height), track(box, state))
+    columns = np.flatnonzero(near(drawn, STATE_COLOURS[state])[round(box.cy) + 12])
+    assert abs(columns.min() + 0.5 - box.left) < 3
+    assert abs(columns.max() + 0.5 - box.right) < 3
+
+
+def test_the_frame_itself_is_left_alone():
+    image = grey(320, 240)
+    draw_track(image, track(Box(100, 100, 40, 30)), ["a line"])
+    assert (image == 110).all()
+
+
+def test_without_a_track_only_the_centre_and_the_text_are_drawn():
+    drawn = draw_track(grey(320, 240), None, ["IDLE"])
+    changed = np.argwhere((drawn != 110).any(axis=2))
+    in_text = (changed[:, 0] < 40) & (changed[:, 1] < 100)
+    in_centre = (abs(changed[:, 0] - 120) < 20) & (abs(changed[:, 1] - 160) < 20)
+    assert in_text.any()
+    assert in_centre.any()
+    assert (in_text | in_centre).all()
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        Box(0, 0, 30, 20),
+        Box(320, 240, 30, 20),
+        Box(-500, 100, 30, 20),
+        Box(160, 120, 2000, 2000),
+        Box(160, 120, 1e7, 1e7),
+        Box(160, 120, 0.01, 0.01),
+        Box(1e9, -1e9, 5, 5),
+    ],
+)
+def test_boxes_anywhere_and_of_any_size_do_no_harm(box):
+    drawn = draw_track(grey(320, 240), track(box), ["x" * 200])
+    assert drawn.shape == (240, 320, 3)
+
+
+def test_tiny_images_do_no_harm():
+    assert draw_track(grey(16, 8), track(Box(8, 4, 4, 2)), ["line", "line"]).shape == (8, 16, 3)
