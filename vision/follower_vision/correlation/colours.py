@@ -1,4 +1,4 @@
-"""How much each cell is of the eleven colours that languages name.
+"""How much each cell is of the eleven colours that languages name, and how bright.
 
 In the spirit of van de Weijer, Schmid, Verbeek and Larlus, "Learning Color Names for Real-World
 Applications" (2009), but with a closed form in the place of their learnt table: a soft vote by the
@@ -33,7 +33,7 @@ _LEVELS = 32
 
 
 def _lookup() -> npt.NDArray[np.float32]:
-    """Votes, (32768, 11), over the upper five bits of blue, green and red; each colour mean 0."""
+    """Votes and brightness, (32768, 12), by the upper five bits of blue, green and red; mean 0."""
     prototypes = np.array(_PROTOTYPES_RGB, np.float32)[None] / 255
     prototypes_lab = cv2.cvtColor(prototypes, cv2.COLOR_RGB2Lab)[0]
     level = (np.arange(_LEVELS, dtype=np.float32) + 0.5) / _LEVELS
@@ -42,22 +42,30 @@ def _lookup() -> npt.NDArray[np.float32]:
     distance2 = ((lab[:, None] - prototypes_lab[None]) ** 2).sum(axis=-1)
     votes = np.exp(-distance2 / (2 * _LAB_SIGMA**2)) + 1e-9
     votes /= votes.sum(axis=1, keepdims=True)
-    return np.asarray(votes - votes.mean(axis=0), np.float32)
+    brightness = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY).reshape(-1, 1)
+    table = np.concatenate([votes, brightness], axis=1)
+    return np.asarray(table - table.mean(axis=0), np.float32)
 
 
-_VOTES = _lookup()
+_TABLE = _lookup()
 _PLACE = np.array([_LEVELS * _LEVELS, _LEVELS, 1])
 
 
-def colour_channels(patch: Image, rows: int, columns: int) -> Channels:
-    """Return (12, rows, columns): eleven colour votes and the brightness, about mean 0."""
-    pixels = np.asarray(
-        cv2.resize(patch, (2 * columns, 2 * rows), interpolation=cv2.INTER_AREA), np.uint8
-    )
-    votes = _VOTES[(pixels >> 3) @ _PLACE]
-    cells = votes.reshape(rows, 2, columns, 2, -1).mean(axis=(1, 3))
-    grey = cv2.cvtColor(
-        cv2.resize(pixels, (columns, rows), interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY
-    )
-    brightness = grey.astype(np.float32) / 255 - np.float32(0.5)
-    return np.concatenate([cells.transpose(2, 0, 1), brightness[None]])
+class ColourTable:
+    """Turns pixels into colour channels, by default into all twelve.
+
+    Args:
+        directions: combinations of the channels to answer instead, shape (C, 12).
+    """
+
+    def __init__(self, directions: npt.NDArray[np.float32] | None = None) -> None:
+        self._table = _TABLE if directions is None else _TABLE @ directions.T
+
+    def __call__(self, patch: Image, cells: int) -> Channels:
+        """Return (C, cells, cells) of a square patch."""
+        pixels = np.asarray(
+            cv2.resize(patch, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA), np.uint8
+        )
+        votes = np.take(self._table, (pixels >> 3) @ _PLACE, axis=0)
+        averaged = cv2.resize(votes, (cells, cells), interpolation=cv2.INTER_AREA)
+        return np.ascontiguousarray(averaged.reshape(cells, cells, -1).transpose(2, 0, 1))

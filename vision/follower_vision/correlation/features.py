@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.correlation import colours
+from follower_vision.correlation.colours import ColourTable
 from follower_vision.correlation.gradients import Channels, GradientHistogram
 from follower_vision.frame import Image
 
@@ -30,32 +30,30 @@ class Features:
         self._cells = patch_px // cell_px
         self._gradients = GradientHistogram(patch_px, patch_px, cell_px)
         self._kept = (gradient_channels, colour_channels)
-        self._bases: list[npt.NDArray[np.float32]] = []
+        self._directions = np.zeros((0, 0), np.float32)
+        self._colours = ColourTable()
         rim = np.hanning(self._cells + 2)[1:-1]
         self._window = np.outer(rim, rim).astype(np.float32)
 
     def start(self, patch: Image) -> None:
         """Choose the components from the first patch."""
-        groups = self._groups(patch)
-        self._bases = [
-            _components(group * self._window, kept)
-            for group, kept in zip(groups, self._kept, strict=True)
-        ]
+        gradient_channels, colour_channels = self._kept
+        gradients = self._gradients(_grey(patch)) * self._window
+        self._directions = _components(gradients, gradient_channels)
+        colours = ColourTable()(patch, self._cells) * self._window
+        self._colours = ColourTable(_components(colours, colour_channels))
 
     def __call__(self, patch: Image) -> Channels:
         """Return (channels, cells, cells), weighted by a cosine window."""
-        groups = self._groups(patch)
-        reduced = [
-            basis @ group.reshape(len(group), -1)
-            for basis, group in zip(self._bases, groups, strict=True)
-        ]
-        channels = np.concatenate(reduced).reshape(-1, self._cells, self._cells)
+        gradients = self._gradients(_grey(patch))
+        reduced = self._directions @ gradients.reshape(len(gradients), -1)
+        gradients = reduced.reshape(-1, self._cells, self._cells)
+        channels = np.concatenate([gradients, self._colours(patch, self._cells)])
         return np.asarray(channels * self._window, np.float32)
 
-    def _groups(self, patch: Image) -> tuple[Channels, Channels]:
-        grey = np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY), np.uint8)
-        colour = colours.colour_channels(patch, self._cells, self._cells)
-        return self._gradients(grey), colour
+
+def _grey(patch: Image) -> npt.NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _components(channels: Channels, kept: int) -> npt.NDArray[np.float32]:

@@ -77,26 +77,36 @@ class BackgroundAwareFilter:
         return np.asarray(np.fft.irfft2(summed, s=(self._cells, self._cells)), np.float32)
 
     def _trained(self, model: Spectrum) -> Spectrum:
-        """Solve for the filter: g over all cells (spectrum), h on the target alone, g = h."""
+        """Solve for the filter: free over all cells, supported on the target alone, both equal."""
         count = self._cells**2
         energy = (model.real**2 + model.imag**2).sum(axis=0)
         target = model * (self._label / np.float32(count))
         multiplier = np.zeros_like(model)
-        supported = np.zeros_like(model)
         penalty = _PENALTY
-        free = supported
-        for _ in range(self._iterations):
-            wanted = target + penalty * supported - multiplier
-            shared = (np.conj(model) * wanted).sum(axis=0) / (penalty * count + energy)
-            free = (wanted - model * shared) / np.float32(penalty)
+        free = _fitted(model, energy, target, penalty, count)
+        for _ in range(self._iterations - 1):
             supported = self._on_target(penalty * free + multiplier, penalty)
             multiplier = multiplier + penalty * (free - supported)
             penalty *= _PENALTY_GROWTH
+            wanted = target + penalty * supported - multiplier
+            free = _fitted(model, energy, wanted, penalty, count)
         return free
 
     def _on_target(self, whole: Spectrum, penalty: float) -> Spectrum:
         cells = np.fft.irfft2(whole, s=(self._cells, self._cells))
         return spectrum(cells * (self._support / np.float32(self._regularisation + penalty)))
+
+
+def _fitted(
+    model: Spectrum,
+    energy: npt.NDArray[np.float32],
+    wanted: Spectrum,
+    penalty: float,
+    count: int,
+) -> Spectrum:
+    """Solve each frequency's system of rank one by the Sherman-Morrison formula."""
+    shared = (np.conj(model) * wanted).sum(axis=0) / (penalty * count + energy)
+    return np.asarray((wanted - model * shared) / np.float32(penalty), np.complex64)
 
 
 def _gaussian_spectrum(cells: int, sigma: float) -> Spectrum:

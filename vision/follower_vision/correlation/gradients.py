@@ -59,12 +59,13 @@ class GradientHistogram:
         return _normalised(self._histogram(grey))
 
     def _histogram(self, grey: npt.NDArray[np.uint8]) -> Channels:
-        across = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=1).astype(np.int32)
+        across = cv2.Sobel(grey, cv2.CV_16S, 1, 0, ksize=1)
         down = cv2.Sobel(grey, cv2.CV_16S, 0, 1, ksize=1)
-        pair = ((across + 255) * _DIFFERENCES + (down + 255)).ravel()
+        place = (across.astype(np.int32) + 255) * _DIFFERENCES + (down + 255)
+        pair = np.asarray(place, np.intp).ravel()
         count = self._rows * self._columns
-        places = self._cells + _BINS[pair] * count
-        votes = self._weights * _MAGNITUDE[pair]
+        places = self._cells + np.take(_BINS, pair) * count
+        votes = self._weights * np.take(_MAGNITUDE, pair)
         summed = np.bincount(places.ravel(), votes.ravel(), ORIENTATIONS * count)
         cells = summed.reshape(ORIENTATIONS, self._rows, self._columns)
         return cells[:, 1:-1, 1:-1].astype(np.float32)
@@ -82,18 +83,21 @@ def _normalised(signed: Channels) -> Channels:
     half = ORIENTATIONS // 2
     unsigned = signed[:half] + signed[half:]
     oriented = np.concatenate([signed, unsigned])
-    total = np.zeros_like(oriented)
-    texture = []
-    for gain in _neighbourhood_gains(unsigned):
-        clipped = np.minimum(oriented * gain, _CLIP)
-        total += clipped
-        texture.append(clipped[:ORIENTATIONS].sum(axis=0))
-    return np.concatenate([total * 0.5, np.stack(texture) * np.float32(_TEXTURE_GAIN)])
+    features = np.zeros((CHANNELS, *signed.shape[1:]), np.float32)
+    clipped = np.empty_like(oriented)
+    for texture, gain in zip(features[-4:], _neighbourhood_gains(unsigned), strict=True):
+        np.multiply(oriented, gain, out=clipped)
+        np.minimum(clipped, _CLIP, out=clipped)
+        features[:-4] += clipped
+        np.sum(clipped[:ORIENTATIONS], axis=0, out=texture)
+    features[:-4] *= np.float32(0.5)
+    features[-4:] *= np.float32(_TEXTURE_GAIN)
+    return features
 
 
 def _neighbourhood_gains(unsigned: Channels) -> list[Channels]:
     """One over the gradient energy of the four blocks of 2x2 cells about each cell."""
-    energy = np.pad((unsigned * unsigned).sum(axis=0), 1, mode="edge")
+    energy = np.pad(np.einsum("ijk,ijk->jk", unsigned, unsigned), 1, mode="edge")
     blocks = energy[:-1, :-1] + energy[1:, :-1] + energy[:-1, 1:] + energy[1:, 1:]
     gain = 1 / np.sqrt(blocks + np.float32(1e-4))
     return [gain[:-1, :-1], gain[1:, :-1], gain[:-1, 1:], gain[1:, 1:]]

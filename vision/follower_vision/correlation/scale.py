@@ -6,6 +6,7 @@ After Danelljan, Häger, Khan and Felsberg, "Discriminative Scale Space Tracking
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -16,6 +17,9 @@ from follower_vision.correlation.gradients import GradientHistogram
 from follower_vision.correlation.patch import cut, cut_grey
 from follower_vision.correlation.peak import vertex
 from follower_vision.frame import Image
+
+Spectra: TypeAlias = npt.NDArray[np.complex64]
+"""Half spectra along the sizes, shape (count // 2 + 1, features)."""
 
 _TEMPLATE_AREA = 512.0
 _CELL_PX = 4
@@ -38,46 +42,58 @@ class ScaleFilter:
         self._steps = np.arange(count) - count // 2
         self._factors = [float(factor) for factor in step ** self._steps.astype(np.float64)]
         label = np.exp(-0.5 * (self._steps / (count * _LABEL_SIGMA)) ** 2)
-        self._label = np.fft.fft(np.fft.ifftshift(label))
-        self._window = np.hanning(count + 2)[1:-1, None]
+        self._label = np.fft.rfft(np.fft.ifftshift(label)).astype(np.complex64)
+        turns = np.outer(np.fft.rfftfreq(count), np.arange(count))
+        window = np.hanning(count + 2)[1:-1]
+        self._transform = (np.exp(-2j * math.pi * turns) * window).astype(np.complex64)
         self._width, self._height = _template_size(box)
         self._gradients = GradientHistogram(self._height * count, self._width, _CELL_PX)
-        self._numerator: npt.NDArray[np.complex128] | None = None
-        self._energy: npt.NDArray[np.float64] = np.zeros(count)
+        self._numerator: Spectra | None = None
+        self._energy: npt.NDArray[np.float32] = np.zeros(0, np.float32)
 
-    def learn(self, image: Image, box: Box, rate: float) -> None:
-        """Blend the target, which `box` bounds, into the model."""
+    def start(self, image: Image, box: Box) -> None:
+        """Learn the target that `box` bounds."""
         sample = self._spectra(image, box)
-        numerator = np.conj(self._label)[:, None] * sample
-        energy = (np.abs(sample) ** 2).sum(axis=1)
-        if self._numerator is None:
-            self._numerator, self._energy = numerator, energy
-        else:
-            self._numerator = self._numerator * (1 - rate) + numerator * rate
-            self._energy = self._energy * (1 - rate) + energy * rate
+        self._numerator, self._energy = self._products(sample)
 
-    def factor(self, image: Image, box: Box) -> float:
-        """Return the target's size in `image` over that of `box`, which has its centre.
+    def update(self, image: Image, box: Box, rate: float) -> float:
+        """Return the target's size over that of `box`, which has its centre, and learn it.
+
+        Args:
+            image: (H, W, 3) uint8 BGR.
+            box: the target's centre and its last size.
+            rate: share of this sample in the model.
 
         Raises:
-            RuntimeError: nothing was learnt.
+            RuntimeError: `start` was not called.
         """
         if self._numerator is None:
             raise RuntimeError("the scale filter has learnt nothing")
-        summed = (np.conj(self._numerator) * self._spectra(image, box)).sum(axis=1)
-        response = np.fft.fftshift(np.fft.ifft(summed / (self._energy + self._regularisation)).real)
-        best = int(response.argmax())
-        offset = 0.0
-        if 0 < best < len(response) - 1:
-            offset = vertex(response[best - 1], response[best], response[best + 1])
-        return float(self._step ** (self._steps[best] + offset))
+        sample = self._spectra(image, box)
+        factor = float(self._step ** self._peak((np.conj(self._numerator) * sample).sum(axis=1)))
+        numerator, energy = self._products(self._spectra(image, box.scaled(factor)))
+        self._numerator = self._numerator * np.float32(1 - rate) + numerator * np.float32(rate)
+        self._energy = self._energy * np.float32(1 - rate) + energy * np.float32(rate)
+        return factor
 
-    def _spectra(self, image: Image, box: Box) -> npt.NDArray[np.complex128]:
-        """Spectra along the sizes, shape (count, features)."""
+    def _products(self, sample: Spectra) -> tuple[Spectra, npt.NDArray[np.float32]]:
+        energy = (sample.real**2 + sample.imag**2).sum(axis=1)
+        return np.conj(self._label)[:, None] * sample, energy
+
+    def _peak(self, summed: npt.NDArray[np.complex64]) -> float:
+        """The best size in steps, with a fraction."""
+        quotient = summed / (self._energy + np.float32(self._regularisation))
+        response = np.fft.fftshift(np.fft.irfft(quotient, n=len(self._steps)))
+        best = int(response.argmax())
+        if not 0 < best < len(response) - 1:
+            return float(self._steps[best])
+        return float(self._steps[best]) + vertex(*response[best - 1 : best + 2])
+
+    def _spectra(self, image: Image, box: Box) -> Spectra:
         count = len(self._factors)
         cells = self._gradients(self._stack(image, box))
         by_size = cells.reshape(len(cells), count, -1).transpose(1, 0, 2).reshape(count, -1)
-        return np.asarray(np.fft.fft(by_size * self._window, axis=0))
+        return self._transform @ by_size
 
     def _stack(self, image: Image, box: Box) -> npt.NDArray[np.uint8]:
         """Grey templates of all sizes, one under the other."""

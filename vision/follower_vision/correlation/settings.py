@@ -25,7 +25,11 @@ class CorrelationSettings:
         scale_learning_rate: share of the newest sample in the scale model.
         scale_regularisation: weight of the scale filter's norm.
         minimum_side_px: the box's shorter side does not shrink below this.
-        learning_confidence: below this confidence nothing is learnt and the size is kept.
+        noise_ratio: a peak to sidelobe ratio below this is noise, and the box stays where it was.
+        doubtful_share: at this share of the usual ratio and below, nothing is learnt.
+        full_share: at this share of the usual ratio and above, learning is at its full rate.
+        drift_share: share of the target's mean step by which the search region moves ahead.
+        drift_rate: share of the newest step in the mean step.
 
     Raises:
         ValueError: a number is out of its range.
@@ -47,7 +51,11 @@ class CorrelationSettings:
     scale_learning_rate: float = 0.025
     scale_regularisation: float = 0.01
     minimum_side_px: float = 3.0
-    learning_confidence: float = 0.25
+    noise_ratio: float = 4.5
+    doubtful_share: float = 0.45
+    full_share: float = 0.8
+    drift_share: float = 0.5
+    drift_rate: float = 0.5
 
     def __post_init__(self) -> None:
         if self.cell_px < 2 or self.patch_px % self.cell_px or self.patch_px < 8 * self.cell_px:
@@ -60,6 +68,8 @@ class CorrelationSettings:
             raise ValueError(
                 "search_factor is 1.5 or more, scale_step above 1, iterations 1 or more"
             )
+        if not 0 <= self.doubtful_share < self.full_share:
+            raise ValueError("doubtful_share is 0 or more and full_share above it")
         self._check_positive()
         self._check_shares()
 
@@ -74,6 +84,6 @@ class CorrelationSettings:
                 raise ValueError(f"{name} is positive, not {getattr(self, name)}")
 
     def _check_shares(self) -> None:
-        for name in ("learning_rate", "scale_learning_rate", "learning_confidence"):
+        for name in ("learning_rate", "scale_learning_rate", "drift_share", "drift_rate"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} lies between 0 and 1, not {getattr(self, name)}")
