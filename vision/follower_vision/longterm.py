@@ -10,6 +10,7 @@ searched for and recognised by its looks.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from follower_vision.acceptance import Acceptance
 from follower_vision.blur import BlurDetector
@@ -19,6 +20,7 @@ from follower_vision.frame import Frame
 from follower_vision.framecheck import FrameCheck, FrameHealth
 from follower_vision.longterm_settings import LongTermSettings
 from follower_vision.motion import MotionTracker
+from follower_vision.refine import refined
 from follower_vision.reidentify import Reidentifier
 from follower_vision.sighting import Looks, Sighting, SightingJudge
 from follower_vision.surroundings import Surroundings
@@ -30,6 +32,8 @@ __all__ = ["LongTermSettings", "LongTermTracker"]
 _SLACK = 0.05
 _NEARNESS_FADES_S = 1.0
 _FAR = 4.0
+_SETTLING_S = 0.4
+_BETTER_FIT = 0.1
 
 
 class LongTermTracker:
@@ -52,6 +56,7 @@ class LongTermTracker:
         self._coasting = Coasting()
         self._state = TrackState.LOST
         self._probation_ends_s: float | None = None
+        self._settles_s: float | None = None
         self._refreshed_s = -math.inf
         self._started = False
 
@@ -74,6 +79,7 @@ class LongTermTracker:
         self._acceptance.reset()
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
+        self._settles_s = None
         self._started, self._refreshed_s = True, frame.captured_s
         return self._restart(frame, box, 1.0, TrackState.TRACKING, self._motion.name)
 
@@ -120,14 +126,30 @@ class LongTermTracker:
         self._state = TrackState.TRACKING
         self._probation_ends_s = None
         if sighting.believed:
+            sighting = self._settled(frame, sighting)
             self._coasting.add(frame.captured_s, sighting.box)
             self._surroundings.update(frame.image, sighting.box, frame.captured_s)
             self._learn(frame, sighting)
         return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
 
+    def _settled(self, frame: Frame, sighting: Sighting) -> Sighting:
+        """A moment after a find, fit the box once more: it may have been found half in view."""
+        if self._settles_s is None or frame.captured_s < self._settles_s:
+            return sighting
+        self._settles_s = None
+        box, fit = self._refined(frame, sighting.box)
+        if fit < self._reidentifier.fit(frame.image, sighting.box) + _BETTER_FIT:
+            return sighting
+        self._motion.start(frame.image, box)
+        self._coasting.reset()
+        return replace(sighting, box=box)
+
+    def _refined(self, frame: Frame, box: Box) -> tuple[Box, float]:
+        return refined(box, lambda near: self._reidentifier.fit(frame.image, near))
+
     def _learn(self, frame: Frame, sighting: Sighting) -> None:
         """Keep good views: the first second's for good, later ones for a while."""
-        if not sighting.good_view:
+        if not sighting.good_view or self._settles_s is not None:
             return
         self._reidentifier.learn(frame.image, sighting.box, frame.captured_s)
         if frame.captured_s >= self._refreshed_s + self._settings.refresh_s:
@@ -158,7 +180,9 @@ class LongTermTracker:
         epsilon = self._epsilon(frame.captured_s)
         if found is None or found[1] < epsilon:
             return None
-        box, score = found
+        score = found[1]
+        box, _ = self._refined(frame, found[0])
+        self._settles_s = frame.captured_s + _SETTLING_S
         sure = score >= epsilon + self._settings.sure_margin
         state = TrackState.TRACKING if sure else TrackState.COASTING
         return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")

@@ -123,10 +123,22 @@ class Reidentifier:
         Raises:
             RuntimeError: `start` was not called.
         """
-        if not self._templates:
+        return self._compare(image, box, self.templates, self._settings.shift_ratio)
+
+    def fit(self, image: Image, box: Box) -> float:
+        """Return how exactly a box shows the target, -1 to 2: no shift, the first second's views.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        return self._compare(image, box, self._templates, 0.0)
+
+    def _compare(
+        self, image: Image, box: Box, known: Sequence[Appearance], shift_ratio: float
+    ) -> float:
+        if not known:
             raise RuntimeError("nothing was learnt yet")
-        seen = look(image, box, self._size, self._settings.shift_ratio)
-        known = self.templates
+        seen = look(image, box, self._size, shift_ratio)
         alike = correlations([view.grey for view in known], seen.grey)
         common = intersections([view.histogram for view in known], seen.histogram)
         return float((alike + common).max())
