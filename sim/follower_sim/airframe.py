@@ -18,6 +18,7 @@ class Airframe:
     Attributes:
         position, velocity: metres and m/s.
         acceleration: the last step's, m/s2.
+        heading_rate_rad_s: how fast the heading turns.
         wind_m_s: the air's velocity.
     """
 
@@ -31,7 +32,7 @@ class Airframe:
         self.acceleration = [0.0, 0.0, 0.0]
         self.wind_m_s: Triple = (0.0, 0.0, 0.0)
         self._roll, self._pitch, self._yaw = start.attitude_rad
-        self._roll_rate = self._pitch_rate = self._yaw_rate = 0.0
+        self._roll_rate = self._pitch_rate = self.heading_rate_rad_s = 0.0
         self._thrust = 0.0  # vertical acceleration by the motors beyond hovering, down
 
     @property
@@ -51,16 +52,16 @@ class Airframe:
             self._body_rates(),
         )
 
-    def fly(self, level_m_s2: list[float], down_m_s2: float, turned_rad: float, dt: float) -> None:
+    def fly(self, level_m_s2: list[float], down_m_s2: float, yaw_rate: float, dt: float) -> None:
         """Advance under the accelerations that the velocity loops ask for.
 
         Args:
             level_m_s2: (north, east).
             down_m_s2: downwards, beyond hovering.
-            turned_rad: what the heading changes.
+            yaw_rate: about the body's down axis, rad/s.
             dt: seconds.
         """
-        self._turn(level_m_s2, turned_rad, dt)
+        self._turn(level_m_s2, yaw_rate, dt)
         forward = -_GRAVITY_M_S2 * math.tan(self._pitch)
         right = _GRAVITY_M_S2 * math.tan(self._roll) / math.cos(self._pitch)
         cos_yaw, sin_yaw = math.cos(self._yaw), math.sin(self._yaw)
@@ -78,7 +79,7 @@ class Airframe:
         self._thrust = 0.0
         self._move(0.0, 0.0, 0.0 if self.on_ground else _GRAVITY_M_S2, dt)
 
-    def _turn(self, level: list[float], turned_rad: float, dt: float) -> None:
+    def _turn(self, level: list[float], yaw_rate: float, dt: float) -> None:
         cos_yaw, sin_yaw = math.cos(self._yaw), math.sin(self._yaw)
         forward = level[0] * cos_yaw + level[1] * sin_yaw
         right = level[1] * cos_yaw - level[0] * sin_yaw
@@ -88,8 +89,12 @@ class Airframe:
         self._pitch_rate += self._pull(pitch - self._pitch, self._pitch_rate) * dt
         self._roll += self._roll_rate * dt
         self._pitch += self._pitch_rate * dt
-        self._yaw = wrap(self._yaw + turned_rad)
-        self._yaw_rate = turned_rad / dt
+        # The body's rate is what is controlled: pitching while rolled turns the nose.
+        sideways = self._pitch_rate * math.sin(self._roll)
+        self.heading_rate_rad_s = (yaw_rate + sideways) / (
+            math.cos(self._roll) * math.cos(self._pitch)
+        )
+        self._yaw = wrap(self._yaw + self.heading_rate_rad_s * dt)
 
     def _pull(self, error: float, rate: float) -> float:
         frequency = self._tilt.natural_frequency_rad_s
@@ -114,14 +119,14 @@ class Airframe:
         self.velocity = [0.0, 0.0, 0.0]
         self.acceleration = [0.0, 0.0, 0.0]
         self._roll = self._pitch = 0.0
-        self._roll_rate = self._pitch_rate = self._yaw_rate = 0.0
+        self._roll_rate = self._pitch_rate = self.heading_rate_rad_s = 0.0
         self._thrust = min(self._thrust, 0.0)
 
     def _body_rates(self) -> Triple:
         sin_roll, cos_roll = math.sin(self._roll), math.cos(self._roll)
         sin_pitch, cos_pitch = math.sin(self._pitch), math.cos(self._pitch)
         return (
-            self._roll_rate - self._yaw_rate * sin_pitch,
-            self._pitch_rate * cos_roll + self._yaw_rate * sin_roll * cos_pitch,
-            self._yaw_rate * cos_roll * cos_pitch - self._pitch_rate * sin_roll,
+            self._roll_rate - self.heading_rate_rad_s * sin_pitch,
+            self._pitch_rate * cos_roll + self.heading_rate_rad_s * sin_roll * cos_pitch,
+            self.heading_rate_rad_s * cos_roll * cos_pitch - self._pitch_rate * sin_roll,
         )

@@ -49,6 +49,7 @@ class FlightController(ABC):
         self._setpoint: Setpoint = STOP
         self._setpoint_s = -math.inf
         self._hold_m: Triple | None = None
+        self._hold_yaw_rad = vehicle.state.yaw_rad
         self._takeoff_down_m: float | None = None
         self._armed_s = vehicle.state.time_s
         self._grounded_s = vehicle.state.time_s
@@ -128,6 +129,7 @@ class FlightController(ABC):
     def _enter(self, mode: FlightMode) -> None:
         self.mode = mode
         self._hold_m = None
+        self._hold_yaw_rad = self.vehicle.state.yaw_rad
         self._takeoff_down_m = None
 
     def _demand(self) -> Demand:
@@ -139,7 +141,7 @@ class FlightController(ABC):
         if behaviour is Behaviour.RETURN:
             return self._return()
         if behaviour is Behaviour.LAND:
-            return Demand((0.0, 0.0, self.firmware.landing_speed_m_s))
+            return self._vertical(self.firmware.landing_speed_m_s)
         return self._hold()
 
     def _hold(self) -> Demand:
@@ -149,9 +151,13 @@ class FlightController(ABC):
             return STAND_STILL
         if self._hold_m is None:
             if math.hypot(*state.velocity_m_s) > _STANDING_M_S:
-                return STAND_STILL
+                return self._vertical(0.0)
             self._hold_m = state.position_m
-        return Demand(self._towards(self._hold_m, 1.0))
+        return Demand(self._towards(self._hold_m, 1.0), self._turn_to(self._hold_yaw_rad))
+
+    def _vertical(self, down_m_s: float) -> Demand:
+        """Return a climb or descent on the spot, the heading kept."""
+        return Demand((0.0, 0.0, down_m_s), self._turn_to(self._hold_yaw_rad))
 
     def _climb(self, goal_down_m: float) -> Demand:
         below_m = self.vehicle.state.position_m[2] - goal_down_m
@@ -159,7 +165,7 @@ class FlightController(ABC):
             self._takeoff_down_m = None
             self._on_takeoff_done()
         slowing = math.sqrt(2.0 * _TAKEOFF_BRAKING_M_S2 * max(below_m, 0.0))
-        return Demand((0.0, 0.0, -min(self.firmware.takeoff_speed_m_s, slowing)))
+        return self._vertical(-min(self.firmware.takeoff_speed_m_s, slowing))
 
     def _return(self) -> Demand:
         """Climb to the return height, fly home nose first, land."""
@@ -167,12 +173,13 @@ class FlightController(ABC):
         home_north, home_east, _ = self.origin_m
         distance = math.hypot(home_north - north, home_east - east)
         if distance < _NEAR_M:
-            return Demand((0.0, 0.0, self.firmware.landing_speed_m_s))
+            return self._vertical(self.firmware.landing_speed_m_s)
         height = self.firmware.return_height_m
         if -down < height - 1.0:
-            return Demand((0.0, 0.0, -self.firmware.takeoff_speed_m_s))
+            return self._vertical(-self.firmware.takeoff_speed_m_s)
         bearing = math.atan2(home_east - east, home_north - north)
         goal = (home_north, home_east, min(down, -height))
+        self._hold_yaw_rad = bearing
         return Demand(self._towards(goal, self.firmware.cruise_m_s), self._turn_to(bearing))
 
     def _towards(self, goal_m: Triple, speed_m_s: float) -> Triple:

@@ -83,6 +83,7 @@ class YawResponse:
         lag_s: time constant of the yaw torque.
         drag_per_s: yaw acceleration lost per rate.
         max_acceleration_deg_s2: the most torque there is.
+        dead_time_s: from the arrival of a demand until the loop sees it.
         heading_per_s: rate per error to the heading that the demand would have led to; 0 keeps
             no heading.
     """
@@ -92,13 +93,14 @@ class YawResponse:
     lag_s: float
     drag_per_s: float
     max_acceleration_deg_s2: float
+    dead_time_s: float
     heading_per_s: float = 0.0
 
     def __post_init__(self) -> None:
         if min(self.p_per_s, self.lag_s, self.max_acceleration_deg_s2) <= 0:
             raise ValueError("a yaw response needs p, lag and largest acceleration above 0")
-        if min(self.i_per_s2, self.drag_per_s, self.heading_per_s) < 0:
-            raise ValueError("a yaw response has no negative gain")
+        if min(self.i_per_s2, self.drag_per_s, self.heading_per_s, self.dead_time_s) < 0:
+            raise ValueError("a yaw response has no negative gain or time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ class VehicleResponse:
     """All that shapes the way from a velocity demand to motion.
 
     Attributes:
-        dead_time_s: from the arrival of a demand until the loops see it.
+        dead_time_s: from the arrival of a velocity until its loops see it.
         horizontal, vertical: the velocity loops.
         tilt: roll and pitch.
         thrust_lag_s: time constant of the vertical acceleration.
@@ -150,27 +152,29 @@ class VehicleResponse:
 
 
 ARDUCOPTER_RESPONSE = VehicleResponse(
-    dead_time_s=0.05,
-    horizontal=VelocityLoop(2.0, 1.0, 0.25, 1.0, Shaping(2.5, 5.0)),
-    vertical=VelocityLoop(5.0, 1.0, 0.0, 1.0, Shaping(1.0, 5.0)),
-    tilt=TiltResponse(12.0, 0.9, 30.0),
-    thrust_lag_s=0.05,
+    dead_time_s=0.04,
+    horizontal=VelocityLoop(2.2, 2.2, 0.6, 1.6, Shaping(2.5, 5.0)),
+    vertical=VelocityLoop(1.4, 1.2, 0.0, 0.8, Shaping(1.0, 5.0)),
+    tilt=TiltResponse(14.0, 1.0, 30.0),
+    thrust_lag_s=0.11,
     max_climb_acceleration_m_s2=8.0,
-    yaw=YawResponse(8.0, 0.0, 0.1, 0.0, 110.0, 2.5),
-    drag=Drag(0.243, 0.031, 0.3),
+    yaw=YawResponse(6.4, 0.0, 0.197, 0.0, 240.0, 0.08, 0.11),
+    drag=Drag(0.243, 0.031, 0.05),
 )
-"""ArduCopter 4.6 with default parameters; gains of its own names, lags fitted to recordings."""
+"""ArduCopter 4.6 with default parameters: its limits are the parameters' (WPNAV_ACCEL, PSC_JERK_XY,
+ANGLE_MAX); gains, lags and drag are fitted to the recordings."""
 
 PX4_RESPONSE = VehicleResponse(
-    dead_time_s=0.04,
-    horizontal=VelocityLoop(1.8, 0.4, 0.2),
-    vertical=VelocityLoop(4.0, 2.0, 0.0),
+    dead_time_s=0.065,
+    horizontal=VelocityLoop(1.8, 0.45, 0.25),
+    vertical=VelocityLoop(4.2, 1.57),
     tilt=TiltResponse(9.0, 0.9, 45.0),
-    thrust_lag_s=0.05,
+    thrust_lag_s=0.055,
     max_climb_acceleration_m_s2=8.0,
-    yaw=YawResponse(5.0, 1.0, 0.08, 0.3, 95.0),
-    drag=Drag(1.0, 0.0, 1.0),
-    climb_share=1.1,
-    descent_share=0.85,
+    yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 120.0, 0.08),
+    drag=Drag(1.0, 0.0, 0.95),
+    climb_share=1.15,
+    descent_share=0.88,
 )
-"""PX4 1.18 with default parameters (MPC_XY_VEL_*, the drag of its SIH quadrotor)."""
+"""PX4 1.18 with default parameters: the horizontal loop is its own (MPC_XY_VEL_P_ACC, I, D) against
+the drag of its SIH quadrotor, which explains the slow tail; the rest is fitted."""

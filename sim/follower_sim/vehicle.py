@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from typing import TypeVar
 
 from follower_sim.airframe import Airframe
-from follower_sim.demand import STAND_STILL, Demand
+from follower_sim.demand import Demand
 from follower_sim.history import History
 from follower_sim.kinematics import BodyState, Triple
 from follower_sim.response import VehicleResponse
@@ -18,6 +19,8 @@ STEP_S = 0.005
 
 _WIND_EVERY = 4
 _LIFT_OFF_M_S = 0.05
+
+_T = TypeVar("_T")
 
 WindField = Callable[[float], Triple]
 """Velocity of the air (north, east, down), m/s, at a time of the simulation."""
@@ -44,8 +47,8 @@ class Vehicle:
         self._vertical = VelocityControl(response.vertical, 1, 9.0)
         self._yaw = YawAxis(response.yaw)
         self._wind = wind
-        waiting = round(response.dead_time_s / STEP_S)
-        self._pending: deque[Demand] = deque([STAND_STILL] * waiting)
+        self._late_velocity = _waiting(response.dead_time_s, (0.0, 0.0, 0.0))
+        self._late_yaw_rate = _waiting(response.yaw.dead_time_s, 0.0)
         self._start_s = start.time_s
         self._steps = 0
         self.history = History(self._airframe.state(start.time_s))
@@ -66,33 +69,34 @@ class Vehicle:
         return self.history.at(time_s)
 
     def step(self, demand: Demand) -> None:
-        """Advance by `STEP_S` under a demand, which takes effect after the dead time."""
-        self._pending.append(demand)
-        self._fly(self._pending.popleft())
+        """Advance by `STEP_S` under a demand, which takes effect after the dead times."""
+        self._late_velocity.append(demand.velocity_m_s)
+        self._late_yaw_rate.append(demand.yaw_rate_rad_s)
+        self._fly(self._late_velocity.popleft(), self._late_yaw_rate.popleft())
         self._steps += 1
         now_s = self._start_s + self._steps * STEP_S
         if self._wind is not None and self._steps % _WIND_EVERY == 1:
             self._airframe.wind_m_s = self._wind(now_s)
         self.history.add(self._airframe.state(now_s))
 
-    def _fly(self, demand: Demand) -> None:
-        lifts = demand.velocity_m_s[2] < -_LIFT_OFF_M_S
+    def _fly(self, velocity: Triple, yaw_rate: float) -> None:
+        lifts = velocity[2] < -_LIFT_OFF_M_S
         if not self.motors_on:
             self._rest()
             self._airframe.fall(STEP_S)
         elif self.on_ground and not lifts:
             self._rest()
         else:
-            self._control(demand)
+            self._control(velocity, yaw_rate)
 
     def _rest(self) -> None:
         self._level.reset([0.0, 0.0])
         self._vertical.reset([0.0])
         self._yaw.reset()
 
-    def _control(self, demand: Demand) -> None:
+    def _control(self, velocity: Triple, yaw_rate: float) -> None:
         frame = self._airframe
-        north, east, down = demand.velocity_m_s
+        north, east, down = velocity
         share = self._response.climb_share if down < 0 else self._response.descent_share
         level = self._level.update(
             [north, east], frame.velocity[:2], frame.acceleration[:2], STEP_S
@@ -100,5 +104,10 @@ class Vehicle:
         vertical = self._vertical.update(
             [down * share], frame.velocity[2:], frame.acceleration[2:], STEP_S
         )
-        turned = self._yaw.update(demand.yaw_rate_rad_s, STEP_S)
-        frame.fly(level, vertical[0], turned, STEP_S)
+        body_rate = self._yaw.update(yaw_rate, frame.heading_rate_rad_s, STEP_S)
+        frame.fly(level, vertical[0], body_rate, STEP_S)
+
+
+def _waiting(dead_time_s: float, nothing: _T) -> deque[_T]:
+    """Return the demands that are still on their way at the start."""
+    return deque([nothing] * round(dead_time_s / STEP_S))

@@ -1,0 +1,136 @@
+"""Step responses as they were recorded from an autopilot, or flown again in the simulator."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+Series = npt.NDArray[np.float64]
+
+_ANGLES = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, slots=True)
+class SentSetpoint:
+    """What was streamed from a time on, as SET_POSITION_TARGET_LOCAL_NED."""
+
+    time_s: float
+    frame: int
+    type_mask: int
+    velocity_m_s: tuple[float, float, float]
+    yaw_rate_rad_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SteppedSignal:
+    """A signal that was asked to step.
+
+    Attributes:
+        name: "forward", "right", "down" (m/s) or "yaw rate" (deg/s); in a world frame, north and
+            east stand for the first two.
+        values: shape (N,).
+        target: what was asked for.
+        error: RMS of what is read before the step, where 0 was asked for; level axes share theirs.
+    """
+
+    name: str
+    values: Series
+    target: float
+    error: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedStep:
+    """Motion over time, every array of shape (N,), and what was asked for.
+
+    Attributes:
+        name: of the recording.
+        time_s: the autopilot's clock, from 0.
+        velocity_m_s: (3, N), north, east, down.
+        attitude_rad: (3, N), roll, pitch, yaw.
+        yaw_rate_rad_s: about the body's down axis.
+        sent: the changes of the streamed set-point; empty for a lost stream.
+    """
+
+    name: str
+    time_s: Series
+    velocity_m_s: Series
+    attitude_rad: Series
+    yaw_rate_rad_s: Series
+    sent: tuple[SentSetpoint, ...]
+
+    @classmethod
+    def load(cls, path: Path) -> RecordedStep:
+        """Read one of the CSV files described in the recordings' README.
+
+        Raises:
+            OSError: it cannot be read.
+            KeyError: a column is missing.
+        """
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        columns = {key: np.array([float(row[key] or "nan") for row in rows]) for key in rows[0]}
+        return cls(
+            path.stem,
+            columns["t_boot"] - columns["t_boot"][0],
+            np.stack([columns[key] for key in ("vx", "vy", "vz")]),
+            np.stack([columns[key] for key in _ANGLES]),
+            columns["r"],
+            _changes(columns),
+        )
+
+    @property
+    def heading_velocity_m_s(self) -> Series:
+        """Forward, right, down: shape (3, N)."""
+        north, east, down = self.velocity_m_s
+        cos_yaw, sin_yaw = np.cos(self.attitude_rad[2]), np.sin(self.attitude_rad[2])
+        return np.stack([north * cos_yaw + east * sin_yaw, east * cos_yaw - north * sin_yaw, down])
+
+    @property
+    def stepped(self) -> list[SteppedSignal]:
+        """The signals that the second set-point asked to step."""
+        asked = self.sent[1]
+        level = self.velocity_m_s if asked.frame in (1, 7) else self.heading_velocity_m_s
+        signals = [*level, np.degrees(self.yaw_rate_rad_s)]
+        targets = [*asked.velocity_m_s, math.degrees(asked.yaw_rate_rad_s)]
+        errors = [_rms(signal[self.time_s <= asked.time_s]) for signal in signals]
+        errors[:2] = [math.hypot(*errors[:2]) / math.sqrt(2.0)] * 2
+        names = ("forward", "right", "down", "yaw rate")
+        rows = zip(names, signals, targets, errors, strict=True)
+        return [SteppedSignal(*row) for row in rows if row[2] != 0]
+
+    @property
+    def max_tilt_deg(self) -> float:
+        """The largest angle between the body's down axis and gravity."""
+        roll, pitch, _ = self.attitude_rad
+        return math.degrees(np.arccos(np.cos(roll) * np.cos(pitch)).max())
+
+
+def _rms(values: Series) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _changes(columns: dict[str, Series]) -> tuple[SentSetpoint, ...]:
+    """Return each new set-point; a row shows it if it was sent after the row before."""
+    times = columns["t_boot"] - columns["t_boot"][0]
+    before = np.concatenate([times[:1], times[:-1]]).tolist()
+    sent: list[SentSetpoint] = []
+    keys = ("sp_frame", "sp_mask", "sp_vx", "sp_vy", "sp_vz", "sp_yawrate")
+    rows = zip(before, *(columns[key].tolist() for key in keys), strict=True)
+    for sent_s, frame, mask, *numbers in rows:
+        if math.isnan(frame):
+            continue
+        vx, vy, vz, yaw_rate = (0.0 if math.isnan(x) else x for x in numbers)
+        new = SentSetpoint(sent_s, int(frame), int(mask), (vx, vy, vz), yaw_rate)
+        if not sent or _differs(sent[-1], new):
+            sent.append(new)
+    return tuple(sent)
+
+
+def _differs(a: SentSetpoint, b: SentSetpoint) -> bool:
+    return a.velocity_m_s != b.velocity_m_s or a.yaw_rate_rad_s != b.yaw_rate_rad_s

@@ -1,0 +1,117 @@
+"""How fast, how far and how exactly a signal followed a step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from follower_sim.recorded_step import RecordedStep, Series, SteppedSignal
+
+_STEADY_S = 2.0
+_AGREEMENT = 0.15
+_REPEATABILITY = 0.02
+_ROW_S = 0.02
+_SEND_S = 0.05
+_PEAK_SIGMAS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class StepMetrics:
+    """A step from 0 (before) to 1 (asked for), whatever the signal's unit.
+
+    Attributes:
+        t63_s, t90_s: from the first send until the signal first reached that share, NaN if never.
+        overshoot: the peak beyond 1, as a share; negative if 1 was not reached.
+        steady: the mean of the last two seconds.
+        noise: RMS of what is read before the step, where it should be 0, and at least 2 %: that
+            is how much the steady states of equal recorded steps differ.
+        t63_noise_s, t90_noise_s: how far those times move if the level is off by the noise, at
+            least one row and one period of the stream.
+    """
+
+    t63_s: float
+    t90_s: float
+    overshoot: float
+    steady: float
+    noise: float
+    t63_noise_s: float
+    t90_noise_s: float
+
+    def disagreements(self, other: StepMetrics) -> list[str]:
+        """Return where `other` is farther from this than 15 % or this one's own noise."""
+        return [
+            f"{name}: {theirs:.3f} for {ours:.3f}, allowed {allowed:.3f}"
+            for name, ours, theirs, allowed in self._comparison(other)
+            if not abs(theirs - ours) <= allowed
+        ]
+
+    def _comparison(self, other: StepMetrics) -> list[tuple[str, float, float, float]]:
+        # A peak is the largest of several hundred readings: noise alone lifts it by 3 to 4 sigmas.
+        peak = max(_AGREEMENT * abs(self.overshoot), _PEAK_SIGMAS * self.noise)
+        rows = [
+            ("overshoot", self.overshoot, other.overshoot, peak),
+            ("steady", self.steady, other.steady, max(_AGREEMENT * self.steady, self.noise)),
+            ("t63", self.t63_s, other.t63_s, max(_AGREEMENT * self.t63_s, self.t63_noise_s)),
+        ]
+        if math.isfinite(self.t90_s) and math.isfinite(self.t90_noise_s):
+            allowed = max(_AGREEMENT * self.t90_s, self.t90_noise_s)
+            rows.append(("t90", self.t90_s, other.t90_s, allowed))
+        return rows
+
+
+def rise(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
+    """Return the metrics of a recording's step up, its second set-point."""
+    _, up, down = (sent.time_s for sent in step.sent[:3])
+    return _measured(step.time_s, signal.values / signal.target, (up, down), _noise(signal))
+
+
+def fall(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
+    """Return the metrics of a recording's step back to zero, its third set-point."""
+    level = 1.0 - signal.values / signal.target
+    return _measured(step.time_s, level, (step.sent[2].time_s, math.inf), _noise(signal))
+
+
+def _noise(signal: SteppedSignal) -> float:
+    return max(signal.error / abs(signal.target), _REPEATABILITY)
+
+
+def _measured(
+    time_s: Series, level: Series, span: tuple[float, float], noise: float
+) -> StepMetrics:
+    start, end = span
+    inside = (time_s > start) & (time_s <= end)
+    times, levels = time_s[inside] - start, level[inside]
+    steady = float(levels[times >= times[-1] - _STEADY_S].mean())
+    t63, t90 = crossing(times, levels, 0.63), crossing(times, levels, 0.9)
+    return StepMetrics(
+        t63,
+        t90,
+        float(levels.max()) - 1.0,
+        steady,
+        noise,
+        _spread(times, levels, 0.63, noise),
+        _spread(times, levels, 0.9, noise),
+    )
+
+
+def crossing(time_s: Series, level: Series, share: float) -> float:
+    """Return when the level first reaches a share, between samples; NaN if it never does."""
+    above = np.flatnonzero(level >= share)
+    if not len(above):
+        return math.nan
+    i = int(above[0])
+    if i == 0:
+        return float(time_s[0])
+    part = (share - level[i - 1]) / (level[i] - level[i - 1])
+    return float(time_s[i - 1] + part * (time_s[i] - time_s[i - 1]))
+
+
+def _spread(time_s: Series, level: Series, share: float, noise: float) -> float:
+    """Return how far a crossing moves with the level's noise; infinite if it may never come."""
+    early, late = (crossing(time_s, level, share + sign * noise) for sign in (-1, 1))
+    middle = crossing(time_s, level, share)
+    if math.isnan(late):
+        return math.inf
+    return max(middle - early, late - middle, _ROW_S + _SEND_S / 2)
