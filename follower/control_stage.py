@@ -14,6 +14,7 @@ from follower_control.envelope import Envelope, LimitedSetpoint
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
+from follower_control.ground_range import range_to_ground
 from follower_control.servo import VisualServo
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighter import Sighter
@@ -191,19 +192,24 @@ class ControlStage:
             asked = HOLD
             if state.steers and estimate is not None:
                 asked = self._servo.update(estimate, vehicle, self._allowed)
-            limited = self._envelope.limit(asked, now_s, self._context(now_s, vehicle))
+            limited = self._envelope.limit(asked, now_s, self._context(now_s, estimate, vehicle))
         else:
             self._envelope.start(HOLD, now_s)
             limited = LimitedSetpoint(HOLD, HOLD, ())
         self._allowed = limited.allowed
         return limited
 
-    def _context(self, now_s: float, vehicle: VehicleState) -> FlightContext:
-        errors = self._servo.errors
+    def _context(
+        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> FlightContext:
+        errors, position = self._servo.errors, vehicle.position
         if errors is None:
             return FlightContext.of(vehicle, now_s)
+        range_m = errors.range_m
+        if estimate is not None and position is not None:
+            range_m = min(range_m, range_to_ground(position.height_m, estimate.elevation_rad))
         return FlightContext.of(
-            vehicle, now_s, errors.range_m, errors.azimuth_rad, errors.target_speed_m_s
+            vehicle, now_s, range_m, errors.azimuth_rad, errors.target_speed_m_s
         )
 
     @staticmethod

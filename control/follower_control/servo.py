@@ -21,6 +21,7 @@ PAUSE_S = 0.5
 """Older telemetry is not used; after a longer pause the loops begin anew."""
 
 LOG_TEN = math.log(10)
+_STEEPEST_RAD = math.radians(60)
 
 
 class Mode(StrEnum):
@@ -224,7 +225,7 @@ class VisualServo:
         self._forward = self._close_in(errors, estimate, allowed, interval_s)
         return VelocitySetpoint(
             forward_m_s=self._forward * self._centred_share(errors.azimuth_rad),
-            down_m_s=self._sink(errors, allowed, interval_s),
+            down_m_s=self._sink(errors, estimate, allowed, interval_s),
             yaw_rate_rad_s=yaw_rate,
         )
 
@@ -245,14 +246,27 @@ class VisualServo:
             cut=self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s,
         )
 
-    def _sink(self, errors: ServoErrors, allowed: VelocitySetpoint, interval_s: float) -> float:
-        """Downward velocity: the loop's output is the climb over the range."""
+    def _sink(
+        self,
+        errors: ServoErrors,
+        estimate: TargetEstimate,
+        allowed: VelocitySetpoint,
+        interval_s: float,
+    ) -> float:
+        """Downward velocity: the loop's output is the climb over the range.
+
+        Closing in on a target that lies below, it would sink in the image by itself. Fed forward
+        is the climb that keeps its elevation: the closing speed, which over the range is the rate
+        of the log scale, times the elevation's tangent.
+        """
         if self._settings.hold_height:
             return 0.0
+        slope = math.tan(_clip(estimate.elevation_rad, _STEEPEST_RAD))
         climb = errors.range_m * self._elevation_pid.update(
             errors.elevation_rad,
             -errors.elevation_rad,
             interval_s,
+            feed_forward=slope * estimate.log_scale_rate_s,
             cut=(self._climb + allowed.down_m_s) / errors.range_m,
         )
         self._climb = climb

