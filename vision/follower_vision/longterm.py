@@ -32,7 +32,10 @@ __all__ = ["LongTermSettings", "LongTermTracker"]
 _SLACK = 0.05
 _NEARNESS_FADES_S = 1.0
 _FAR = 4.0
-_SETTLING_S = 0.4
+_SETTLING_S = 0.6
+_RIVAL_REACH = 8.0
+_OTHER_IOU = 0.2
+_BETTER_SCORE = 0.15
 _BETTER_FIT = 0.1
 
 
@@ -97,6 +100,9 @@ class LongTermTracker:
         if self._state is TrackState.LOST:
             return self._reacquired(frame) or self._unseen(frame, "lost")
         sighting = self._sighting(frame)
+        rival = self._rival(frame, sighting)
+        if rival is not None:
+            return rival
         if self._probation_ends_s is not None:
             return self._probed(frame, sighting, self._probation_ends_s)
         if sighting.seen:
@@ -144,6 +150,18 @@ class LongTermTracker:
         self._coasting.reset()
         return replace(sighting, box=box)
 
+    def _rival(self, frame: Frame, sighting: Sighting) -> Track | None:
+        """While a find is young, change over to what looks clearly more like the target nearby."""
+        if self._settles_s is None:
+            return None
+        near = self._search.near(frame.image, sighting.box, _RIVAL_REACH * sighting.box.scale)
+        found = self._reidentifier.best(
+            frame.image, [box for box in near if box.iou(sighting.box) < _OTHER_IOU]
+        )
+        if found is None or found[1] < sighting.score + _BETTER_SCORE:
+            return None
+        return self._take(frame, *found, sure=False)
+
     def _refined(self, frame: Frame, box: Box) -> tuple[Box, float]:
         return refined(box, lambda near: self._reidentifier.fit(frame.image, near))
 
@@ -180,10 +198,13 @@ class LongTermTracker:
         epsilon = self._epsilon(frame.captured_s)
         if found is None or found[1] < epsilon:
             return None
-        score = found[1]
-        box, _ = self._refined(frame, found[0])
+        sure = found[1] >= epsilon + self._settings.sure_margin
+        return self._take(frame, *found, sure=sure)
+
+    def _take(self, frame: Frame, place: Box, score: float, sure: bool) -> Track:
+        """Go on from a found box."""
+        box, _ = self._refined(frame, place)
         self._settles_s = frame.captured_s + _SETTLING_S
-        sure = score >= epsilon + self._settings.sure_margin
         state = TrackState.TRACKING if sure else TrackState.COASTING
         return self._restart(frame, box, min(1.0, score / 2), state, "reacquired")
 
