@@ -167,14 +167,14 @@ ANGLE_MAX); gains, lags and drag are fitted to the recordings."""
 PX4_RESPONSE = VehicleResponse(
     dead_time_s=0.065,
     horizontal=VelocityLoop(1.8, 0.45, 0.25),
-    vertical=VelocityLoop(4.2, 1.57),
+    vertical=VelocityLoop(4.5, 1.6),
     tilt=TiltResponse(9.0, 0.9, 45.0),
-    thrust_lag_s=0.055,
+    thrust_lag_s=0.06,
     max_climb_acceleration_m_s2=8.0,
     yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 120.0, 0.08),
-    drag=Drag(1.0, 0.0, 0.95),
+    drag=Drag(1.0, 0.0, 0.9),
     climb_share=1.15,
-    descent_share=0.88,
+    descent_share=0.89,
 )
 """PX4 1.18 with default parameters: the horizontal loop is its own (MPC_XY_VEL_P_ACC, I, D) against
 the drag of its SIH quadrotor, which explains the slow tail; the rest is fitted."""
