@@ -60,7 +60,7 @@ class LongTermSettings:
     most_epsilon: float = 1.6
     nearness: float = 0.3
     sure_margin: float = 0.3
-    probation_s: float = 0.1
+    probation_s: float = 0.15
     refresh_s: float = 0.5
     reidentify: ReidentifySettings = field(default_factory=ReidentifySettings)
     blur: BlurSettings = field(default_factory=BlurSettings)
