@@ -14,7 +14,7 @@ from follower_vision.track import Track, TrackState
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """The last time that the detector saw the target.
+    """A time at which the target was surely seen.
 
     Attributes:
         moment: the frame.
@@ -45,6 +45,7 @@ class Belief:
         seen_s: when the target was last seen.
         history: the last frames.
         kinematics: where the target goes.
+        familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
     """
 
@@ -54,10 +55,13 @@ class Belief:
         self.confidence = 1.0
         self.produced_by = produced_by
         self.seen_s = frame.captured_s
+        self.familiar = False
         self.history = History()
         self.kinematics = Kinematics(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
         self.confirmation = Confirmation(moment, box, (0.0, 0.0))
+        self._anchor = self.confirmation
+        self._anchor_size = box
 
     @property
     def now(self) -> Moment:
@@ -85,7 +89,6 @@ class Belief:
         interval_s = captured_s - self.now.captured_s
         expected = self.kinematics.advance(warp, interval_s)
         self.box = warp.box(self.box)
-        self.reference = self.reference.scaled(warp.zoom)
         self.history.add(captured_s, warp, self.box)
         return expected if predict else self.box
 
@@ -100,6 +103,20 @@ class Belief:
     def confirm(self, moment: Moment, box: Box) -> None:
         """The detector saw the target in a frame of the history."""
         self.confirmation = Confirmation(moment, box, self.kinematics.velocity)
+
+    def anchor(self) -> None:
+        """The target is seen without any doubt: here a doubtful track begins again."""
+        self._anchor = Confirmation(self.now, self.box, self.kinematics.velocity)
+        self._anchor_size = self.reference
+
+    def return_to_anchor(self) -> Box:
+        """Forget what was believed since the last anchor; return where the target should be."""
+        if self.history.at(self._anchor.moment.index) is None:
+            return self.kinematics.box
+        expected = self._anchor.expected(self.history, self.now)
+        self.reference = self._anchor_size
+        self.kinematics.restart(expected, self._anchor.velocity)
+        return expected
 
     def present(self, moment: Moment, box: Box) -> Box:
         """Bring a box that the target had in an earlier frame to the present one."""

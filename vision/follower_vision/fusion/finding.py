@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from follower_vision.box import Box
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.following import Following
+from follower_vision.fusion.history import Moment
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.validation import Sight, Validation
 
 _REACH_SIZES = 3.0
 _UNFAMILIAR_REACH_SIZES = 4.0
-_UNFAMILIAR_MARGIN = 0.25
+_ALIKE = 0.75
+_FAR = 0.25
+_SIZE_WEIGHT = 0.3
 
 
 class Finding:
@@ -28,38 +34,59 @@ class Finding:
 
     def among(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> bool:
         """Look for the target among detections; return whether it is found."""
-        found = self._looks.best(
-            image, [box for box in sight.boxes if self._plausible(belief, sight, box)]
-        )
+        claimed = [False] * len(sight.boxes)
+        if self._settings.distractor_memory:
+            claimed = self._validation.claimed(belief, sight)
+        free = [box for box, taken in zip(sight.boxes, claimed, strict=True) if not taken]
+        found = self._recognised(image, belief, free, sight.moment)
         if found is None:
             return False
-        belief.kinematics.stop(found[0])
-        self._resume(frame, belief, belief.present(sight.moment, found[0]), found[1])
-        belief.confirm(sight.moment, found[0])
+        box, score = found
+        belief.kinematics.restart(box)
+        self._resume(frame, belief, belief.present(sight.moment, box), score)
+        belief.confirm(sight.moment, box)
         return True
 
     def unaided(self, frame: Frame, belief: Belief, expected: Box) -> bool:
         """Look for a target that no detector knows; return whether it is found."""
         growth = self._settings.search_growth_s * belief.unseen_s
         reach_px = expected.scale * (_UNFAMILIAR_REACH_SIZES + growth)
-        found = self._looks.search(frame.image, expected, reach_px)
-        if found is None or found[1] < self._looks.epsilon + _UNFAMILIAR_MARGIN:
+        boxes = self._looks.proposals(frame.image, expected, reach_px)
+        found = self._recognised(frame.image, belief, boxes, belief.now)
+        if found is None:
             return False
-        self._resume(frame, belief, found[0], found[1])
+        self._resume(frame, belief, *found)
         return True
 
-    def _plausible(self, belief: Belief, sight: Sight, box: Box) -> bool:
+    def _recognised(
+        self, image: Image, belief: Belief, boxes: Sequence[Box], moment: Moment
+    ) -> tuple[Box, float] | None:
+        """Return the box that is the target, and its score, if one is.
+
+        The further away and the more different in size, the better it has to look.
+        """
+        best: tuple[float, Box, float] | None = None
+        for box in boxes:
+            score = self._looks.score(image, box)
+            if self._looks.relative(score) < _ALIKE:
+                continue
+            value = score - self._strangeness(belief, moment, box)
+            if value >= self._looks.epsilon and (best is None or value > best[0]):
+                best = value, box, score
+        return None if best is None else best[1:]
+
+    def _strangeness(self, belief: Belief, moment: Moment, box: Box) -> float:
         settings = self._settings
-        age_s = sight.moment.captured_s - belief.seen_s
-        change = box.scale / belief.reference.scale
-        if not 1 / settings.size_change_found < change < settings.size_change_found:
-            return False
-        reach = _REACH_SIZES + settings.search_growth_s * age_s
-        return box.distance(sight.moment.box) < belief.reference.scale * reach
+        change = abs(math.log(box.scale / belief.reference.scale))
+        reach = _REACH_SIZES + settings.search_growth_s * (moment.captured_s - belief.seen_s)
+        away = box.distance(moment.box) / (belief.reference.scale * reach)
+        if change > math.log(settings.size_change_found) or not settings.growing_search:
+            return math.inf if change > math.log(settings.size_change_found) else 0.0
+        return min(_FAR, _FAR * away) + _SIZE_WEIGHT * change
 
     def _resume(self, frame: Frame, belief: Belief, box: Box, score: float) -> None:
         belief.see(box, min(1.0, score / 2), "reacquired")
         belief.reference = box
-        belief.kinematics.stop(box)
+        belief.kinematics.restart(box)
         self._following.relocate(frame, box)
         self._validation.start()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from follower_vision.box import Box
-from follower_vision.frame import Frame
+from follower_vision.frame import Frame, Image
 from follower_vision.fusion.belief import Belief, towards
 from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
@@ -16,10 +18,16 @@ from follower_vision.track import TrackState
 
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
+_CERTAIN = 0.98
 _RESUME_SIZES = 1.5
-_RESUME_SIZES_S = 4.0
-_RESUME_MARGIN = 0.1
+_MARGIN = 0.1
+_STEADY_SIZES = 0.5
+_ANCHOR_LOOKS = 0.88
+_ALIKE = 0.8
+_VERY_ALIKE = 0.9
+_CONFIDENCE_MEMORY_S = 2.0
 _REFERENCE_MEMORY_S = 0.7
+_UNCONFIRMED_POWER = 2.0
 
 
 @runtime_checkable
@@ -31,31 +39,72 @@ class SteerableTracker(MotionTracker, Protocol):
         ...
 
 
+@runtime_checkable
+class ProbingTracker(MotionTracker, Protocol):
+    """A motion tracker that can look somewhere without going there."""
+
+    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
+        """Return the places like the target about `box`, the likest first."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Evidence:
+    """What speaks for the motion tracker's box.
+
+    Attributes:
+        box: the box.
+        confidence: the tracker's confidence.
+        relative: its confidence as a share of the usual one.
+        score: its re-identification score, 0 to 2.
+        looks: that score as a share of the usual one; 1 where blur forbids a verdict.
+    """
+
+    box: Box
+    confidence: float
+    relative: float
+    score: float
+    looks: float
+
+
 class Following:
-    """Runs the motion tracker, and coasts when it is unsure."""
+    """Runs the motion tracker, and coasts when it is unsure or its box looks like nothing known."""
 
     def __init__(self, motion: MotionTracker, settings: FusionSettings, looks: Looks) -> None:
         self._motion = motion
         self._settings = settings
         self._looks = looks
-        self._trust = Trust()
+        self._confidence = Trust(_CONFIDENCE_MEMORY_S)
         self._low = 0
+        self._steady_s = 0.0
+        self._doubted_s: float | None = None
+        self._turns = 0
+
+    @property
+    def doubting(self) -> bool:
+        """Whether a confident motion tracker is followed whose box looks unlike the target."""
+        return self._doubted_s is not None
 
     def start(self, frame: Frame, box: Box) -> None:
         """Follow another target."""
         self._motion.start(frame.image, box)
-        self._trust = Trust()
+        self._confidence = Trust(_CONFIDENCE_MEMORY_S)
         self._low = 0
+        self._doubted_s = None
+        self._steady_s = 0.0
 
     def relocate(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""
         self._low = 0
+        self._doubted_s = None
         if isinstance(self._motion, SteerableTracker) and self._settings.keep_template:
             self._motion.move_to(box)
         else:
             self._motion.start(frame.image, box)
 
-    def follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
+    def follow(
+        self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
+    ) -> None:
         """Find the target in the next frame and write down what to believe.
 
         Args:
@@ -63,26 +112,75 @@ class Following:
             belief: already brought to this frame by the camera's motion.
             expected: where the target should be.
             interval_s: since the last frame.
+            blurred: whether the target's neighbourhood is blurred.
         """
         if isinstance(self._motion, SteerableTracker):
-            self._motion.move_to(belief.box if self._low == 1 else expected)
-        estimate = self._motion.update(frame.image)
-        relative = self._trust.relative(estimate.confidence)
-        belief.confidence = relative
-        if self._believable(frame, belief, estimate, expected, relative):
-            self._low = 0
-            self._trust.learn(estimate.confidence, interval_s)
-            self._see(frame, belief, estimate, interval_s)
+            self._motion.move_to(self._place(frame, belief, expected))
+        evidence = self._evidence(frame, blurred)
+        belief.confidence = evidence.relative
+        if belief.state is TrackState.TRACKING:
+            self._while_tracking(frame, belief, evidence, expected, interval_s)
+        elif self._doubted_s is not None and evidence.relative >= self._settings.low_ratio:
+            self._while_doubting(frame, belief, evidence, expected, interval_s)
+        else:
+            self._while_coasting(frame, belief, evidence, expected, interval_s)
+
+    def _while_tracking(
+        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+    ) -> None:
+        settings = self._settings
+        unsure = settings.score_coasting and evidence.relative < settings.low_ratio
+        if not unsure and not self._unlike(evidence):
+            self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
-        if self._low < self._settings.low_frames and belief.state is TrackState.TRACKING:
-            belief.box = self._clamped(estimate.box, belief.reference)
+        belief.box = self._clamped(evidence.box, belief)
+        if self._low < settings.low_frames:
+            return
+        expected = belief.return_to_anchor()
+        if unsure:
+            self.coast(frame, belief, expected, "coasting")
+        else:
+            self._doubted_s = self._steady_s = 0.0
+            self.coast(frame, belief, belief.box, "doubtful")
+
+    def _while_doubting(
+        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+    ) -> None:
+        """The motion tracker is confident, but its box does not look like the target.
+
+        Either the target changed its looks, or something else came before it. In the first case
+        the tracker stays confident; in the second the target comes out again where it should be.
+        """
+        certain = evidence.relative >= _CERTAIN
+        self._steady_s = self._steady_s + interval_s if certain else 0.0
+        if self._alike(evidence) or self._steady_s > self._settings.insist_s:
+            self._see(frame, belief, evidence, interval_s)
+            return
+        rival = self._probe(frame, expected)
+        if rival is not None and self._alike(rival) and rival.score > evidence.score:
+            self._see(frame, belief, rival, interval_s)
+            return
+        self.coast(frame, belief, self._clamped(evidence.box, belief), "doubtful")
+
+    def _while_coasting(
+        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+    ) -> None:
+        self._doubted_s = None
+        away = expected.distance(evidence.box) / expected.scale
+        near = away <= _RESUME_SIZES + self._settings.search_growth_s * belief.unseen_s
+        sure = evidence.relative >= self._settings.resume_ratio
+        steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
+        self._steady_s = self._steady_s + interval_s if steady else 0.0
+        insistent = self._steady_s > self._settings.insist_s
+        if self._settings.score_coasting and sure and near and (self._alike(evidence) or insistent):
+            self._see(frame, belief, evidence, interval_s)
         else:
             self.coast(frame, belief, expected, "coasting")
 
     def coast(self, frame: Frame, belief: Belief, expected: Box, why: str) -> None:
         """The target is not seen: extrapolate for a while, then it is lost."""
-        belief.box = expected
+        belief.box = _inside(expected, frame)
         gone = expected.visible_share(frame.width, frame.height) < _LEAST_VISIBLE
         late = belief.unseen_s > self._settings.coast_s
         if belief.state is TrackState.LOST or gone or late:
@@ -92,40 +190,73 @@ class Following:
             belief.state = TrackState.COASTING
             belief.produced_by = why
 
-    def _believable(
-        self, frame: Frame, belief: Belief, estimate: MotionEstimate, expected: Box, relative: float
-    ) -> bool:
-        settings = self._settings
-        if not settings.score_coasting:
-            return belief.state is TrackState.TRACKING
-        if belief.state is TrackState.TRACKING:
-            return relative >= settings.low_ratio
-        if relative < settings.resume_ratio:
-            return False
-        away = expected.distance(estimate.box) / expected.scale
-        if away > _RESUME_SIZES + _RESUME_SIZES_S * belief.unseen_s:
-            return False
-        return belief.state is not TrackState.LOST or self._recognised(frame, estimate.box)
+    def _place(self, frame: Frame, belief: Belief, expected: Box) -> Box:
+        """Where the motion tracker looks; all around, once the target is lost."""
+        if self._low == 1 or self._doubted_s is not None:
+            return belief.box
+        self._turns = self._turns + 1 if belief.state is TrackState.LOST else 0
+        stay = belief.familiar or not self._settings.growing_search
+        if stay or self._turns % 2 == 0:
+            return expected
+        return around(expected, self._turns // 2, frame.width, frame.height)
 
-    def _recognised(self, frame: Frame, box: Box) -> bool:
-        return self._looks.score(frame.image, box) >= self._looks.epsilon - _RESUME_MARGIN
+    def _evidence(self, frame: Frame, blurred: bool) -> _Evidence:
+        return self._judged(frame, self._motion.update(frame.image), blurred)
 
-    def _see(
-        self, frame: Frame, belief: Belief, estimate: MotionEstimate, interval_s: float
-    ) -> None:
-        box = self._clamped(estimate.box, belief.reference)
-        belief.see(box, belief.confidence, self._motion.name)
+    def _judged(self, frame: Frame, estimate: MotionEstimate, blurred: bool) -> _Evidence:
+        relative = self._confidence.relative(estimate.confidence)
+        if not self._settings.appearance_check:
+            return _Evidence(estimate.box, estimate.confidence, relative, 2.0, 1.0)
+        score = self._looks.score(frame.image, estimate.box)
+        looks = 1.0 if blurred else self._looks.relative(score)
+        return _Evidence(estimate.box, estimate.confidence, relative, score, looks)
+
+    def _probe(self, frame: Frame, expected: Box) -> _Evidence | None:
+        """Look for the target where it should be, without going there."""
+        if not isinstance(self._motion, ProbingTracker):
+            return None
+        places = self._motion.probe(frame.image, expected)
+        return self._judged(frame, places[0], False) if places else None
+
+    def _unlike(self, evidence: _Evidence) -> bool:
+        certain = evidence.relative >= _CERTAIN
+        least = self._settings.doubt_ratio_sure if certain else self._settings.doubt_ratio
+        if evidence.looks >= least:
+            return False
+        return evidence.score < self._looks.epsilon - _MARGIN
+
+    def _alike(self, evidence: _Evidence) -> bool:
+        least = _ALIKE if evidence.score >= self._looks.epsilon else _VERY_ALIKE
+        return evidence.looks >= least
+
+    def _see(self, frame: Frame, belief: Belief, evidence: _Evidence, interval_s: float) -> None:
+        self._low, self._doubted_s, self._steady_s = 0, None, 0.0
+        box = self._clamped(evidence.box, belief)
+        belief.see(box, evidence.relative, self._motion.name)
         belief.kinematics.see(box)
-        if belief.unconfirmed_s > _REFERENCE_MEMORY_S:
-            share = 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S)
-            belief.reference = towards(belief.reference, box, share)
-        self._looks.learn(frame, box, belief.confidence >= _SURE)
+        if evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
+            belief.anchor()
+        self._confidence.learn(evidence.confidence, interval_s)
+        if self._settings.appearance_check:
+            self._looks.get_used(evidence.score, interval_s)
+        share = 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S)
+        belief.reference = towards(belief.reference, box, share)
+        self._looks.learn(
+            frame, box, evidence.relative >= _SURE and evidence.looks >= _ANCHOR_LOOKS
+        )
 
-    def _clamped(self, box: Box, reference: Box) -> Box:
-        """Keep the size near the reference's."""
+    def _clamped(self, box: Box, belief: Belief) -> Box:
+        """Keep the size near the reference's; nearer if the detector has confirmed that lately."""
         settings = self._settings
         if not settings.size_clamp:
             return box
-        least, most = reference.scaled(settings.size_least), reference.scaled(settings.size_most)
+        power = 1.0 if belief.unconfirmed_s <= _REFERENCE_MEMORY_S else _UNCONFIRMED_POWER
+        least = belief.reference.scaled(settings.size_least**power)
+        most = belief.reference.scaled(settings.size_most**power)
         width = min(max(box.width, least.width), most.width)
         return Box(box.cx, box.cy, width, min(max(box.height, least.height), most.height))
+
+
+def _inside(box: Box, frame: Frame) -> Box:
+    """Keep the centre on the image."""
+    return box.moved_to(min(max(box.cx, 0.0), frame.width), min(max(box.cy, 0.0), frame.height))

@@ -59,9 +59,9 @@ class Kinematics:
         self._box = box
         self._unseen_s = 0.0
 
-    def stop(self, box: Box) -> None:
-        """Begin anew at a box, with no velocity."""
-        self._velocity = (0.0, 0.0)
+    def restart(self, box: Box, velocity: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Begin anew at a box."""
+        self._velocity = velocity
         self.correct(box)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from follower_vision.box import Box
 from follower_vision.frame import Frame, Image
+from follower_vision.fusion.trust import Trust
 from follower_vision.reidentify import Reidentifier, ReidentifySettings
 from follower_vision.targetsearch import TargetSearch
 
 _REFRESH_S = 0.5
+_USUAL_MEMORY_S = 0.5
 
 
 class Looks:
@@ -20,6 +20,7 @@ class Looks:
         self._reidentifier = Reidentifier(settings)
         self._search = TargetSearch()
         self._refreshed_s = 0.0
+        self._usual = Trust(_USUAL_MEMORY_S)
 
     @property
     def epsilon(self) -> float:
@@ -31,11 +32,22 @@ class Looks:
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._refreshed_s = frame.captured_s
+        self._usual = Trust(_USUAL_MEMORY_S)
+
+    def relative(self, score: float) -> float:
+        """Return a score as a share of what is usual for the target, at most 1."""
+        return self._usual.relative(score)
+
+    def get_used(self, score: float, interval_s: float) -> None:
+        """Take the score of a box believed; `interval_s` since the last one."""
+        self._usual.learn(score, interval_s)
 
     def learn(self, frame: Frame, box: Box, sure: bool) -> None:
         """Take a view of the target: the first second's for good, later ones for a while."""
+        if not sure:
+            return
         self._reidentifier.learn(frame.image, box, frame.captured_s)
-        if not sure or frame.captured_s - self._refreshed_s < _REFRESH_S:
+        if frame.captured_s - self._refreshed_s < _REFRESH_S:
             return
         self._refreshed_s = frame.captured_s
         self._search.learn(frame.image, box)
@@ -46,10 +58,6 @@ class Looks:
         """Return how much a box shows the target, -1 to 2."""
         return self._reidentifier.score(image, box)
 
-    def best(self, image: Image, boxes: Sequence[Box]) -> tuple[Box, float] | None:
-        """Return the box that shows the target best, if one does, and its score."""
-        return self._reidentifier.best(image, boxes)
-
-    def search(self, image: Image, expected: Box, reach_px: float) -> tuple[Box, float] | None:
-        """Look for the target by its looks alone, in a bounded time."""
-        return self.best(image, self._search.everywhere(image, expected, reach_px))
+    def proposals(self, image: Image, expected: Box, reach_px: float) -> list[Box]:
+        """Return places where the target might be by its looks alone, in a bounded time."""
+        return self._search.everywhere(image, expected, reach_px)

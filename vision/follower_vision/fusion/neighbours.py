@@ -13,7 +13,7 @@ from follower_vision.fusion.history import History, Moment
 _CLAIM = 0.3
 _HITS_TO_CLAIM = 2
 _MOST = 12
-_KEPT_S = 1.0
+_KEPT_S = 2.0
 _REACH_SIZES = 0.5
 _VELOCITY_SHARE = 0.4
 

@@ -44,6 +44,10 @@ class FusionSettings:
         position_share: how far a validated box moves towards the detection, 0 to 1.
         size_share: the same for its size.
         vote_looks: detections after which a target is taken as unfamiliar if no class fits.
+        doubt_ratio: a re-identification score below this share of the usual one is doubt.
+        doubt_ratio_sure: the same while the motion tracker is quite certain.
+        insist_s: a confident motion tracker that keeps its place for so long is believed though
+            the target looks different.
         doubt_score: a re-identification score (0 to 2) below this speaks against the track.
         search_growth_s: by how many target sizes the searched region grows in a second.
         size_change_found: largest ratio between the sizes before a loss and when found again.
@@ -77,6 +81,9 @@ class FusionSettings:
     position_share: float = 0.5
     size_share: float = 0.3
     vote_looks: int = 10
+    doubt_ratio: float = 0.72
+    doubt_ratio_sure: float = 0.55
+    insist_s: float = 0.5
     doubt_score: float = 0.8
     search_growth_s: float = 8.0
     size_change_found: float = 2.0

@@ -151,17 +151,18 @@ class FusionTracker:
         self._health = FrameCheck()
 
     def _follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
-        self._following.follow(frame, belief, expected, interval_s)
-        if belief.state is TrackState.LOST and not self._identity.familiar:
+        blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
+        self._following.follow(frame, belief, expected, interval_s, blurred)
+        lost = belief.state is TrackState.LOST and not self._following.doubting
+        if lost and not belief.familiar:
             self._finding.unaided(frame, belief, expected)
-        if self._is_due(frame, belief):
+        if self._is_due(belief, blurred):
             self._ask(frame, belief)
 
-    def _is_due(self, frame: Frame, belief: Belief) -> bool:
+    def _is_due(self, belief: Belief, blurred: bool) -> bool:
         since = belief.now.index - self._asked
         if belief.state is not TrackState.TRACKING:
             return since >= self._settings.search_every
-        blurred = self._blur.update(frame.image, belief.box, frame.captured_s).blurred
         return blurred or since >= self._settings.validate_every
 
     def _ask(self, frame: Frame, belief: Belief) -> None:
@@ -196,10 +197,11 @@ class FusionTracker:
         certain = belief.state is TrackState.TRACKING and belief.confidence > 0.9
         if certain:
             self._identity.meet(answer.detections, moment)
-        if not self._identity.familiar:
+            belief.familiar = self._identity.familiar
+        if not belief.familiar:
             return
         sight = self._identity.sight(answer.detections, moment)
         if belief.state is TrackState.LOST:
             self._finding.among(frame, belief, sight, answer.request.image)
         else:
-            self._validation.validate(frame, belief, sight)
+            self._validation.validate(frame, belief, sight, answer.request.image)

@@ -1,19 +1,19 @@
-"""What a motion tracker's confidence is worth."""
+"""What a confidence or a likeness is worth."""
 
 from __future__ import annotations
 
 import math
 
-_MEMORY_S = 2.0
-
 
 class Trust:
-    """Measures a confidence against the tracker's own usual one on this target.
+    """Measures a value against what is usual for this target.
 
     Confidences of different motion trackers, and of one on different targets, do not compare.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, memory_s: float) -> None:
+        """Make one that forgets with a time constant of `memory_s`."""
+        self._memory_s = memory_s
         self._usual: float | None = None
 
     def relative(self, confidence: float) -> float:
@@ -25,5 +25,5 @@ class Trust:
         """Take a confidence that belongs to a box believed; `interval_s` since the last one."""
         if self._usual is None:
             self._usual = confidence
-        share = 1 - math.exp(-interval_s / _MEMORY_S)
+        share = 1 - math.exp(-interval_s / self._memory_s)
         self._usual += share * (confidence - self._usual)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detection
-from follower_vision.frame import Frame
+from follower_vision.frame import Frame, Image
 from follower_vision.fusion.belief import Belief, towards
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
@@ -53,17 +53,32 @@ class Validation:
         self.neighbours = Neighbours()
         self._misses = 0
 
-    def validate(self, frame: Frame, belief: Belief, sight: Sight) -> None:
+    def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
         chosen = self._choose(belief, sight)
         if self._settings.distractor_memory:
             rest = [box for number, box in enumerate(sight.boxes) if number != chosen]
             self.neighbours.see(rest, belief.history, sight.moment, chosen is not None)
-        if chosen is None:
+        if chosen is None or not self._credible(image, sight.boxes[chosen]):
             self._missed(frame, belief)
         else:
             self._misses = 0
             self._confirm(frame, belief, sight.moment, sight.boxes[chosen])
+
+    def _credible(self, image: Image, box: Box) -> bool:
+        """Whether a detection looks like the target, or at least not suddenly unlike it."""
+        if not self._settings.appearance_check:
+            return True
+        score = self._looks.score(image, box)
+        return (
+            score >= self._looks.epsilon
+            or self._looks.relative(score) >= self._settings.doubt_ratio
+        )
+
+    def claimed(self, belief: Belief, sight: Sight) -> list[bool]:
+        """Tell of each box whether it is a known look-alike's."""
+        claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
+        return [any(row[number] > 0 for row in claims) for number in range(len(sight.boxes))]
 
     def _choose(self, belief: Belief, sight: Sight) -> int | None:
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
@@ -112,5 +127,5 @@ class Validation:
         warp = belief.history.warp(moment, belief.now)
         right, down = warp.turn(box.cx - moment.box.cx, box.cy - moment.box.cy)
         share = settings.position_share if belief.state is TrackState.TRACKING else 1.0
-        sized = towards(belief.box, box.scaled(warp.zoom), settings.size_share)
+        sized = towards(belief.box, box, settings.size_share)
         return sized.moved_to(sized.cx + share * right, sized.cy + share * down)

@@ -36,9 +36,12 @@ class Warp:
         return across + self.right, along + self.down
 
     def box(self, box: Box) -> Box:
-        """Return where a box that stands still in the world went; it stays upright."""
-        cx, cy = self.point(box.cx, box.cy)
-        return Box(cx, cy, box.width * self.zoom, box.height * self.zoom)
+        """Return where a box that stands still in the world went; its size stays.
+
+        The zoom of a few hundred milliseconds is small and badly measured where the target fills
+        much of the image.
+        """
+        return box.moved_to(*self.point(box.cx, box.cy))
 
     def then(self, later: Warp) -> Warp:
         """Return this motion followed by a later one."""
