@@ -87,7 +87,7 @@ def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time():
     assert frames[0].image.shape == (48, 64, 3)
     assert all(a.captured_s < b.captured_s for a, b in pairwise(frames))
     assert all(a.sequence < b.sequence for a, b in pairwise(frames))
-    assert 0 <= age_s < 0.5
+    assert 0 <= age_s < 1
     assert rate_hz == pytest.approx(30, rel=0.1)
 
 
@@ -114,7 +114,7 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows():
         before = MonotonicClock().now()
         late = source.read()
     assert late.sequence - first.sequence > 5
-    assert before - late.captured_s < 0.1
+    assert before - late.captured_s < 0.25
     assert source.skipped >= late.sequence - first.sequence - 1
 
 
@@ -155,11 +155,16 @@ def test_the_problem_is_over_once_frames_come():
         assert source.problem is None
 
 
-def test_measured_latency_is_subtracted():
+def test_measured_latency_is_subtracted_from_the_arrival():
+    arrival_s = 50.0
+
+    class Camera(FakeCamera):
+        def images(self):
+            yield picture(0), arrival_s
+
     settings = LiveSettings(latency_s=0.25)
-    with LiveSource(lambda: FakeCamera(1000), MonotonicClock(), settings) as source:
-        age_s = MonotonicClock().now() - source.read().captured_s
-    assert 0.25 <= age_s < 0.5
+    with LiveSource(lambda: Camera(1), MonotonicClock(), settings) as source:
+        assert source.read().captured_s == arrival_s - 0.25
 
 
 def test_closing_lets_a_waiting_reader_go():
