@@ -57,7 +57,8 @@ class _Evidence:
         confidence: the tracker's confidence.
         relative: its confidence as a share of the usual one.
         score: its re-identification score, 0 to 2.
-        looks: that score as a share of the usual one; 1 where blur forbids a verdict.
+        looks: that score as a share of the usual one.
+        blurred: whether blur makes the score a weak witness.
     """
 
     box: Box
@@ -65,6 +66,7 @@ class _Evidence:
     relative: float
     score: float
     looks: float
+    blurred: bool = False
 
 
 class Following:
@@ -74,7 +76,7 @@ class Following:
         self._motion = motion
         self._settings = settings
         self._looks = looks
-        self._confidence = Trust(_CONFIDENCE_MEMORY_S)
+        self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
         self._low = 0
         self._steady_s = 0.0
         self._doubted_s: float | None = None
@@ -88,7 +90,7 @@ class Following:
     def start(self, frame: Frame, box: Box) -> None:
         """Follow another target."""
         self._motion.start(frame.image, box)
-        self._confidence = Trust(_CONFIDENCE_MEMORY_S)
+        self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
         self._low = 0
         self._doubted_s = None
         self._steady_s = 0.0
@@ -154,7 +156,10 @@ class Following:
         """
         certain = evidence.relative >= _CERTAIN
         self._steady_s = self._steady_s + interval_s if certain else 0.0
-        if self._alike(evidence) or self._steady_s > self._settings.insist_s:
+        insistent = self._steady_s > self._settings.insist_s
+        if insistent:
+            self._looks.accept(evidence.score)
+        if insistent or self._alike(evidence):
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._probe(frame, expected)
@@ -208,8 +213,8 @@ class Following:
         if not self._settings.appearance_check:
             return _Evidence(estimate.box, estimate.confidence, relative, 2.0, 1.0)
         score = self._looks.score(frame.image, estimate.box)
-        looks = 1.0 if blurred else self._looks.relative(score)
-        return _Evidence(estimate.box, estimate.confidence, relative, score, looks)
+        looks = self._looks.relative(score)
+        return _Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred)
 
     def _probe(self, frame: Frame, expected: Box) -> _Evidence | None:
         """Look for the target where it should be, without going there."""
@@ -219,7 +224,7 @@ class Following:
         return self._judged(frame, places[0], False) if places else None
 
     def _unlike(self, evidence: _Evidence) -> bool:
-        certain = evidence.relative >= _CERTAIN
+        certain = evidence.relative >= _CERTAIN or evidence.blurred
         least = self._settings.doubt_ratio_sure if certain else self._settings.doubt_ratio
         if evidence.looks >= least:
             return False
@@ -236,14 +241,13 @@ class Following:
         belief.kinematics.see(box)
         if evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
             belief.anchor()
+            if not evidence.blurred:
+                self._looks.learn(frame, box, evidence.score)
         self._confidence.learn(evidence.confidence, interval_s)
         if self._settings.appearance_check:
             self._looks.get_used(evidence.score, interval_s)
         share = 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S)
         belief.reference = towards(belief.reference, box, share)
-        self._looks.learn(
-            frame, box, evidence.relative >= _SURE and evidence.looks >= _ANCHOR_LOOKS
-        )
 
     def _clamped(self, box: Box, belief: Belief) -> Box:
         """Keep the size near the reference's; nearer if the detector has confirmed that lately."""

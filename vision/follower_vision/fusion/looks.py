@@ -9,7 +9,8 @@ from follower_vision.reidentify import Reidentifier, ReidentifySettings
 from follower_vision.targetsearch import TargetSearch
 
 _REFRESH_S = 0.5
-_USUAL_MEMORY_S = 0.5
+_RISE_S = 0.5
+_FALL_S = 2.5
 
 
 class Looks:
@@ -20,7 +21,7 @@ class Looks:
         self._reidentifier = Reidentifier(settings)
         self._search = TargetSearch()
         self._refreshed_s = 0.0
-        self._usual = Trust(_USUAL_MEMORY_S)
+        self._usual = Trust(_RISE_S, _FALL_S)
 
     @property
     def epsilon(self) -> float:
@@ -32,7 +33,7 @@ class Looks:
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._refreshed_s = frame.captured_s
-        self._usual = Trust(_USUAL_MEMORY_S)
+        self._usual = Trust(_RISE_S, _FALL_S)
 
     def relative(self, score: float) -> float:
         """Return a score as a share of what is usual for the target, at most 1."""
@@ -42,16 +43,20 @@ class Looks:
         """Take the score of a box believed; `interval_s` since the last one."""
         self._usual.learn(score, interval_s)
 
-    def learn(self, frame: Frame, box: Box, sure: bool) -> None:
+    def accept(self, score: float) -> None:
+        """Take a new look of the target as the usual one."""
+        self._usual.reset(score)
+
+    def learn(self, frame: Frame, box: Box, score: float) -> None:
         """Take a view of the target: the first second's for good, later ones for a while."""
-        if not sure:
+        if score < self.epsilon:
             return
         self._reidentifier.learn(frame.image, box, frame.captured_s)
         if frame.captured_s - self._refreshed_s < _REFRESH_S:
             return
         self._refreshed_s = frame.captured_s
         self._search.learn(frame.image, box)
-        if self._settings.max_recent and self.score(frame.image, box) >= self.epsilon:
+        if self._settings.max_recent:
             self._reidentifier.refresh(frame.image, box)
 
     def score(self, image: Image, box: Box) -> float:

@@ -82,7 +82,7 @@ class FusionSettings:
     size_share: float = 0.3
     vote_looks: int = 10
     doubt_ratio: float = 0.72
-    doubt_ratio_sure: float = 0.55
+    doubt_ratio_sure: float = 0.6
     insist_s: float = 0.5
     doubt_score: float = 0.8
     search_growth_s: float = 8.0

@@ -11,9 +11,10 @@ class Trust:
     Confidences of different motion trackers, and of one on different targets, do not compare.
     """
 
-    def __init__(self, memory_s: float) -> None:
-        """Make one that forgets with a time constant of `memory_s`."""
-        self._memory_s = memory_s
+    def __init__(self, rise_s: float, fall_s: float) -> None:
+        """Make one that adapts to larger and to smaller values with these time constants."""
+        self._rise_s = rise_s
+        self._fall_s = fall_s
         self._usual: float | None = None
 
     def relative(self, confidence: float) -> float:
@@ -25,5 +26,9 @@ class Trust:
         """Take a confidence that belongs to a box believed; `interval_s` since the last one."""
         if self._usual is None:
             self._usual = confidence
-        share = 1 - math.exp(-interval_s / self._memory_s)
-        self._usual += share * (confidence - self._usual)
+        memory_s = self._rise_s if confidence > self._usual else self._fall_s
+        self._usual += (1 - math.exp(-interval_s / memory_s)) * (confidence - self._usual)
+
+    def reset(self, confidence: float) -> None:
+        """Take a value as the usual one from now on."""
+        self._usual = confidence
