@@ -128,7 +128,8 @@ class VehicleResponse:
         max_climb_acceleration_m_s2: what thrust is left above hovering.
         yaw: the yaw loop.
         drag: the air.
-        climb_share, descent_share: the steady vertical velocity over the one demanded.
+        climb_share, descent_share: the vertical velocity aimed at over the one demanded.
+        max_vertical_bias_m_s: the most by which they differ.
     """
 
     dead_time_s: float
@@ -141,14 +142,21 @@ class VehicleResponse:
     drag: Drag
     climb_share: float = 1.0
     descent_share: float = 1.0
+    max_vertical_bias_m_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.dead_time_s < 0:
             raise ValueError("a dead time is not negative")
         if min(self.thrust_lag_s, self.max_climb_acceleration_m_s2) <= 0:
             raise ValueError("thrust needs a lag and a reserve above 0")
-        if min(self.climb_share, self.descent_share) <= 0:
-            raise ValueError("the shares of climb and descent are above 0")
+        if min(self.climb_share, self.descent_share) <= 0 or self.max_vertical_bias_m_s < 0:
+            raise ValueError("the shares of climb and descent are above 0, their bias not below")
+
+    def biased(self, down_m_s: float) -> float:
+        """Return the vertical velocity that is aimed at when this one is demanded."""
+        share = self.climb_share if down_m_s < 0 else self.descent_share
+        most = self.max_vertical_bias_m_s
+        return down_m_s + max(-most, min(most, (share - 1.0) * down_m_s))
 
 
 ARDUCOPTER_RESPONSE = VehicleResponse(
@@ -165,16 +173,17 @@ ARDUCOPTER_RESPONSE = VehicleResponse(
 ANGLE_MAX); gains, lags and drag are fitted to the recordings."""
 
 PX4_RESPONSE = VehicleResponse(
-    dead_time_s=0.065,
-    horizontal=VelocityLoop(1.8, 0.45, 0.25),
-    vertical=VelocityLoop(4.5, 1.6),
+    dead_time_s=0.06,
+    horizontal=VelocityLoop(1.8, 0.45, 0.2),
+    vertical=VelocityLoop(4.3, 1.6),
     tilt=TiltResponse(9.0, 0.9, 45.0),
-    thrust_lag_s=0.06,
+    thrust_lag_s=0.065,
     max_climb_acceleration_m_s2=8.0,
-    yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 120.0, 0.08),
-    drag=Drag(1.0, 0.0, 0.9),
+    yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 250.0, 0.08),
+    drag=Drag(1.0, 0.0, 0.88),
     climb_share=1.15,
     descent_share=0.89,
+    max_vertical_bias_m_s=0.15,
 )
 """PX4 1.18 with default parameters: the horizontal loop is its own (MPC_XY_VEL_P_ACC, I, D) against
 the drag of its SIH quadrotor, which explains the slow tail; the rest is fitted."""

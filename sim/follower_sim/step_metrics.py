@@ -40,24 +40,26 @@ class StepMetrics:
     t90_noise_s: float
 
     def disagreements(self, other: StepMetrics) -> list[str]:
-        """Return where `other` is farther from this than 15 % or this one's own noise."""
+        """Return where `other` is farther off than 15 % and this one's own noise explain.
+
+        The two are independent of each other, so that their squares add.
+        """
         return [
             f"{name}: {theirs:.3f} for {ours:.3f}, allowed {allowed:.3f}"
-            for name, ours, theirs, allowed in self._comparison(other)
-            if not abs(theirs - ours) <= allowed
+            for name, ours, theirs, noise in self._comparison(other)
+            if not abs(theirs - ours) <= (allowed := math.hypot(_AGREEMENT * ours, noise))
         ]
 
     def _comparison(self, other: StepMetrics) -> list[tuple[str, float, float, float]]:
+        """Return rows of (name, this one's value, the other's, this one's noise)."""
         # A peak is the largest of several hundred readings: noise alone lifts it by 3 to 4 sigmas.
-        peak = max(_AGREEMENT * abs(self.overshoot), _PEAK_SIGMAS * self.noise)
         rows = [
-            ("overshoot", self.overshoot, other.overshoot, peak),
-            ("steady", self.steady, other.steady, max(_AGREEMENT * self.steady, self.noise)),
-            ("t63", self.t63_s, other.t63_s, max(_AGREEMENT * self.t63_s, self.t63_noise_s)),
+            ("overshoot", self.overshoot, other.overshoot, _PEAK_SIGMAS * self.noise),
+            ("steady", self.steady, other.steady, self.noise),
+            ("t63", self.t63_s, other.t63_s, self.t63_noise_s),
         ]
         if math.isfinite(self.t90_s) and math.isfinite(self.t90_noise_s):
-            allowed = max(_AGREEMENT * self.t90_s, self.t90_noise_s)
-            rows.append(("t90", self.t90_s, other.t90_s, allowed))
+            rows.append(("t90", self.t90_s, other.t90_s, self.t90_noise_s))
         return rows
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from follower_sim.airframe import Airframe
-from follower_sim.demand import Demand
+from follower_sim.demand import STAND_STILL, Demand
 from follower_sim.history import History
 from follower_sim.kinematics import BodyState, Triple
 from follower_sim.response import VehicleResponse
@@ -70,6 +70,7 @@ class Vehicle:
 
     def step(self, demand: Demand) -> None:
         """Advance by `STEP_S` under a demand, which takes effect after the dead times."""
+        demand = demand if self.motors_on else STAND_STILL
         self._late_velocity.append(demand.velocity_m_s)
         self._late_yaw_rate.append(demand.yaw_rate_rad_s)
         self._fly(self._late_velocity.popleft(), self._late_yaw_rate.popleft())
@@ -97,13 +98,11 @@ class Vehicle:
     def _control(self, velocity: Triple, yaw_rate: float) -> None:
         frame = self._airframe
         north, east, down = velocity
-        share = self._response.climb_share if down < 0 else self._response.descent_share
+        down = self._response.biased(down)
         level = self._level.update(
             [north, east], frame.velocity[:2], frame.acceleration[:2], STEP_S
         )
-        vertical = self._vertical.update(
-            [down * share], frame.velocity[2:], frame.acceleration[2:], STEP_S
-        )
+        vertical = self._vertical.update([down], frame.velocity[2:], frame.acceleration[2:], STEP_S)
         body_rate = self._yaw.update(yaw_rate, frame.heading_rate_rad_s, STEP_S)
         frame.fly(level, vertical[0], body_rate, STEP_S)
 
