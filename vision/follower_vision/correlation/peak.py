@@ -7,42 +7,34 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+Response = npt.NDArray[np.float32]
+"""Evidence by shift, shape (rows, columns), cyclic in both directions; shift 0 is at [0, 0]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """The highest point of a cyclic response.
+    """The highest point of a response.
 
     Attributes:
         across: shift to the right in cells, with a fraction.
         down: shift downwards in cells, with a fraction.
-        sidelobe_ratio: the peak's height over the rest's mean, in the rest's standard deviations.
     """
 
     across: float
     down: float
-    sidelobe_ratio: float
 
 
-def find_peak(response: npt.NDArray[np.float32], lobe_columns: int, lobe_rows: int) -> Peak:
-    """Return the peak of a (rows, columns) response whose shift 0 is at [0, 0].
-
-    Args:
-        response: cyclic in both directions.
-        lobe_columns: half the width of the peak's own lobe, in cells.
-        lobe_rows: half the height of the peak's own lobe, in cells.
-    """
+def find_peak(response: Response) -> Peak:
+    """Return a response's peak."""
     rows, columns = response.shape
     row, column = divmod(int(response.argmax()), columns)
-    down = row + vertex(
-        response[row - 1, column], response[row, column], response[(row + 1) % rows, column]
-    )
-    across = column + vertex(
-        response[row, column - 1], response[row, column], response[row, (column + 1) % columns]
-    )
+    height = response[row, column]
+    down = row + vertex(response[row - 1, column], height, response[(row + 1) % rows, column])
+    right = response[row, (column + 1) % columns]
+    across = column + vertex(response[row, column - 1], height, right)
     return Peak(
         across - columns if across > columns / 2 else across,
         down - rows if down > rows / 2 else down,
-        _sidelobe_ratio(response, row, column, lobe_columns, lobe_rows),
     )
 
 
@@ -54,16 +46,24 @@ def vertex(before: float, at: float, after: float) -> float:
     return min(0.5, max(-0.5, 0.5 * (float(before) - float(after)) / bend))
 
 
-def _sidelobe_ratio(
-    response: npt.NDArray[np.float32], row: int, column: int, lobe_columns: int, lobe_rows: int
-) -> float:
-    """Peak to sidelobe ratio of Bolme et al., "Visual Object Tracking using Adaptive ..." 2010."""
+def sidelobe_ratio(response: Response, lobe: int) -> float:
+    """Return the peak's height over the rest's mean, in the rest's standard deviations.
+
+    After Bolme, Beveridge, Draper and Lui, "Visual Object Tracking using Adaptive Correlation
+    Filters" (CVPR 2010).
+
+    Args:
+        response: cyclic; 0 is returned for a flat one.
+        lobe: half the side of the square about the peak that is left out, in cells.
+    """
     rows, columns = response.shape
+    row, column = divmod(int(response.argmax()), columns)
     centred = np.roll(response, (rows // 2 - row, columns // 2 - column), axis=(0, 1))
     aside = np.ones(response.shape, np.bool_)
-    aside[
-        max(0, rows // 2 - lobe_rows) : rows // 2 + lobe_rows + 1,
-        max(0, columns // 2 - lobe_columns) : columns // 2 + lobe_columns + 1,
-    ] = False
+    lobe_rows = slice(max(0, rows // 2 - lobe), rows // 2 + lobe + 1)
+    lobe_columns = slice(max(0, columns // 2 - lobe), columns // 2 + lobe + 1)
+    aside[lobe_rows, lobe_columns] = False
     rest = centred[aside]
+    if rest.size == 0:
+        return 0.0
     return float((response[row, column] - rest.mean()) / (rest.std() + 1e-9))

@@ -18,6 +18,8 @@ class CorrelationSettings:
         colour_channels: principal components kept of the 12 colour channels.
         label_sigma: width of the wanted response over the target's side.
         learning_rate: share of the newest sample in the model.
+        colour_share: greatest share of the colour likelihood in the response.
+        colour_learning_rate: share of the newest sample in the colour histograms.
         regularisation: weight of the filter's norm.
         iterations: ADMM iterations per training.
         scale_count: sizes compared per frame, odd.
@@ -44,6 +46,8 @@ class CorrelationSettings:
     colour_channels: int = 4
     label_sigma: float = 1 / 16
     learning_rate: float = 0.02
+    colour_share: float = 0.5
+    colour_learning_rate: float = 0.02
     regularisation: float = 1e-4
     iterations: int = 2
     scale_count: int = 17
@@ -84,6 +88,13 @@ class CorrelationSettings:
                 raise ValueError(f"{name} is positive, not {getattr(self, name)}")
 
     def _check_shares(self) -> None:
-        for name in ("learning_rate", "scale_learning_rate", "drift_share", "drift_rate"):
+        for name in (
+            "learning_rate",
+            "scale_learning_rate",
+            "drift_share",
+            "drift_rate",
+            "colour_share",
+            "colour_learning_rate",
+        ):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} lies between 0 and 1, not {getattr(self, name)}")

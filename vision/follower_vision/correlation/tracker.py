@@ -11,14 +11,16 @@ from follower_vision.correlation.clarity import Clarity
 from follower_vision.correlation.drift import Drift
 from follower_vision.correlation.features import Features
 from follower_vision.correlation.filter import BackgroundAwareFilter, Spectrum, spectrum
+from follower_vision.correlation.likelihood import ColourLikelihood
 from follower_vision.correlation.patch import cut
-from follower_vision.correlation.peak import Peak, find_peak
+from follower_vision.correlation.peak import Peak, Response, find_peak, sidelobe_ratio
 from follower_vision.correlation.scale import ScaleFilter
 from follower_vision.correlation.settings import CorrelationSettings
 from follower_vision.frame import Image
 from follower_vision.motion import MotionEstimate
 
 _SIZE_RANGE = 5.0
+_HEIGHT_MEMORY = 20
 
 
 class CorrelationTracker:
@@ -47,9 +49,11 @@ class CorrelationTracker:
         self._clarity = Clarity(s.doubtful_share, s.full_share)
         self._scale = ScaleFilter(box, s.scale_count, s.scale_step, s.scale_regularisation)
         self._scale.start(image, box)
-        self._filter = self._new_filter(box)
-        self._features.start(self._patch(image, box))
-        self._filter.learn(self._sample(image, box), 1.0)
+        self._start_filters(box)
+        patch = self._patch(image, box)
+        self._features.start(patch)
+        self._filter.learn(spectrum(self._features(patch)), 1.0)
+        self._colours.learn(patch, 0.0, 0.0, 1.0)
 
     def update(self, image: Image) -> MotionEstimate:
         """Find the target in the next image, (H, W, 3) uint8 BGR of any size.
@@ -60,36 +64,60 @@ class CorrelationTracker:
         if self._box is None:
             raise RuntimeError("the tracker was not started")
         region = _inside(self._drift.moved(self._box, self._settings.drift_share), image)
-        sample = self._sample(image, region)
-        peak = find_peak(self._filter.response(sample), self._lobe, self._lobe)
-        box = self._located(self._box, region, peak, image)
-        self._box = self._learnt(image, box, sample, peak)
-        return MotionEstimate(self._box, self._clarity.confidence(peak.sidelobe_ratio))
+        patch = self._patch(image, region)
+        sample = spectrum(self._features(patch))
+        response = self._filter.response(sample)
+        ratio = sidelobe_ratio(response, self._lobe)
+        trust = self._clarity.trust(ratio)
+        peak = find_peak(self._with_colours(response, patch, trust))
+        box = self._located(self._box, region, peak, ratio, image)
+        self._clarity.remember(ratio, trust)
+        if trust > 0:
+            self._learn(sample, patch, peak, trust)
+            box = self._resized(
+                box, self._scale.update(image, box, trust * self._settings.scale_learning_rate)
+            )
+        self._box = box
+        return MotionEstimate(box, self._clarity.confidence(ratio))
 
-    def _new_filter(self, box: Box) -> BackgroundAwareFilter:
+    def _start_filters(self, box: Box) -> None:
         s = self._settings
         per_px = self._cells / (s.search_factor * box.scale)
-        self._lobe = max(2, round(0.5 * min(box.width, box.height) * per_px))
-        return BackgroundAwareFilter(
+        columns, rows = box.width * per_px, box.height * per_px
+        self._lobe = max(2, round(0.5 * min(columns, rows)))
+        self._filter = BackgroundAwareFilter(
             self._cells,
-            box.width * per_px,
-            box.height * per_px,
+            columns,
+            rows,
             box.scale * per_px * s.label_sigma,
             s.regularisation,
             s.iterations,
         )
+        self._colours = ColourLikelihood(self._cells, columns, rows)
+        self._usual_height: float | None = None
 
     def _patch(self, image: Image, box: Box) -> Image:
         side = self._settings.search_factor * box.scale
         region = Box(box.cx, box.cy, side, side)
         return cut(image, region, self._settings.patch_px, self._settings.patch_px)
 
-    def _sample(self, image: Image, box: Box) -> Spectrum:
-        return spectrum(self._features(self._patch(image, box)))
+    def _with_colours(self, response: Response, patch: Image, trust: float) -> Response:
+        """The filter's response blended with the colours', the more the clearer it is.
 
-    def _located(self, last: Box, region: Box, peak: Peak, image: Image) -> Box:
+        Colours alone would lead an occluded target's box to whatever looks alike nearby: they count
+        only where the filter sees the target too.
+        """
+        height = float(response.max())
+        if self._usual_height is None:
+            self._usual_height = height
+        share = self._settings.colour_share * trust
+        scaled = response * np.float32((1 - share) / max(self._usual_height, 1e-6))
+        self._usual_height += (height - self._usual_height) / _HEIGHT_MEMORY
+        return scaled + np.float32(share) * self._colours.response(patch) if share else scaled
+
+    def _located(self, last: Box, region: Box, peak: Peak, ratio: float, image: Image) -> Box:
         """The box at the peak in the search region; the last one where the peak is noise."""
-        if peak.sidelobe_ratio < self._settings.noise_ratio:
+        if ratio < self._settings.noise_ratio:
             self._drift.stop()
             return _inside(last, image)
         cell = self._settings.search_factor * region.scale / self._cells
@@ -98,15 +126,10 @@ class CorrelationTracker:
         self._drift.follow(last, box)
         return box
 
-    def _learnt(self, image: Image, box: Box, sample: Spectrum, peak: Peak) -> Box:
-        """Learn the target, as far as its peak is clear, and return the box at its new size."""
+    def _learn(self, sample: Spectrum, patch: Image, peak: Peak, trust: float) -> None:
         s = self._settings
-        trust = self._clarity.trust(peak.sidelobe_ratio)
-        self._clarity.remember(peak.sidelobe_ratio, trust)
-        if trust <= 0:
-            return box
         self._filter.learn(self._centred(sample, peak), s.learning_rate * trust)
-        return self._resized(box, self._scale.update(image, box, s.scale_learning_rate * trust))
+        self._colours.learn(patch, peak.across, peak.down, s.colour_learning_rate * trust)
 
     def _centred(self, sample: Spectrum, peak: Peak) -> Spectrum:
         """The sample with the peak shifted to the middle, which saves a second patch."""
