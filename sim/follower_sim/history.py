@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from bisect import bisect_right
 from collections import deque
 
@@ -12,10 +13,14 @@ _KEPT = 400
 
 
 class History:
-    """Newest states, oldest first, with a look-up between them."""
+    """Newest states, oldest first, with a look-up between them.
+
+    A camera's thread may look while the autopilot's adds.
+    """
 
     def __init__(self, first: BodyState) -> None:
         self._states: deque[BodyState] = deque([first], maxlen=_KEPT)
+        self._lock = threading.Lock()
 
     @property
     def newest(self) -> BodyState:
@@ -24,17 +29,16 @@ class History:
 
     def add(self, state: BodyState) -> None:
         """Append a state later than all others; the oldest is forgotten."""
-        self._states.append(state)
+        with self._lock:
+            self._states.append(state)
 
     def at(self, time_s: float) -> BodyState:
         """Return the state at a time, interpolated; outside what is kept, the nearest."""
-        states = self._states
-        after = bisect_right(states, time_s, key=lambda state: state.time_s)
-        if after == 0:
-            return states[0]
-        if after == len(states):
-            return states[-1]
-        return _between(states[after - 1], states[after], time_s)
+        with self._lock:
+            states = self._states
+            after = bisect_right(states, time_s, key=lambda state: state.time_s)
+            a, b = states[max(after - 1, 0)], states[min(after, len(states) - 1)]
+        return a if a is b else _between(a, b, time_s)
 
 
 def _between(a: BodyState, b: BodyState, time_s: float) -> BodyState:

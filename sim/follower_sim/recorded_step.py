@@ -92,11 +92,16 @@ class RecordedStep:
         return np.stack([north * cos_yaw + east * sin_yaw, east * cos_yaw - north * sin_yaw, down])
 
     @property
+    def asked_velocity_m_s(self) -> Series:
+        """The velocity in the frame of the set-points, world or heading: shape (3, N)."""
+        in_world = self.sent[1].frame in (1, 7)
+        return self.velocity_m_s if in_world else self.heading_velocity_m_s
+
+    @property
     def stepped(self) -> list[SteppedSignal]:
         """The signals that the second set-point asked to step."""
         asked = self.sent[1]
-        level = self.velocity_m_s if asked.frame in (1, 7) else self.heading_velocity_m_s
-        signals = [*level, np.degrees(self.yaw_rate_rad_s)]
+        signals = [*self.asked_velocity_m_s, np.degrees(self.yaw_rate_rad_s)]
         targets = [*asked.velocity_m_s, math.degrees(asked.yaw_rate_rad_s)]
         errors = [_rms(signal[self.time_s <= asked.time_s]) for signal in signals]
         errors[:2] = [math.hypot(*errors[:2]) / math.sqrt(2.0)] * 2

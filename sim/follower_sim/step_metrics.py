@@ -22,11 +22,13 @@ class StepMetrics:
     """A step from 0 (before) to 1 (asked for), whatever the signal's unit.
 
     Attributes:
-        t63_s, t90_s: from the first send until the signal first reached that share, NaN if never.
+        t63_s, t90_s: from the first send until that share was first reached, infinite if never.
         overshoot: the peak beyond 1, as a share; negative if 1 was not reached.
         steady: the mean of the last two seconds.
         noise: RMS of what is read before the step, where it should be 0, and at least 2 %: that
             is how much the steady states of equal recorded steps differ.
+        peak_noise: how far noise alone lifts the highest of several hundred readings: 3 to 4
+            times their RMS.
         t63_noise_s, t90_noise_s: how far those times move if the level is off by the noise, at
             least one row and one period of the stream.
     """
@@ -36,53 +38,59 @@ class StepMetrics:
     overshoot: float
     steady: float
     noise: float
+    peak_noise: float
     t63_noise_s: float
     t90_noise_s: float
 
-    def disagreements(self, other: StepMetrics) -> list[str]:
+    def disagreements(self, other: StepMetrics, noise: bool = True) -> list[str]:
         """Return where `other` is farther off than 15 % and this one's own noise explain.
 
-        The two are independent of each other, so that their squares add.
+        The two are independent of each other, so that their squares add. Without noise only the
+        15 % count.
         """
         return [
             f"{name}: {theirs:.3f} for {ours:.3f}, allowed {allowed:.3f}"
-            for name, ours, theirs, noise in self._comparison(other)
-            if not abs(theirs - ours) <= (allowed := math.hypot(_AGREEMENT * ours, noise))
+            for name, ours, theirs, error in self._comparison(other)
+            if not abs(theirs - ours) <= (allowed := _allowed(ours, error if noise else 0.0))
         ]
 
     def _comparison(self, other: StepMetrics) -> list[tuple[str, float, float, float]]:
         """Return rows of (name, this one's value, the other's, this one's noise)."""
-        # A peak is the largest of several hundred readings: noise alone lifts it by 3 to 4 sigmas.
         rows = [
-            ("overshoot", self.overshoot, other.overshoot, _PEAK_SIGMAS * self.noise),
+            ("overshoot", self.overshoot, other.overshoot, self.peak_noise),
             ("steady", self.steady, other.steady, self.noise),
             ("t63", self.t63_s, other.t63_s, self.t63_noise_s),
         ]
-        if math.isfinite(self.t90_s) and math.isfinite(self.t90_noise_s):
+        if math.isfinite(self.t90_s):
             rows.append(("t90", self.t90_s, other.t90_s, self.t90_noise_s))
         return rows
+
+
+def _allowed(value: float, noise: float) -> float:
+    return math.hypot(_AGREEMENT * value, noise)
 
 
 def rise(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
     """Return the metrics of a recording's step up, its second set-point."""
     _, up, down = (sent.time_s for sent in step.sent[:3])
-    return _measured(step.time_s, signal.values / signal.target, (up, down), _noise(signal))
+    return _measured(step.time_s, signal.values / signal.target, (up, down), _error(signal))
 
 
 def fall(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
     """Return the metrics of a recording's step back to zero, its third set-point."""
     level = 1.0 - signal.values / signal.target
-    return _measured(step.time_s, level, (step.sent[2].time_s, math.inf), _noise(signal))
+    return _measured(step.time_s, level, (step.sent[2].time_s, math.inf), _error(signal))
 
 
-def _noise(signal: SteppedSignal) -> float:
-    return max(signal.error / abs(signal.target), _REPEATABILITY)
+def _error(signal: SteppedSignal) -> float:
+    return signal.error / abs(signal.target)
 
 
 def _measured(
-    time_s: Series, level: Series, span: tuple[float, float], noise: float
+    time_s: Series, level: Series, span: tuple[float, float], error: float
 ) -> StepMetrics:
     start, end = span
+    noise = max(error, _REPEATABILITY)
     inside = (time_s > start) & (time_s <= end)
     times, levels = time_s[inside] - start, level[inside]
     steady = float(levels[times >= times[-1] - _STEADY_S].mean())
@@ -93,16 +101,17 @@ def _measured(
         float(levels.max()) - 1.0,
         steady,
         noise,
+        max(_PEAK_SIGMAS * error, _REPEATABILITY),
         _spread(times, levels, 0.63, noise),
         _spread(times, levels, 0.9, noise),
     )
 
 
 def crossing(time_s: Series, level: Series, share: float) -> float:
-    """Return when the level first reaches a share, between samples; NaN if it never does."""
+    """Return when the level first reaches a share, between samples; infinite if it never does."""
     above = np.flatnonzero(level >= share)
     if not len(above):
-        return math.nan
+        return math.inf
     i = int(above[0])
     if i == 0:
         return float(time_s[0])
@@ -114,6 +123,6 @@ def _spread(time_s: Series, level: Series, share: float, noise: float) -> float:
     """Return how far a crossing moves with the level's noise; infinite if it may never come."""
     early, late = (crossing(time_s, level, share + sign * noise) for sign in (-1, 1))
     middle = crossing(time_s, level, share)
-    if math.isnan(late):
+    if math.isinf(late):
         return math.inf
     return max(middle - early, late - middle, _ROW_S + _SEND_S / 2)

@@ -140,7 +140,7 @@ def test_the_stop_from_3_m_s_takes_its_distance(flavour: str, distance_m: float)
 def test_crossings_lie_between_samples_and_may_never_come() -> None:
     time_s, level = np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.5, 1.0])
     assert crossing(time_s, level, 0.63) == pytest.approx(1.26)
-    assert math.isnan(crossing(time_s, level, 1.5))
+    assert crossing(time_s, level, 1.5) == math.inf
 
 
 def test_metrics_of_a_known_curve() -> None:
