@@ -16,7 +16,8 @@ from follower_vision.fusion.validation import Sight, Validation
 
 _REACH_SIZES = 3.0
 _UNFAMILIAR_REACH_SIZES = 4.0
-_ALIKE = 0.75
+_ALIKE = 0.68
+_ALIKE_IF_STRANGE = 0.5
 _FAR = 0.25
 _SIZE_WEIGHT = 0.3
 
@@ -37,6 +38,8 @@ class Finding:
         claimed = [False] * len(sight.boxes)
         if self._settings.distractor_memory:
             claimed = self._validation.claimed(belief, sight)
+            known = [box for box, taken in zip(sight.boxes, claimed, strict=True) if taken]
+            self._validation.neighbours.see(known, belief.history, sight.moment, False)
         free = [box for box, taken in zip(sight.boxes, claimed, strict=True) if not taken]
         found = self._recognised(image, belief, free, sight.moment)
         if found is None:
@@ -68,9 +71,10 @@ class Finding:
         best: tuple[float, Box, float] | None = None
         for box in boxes:
             score = self._looks.score(image, box)
-            if self._looks.relative(score) < _ALIKE:
+            strange = self._strangeness(belief, moment, box)
+            if self._looks.relative(score) < _ALIKE + _ALIKE_IF_STRANGE * strange:
                 continue
-            value = score - self._strangeness(belief, moment, box)
+            value = score - strange
             if value >= self._looks.epsilon and (best is None or value > best[0]):
                 best = value, box, score
         return None if best is None else best[1:]

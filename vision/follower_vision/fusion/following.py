@@ -19,9 +19,12 @@ from follower_vision.track import TrackState
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
 _CERTAIN = 0.98
+_VERY_CERTAIN = 0.995
+_INSISTENCE = 2.0
+_RIVAL_FRAMES = 2
 _RESUME_SIZES = 1.5
 _MARGIN = 0.1
-_STEADY_SIZES = 0.5
+_STEADY_SIZES = 0.75
 _ANCHOR_LOOKS = 0.88
 _ALIKE = 0.8
 _VERY_ALIKE = 0.9
@@ -81,6 +84,7 @@ class Following:
         self._steady_s = 0.0
         self._doubted_s: float | None = None
         self._turns = 0
+        self._rival_frames = 0
 
     @property
     def doubting(self) -> bool:
@@ -122,7 +126,7 @@ class Following:
         belief.confidence = evidence.relative
         if belief.state is TrackState.TRACKING:
             self._while_tracking(frame, belief, evidence, expected, interval_s)
-        elif self._doubted_s is not None and evidence.relative >= self._settings.low_ratio:
+        elif self._may_doubt(evidence, interval_s):
             self._while_doubting(frame, belief, evidence, expected, interval_s)
         else:
             self._while_coasting(frame, belief, evidence, expected, interval_s)
@@ -139,12 +143,23 @@ class Following:
         belief.box = self._clamped(evidence.box, belief)
         if self._low < settings.low_frames:
             return
+        reference = belief.reference
         expected = belief.return_to_anchor()
         if unsure:
             self.coast(frame, belief, expected, "coasting")
         else:
+            belief.reference = reference
             self._doubted_s = self._steady_s = 0.0
+            self._rival_frames = 0
             self.coast(frame, belief, belief.box, "doubtful")
+
+    def _may_doubt(self, evidence: _Evidence, interval_s: float) -> bool:
+        """Whether a box in doubt is still worth following."""
+        if self._doubted_s is None:
+            return False
+        self._doubted_s += interval_s
+        patient = self._doubted_s <= self._settings.doubt_s
+        return patient and evidence.relative >= self._settings.low_ratio
 
     def _while_doubting(
         self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
@@ -154,8 +169,12 @@ class Following:
         Either the target changed its looks, or something else came before it. In the first case
         the tracker stays confident; in the second the target comes out again where it should be.
         """
-        certain = evidence.relative >= _CERTAIN
-        self._steady_s = self._steady_s + interval_s if certain else 0.0
+        weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
+        if evidence.relative >= _CERTAIN:
+            self._steady_s += weight * interval_s
+        elif evidence.relative < _SURE:
+            self._steady_s = 0.0
+        belief.reference = self._drawn(belief.reference, evidence.box, interval_s)
         insistent = self._steady_s > self._settings.insist_s
         if insistent:
             self._looks.accept(evidence.score)
@@ -163,7 +182,9 @@ class Following:
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._probe(frame, expected)
-        if rival is not None and self._alike(rival) and rival.score > evidence.score:
+        better = rival is not None and self._alike(rival) and rival.score > evidence.score
+        self._rival_frames = self._rival_frames + 1 if better else 0
+        if rival is not None and self._rival_frames >= _RIVAL_FRAMES:
             self._see(frame, belief, rival, interval_s)
             return
         self.coast(frame, belief, self._clamped(evidence.box, belief), "doubtful")
@@ -220,8 +241,10 @@ class Following:
         """Look for the target where it should be, without going there."""
         if not isinstance(self._motion, ProbingTracker):
             return None
+        reach_px = _STEADY_SIZES * expected.scale
         places = self._motion.probe(frame.image, expected)
-        return self._judged(frame, places[0], False) if places else None
+        near = [place for place in places if place.box.distance(expected) <= reach_px]
+        return self._judged(frame, near[0], False) if near else None
 
     def _unlike(self, evidence: _Evidence) -> bool:
         certain = evidence.relative >= _CERTAIN or evidence.blurred
@@ -246,8 +269,11 @@ class Following:
         self._confidence.learn(evidence.confidence, interval_s)
         if self._settings.appearance_check:
             self._looks.get_used(evidence.score, interval_s)
-        share = 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S)
-        belief.reference = towards(belief.reference, box, share)
+        belief.reference = self._drawn(belief.reference, box, interval_s)
+
+    def _drawn(self, reference: Box, box: Box, interval_s: float) -> Box:
+        """Let the reference's size follow a box's slowly."""
+        return towards(reference, box, 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S))
 
     def _clamped(self, box: Box, belief: Belief) -> Box:
         """Keep the size near the reference's; nearer if the detector has confirmed that lately."""

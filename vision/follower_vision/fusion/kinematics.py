@@ -7,8 +7,8 @@ import math
 from follower_vision.box import Box
 from follower_vision.fusion.warp import Warp
 
-_MEMORY_S = 0.12
-_FADE_S = 0.4
+_MEMORY_S = 0.2
+_FADE_S = 1.2
 _MOST_SIZES_S = 12.0
 
 
@@ -16,8 +16,8 @@ class Kinematics:
     """A place carried along with the background and with the target's own velocity.
 
     The velocity is that over the background, so that a camera that swings does not look like a
-    target that runs. It is a first-order low-pass (0.12 s) of what is measured; while nothing is
-    measured it fades (0.4 s).
+    target that runs. It is a first-order low-pass (0.2 s) of what is measured; while nothing is
+    measured it fades (1.2 s).
     """
 
     def __init__(self, box: Box) -> None:

@@ -37,13 +37,13 @@ class Neighbour:
     def expected(self, history: History, moment: Moment) -> Box:
         """Return where it should be in another frame."""
         warp = history.warp(self.moment, moment)
-        return moved(warp.box(self.box), warp.turn(*self.velocity), self._age_s(moment))
+        return moved(warp.box(self.box), warp.turn(*self.velocity), self.age_s(moment))
 
     def see(self, box: Box, history: History, moment: Moment) -> None:
         """Take a sighting."""
         expected = self.expected(history, moment)
         turned = history.warp(self.moment, moment).turn(*self.velocity)
-        age_s = self._age_s(moment)
+        age_s = self.age_s(moment)
         if age_s > 0:
             share = _VELOCITY_SHARE / age_s
             self.velocity = (
@@ -52,7 +52,8 @@ class Neighbour:
             )
         self.box, self.moment, self.hits = box, moment, self.hits + 1
 
-    def _age_s(self, moment: Moment) -> float:
+    def age_s(self, moment: Moment) -> float:
+        """Return how long before a frame it was last seen."""
         return moment.captured_s - self.moment.captured_s
 
 
@@ -93,9 +94,7 @@ class Neighbours:
                 one.see(left.pop(values.index(max(values))), history, moment)
         if may_be_new:
             self._known += [Neighbour(box, moment) for box in left[:_MOST]]
-        self._known = [
-            one for one in self._known if moment.captured_s - one.moment.captured_s <= _KEPT_S
-        ][:_MOST]
+        self._known = [one for one in self._known if one.age_s(moment) <= _KEPT_S][:_MOST]
 
 
 def assign_target(target: Sequence[float], claims: Sequence[Sequence[float]]) -> int | None:

@@ -48,6 +48,7 @@ class FusionSettings:
         doubt_ratio_sure: the same while the motion tracker is quite certain.
         insist_s: a confident motion tracker that keeps its place for so long is believed though
             the target looks different.
+        doubt_s: how long a confident motion tracker is followed at most while in doubt.
         doubt_score: a re-identification score (0 to 2) below this speaks against the track.
         search_growth_s: by how many target sizes the searched region grows in a second.
         size_change_found: largest ratio between the sizes before a loss and when found again.
@@ -79,11 +80,12 @@ class FusionSettings:
     size_least: float = 0.75
     size_most: float = 1.35
     position_share: float = 0.5
-    size_share: float = 0.3
+    size_share: float = 0.5
     vote_looks: int = 10
     doubt_ratio: float = 0.72
     doubt_ratio_sure: float = 0.6
     insist_s: float = 0.5
+    doubt_s: float = 1.0
     doubt_score: float = 0.8
     search_growth_s: float = 8.0
     size_change_found: float = 2.0

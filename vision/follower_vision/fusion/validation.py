@@ -21,6 +21,9 @@ _REACH_SIZES = 0.35
 _REACH_SIZES_S = 0.8
 _TRAJECTORY_S = 1.0
 _LEAST_NEARNESS = 0.4
+_AGREEMENT = 0.5
+_CONFIDENT = 0.95
+_LEAST_LOOKS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,21 +62,23 @@ class Validation:
         if self._settings.distractor_memory:
             rest = [box for number, box in enumerate(sight.boxes) if number != chosen]
             self.neighbours.see(rest, belief.history, sight.moment, chosen is not None)
-        if chosen is None or not self._credible(image, sight.boxes[chosen]):
+        if chosen is None or not self._credible(image, belief, sight, sight.boxes[chosen]):
             self._missed(frame, belief)
         else:
             self._misses = 0
             self._confirm(frame, belief, sight.moment, sight.boxes[chosen])
 
-    def _credible(self, image: Image, box: Box) -> bool:
-        """Whether a detection looks like the target, or at least not suddenly unlike it."""
+    def _credible(self, image: Image, belief: Belief, sight: Sight, box: Box) -> bool:
+        """Whether a detection looks like the target.
+
+        Where it is just what a confident motion tracker follows, the looks may have changed.
+        """
         if not self._settings.appearance_check:
             return True
         score = self._looks.score(image, box)
-        return (
-            score >= self._looks.epsilon
-            or self._looks.relative(score) >= self._settings.doubt_ratio
-        )
+        agreed = box.iou(sight.moment.box) >= _AGREEMENT and belief.confidence >= _CONFIDENT
+        least = _LEAST_LOOKS if agreed else self._settings.doubt_ratio
+        return score >= self._looks.epsilon or self._looks.relative(score) >= least
 
     def claimed(self, belief: Belief, sight: Sight) -> list[bool]:
         """Tell of each box whether it is a known look-alike's."""
@@ -119,6 +124,7 @@ class Validation:
         belief.see(corrected, max(belief.confidence, 0.5), "detector")
         belief.kinematics.correct(corrected)
         belief.confirm(moment, box)
+        belief.anchor()
         self._following.relocate(frame, corrected)
 
     def _blended(self, belief: Belief, moment: Moment, box: Box) -> Box:
