@@ -12,6 +12,7 @@ from follower.configs import scenario_files
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 
+DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 
 app = typer.Typer(
@@ -31,8 +32,9 @@ Autopilot = Annotated[
     str,
     typer.Option(
         "--autopilot",
-        help="Which autopilot to simulate: **px4** or **ardupilot**.",
-        metavar="px4|ardupilot",
+        help="Which autopilot to simulate: **px4** or **ardupilot**; **external** flies one that "
+        "runs elsewhere, such as SITL, in our world.",
+        metavar="px4|ardupilot|external",
     ),
 ]
 Seed = Annotated[
@@ -53,6 +55,10 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="One setting, e.g. servo.distance_m=12."),
 ]
 Out = Annotated[Path, typer.Option(help="Folder in which each run gets a folder of its own.")]
+Connect = Annotated[
+    str,
+    typer.Option(help="Where MAVLink is spoken in real time, as pymavlink writes it."),
+]
 Video = Annotated[bool, typer.Option(help="Write the video with overlay.")]
 
 
@@ -63,6 +69,7 @@ def demo(
     lockstep: LockstepFlag = False,
     config: Config = None,
     overrides: Overrides = None,
+    connect: Connect = DEFAULT_CONNECTION,
     out: Out = Path("runs"),
     video: Video = True,
 ) -> None:
@@ -71,7 +78,7 @@ def demo(
     Takes about a minute and a half in real time. Afterwards runs/demo holds the video, an HTML
     report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed.
     """
-    sim("demo", autopilot, seed, lockstep, config, overrides, out, video)
+    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video)
 
 
 @app.command()
@@ -84,6 +91,7 @@ def sim(
     lockstep: LockstepFlag = False,
     config: Config = None,
     overrides: Overrides = None,
+    connect: Connect = DEFAULT_CONNECTION,
     out: Out = Path("runs"),
     video: Video = True,
 ) -> None:
@@ -91,7 +99,7 @@ def sim(
     from follower.simulate import SimulationOptions, simulate
 
     options = SimulationOptions(
-        scenario, autopilot, seed, lockstep, config, tuple(overrides or ()), out, video
+        scenario, autopilot, seed, lockstep, config, tuple(overrides or ()), out, video, connect
     )
     raise typer.Exit(simulate(options))
 

@@ -27,8 +27,12 @@ def fly_lockstep(flight: SimulatedFlight, clock: SimulatedClock, show: Callable[
     """Fly to the end on a simulated clock: the same setpoints each time, bit for bit."""
     lockstep = Lockstep(clock)
 
+    autopilot = flight.autopilot
+    if autopilot is None:
+        raise ValueError("an external autopilot has its own time: it flies in real time alone")
+
     def physics() -> None:
-        flight.autopilot.step(clock.now())
+        autopilot.step(clock.now())
 
     def capture() -> None:
         delivery = flight.camera.capture()
@@ -53,6 +57,7 @@ def fly_realtime(flight: SimulatedFlight, clock: Clock, show: Callable[[], None]
 
     def watch() -> bool:
         show()
+        flight.check_answered()
         return not flight.finished
 
     with CameraSource(flight.camera, clock) as source, _autopilot_thread(flight, clock):
@@ -86,6 +91,9 @@ class CameraSource(ClosesItself):
 
 @contextmanager
 def _autopilot_thread(flight: SimulatedFlight, clock: Clock) -> Iterator[None]:
+    if flight.autopilot is None:
+        yield
+        return
     stop = threading.Event()
     arguments = (flight.autopilot, clock, stop)
     thread = threading.Thread(target=run_autopilot, args=arguments, name="autopilot", daemon=True)

@@ -130,4 +130,5 @@ class RealtimeRun:
             now_s = self._clock.now()
             self._control.step(now_s, now_s - due_s)
             # Steps that were missed are left out, so that a stall is no burst afterwards.
-            due_s = max(due_s + self._period_s, self._clock.now() - self._period_s)
+            missed = max(0.0, self._clock.now() - due_s) // self._period_s
+            due_s += (1 + missed) * self._period_s

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,18 +16,17 @@ from rich.console import Console
 from follower.configs import find_scenario
 from follower.flight_video import BackgroundVideo, FlightVideo, OverlayVideo
 from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
-from follower.links.connection import open_connection
+from follower.links.connection import ConnectionFailedError, open_connection
 from follower.outputs import write_boxes, write_setpoints, write_text
 from follower.report.meta import ReportMeta
 from follower.report.writer import write_report, write_score
 from follower.run_folder import new_run_folder
 from follower.scoring import score_flight
 from follower.settings import Settings, load_settings, merged
-from follower.simulated_flight import SimulatedFlight, camera_settings
+from follower.simulated_flight import EXTERNAL, SimulatedFlight, camera_settings
 from follower.terminal import Terminal, print_score
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
-from follower_control.udp import UdpTransport
 from follower_sim.criteria import verdict
 from follower_sim.scenario import Scenario
 from follower_sim.scenario_file import load_scenario
@@ -34,7 +34,7 @@ from follower_sim.world import World
 from follower_vision.clock import MonotonicClock, SimulatedClock
 
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
-FLAVOURS = ("px4", "ardupilot")
+FLAVOURS = ("px4", "ardupilot", EXTERNAL)
 VIDEO = "video.mp4"
 FILES = (
     ("report.html", "this report"),
@@ -64,6 +64,7 @@ class SimulationOptions:
     def command(self) -> str:
         """The command line that does this run again."""
         words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
+        words += [] if self.lockstep else ["--connect", self.connect]
         words += [] if self.seed is None else ["--seed", str(self.seed)]
         words += ["--lockstep"] if self.lockstep else []
         words += [] if self.config is None else ["--config", str(self.config)]
@@ -76,6 +77,8 @@ def simulate(options: SimulationOptions) -> int:
     """Fly, write the report, and return the exit code."""
     if options.autopilot not in FLAVOURS:
         raise SettingsError(f"--autopilot {options.autopilot}: choose {' or '.join(FLAVOURS)}")
+    if options.lockstep and options.autopilot == EXTERNAL:
+        raise SettingsError("--lockstep needs a simulated autopilot: px4 or ardupilot")
     scenario = load_scenario(find_scenario(options.scenario))
     settings = simulation_settings(scenario, options)
     console = Console()
@@ -84,7 +87,11 @@ def simulate(options: SimulationOptions) -> int:
             world = World(scenario, options.seed)
             _build(world)
         folder = new_run_folder(options.out, scenario.name)
-        flight, interrupted = _fly(world, settings, options, ends, folder, console)
+        try:
+            flight, interrupted = _fly(world, settings, options, ends, folder, console)
+        except ConnectionFailedError:
+            shutil.rmtree(folder)  # there was no flight
+            raise
     return _report(flight, options, folder, interrupted, console)
 
 
@@ -105,16 +112,19 @@ def _transports(options: SimulationOptions) -> Iterator[tuple[Transport, Transpo
     if options.lockstep:
         yield MemoryTransport.pair()
         return
-    ours = open_connection(options.connect)
-    theirs: Transport | None = None
-    try:
-        host, _, port = options.connect.partition(":")[2].rpartition(":")
-        theirs = UdpTransport.connect(host, int(port))
+    with (
+        closing(open_connection(options.connect)) as ours,
+        closing(open_connection(other_end(options.connect))) as theirs,
+    ):
         yield ours, theirs
-    finally:
-        ours.close()
-        if theirs is not None:
-            theirs.close()
+
+
+def other_end(connection: str) -> str:
+    """Return the connection that a simulated autopilot has to open for this one of ours."""
+    kind, _, address = connection.partition(":")
+    if kind == "udpout":
+        return f"udpin:{address}"
+    return f"udpout:{address.replace('0.0.0.0', '127.0.0.1')}"  # noqa: S104  read, not bound
 
 
 def _fly(
@@ -203,7 +213,7 @@ def _meta(flight: SimulatedFlight, options: SimulationOptions, interrupted: bool
         facts=(
             ("Version", version("drone-target-follower")),
             ("Python", sys.version.split()[0]),
-            ("Autopilot", f"simulated, {options.autopilot}"),
+            ("Autopilot", options.autopilot),
             ("Link", f"MAVLink 2 {link}"),
             ("Tracker", flight.settings.tracker),
             ("Seed", str(flight.seed)),

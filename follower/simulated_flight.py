@@ -11,12 +11,14 @@ from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.links.connection import ConnectionFailedError
 from follower.links.mavlink import MavlinkLink
 from follower.live_status import LiveStatus
 from follower.realtime import VisionLoop
 from follower.selecting import colour_selector
 from follower.settings import Settings
 from follower.supervisor import State
+from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
 from follower_control.transport import Transport
@@ -30,6 +32,8 @@ from follower_sim.world import World
 from follower_vision.clock import Clock
 from follower_vision.track import TrackState
 
+EXTERNAL = "external"
+_ANSWER_WITHIN_S = 15.0
 _STANDING_M_S = 0.3
 _LONGEST_STOP_S = 6.0
 _FAREWELL_S = 1.0
@@ -44,9 +48,10 @@ class SimulatedFlight:
     Args:
         world: what there is, its scenario and its seed.
         settings: of the follower.
-        flavour: which autopilot to simulate, "px4" or "ardupilot".
+        flavour: which autopilot to simulate, "px4" or "ardupilot", or "external" for one that
+            runs elsewhere and is reached through the follower's transport.
         clock: stands at 0 now.
-        ends: the transports of the follower and of the autopilot.
+        ends: the transports of the follower and of the simulated autopilot.
         video: takes every frame with its track, if given.
     """
 
@@ -62,10 +67,14 @@ class SimulatedFlight:
         self.scenario = scenario = world.scenario
         self._world = world
         self.settings = settings
-        self.autopilot = SimAutopilot(
-            flavour, ends[1], start_state(scenario), wind=world.wind.velocity_m_s
-        )
-        self.camera = SimCamera(world, self.autopilot.state_at)
+        start = start_state(scenario)
+        self._link = MavlinkLink(ends[0])
+        self.autopilot: SimAutopilot | None = None
+        self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
+        if flavour != EXTERNAL:
+            self.autopilot = SimAutopilot(flavour, ends[1], start, world.wind.velocity_m_s)
+            self.vehicle = self.autopilot
+        self.camera = SimCamera(world, self.vehicle.state_at)
         self.log = FlightLog()
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
@@ -76,7 +85,6 @@ class SimulatedFlight:
         self.vision = VisionLoop(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
         )
-        self._link = MavlinkLink(ends[0])
         self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
         self.stage = ControlStage(settings, scenario.camera.model, self.log)
         self.control = ControlLoop(
@@ -118,7 +126,7 @@ class SimulatedFlight:
         if self.stage.supervisor.state is not State.RELEASED:
             return False
         waited_s = self.stage.supervisor.in_state_s(self._clock.now())
-        speed = math.hypot(*self.autopilot.state.velocity_m_s)
+        speed = math.hypot(*self.vehicle.state.velocity_m_s)
         return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and speed < _STANDING_M_S)
 
     def _newest(self) -> TrackRecord | None:
@@ -127,7 +135,7 @@ class SimulatedFlight:
     def _on_step(self, record: ControlRecord) -> None:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
-        self.truth.append(self._teller.sample(now_s, self.autopilot.state_at(now_s)))
+        self.truth.append(self._teller.sample(now_s, self.vehicle.state_at(now_s)))
         if self.chosen_s is None and self.phase is Phase.AIRBORNE:
             self.chosen_s = now_s
             select = self.scenario.select
@@ -135,13 +143,26 @@ class SimulatedFlight:
         if now_s >= self.scenario.duration_s:
             self.stop()
 
+    def check_answered(self) -> None:
+        """Refuse to wait for ever.
+
+        Raises:
+            ConnectionFailedError: no autopilot was heard for some time.
+        """
+        if self.phase is Phase.CONNECTING and self._clock.now() > _ANSWER_WITHIN_S:
+            heard = "its telemetry is incomplete" if self._link.connected else "no heartbeat came"
+            raise ConnectionFailedError(
+                f"no autopilot answered within {_ANSWER_WITHIN_S:.0f} s ({heard}): start it, "
+                "have it send MAVLink to the address given by --connect, and try again"
+            )
+
     def _record_overlap(self, record: TrackRecord) -> None:
         """Compare a track that claims to see the target with the truth, for the score."""
         track = record.track
         if track is None or track.state is not TrackState.TRACKING:
             return
         true_s = record.captured_s - self.scenario.camera.stamp_offset_s
-        box = self._teller.truth(true_s, self.autopilot.state_at(true_s)).box
+        box = self._teller.truth(true_s, self.vehicle.state_at(true_s)).box
         self.overlaps.append(0.0 if box is None else box.iou(track.box))
 
     def _lines(self) -> Sequence[str]:
