@@ -1,6 +1,14 @@
 """Fusion: a motion tracker, an object detector and re-identification, joined."""
 
+from follower_vision.fusion.detection_service import BackgroundDetection, InlineDetection
+from follower_vision.fusion.multi import MultiFusion
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.tracker import FusionTracker
 
-__all__ = ["FusionSettings", "FusionTracker"]
+__all__ = [
+    "BackgroundDetection",
+    "FusionSettings",
+    "FusionTracker",
+    "InlineDetection",
+    "MultiFusion",
+]

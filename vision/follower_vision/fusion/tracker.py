@@ -48,6 +48,7 @@ class FusionTracker:
         detector: Detector | None = None,
         settings: FusionSettings | None = None,
         mode: DetectionMode = InlineDetection,
+        camera: CameraMotion | None = None,
     ) -> None:
         """Make a tracker that waits for `start`.
 
@@ -56,10 +57,11 @@ class FusionTracker:
             detector: validates and finds again; without one every target is unfamiliar.
             settings: see there.
             mode: `InlineDetection` or `BackgroundDetection`.
+            camera: measures the camera's motion; trackers of one video may share it.
         """
         self._settings = settings or FusionSettings()
         self._service: DetectionService | None = None if detector is None else mode(detector)
-        self._camera = CameraMotion()
+        self._camera = camera or CameraMotion()
         self._name = motion.name
         self._looks = Looks(self._settings.reidentify)
         self._following = Following(motion, self._settings, self._looks)

@@ -1,0 +1,228 @@
+"""Detection at once, in the background and shared; several targets."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detection
+from follower_vision.frame import Frame, Image
+from follower_vision.fusion import (
+    BackgroundDetection,
+    FusionTracker,
+    InlineDetection,
+    MultiFusion,
+)
+from follower_vision.fusion.detection_service import DetectionRequest
+from follower_vision.fusion.history import History
+from follower_vision.fusion.neighbours import Neighbours, assign_target
+from follower_vision.fusion.scanning import around
+from follower_vision.fusion.shared_detection import SharedDetection
+from follower_vision.fusion.warp import Warp
+from follower_vision.motion import MotionEstimate
+from follower_vision.track import TrackState
+
+IMAGE: Image = np.zeros((480, 640, 3), np.uint8)
+
+
+class SquareDetector:
+    """Finds white squares of any size on a darker ground, in the region asked for."""
+
+    class_names = ("square",)
+
+    def __init__(self) -> None:
+        self.regions: list[Box | None] = []
+        self.may_answer = threading.Event()
+        self.may_answer.set()
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        self.regions.append(region)
+        assert self.may_answer.wait(10)
+        found = []
+        for row in _runs((image[..., 0] == 255).any(axis=1)):
+            strip = (image[row[0] : row[1], :, 0] == 255).any(axis=0)
+            for left, right in _runs(strip):
+                box = Box.from_xywh(left, row[0], right - left, row[1] - row[0])
+                if region is None or region.intersection(box) > 0:
+                    found.append(Detection(box, 0, "square", 0.9))
+        return found
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+class LaggingTracker:
+    """Goes half the way to the middle of the white pixels about its box."""
+
+    name = "lagging"
+
+    def start(self, image: Image, box: Box) -> None:  # noqa: ARG002  part of the interface
+        self._box = box
+
+    def move_to(self, box: Box) -> None:
+        self._box = box
+
+    def update(self, image: Image) -> MotionEstimate:
+        left, top = max(0, round(self._box.left - 15)), max(0, round(self._box.top - 15))
+        rows, columns = np.nonzero(image[top : top + 60, left : left + 60, 0] == 255)
+        if rows.size == 0:
+            return MotionEstimate(self._box, 0.1)
+        right, down = columns.mean() + left - self._box.cx, rows.mean() + top - self._box.cy
+        self._box = self._box.moved_to(self._box.cx + right / 2, self._box.cy + down / 2)
+        return MotionEstimate(self._box, 0.9)
+
+
+GROUND = np.random.default_rng(3).integers(0, 120, (480, 640, 3), np.uint8)
+
+
+def _scene(number: int, *places: tuple[float, float]) -> Frame:
+    image = GROUND.copy()
+    for x, y in places:
+        left, top = round(x - 15), round(y - 15)
+        image[top : top + 30, left : left + 30] = 255
+    image[0, 0, 0] = number % 100
+    return Frame(image, number / 30, number)
+
+
+def _request(owner: object, index: int, region: Box | None, image: Image = IMAGE) -> object:
+    return DetectionRequest(owner, index, image, region)
+
+
+def test_background_detection_never_makes_the_asker_wait() -> None:
+    detector = SquareDetector()
+    service = BackgroundDetection(detector)
+    detector.may_answer.clear()
+    service.submit(_request(1, 5, None))
+    assert not service.ready()
+    assert service.take(1) == []
+    detector.may_answer.set()
+    assert service.wait_idle(10)
+    assert [answer.request.index for answer in service.take(1)] == [5]
+    assert service.take(1) == []
+    service.close()
+
+
+def test_background_detection_reports_an_error_of_the_detector() -> None:
+    class Broken(SquareDetector):
+        def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+            raise RuntimeError(f"no network for {image.shape} in {region}")
+
+    service = BackgroundDetection(Broken())
+    service.submit(_request(1, 0, None))
+    assert service.wait_idle(10)
+    with pytest.raises(RuntimeError, match="background"):
+        service.take(1)
+    service.close()
+
+
+def test_late_answer_corrects_the_present_box() -> None:
+    detector = SquareDetector()
+    services: list[BackgroundDetection] = []
+
+    def mode(one: SquareDetector) -> BackgroundDetection:
+        services.append(BackgroundDetection(one))
+        return services[-1]
+
+    tracker = FusionTracker(LaggingTracker(), detector, mode=mode)
+    tracker.start(_scene(0, (100.0, 200.0)), Box(100, 200, 30, 30))
+    for number in range(1, 90):
+        x = 100.0 + 2 * number
+        if number % 7 == 3:
+            detector.may_answer.clear()
+        if number % 7 == 6:
+            detector.may_answer.set()
+            services[0].wait_idle(10)
+        track = tracker.step(_scene(number, (x, 200.0)))
+    detector.may_answer.set()
+    tracker.close()
+    assert track.state is TrackState.TRACKING
+    assert abs(track.box.cx - x) < 8
+
+
+def test_close_regions_share_one_pass_and_far_ones_take_turns() -> None:
+    detector = SquareDetector()
+    shared = SharedDetection(InlineDetection(detector))
+    owners = [object(), object(), object()]
+    near, far = Box(140, 100, 128, 128), Box(500, 400, 128, 128)
+    shared.submit(_request(owners[0], 1, Box(100, 100, 128, 128)))
+    shared.submit(_request(owners[1], 1, near))
+    shared.submit(_request(owners[2], 1, far))
+    shared.flush()
+    assert [len(shared.take(owner)) for owner in owners] == [1, 1, 0]
+    shared.flush()
+    assert [len(shared.take(owner)) for owner in owners] == [0, 0, 1]
+    assert shared.passes == len(detector.regions) == 2
+    assert detector.regions[1] == far
+
+
+def test_shared_answer_holds_what_lies_in_the_own_region() -> None:
+    shared = SharedDetection(InlineDetection(SquareDetector()))
+    image = _scene(0, (100.0, 100.0), (190.0, 100.0)).image
+    shared.submit(_request("a", 1, Box(100, 100, 128, 128), image))
+    shared.submit(_request("b", 1, Box(190, 100, 128, 128), image))
+    shared.flush()
+    assert [one.box.cx for one in shared.take("a")[0].detections] == [100]
+    assert [one.box.cx for one in shared.take("b")[0].detections] == [190]
+
+
+def test_four_targets_are_followed_with_one_pass_a_frame_at_most() -> None:
+    places = [(100.0, 100.0), (180.0, 180.0), (400.0, 100.0), (500.0, 400.0)]
+    multi = MultiFusion(LaggingTracker, SquareDetector())
+    multi.start(_scene(0, *places), [Box(x, y, 30, 30) for x, y in places])
+    for number in range(1, 60):
+        moved = [(x + number * 0.5, y) for x, y in places]
+        tracks = multi.step(_scene(number, *moved))
+    assert all(track.state is TrackState.TRACKING for track in tracks)
+    assert max(abs(t.box.cx - x) for t, (x, _) in zip(tracks, moved, strict=True)) < 8
+    assert multi.passes <= 60
+    multi.close()
+
+
+def test_multi_fusion_takes_one_to_four_targets() -> None:
+    multi = MultiFusion(LaggingTracker, SquareDetector())
+    with pytest.raises(RuntimeError):
+        multi.step(_scene(0))
+    with pytest.raises(ValueError, match="1 to 4"):
+        multi.start(_scene(0), [])
+    with pytest.raises(ValueError, match="1 to 4"):
+        multi.start(_scene(0), [Box(50, 50, 10, 10)] * 5)
+
+
+def test_identity_goes_to_the_box_that_leaves_the_neighbours_theirs() -> None:
+    assert assign_target([0.5, 0.6], [[0.0, 0.9]]) == 0
+    assert assign_target([0.5, 0.6], []) == 1
+    assert assign_target([0.4], [[0.9]]) is None
+    assert assign_target([], []) is None
+    assert assign_target([0.0], []) is None
+
+
+def test_neighbours_are_expected_where_camera_and_velocity_carry_them() -> None:
+    history = History()
+    neighbours = Neighbours()
+    for number in range(10):
+        warp = Warp(right=5.0) if number else Warp()
+        moment = history.add(number / 10, warp, Box(0, 0, 10, 10))
+        neighbours.see([Box(100 + 8.0 * number, 50, 20, 20)], history, moment, number == 0)
+    later = history.add(1.0, Warp(right=5.0), Box(0, 0, 10, 10))
+    (expected,) = neighbours.expected(history, later)
+    assert expected.cx == pytest.approx(180, abs=1.0)
+
+
+def test_warps_compose_and_undo() -> None:
+    one, two = Warp(0.9, 0.1, 3.0, -2.0), Warp(1.05, -0.2, -7.0, 4.0)
+    x, y = two.point(*one.point(12.0, 34.0))
+    assert one.then(two).point(12.0, 34.0) == pytest.approx((x, y))
+    assert one.then(two).back().point(x, y) == pytest.approx((12.0, 34.0))
+
+
+def test_scan_goes_around_the_box_and_stays_in_the_image() -> None:
+    box = Box(30, 30, 20, 20)
+    places = [around(box, turn, 200, 100) for turn in range(40)]
+    assert all(0 <= place.cx <= 200 and 0 <= place.cy <= 100 for place in places)
+    assert max(place.distance(box) for place in places[:3]) < 60
+    assert len({(place.cx, place.cy) for place in places[:8]}) == 8
