@@ -1,0 +1,176 @@
+"""The whole loop on a simulated clock: pixels in, MAVLink out, a vehicle that moves."""
+
+import hashlib
+import math
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from follower.autonomy import Phase
+from follower.flightlog import ControlRecord
+from follower.flying import fly_lockstep
+from follower.scoring import score_flight
+from follower.settings import load_settings
+from follower.simulated_flight import SimulatedFlight, camera_settings
+from follower.supervisor import Reason, State
+from follower_control.transport import MemoryTransport
+from follower_sim.scenario import Scenario
+from follower_sim.world import World
+from follower_vision.clock import SimulatedClock
+
+pytestmark = pytest.mark.slow
+
+FLAVOURS = ("px4", "ardupilot")
+FOLLOW = {
+    "servo": {"distance_m": 14.0, "target_size_m": 2.2, "elevation_deg": -25},
+    "supervisor": {"search_s": 2.0, "hold_s": 1.0},
+}
+STANDING: dict[str, Any] = {"points": [[0, 0], [1, 0]]}
+DRIVING: dict[str, Any] = {
+    "points": [[0, 0], [60, 5], [120, 0]],
+    "speeds": [{"at_s": 12, "speed_m_s": 3.5, "acceleration_m_s2": 1.0}],
+}
+
+
+def scenario(path: dict[str, Any], heading_deg: float = 0.0, **more: Any) -> Scenario:
+    """A red car on a meadow, a drone behind it, a small camera."""
+    return Scenario.model_validate(
+        {
+            "name": "test",
+            "title": "A car on a meadow.",
+            "duration_s": 26,
+            "seed": 3,
+            "targets": [{"kind": "car", "colour": "#e0401c", "path": path}],
+            "camera": {"width": 320, "height": 240, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 25},
+            "start": {"at": [-18, 0], "heading_deg": heading_deg},
+            "takeoff_height_m": 8,
+            "select": {"colour": "#e0401c", "search": {"max_growth_ratio": 0.1}},
+            "follow": FOLLOW,
+            **more,
+        }
+    )
+
+
+class Run:
+    """A flight on a simulated clock, flown to its end."""
+
+    def __init__(self, wanted: Scenario, flavour: str, seed: int | None = None) -> None:
+        self.clock = SimulatedClock()
+        base = {"camera": camera_settings(wanted), **wanted.follow}
+        settings = load_settings(base=base)
+        ends = MemoryTransport.pair()
+        self.flight = SimulatedFlight(World(wanted, seed), settings, flavour, self.clock, ends)
+
+    def fly(self, meddle: Any = lambda: None) -> "Run":
+        fly_lockstep(self.flight, self.clock, meddle)
+        return self
+
+    @property
+    def controls(self) -> list[ControlRecord]:
+        return self.flight.log.controls
+
+    def first(self, state: State) -> ControlRecord:
+        return next(record for record in self.controls if record.state is state)
+
+    def speed(self) -> float:
+        return math.hypot(*self.flight.vehicle.state.velocity_m_s)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("heading_deg", [-30.0, 30.0])
+def test_the_vehicle_turns_to_the_target_and_closes_in(flavour: str, heading_deg: float) -> None:
+    run = Run(scenario(STANDING, heading_deg), flavour).fly()
+    began = run.first(State.FOLLOWING).time_s
+    turning = [r for r in run.controls if began + 0.5 < r.time_s < began + 1.0]
+    for record in turning:  # the target is left of a heading turned right, and the reverse
+        assert record.allowed.yaw_rate_rad_s * -heading_deg > 0
+    end = run.flight.truth[-1]
+    assert abs(math.degrees(end.azimuth_rad)) < 3
+    assert end.range_m == pytest.approx(14.0, rel=0.15)
+    north, _, _ = run.flight.vehicle.state.position_m
+    assert north > -17
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_a_driving_car_is_followed(flavour: str) -> None:
+    run = Run(scenario(DRIVING), flavour).fly()
+    flight = run.flight
+    score = score_flight(flight.log, flight.truth, flight.goal, chosen_s=flight.chosen_s)
+    assert score.losses == 0
+    assert score.in_frame_share is not None
+    assert score.in_frame_share > 0.99
+    assert score.line_of_sight_rms_deg is not None
+    assert score.line_of_sight_rms_deg < 4
+    assert score.range_error_median is not None
+    assert score.range_error_median < 0.2
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("fault", ["black", "frozen", "silent", "target_removed"])
+def test_a_camera_that_fails_ends_in_a_hold_and_a_release(flavour: str, fault: str) -> None:
+    failing = {"kind": fault, "from_s": 17.0}
+    run = Run(scenario(DRIVING, faults=[failing]), flavour).fly()
+    assert run.first(State.FOLLOWING).time_s < 16.0
+    states = [run.controls[0].state]
+    for record in run.controls:
+        if record.time_s > 17.0 and record.state is not states[-1]:
+            states.append(record.state)
+        if record.time_s > 17.0 + 2.0:
+            assert record.asked.values == (0.0, 0.0, 0.0, 0.0)
+    assert State.HOLDING in states
+    assert states[-1] is State.RELEASED
+    assert run.flight.stage.supervisor.reason is Reason.HOLD_TIMED_OUT
+    assert run.speed() < 0.5
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_the_pilot_takes_over_at_once(flavour: str) -> None:
+    run = Run(scenario(DRIVING), flavour)
+    switched: list[float] = []
+
+    def meddle() -> None:
+        now = run.clock.now()
+        if not switched and now > 17 and run.flight.autopilot is not None:
+            switched.append(now)
+            run.flight.autopilot.switch_mode("LOITER")
+
+    run.fly(meddle)
+    assert switched
+    sent = [record.time_s for record in run.controls if record.sent]
+    # The autopilot tells of its mode once a second, in its heartbeat.
+    assert max(sent) < switched[0] + 1.1
+    assert run.flight.stage.supervisor.reason is Reason.PILOT_TOOK_OVER
+    assert run.flight.phase is Phase.DONE
+    assert run.flight.autopilot is not None
+    assert run.flight.autopilot.mode == "LOITER"
+
+
+def fingerprint(seed: int) -> str:
+    run = Run(scenario(DRIVING, wind={"mean_m_s": 2, "gust_m_s": 1}), "px4", seed)
+    run.fly()
+    digest = hashlib.sha256()
+    for record in run.controls:
+        digest.update(repr((record.time_s, record.asked.values, record.allowed.values)).encode())
+    return digest.hexdigest()
+
+
+def test_the_same_seed_gives_the_same_setpoints_bit_for_bit() -> None:
+    here = fingerprint(1)
+    assert here == fingerprint(1)
+    assert here != fingerprint(2)
+    script = f"import sys; sys.path.insert(0, {sys.path[0]!r})\n" + _ELSEWHERE
+    elsewhere = subprocess.run(
+        [sys.executable, "-c", script, __file__], capture_output=True, text=True, check=True
+    )
+    assert elsewhere.stdout.strip() == here
+
+
+_ELSEWHERE = """
+import importlib.util
+spec = importlib.util.spec_from_file_location("pursuit", sys.argv[1])
+pursuit = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(pursuit)
+print(pursuit.fingerprint(1))
+"""
