@@ -22,6 +22,7 @@ _CERTAIN = 0.98
 _VERY_CERTAIN = 0.995
 _INSISTENCE = 2.0
 _RIVAL_FRAMES = 2
+_SURER = 0.01
 _RESUME_SIZES = 1.5
 _MARGIN = 0.1
 _STEADY_SIZES = 0.75
@@ -182,7 +183,7 @@ class Following:
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._probe(frame, expected)
-        better = rival is not None and self._alike(rival) and rival.score > evidence.score
+        better = rival is not None and self._surpasses(rival, evidence)
         self._rival_frames = self._rival_frames + 1 if better else 0
         if rival is not None and self._rival_frames >= _RIVAL_FRAMES:
             self._see(frame, belief, rival, interval_s)
@@ -245,6 +246,10 @@ class Following:
         places = self._motion.probe(frame.image, expected)
         near = [place for place in places if place.box.distance(expected) <= reach_px]
         return self._judged(frame, near[0], False) if near else None
+
+    def _surpasses(self, rival: _Evidence, evidence: _Evidence) -> bool:
+        surer = rival.relative >= evidence.relative - _SURER
+        return surer and self._alike(rival) and rival.score > evidence.score
 
     def _unlike(self, evidence: _Evidence) -> bool:
         certain = evidence.relative >= _CERTAIN or evidence.blurred

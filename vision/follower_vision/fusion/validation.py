@@ -22,6 +22,7 @@ _REACH_SIZES_S = 0.8
 _TRAJECTORY_S = 1.0
 _LEAST_NEARNESS = 0.4
 _AGREEMENT = 0.5
+_CLEAR = 0.4
 _CONFIDENT = 0.95
 _LEAST_LOOKS = 0.5
 
@@ -58,7 +59,10 @@ class Validation:
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
-        chosen = self._choose(belief, sight)
+        values = [self._value(belief, sight.moment, box) for box in sight.boxes]
+        chosen = self._choose(values, belief, sight)
+        if self._settings.distractor_memory and self._ambiguous(values, chosen):
+            return
         if self._settings.distractor_memory:
             rest = [box for number, box in enumerate(sight.boxes) if number != chosen]
             self.neighbours.see(rest, belief.history, sight.moment, chosen is not None)
@@ -85,12 +89,18 @@ class Validation:
         claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
         return [any(row[number] > 0 for row in claims) for number in range(len(sight.boxes))]
 
-    def _choose(self, belief: Belief, sight: Sight) -> int | None:
-        values = [self._value(belief, sight.moment, box) for box in sight.boxes]
+    def _choose(self, values: list[float], belief: Belief, sight: Sight) -> int | None:
         if not self._settings.distractor_memory:
             return assign_target(values, [])
         claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
         return assign_target(values, claims)
+
+    def _ambiguous(self, values: list[float], chosen: int | None) -> bool:
+        """Whether another detection fits about as well: then the motion tracker knows better."""
+        if chosen is None:
+            return False
+        others = [value for number, value in enumerate(values) if number != chosen]
+        return max(others, default=0.0) > max(0.0, values[chosen] - _CLEAR)
 
     def _value(self, belief: Belief, moment: Moment, box: Box) -> float:
         """How much a box is the target by its place: the motion tracker's, and the trajectory's."""
@@ -109,10 +119,17 @@ class Validation:
         self._misses += 1
         if self._misses < self._settings.misses_to_lose:
             return
-        score = self._looks.score(frame.image, belief.box) if self._settings.appearance_check else 0
-        if score < self._settings.doubt_score:
+        if not self._settings.appearance_check or self._unlike(frame, belief):
             belief.state = TrackState.LOST
             belief.produced_by = "lost"
+
+    def _unlike(self, frame: Frame, belief: Belief) -> bool:
+        """Whether the track's box looks neither like the templates nor as it did lately."""
+        if self._following.doubting:
+            return False
+        score = self._looks.score(frame.image, belief.box)
+        settings = self._settings
+        return score < settings.doubt_score and self._looks.relative(score) < settings.doubt_ratio
 
     def _confirm(self, frame: Frame, belief: Belief, moment: Moment, box: Box) -> None:
         settings = self._settings
