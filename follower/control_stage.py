@@ -188,7 +188,7 @@ class ControlStage:
         estimate: TargetEstimate | None,
         vehicle: VehicleState,
     ) -> LimitedSetpoint:
-        if state.engaged or state is State.RELEASED:
+        if state is not State.READY and self._sends(state, vehicle):
             asked = HOLD
             if state.steers and estimate is not None:
                 asked = self._servo.update(estimate, vehicle, self._allowed)

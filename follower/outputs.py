@@ -13,7 +13,7 @@ SETPOINT_COLUMNS = (
     *("time", "state", "reason"),
     *("asked_forward_m_s", "asked_right_m_s", "asked_down_m_s", "asked_yaw_rate_rad_s"),
     *("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s"),
-    "limits",
+    *("limits", "sent"),
 )
 
 
@@ -55,4 +55,5 @@ def _box_row(record: TrackRecord) -> Sequence[object]:
 def _setpoint_row(record: ControlRecord) -> Sequence[object]:
     numbers = (f"{value:.6f}" for value in (*record.asked.values, *record.allowed.values))
     limits = "|".join(record.limits)
-    return (f"{record.time_s:.6f}", str(record.state), str(record.reason), *numbers, limits)
+    head = (f"{record.time_s:.6f}", str(record.state), str(record.reason))
+    return (*head, *numbers, limits, int(record.sent))
