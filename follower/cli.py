@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from follower.configs import scenario_files
+from follower.models_command import models_app
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 
@@ -27,6 +28,8 @@ app = typer.Typer(
         "Start with **follower demo**."
     ),
 )
+
+app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
 Autopilot = Annotated[
     str,
@@ -124,6 +127,13 @@ def track(
         str | None,
         typer.Option(metavar="#RRGGBB", help="Instead of a box: the largest thing of this colour."),
     ] = None,
+    tracker: Annotated[
+        str | None, typer.Option(help="The motion tracker; see `follower trackers`.")
+    ] = None,
+    detector: Annotated[
+        str | None,
+        typer.Option(help="A detector that validates it (Fusion), e.g. yolox-nano; or a file."),
+    ] = None,
     rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
     save: Annotated[Path | None, typer.Option(help="Where the video with overlay goes.")] = None,
     boxes: Annotated[Path | None, typer.Option(help="Where the boxes go (CSV).")] = None,
@@ -137,10 +147,29 @@ def track(
     """
     from follower.track import TrackOptions, track_recording
 
+    chosen = {"tracker": tracker, "detector": detector}
+    named = [f"{key}={value}" for key, value in chosen.items() if value is not None]
     options = TrackOptions(
-        source, _box(target), colour, rate_hz, save, boxes, config, tuple(overrides or ()), out
+        source,
+        _box(target),
+        colour,
+        rate_hz,
+        save,
+        boxes,
+        config,
+        (*(overrides or ()), *named),
+        out,
     )
     raise typer.Exit(track_recording(options))
+
+
+@app.command()
+def trackers() -> None:
+    """List the motion trackers that run here."""
+    from follower_vision.trackers import tracker_names
+
+    for name in tracker_names():
+        typer.echo(name)
 
 
 @app.command()
@@ -170,8 +199,9 @@ def _user_errors() -> tuple[type[Exception], ...]:
     """Return what a user can mend; any other error is ours and shows its traceback."""
     from follower.links.connection import ConnectionFailedError
     from follower_vision.framesource import SourceError
+    from follower_vision.network import ModelError
 
-    return SettingsError, ConnectionFailedError, SourceError, OSError
+    return SettingsError, ConnectionFailedError, SourceError, ModelError, OSError
 
 
 def _one_line(error: ValueError | OSError) -> str:

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope import EnvelopeSettings
@@ -17,8 +17,10 @@ from follower_control.estimator import EstimatorSettings
 from follower_control.servo import ServoSettings
 from follower_control.strict_yaml import SettingsError, parse, read_mapping
 from follower_vision.camera import CameraModel
+from follower_vision.fusion import FusionSettings
 from follower_vision.lineofsight import CameraMount
 from follower_vision.longterm import LongTermSettings
+from follower_vision.trackers import tracker_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +81,27 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     camera: CameraSettings = CameraSettings()
-    tracker: Literal["correlation", "identity"] = "correlation"
+    tracker: str = "correlation"
+    """The motion tracker, one of `follower trackers`."""
+    detector: str | None = None
+    """The object detector that validates the motion tracker, one of `follower models list` or a
+    file; None does without one."""
+    fusion: FusionSettings = FusionSettings()
+    """Used with a detector."""
     longterm: LongTermSettings = LongTermSettings()
+    """Used without one."""
     estimator: EstimatorSettings = EstimatorSettings()
     servo: ServoSettings = ServoSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
+
+    @field_validator("tracker")
+    @classmethod
+    def _tracker_exists(cls, name: str) -> str:
+        if name not in tracker_names():
+            raise ValueError(f"there is no {name!r}; there are {', '.join(tracker_names())}")
+        return name
 
     def to_yaml(self) -> str:
         """Return the settings as resolved, in the form in which they are read."""

@@ -38,7 +38,10 @@ def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_pat
         ("servo: {azimuth: {kq: 1}}", r"unknown key 'servo.azimuth.kq'; did you mean 'kp'\?"),
         ("camera: {fov: 70}", r"unknown key 'camera.fov'; did you mean 'fov_deg'\?"),
         ("servo: {distance_m: fifteen}", r"servo.distance_m: .*number"),
-        ("camera: {fov_deg: 1.2}\ntracker: corelation", "tracker: .*'correlation'"),
+        (
+            "camera: {fov_deg: 1.2}\ntracker: corelation",
+            "no 'corelation'; there are identity, correlation",
+        ),
         ("camera: {fov_deg: 0.9}", "fov_deg lies between 1 and 179 degrees"),
         ("supervisor: {search_s: -1}", "search_s is a time in seconds above 0"),
         ("[1, 2]", "expected a mapping"),
