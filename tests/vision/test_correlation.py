@@ -1,13 +1,26 @@
 """The correlation tracker on generated images: physics and failures."""
 
+import os
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from follower_vision.box import Box
 from follower_vision.correlation import CorrelationSettings, CorrelationTracker
+from follower_vision.correlation.clarity import Clarity
+from follower_vision.correlation.colours import ColourTable
+from follower_vision.correlation.gradients import GradientHistogram
+from follower_vision.correlation.likelihood import ColourLikelihood
+from follower_vision.correlation.patch import cut
+from follower_vision.correlation.peak import find_peak, sidelobe_ratio
+from follower_vision.metrics import mean_score
+from follower_vision.ope import load_sequence, run_ope
 
 RNG_SEED = 7
+ROOT = Path(__file__).resolve().parents[2]
+DATA = Path(os.environ.get("FOLLOWER_DATA", ROOT.parent / "shared" / "data")) / "sequences"
 
 
 def texture(rng, height, width, grain=4):
@@ -210,8 +223,118 @@ def test_a_grey_target_is_followed_in_three_equal_channels():
         ("iterations", 0),
         ("label_sigma", 0.0),
         ("learning_rate", 1.5),
+        ("colour_share", -0.1),
+        ("full_share", 0.4),
     ],
 )
 def test_nonsense_settings_are_refused_by_name(name, value):
     with pytest.raises(ValueError, match=name):
         CorrelationSettings(**{name: value})
+
+
+@pytest.mark.parametrize("shift", [(3.0, -2.0), (-4.25, 0.5), (0.0, 0.0)])
+def test_a_peak_is_found_between_cells_across_the_cyclic_border(shift):
+    place = np.fft.fftfreq(32) * 32
+    across, down = np.meshgrid(place - shift[0], place - shift[1])
+    peak = find_peak(np.float32(np.exp(-(across**2 + down**2) / 8)))
+    assert peak.across == pytest.approx(shift[0], abs=0.05)
+    assert peak.down == pytest.approx(shift[1], abs=0.05)
+
+
+def test_a_lone_peak_stands_out_and_a_flat_response_does_not():
+    noise = np.float32(np.random.default_rng(0).normal(0, 1, (40, 40)))
+    assert sidelobe_ratio(noise, 3) < 6
+    noise[5, 7] = 30
+    assert sidelobe_ratio(noise, 3) == pytest.approx(30, rel=0.1)
+    assert sidelobe_ratio(np.zeros((40, 40), np.float32), 3) == 0
+
+
+def test_a_cut_keeps_pixels_where_they_are_and_repeats_the_border():
+    ramp = np.repeat(np.arange(0, 200, 2, dtype=np.uint8)[None, :, None], 60, axis=0)
+    image = np.ascontiguousarray(np.repeat(ramp, 3, axis=2))
+    assert np.array_equal(cut(image, Box(50, 30, 20, 20), 20, 20), image[20:40, 40:60])
+    halved = cut(image, Box(50, 30, 80, 40), 40, 20)
+    # Pixels 10 and 11 have the values 20 and 22.
+    assert halved[10, 0, 0] == pytest.approx(21, abs=1)
+    outside = cut(image, Box(-50, 30, 20, 20), 20, 20)
+    assert np.all(outside == image[0, 0])
+
+
+def test_gradients_tell_the_direction_of_an_edge_but_not_its_strength():
+    edge = np.zeros((32, 32), np.uint8)
+    edge[:, 16:] = 100
+    histogram = GradientHistogram(32, 32, 4)
+    rising, strong, falling = (histogram(image)[:, 3, 3] for image in (edge, 2 * edge, 100 - edge))
+    assert rising[:18].argmax() == 0
+    assert falling[:18].argmax() == 9
+    assert rising[18:27].argmax() == falling[18:27].argmax() == 0
+    assert strong == pytest.approx(rising, abs=0.02)
+
+
+def test_colour_channels_are_the_same_for_the_same_colour_only():
+    table = ColourTable()
+    red, dull_red, blue = (
+        table(np.full((80, 80, 3), colour, np.uint8), 10)[:11, 5, 5]
+        for colour in [(0, 0, 230), (20, 20, 200), (230, 0, 0)]
+    )
+    assert np.linalg.norm(red - dull_red) < 0.5 * np.linalg.norm(red - blue)
+
+
+def test_the_colour_likelihood_peaks_where_the_target_has_moved():
+    def patch(cx, cy):
+        image = np.full((200, 200, 3), (40, 120, 40), np.uint8)
+        image[cy - 20 : cy + 20, cx - 20 : cx + 20] = (20, 20, 220)
+        return image
+
+    colours = ColourLikelihood(50, 10, 10)
+    colours.learn(patch(100, 100), 0, 0, 1.0)
+    peak = find_peak(colours.response(patch(120, 88)))
+    assert (peak.across, peak.down) == pytest.approx((5, -3), abs=0.3)
+    assert colours.usefulness() == 1
+
+
+def test_colour_is_useless_for_a_camouflaged_target():
+    colours = ColourLikelihood(50, 10, 10)
+    colours.learn(np.full((200, 200, 3), 90, np.uint8), 0, 0, 1.0)
+    assert colours.usefulness() == 0
+
+
+def test_clarity_is_judged_by_what_is_usual_for_the_target():
+    stiff, soft = Clarity(0.45, 0.8), Clarity(0.45, 0.8)
+    for _ in range(30):
+        stiff.remember(18.0, 1.0)
+        soft.remember(9.0, 1.0)
+    assert stiff.trust(8.0) == 0
+    assert soft.trust(8.0) == 1
+    assert stiff.confidence(9.0) < 0.5
+    assert soft.confidence(9.0) == 1
+    assert stiff.confidence(3.0) == soft.confidence(3.0) == 0
+
+
+def test_what_is_not_trusted_does_not_become_usual():
+    clarity = Clarity(0.45, 0.8)
+    clarity.remember(18.0, 1.0)
+    for _ in range(100):
+        clarity.remember(5.0, clarity.trust(5.0))
+    assert clarity.confidence(5.0) < 0.1
+
+
+def test_confidence_falls_while_a_car_is_hidden_and_returns_with_it():
+    if not DATA.is_dir():
+        pytest.skip("no real sequences in ../shared/data or $FOLLOWER_DATA")
+    run = run_ope(CorrelationTracker(), load_sequence(DATA / "uavdt_S0601"))
+    assert min(run.confidences[5:24]) > 0.6
+    assert max(run.confidences[29:34]) < 0.3
+    assert min(run.confidences[45:]) > 0.6
+    assert run.score.success > 0.85
+
+
+@pytest.mark.slow
+def test_real_sequences_are_followed_better_than_csrt_does():
+    if not DATA.is_dir():
+        pytest.skip("no real sequences in ../shared/data or $FOLLOWER_DATA")
+    folders = sorted(path.parent for path in DATA.glob("*/groundtruth.txt"))
+    tracker = CorrelationTracker()
+    score = mean_score([run_ope(tracker, load_sequence(folder)).score for folder in folders])
+    assert score.success > 0.70
+    assert score.precision > 0.83

@@ -18,6 +18,8 @@ _SHIFT = 4
 _PLACE = np.array([_LEVELS * _LEVELS, _LEVELS, 1])
 _INNER_SHARE = 0.8
 _EMPTY = 1e-5
+_USELESS_GAP = 0.2
+_USEFUL_GAP = 0.4
 
 Histogram = npt.NDArray[np.float64]
 
@@ -52,13 +54,21 @@ class ColourLikelihood:
         self._target += rate * (_histogram(places[inside]) - self._target)
         self._around += rate * (_histogram(places[around]) - self._around)
 
+    def usefulness(self) -> float:
+        """Return how well colour tells the target from its surroundings, 0 (not at all) to 1.
+
+        By the mean likelihood on the target less the mean around it, which is 0 for equal colours
+        and 1 for colours without one in common; grey images and camouflage stay about 0.3.
+        """
+        gap = float((self._target - self._around) @ self._table())
+        return min(1.0, max(0.0, (gap - _USELESS_GAP) / (_USEFUL_GAP - _USELESS_GAP)))
+
     def response(self, patch: Image) -> npt.NDArray[np.float32]:
         """Return (cells, cells): the mean likelihood, 0 to 1, in the box at each shift from [0, 0].
 
         The shifts are cyclic, as those of a correlation filter's response.
         """
-        table = self._target / (self._target + self._around + _EMPTY)
-        likelihood = np.take(table.astype(np.float32), self._places(patch))
+        likelihood = np.take(self._table().astype(np.float32), self._places(patch))
         size = (_odd(self._width), _odd(self._height))
         in_box = cv2.blur(likelihood, size, borderType=cv2.BORDER_REPLICATE)
         by_cell = cv2.resize(in_box, (self._cells, self._cells), interpolation=cv2.INTER_AREA)
@@ -66,6 +76,10 @@ class ColourLikelihood:
         rows = by_cell + np.roll(by_cell, 1, axis=0)
         corners = (rows + np.roll(rows, 1, axis=1)) / 4
         return np.asarray(np.fft.ifftshift(corners), np.float32)
+
+    def _table(self) -> Histogram:
+        """The likelihood of each colour."""
+        return self._target / (self._target + self._around + _EMPTY)
 
     def _places(self, patch: Image) -> npt.NDArray[np.intp]:
         size = (self._pixels, self._pixels)

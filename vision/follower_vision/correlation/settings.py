@@ -51,7 +51,7 @@ class CorrelationSettings:
     regularisation: float = 1e-4
     iterations: int = 2
     scale_count: int = 17
-    scale_step: float = 1.02
+    scale_step: float = 1.035
     scale_learning_rate: float = 0.025
     scale_regularisation: float = 0.01
     minimum_side_px: float = 3.0

@@ -105,12 +105,12 @@ class CorrelationTracker:
         """The filter's response blended with the colours', the more the clearer it is.
 
         Colours alone would lead an occluded target's box to whatever looks alike nearby: they count
-        only where the filter sees the target too.
+        only where the filter sees the target too, and as far as they tell target from surroundings.
         """
         height = float(response.max())
         if self._usual_height is None:
             self._usual_height = height
-        share = self._settings.colour_share * trust
+        share = self._settings.colour_share * trust * self._colours.usefulness()
         scaled = response * np.float32((1 - share) / max(self._usual_height, 1e-6))
         self._usual_height += (height - self._usual_height) / _HEIGHT_MEMORY
         return scaled + np.float32(share) * self._colours.response(patch) if share else scaled
