@@ -38,6 +38,7 @@ class Belief:
 
     Attributes:
         box: where the target is, or is taken to be.
+        previous: the same in the last frame's pixels.
         reference: a box of the last confirmed size.
         state: as in `Track`.
         confidence: as in `Track`.
@@ -50,7 +51,7 @@ class Belief:
     """
 
     def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
-        self.box = self.reference = box
+        self.box = self.previous = self.reference = box
         self.state = TrackState.TRACKING
         self.confidence = 1.0
         self.produced_by = produced_by
@@ -88,6 +89,7 @@ class Belief:
         """
         interval_s = captured_s - self.now.captured_s
         expected = self.kinematics.advance(warp, interval_s)
+        self.previous = self.box
         self.box = warp.box(self.box)
         self.history.add(captured_s, warp, self.box)
         return expected if predict else self.box

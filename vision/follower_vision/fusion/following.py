@@ -22,6 +22,7 @@ _CERTAIN = 0.98
 _VERY_CERTAIN = 0.995
 _INSISTENCE = 2.0
 _RIVAL_FRAMES = 2
+_CALM_SIZES = 0.6
 _SURER = 0.01
 _RESUME_SIZES = 1.5
 _MARGIN = 0.1
@@ -221,11 +222,17 @@ class Following:
         """Where the motion tracker looks; all around, once the target is lost."""
         if self._low == 1 or self._doubted_s is not None:
             return belief.box
+        if belief.state is TrackState.TRACKING:
+            return belief.previous if self._calm(belief, expected) else expected
         self._turns = self._turns + 1 if belief.state is TrackState.LOST else 0
         stay = belief.familiar or not self._settings.growing_search
         if stay or self._turns % 2 == 0:
             return expected
         return around(expected, self._turns // 2, frame.width, frame.height)
+
+    def _calm(self, belief: Belief, expected: Box) -> bool:
+        """Whether the target should be about where it was in the last image."""
+        return expected.distance(belief.previous) < _CALM_SIZES * expected.scale
 
     def _evidence(self, frame: Frame, blurred: bool) -> _Evidence:
         return self._judged(frame, self._motion.update(frame.image), blurred)
