@@ -97,7 +97,8 @@ def _normalised(signed: Channels) -> Channels:
 
 def _neighbourhood_gains(unsigned: Channels) -> list[Channels]:
     """One over the gradient energy of the four blocks of 2x2 cells about each cell."""
-    energy = np.pad(np.einsum("ijk,ijk->jk", unsigned, unsigned), 1, mode="edge")
+    inner = np.einsum("ijk,ijk->jk", unsigned, unsigned)
+    energy = np.asarray(cv2.copyMakeBorder(inner, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.float32)
     blocks = energy[:-1, :-1] + energy[1:, :-1] + energy[:-1, 1:] + energy[1:, 1:]
     gain = 1 / np.sqrt(blocks + np.float32(1e-4))
     return [gain[:-1, :-1], gain[1:, :-1], gain[:-1, 1:], gain[1:, 1:]]
