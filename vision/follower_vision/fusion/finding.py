@@ -92,5 +92,6 @@ class Finding:
         belief.see(box, min(1.0, score / 2), "reacquired")
         belief.reference = box
         belief.kinematics.restart(box)
+        belief.anchor()
         self._following.relocate(frame, box)
         self._validation.start()

@@ -110,6 +110,13 @@ class Following:
         else:
             self._motion.start(frame.image, box)
 
+    def teach(self, frame: Frame, box: Box) -> None:
+        """Learn the target anew: it has changed so much that the tracker no longer knows it."""
+        self._low = 0
+        self._doubted_s = None
+        self._motion.start(frame.image, box)
+        self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
+
     def follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
     ) -> None:

@@ -23,6 +23,7 @@ _TRAJECTORY_S = 1.0
 _LEAST_NEARNESS = 0.4
 _AGREEMENT = 0.5
 _CLEAR = 0.4
+_ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
 _LEAST_LOOKS = 0.5
 
@@ -51,11 +52,13 @@ class Validation:
         self._looks = looks
         self.neighbours = Neighbours()
         self._misses = 0
+        self._estranged = 0
 
     def start(self) -> None:
         """Forget the look-alikes and the failures: another target, or the same found again."""
         self.neighbours = Neighbours()
         self._misses = 0
+        self._estranged = 0
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
@@ -138,11 +141,17 @@ class Validation:
         corrected = present
         if settings.keep_template and box.iou(moment.box) >= settings.match_iou:
             corrected = self._blended(belief, moment, box)
+        estranged = belief.confidence < settings.low_ratio
+        self._estranged = self._estranged + 1 if estranged else 0
         belief.see(corrected, max(belief.confidence, 0.5), "detector")
         belief.kinematics.correct(corrected)
         belief.confirm(moment, box)
         belief.anchor()
-        self._following.relocate(frame, corrected)
+        if self._estranged >= _ESTRANGED_LOOKS:
+            self._following.teach(frame, corrected)
+            self._estranged = 0
+        else:
+            self._following.relocate(frame, corrected)
 
     def _blended(self, belief: Belief, moment: Moment, box: Box) -> Box:
         """Shift the present box by what the past one was off, in part."""
