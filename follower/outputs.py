@@ -27,13 +27,6 @@ def write_setpoints(path: Path, controls: Iterable[ControlRecord]) -> None:
     _write_csv(path, SETPOINT_COLUMNS, (_setpoint_row(record) for record in controls))
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file in one step."""
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
-
-
 def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     temporary = path.with_name(f".{path.name}.part")
     with temporary.open("w", newline="", encoding="utf-8") as file:

@@ -17,9 +17,9 @@ from follower.configs import find_scenario
 from follower.flight_video import BackgroundVideo, FlightVideo, OverlayVideo
 from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
 from follower.links.connection import ConnectionFailedError, open_connection
-from follower.outputs import write_boxes, write_setpoints, write_text
+from follower.outputs import write_boxes, write_setpoints
 from follower.report.meta import ReportMeta
-from follower.report.writer import write_report, write_score
+from follower.report.writer import write_report, write_score, write_whole
 from follower.run_folder import new_run_folder
 from follower.scoring import score_flight
 from follower.settings import Settings, load_settings, merged
@@ -182,7 +182,7 @@ def _report(
     )
     write_boxes(folder / "boxes.csv", flight.log.tracks)
     write_setpoints(folder / "setpoints.csv", flight.log.controls)
-    write_text(folder / "settings.yaml", flight.settings.to_yaml())
+    write_whole(folder / "settings.yaml", flight.settings.to_yaml())
     run = {"scenario": flight.scenario.name, "autopilot": options.autopilot, "seed": flight.seed}
     write_score(folder, score, criteria, run)
     write_report(
