@@ -7,10 +7,10 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from follower_vision.frame import Frame
+from follower_vision.framesource import ClosesItself
 from follower_vision.overlay import draw_track
 from follower_vision.track import Track
 from follower_vision.video_writer import VideoWriteError, VideoWriter
@@ -26,21 +26,16 @@ class FlightVideo(Protocol):
         ...
 
 
-class OverlayVideo:
+class OverlayVideo(ClosesItself):
     """Draws and encodes at once: lockstep runs and `track`, where time waits."""
+
+    remark: str | None = None
 
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._writer = VideoWriter(path, rate_hz)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Finish the file."""
         self._writer.close()
 
     def add(self, frame: Frame, track: Track | None, lines: Sequence[str]) -> None:
@@ -55,31 +50,33 @@ class _Entry:
     lines: tuple[str, ...]
 
 
-class BackgroundVideo:
+class BackgroundVideo(ClosesItself):
     """Draws and encodes on its own thread, so that vision never waits.
 
-    When the encoder falls behind by `_WAITING_FRAMES`, frames are left out and counted. When the
-    disk is full it stops writing and says so in `problem`; the flight goes on.
+    When the encoder falls behind, frames are left out and counted. When the disk is full it stops
+    writing; the flight goes on. `remark` then says so.
     """
 
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._path = path
         self._rate_hz = rate_hz
         self._waiting: queue.Queue[_Entry | None] = queue.Queue(_WAITING_FRAMES)
+        self._left_out = 0
+        self._problem: str | None = None
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
-        self.left_out = 0
-        self.problem: str | None = None
-
-    def __enter__(self) -> Self:
         self._thread.start()
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    @property
+    def remark(self) -> str | None:
+        """What is missing in the video, None if nothing is."""
+        if self._problem is not None:
+            return f"The video ends early: {self._problem}"
+        if self._left_out:
+            return f"The video leaves out {self._left_out} frames: the encoder was too slow."
+        return None
+
+    def close(self) -> None:
+        """Write what waits, and finish the file."""
         self._waiting.put(None)
         self._thread.join()
 
@@ -88,14 +85,14 @@ class BackgroundVideo:
         try:
             self._waiting.put_nowait(_Entry(frame, track, tuple(lines)))
         except queue.Full:
-            self.left_out += 1
+            self._left_out += 1
 
     def _run(self) -> None:
-        with OverlayVideo(self._path, self._rate_hz) as video:
-            while (entry := self._waiting.get()) is not None:
-                if self.problem is not None:
-                    continue
-                try:
+        try:
+            with OverlayVideo(self._path, self._rate_hz) as video:
+                while (entry := self._waiting.get()) is not None:
                     video.add(entry.frame, entry.track, entry.lines)
-                except VideoWriteError as error:
-                    self.problem = str(error)
+        except VideoWriteError as error:
+            self._problem = str(error)
+            while self._waiting.get() is not None:
+                pass

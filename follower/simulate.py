@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 
 from follower.configs import find_scenario
-from follower.flight_video import BackgroundVideo, FlightVideo, OverlayVideo
+from follower.flight_video import BackgroundVideo, OverlayVideo
 from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.outputs import write_boxes, write_setpoints
@@ -35,6 +35,7 @@ from follower_vision.clock import MonotonicClock, SimulatedClock
 
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 FLAVOURS = ("px4", "ardupilot", EXTERNAL)
+INTERRUPTED = "The user ended this flight."
 VIDEO = "video.mp4"
 FILES = (
     ("report.html", "this report"),
@@ -88,11 +89,11 @@ def simulate(options: SimulationOptions) -> int:
             _build(world)
         folder = new_run_folder(options.out, scenario.name)
         try:
-            flight, interrupted = _fly(world, settings, options, ends, folder, console)
+            flight, remarks = _fly(world, settings, options, ends, folder, console)
         except ConnectionFailedError:
             shutil.rmtree(folder)  # there was no flight
             raise
-    return _report(flight, options, folder, interrupted, console)
+    return _report(flight, options, folder, remarks, console)
 
 
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
@@ -134,8 +135,8 @@ def _fly(
     ends: tuple[Transport, Transport],
     folder: Path,
     console: Console,
-) -> tuple[SimulatedFlight, bool]:
-    """Return the flight when it is over, and whether the user ended it."""
+) -> tuple[SimulatedFlight, tuple[str, ...]]:
+    """Return the flight when it is over, and what its reader must know."""
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
     with _video(options, folder, world.scenario.camera.rate_hz) as video:
         flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video)
@@ -149,13 +150,14 @@ def _fly(
                 fly_lockstep(flight, clock, show)
             else:
                 fly_realtime(flight, clock, show)
-    return flight, interrupt.interrupted
+    remarks = (INTERRUPTED if interrupt.interrupted else None, video.remark if video else None)
+    return flight, tuple(remark for remark in remarks if remark is not None)
 
 
 @contextmanager
 def _video(
     options: SimulationOptions, folder: Path, rate_hz: float
-) -> Iterator[FlightVideo | None]:
+) -> Iterator[OverlayVideo | BackgroundVideo | None]:
     if not options.video:
         yield None
         return
@@ -168,7 +170,7 @@ def _report(
     flight: SimulatedFlight,
     options: SimulationOptions,
     folder: Path,
-    interrupted: bool,
+    remarks: tuple[str, ...],
     console: Console,
 ) -> int:
     """Write everything, say what came of it, and return the exit code."""
@@ -188,7 +190,7 @@ def _report(
     write_report(
         folder,
         flight.log,
-        _meta(flight, options, interrupted),
+        _meta(flight, options, remarks),
         truth=flight.truth,
         goal=flight.goal,
         score=score,
@@ -197,12 +199,16 @@ def _report(
     )
     files = [folder / name for name, _ in FILES if (folder / name).exists()]
     print_score(console, score, criteria, files)
-    if interrupted:
+    for remark in remarks:
+        console.print(remark, highlight=False)
+    if INTERRUPTED in remarks:
         return _INTERRUPTED
     return _FAILED if verdict(score, criteria) else _SUCCESS
 
 
-def _meta(flight: SimulatedFlight, options: SimulationOptions, interrupted: bool) -> ReportMeta:
+def _meta(
+    flight: SimulatedFlight, options: SimulationOptions, remarks: tuple[str, ...]
+) -> ReportMeta:
     how = "lockstep" if options.lockstep else "real time"
     link = "through memory" if options.lockstep else f"over UDP, {options.connect}"
     return ReportMeta(
@@ -220,5 +226,5 @@ def _meta(flight: SimulatedFlight, options: SimulationOptions, interrupted: bool
         ),
         files=FILES,
         video=VIDEO if options.video else "",
-        remarks=("The user ended this flight.",) if interrupted else (),
+        remarks=remarks,
     )
