@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+import cv2
 from rich.console import Console
 
 from follower.configs import find_scenario
@@ -83,6 +84,8 @@ def simulate(options: SimulationOptions) -> int:
     scenario = load_scenario(find_scenario(options.scenario))
     settings = simulation_settings(scenario, options)
     console = Console()
+    # Autopilot, camera, vision and control share few cores: OpenCV's own threads would take them.
+    cv2.setNumThreads(1)
     with _transports(options) as ends:
         with console.status("Building the world"):
             world = World(scenario, options.seed)
