@@ -15,11 +15,12 @@ from follower_vision.frame import Image
 from follower_vision.fusion.warp import Warp
 
 _WIDTH = 320
-_CORNERS = 120
+_CORNERS = 80
 _QUALITY = 0.01
 _APART = 7
-_WINDOW = (15, 15)
+_WINDOW = (11, 11)
 _LEVELS = 3
+_STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 _OUTLIER_PX = 1.0
 _LEAST_INLIERS = 12
 _LEAST_INLIER_SHARE = 0.4
@@ -64,10 +65,14 @@ class CameraMotion:
 
 
 def _reduced(image: Image, factor: float) -> npt.NDArray[np.uint8]:
-    """The image in grey; thinned out by whole pixels first, which is cheap and sharp enough."""
-    step = max(1, int(0.5 / factor))
+    """The image in grey, halved by the mean of four pixels as often as possible: that is fast."""
+    small = image
+    while factor < 1 and small.shape[1] * 0.5 >= image.shape[1] * factor:
+        half = (small.shape[1] // 2, small.shape[0] // 2)
+        small = np.asarray(cv2.resize(small, half, interpolation=cv2.INTER_LINEAR), np.uint8)
     size = (round(image.shape[1] * factor), round(image.shape[0] * factor))
-    small = cv2.resize(image[::step, ::step], size, interpolation=cv2.INTER_AREA)
+    if (small.shape[1], small.shape[0]) != size:
+        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.uint8)
     return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
@@ -83,7 +88,9 @@ def _motion(
     points: Any = corners.reshape(-1, 1, 2)
     # OpenCV's own stubs demand the output array that OpenCV itself does without.
     flow: Any = cv2.calcOpticalFlowPyrLK
-    moved, found, _ = flow(last, grey, points, None, winSize=_WINDOW, maxLevel=_LEVELS)
+    moved, found, _ = flow(
+        last, grey, points, None, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP
+    )
     kept = found.ravel() > 0
     return _similarity(corners[kept], moved.reshape(-1, 2)[kept], factor)
 

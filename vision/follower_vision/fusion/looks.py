@@ -47,15 +47,23 @@ class Looks:
         """Take a new look of the target as the usual one."""
         self._usual.reset(score)
 
-    def learn(self, frame: Frame, box: Box, score: float) -> None:
-        """Take a view of the target: the first second's for good, later ones for a while."""
+    def learn(self, frame: Frame, box: Box, score: float, familiar: bool) -> None:
+        """Take a view of the target: the first second's for good, later ones for a while.
+
+        Args:
+            frame: where it is to be seen.
+            box: the target.
+            score: the box's re-identification score; a poor view is not learnt.
+            familiar: whether a detector will search for it, so that the looks need not.
+        """
         if score < self.epsilon:
             return
         self._reidentifier.learn(frame.image, box, frame.captured_s)
         if frame.captured_s - self._refreshed_s < _REFRESH_S:
             return
         self._refreshed_s = frame.captured_s
-        self._search.learn(frame.image, box)
+        if not familiar:
+            self._search.learn(frame.image, box)
         if self._settings.max_recent:
             self._reidentifier.refresh(frame.image, box)
 
