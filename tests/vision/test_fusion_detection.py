@@ -144,6 +144,27 @@ def test_late_answer_corrects_the_present_box() -> None:
     assert abs(track.box.cx - x) < 8
 
 
+def test_answer_for_an_earlier_target_is_ignored() -> None:
+    detector = SquareDetector()
+    services: list[BackgroundDetection] = []
+
+    def mode(one: SquareDetector) -> BackgroundDetection:
+        services.append(BackgroundDetection(one))
+        return services[-1]
+
+    tracker = FusionTracker(LaggingTracker(), detector, mode=mode)
+    scene = _scene(0, (100.0, 200.0), (400.0, 200.0))
+    detector.may_answer.clear()
+    tracker.start(scene, Box(100, 200, 30, 30))
+    tracker.start(scene, Box(400, 200, 30, 30))
+    detector.may_answer.set()
+    assert services[0].wait_idle(10)
+    track = tracker.step(_scene(1, (100.0, 200.0), (400.0, 200.0)))
+    tracker.close()
+    assert track.box.cx == pytest.approx(400, abs=3)
+    assert track.produced_by == "lagging"
+
+
 def test_close_regions_share_one_pass_and_far_ones_take_turns() -> None:
     detector = SquareDetector()
     shared = SharedDetection(InlineDetection(detector))

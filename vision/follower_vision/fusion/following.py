@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from follower_vision.box import Box
-from follower_vision.frame import Frame, Image
+from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief, towards
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.steering import ProbingTracker, SteerableTracker
 from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
@@ -33,24 +33,6 @@ _VERY_ALIKE = 0.9
 _CONFIDENCE_MEMORY_S = 2.0
 _REFERENCE_MEMORY_S = 0.7
 _UNCONFIRMED_POWER = 2.0
-
-
-@runtime_checkable
-class SteerableTracker(MotionTracker, Protocol):
-    """A motion tracker that can be sent elsewhere without forgetting what it looks for."""
-
-    def move_to(self, box: Box) -> None:
-        """Search about `box` next time."""
-        ...
-
-
-@runtime_checkable
-class ProbingTracker(MotionTracker, Protocol):
-    """A motion tracker that can look somewhere without going there."""
-
-    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
-        """Return the places like the target about `box`, the likest first."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +82,7 @@ class Following:
         self._low = 0
         self._doubted_s = None
         self._steady_s = 0.0
+        self._turns = self._rival_frames = 0
 
     def relocate(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""

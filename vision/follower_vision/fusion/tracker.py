@@ -72,6 +72,7 @@ class FusionTracker:
         self._health = FrameCheck()
         self._belief: Belief | None = None
         self._asked = 0
+        self._pursuit = object()
 
     def close(self) -> None:
         """Let go of the detector's thread, if there is one."""
@@ -133,7 +134,7 @@ class FusionTracker:
             RuntimeError: `start` was not called.
         """
         belief = self._started()
-        for answer in [] if self._service is None else self._service.take(self):
+        for answer in [] if self._service is None else self._service.take(self._pursuit):
             moment = belief.history.at(answer.request.index)
             if moment is not None:
                 self._consider(frame, belief, answer, moment)
@@ -151,6 +152,9 @@ class FusionTracker:
         self._validation.start()
         self._identity = Identity(self._settings)
         self._health = FrameCheck()
+        self._asked = 0
+        # Answers that are still under way belong to another pursuit.
+        self._pursuit = object()
 
     def _follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
         blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
@@ -172,7 +176,7 @@ class FusionTracker:
             return
         self._asked = belief.now.index
         region = self._region(frame, belief)
-        self._service.submit(DetectionRequest(self, self._asked, frame.image, region))
+        self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
 
     def _region(self, frame: Frame, belief: Belief) -> Box | None:
         """Where to look; None is the whole image."""

@@ -1,0 +1,27 @@
+"""What some motion trackers can do besides following: the seams that Fusion makes use of."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from follower_vision.box import Box
+from follower_vision.frame import Image
+from follower_vision.motion import MotionEstimate, MotionTracker
+
+
+@runtime_checkable
+class SteerableTracker(MotionTracker, Protocol):
+    """A motion tracker that can be sent elsewhere without forgetting what it looks for."""
+
+    def move_to(self, box: Box) -> None:
+        """Search about `box` next time."""
+        ...
+
+
+@runtime_checkable
+class ProbingTracker(MotionTracker, Protocol):
+    """A motion tracker that can look somewhere without going there."""
+
+    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
+        """Return the places like the target about `box`, the likest first."""
+        ...
