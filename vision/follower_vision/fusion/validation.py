@@ -26,6 +26,7 @@ _CLEAR = 0.4
 _ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
 _LEAST_LOOKS = 0.5
+_USUAL_LOOKS = 0.85
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,12 @@ class Validation:
         least = _LEAST_LOOKS if agreed else self._settings.doubt_ratio
         return score >= self._looks.epsilon or self._looks.relative(score) >= least
 
+    def _whole(self, frame: Frame, box: Box) -> bool:
+        """Whether the target is to be seen as usual: half of it may be hidden already."""
+        if not self._settings.appearance_check:
+            return True
+        return self._looks.relative(self._looks.score(frame.image, box)) >= _USUAL_LOOKS
+
     def claimed(self, belief: Belief, sight: Sight) -> list[bool]:
         """Tell of each box whether it is a known look-alike's."""
         claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
@@ -146,7 +153,8 @@ class Validation:
         belief.see(corrected, max(belief.confidence, 0.5), "detector")
         belief.kinematics.correct(corrected)
         belief.confirm(moment, box)
-        belief.anchor()
+        if estranged or self._whole(frame, corrected):
+            belief.anchor()
         if self._estranged >= _ESTRANGED_LOOKS:
             self._following.teach(frame, corrected)
             self._estranged = 0
