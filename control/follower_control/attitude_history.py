@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import astuple, replace
+from dataclasses import replace
 from itertools import pairwise
 
 from follower_control.vehicle import Attitude
@@ -41,7 +41,7 @@ class AttitudeHistory:
 
         Refused are samples that are not finite and those not newer than the newest one.
         """
-        if not all(map(math.isfinite, astuple(sample))):
+        if not all(math.isfinite(getattr(sample, name)) for name in sample.__slots__):
             return False
         if self._samples and sample.time_s <= self._samples[-1].time_s:
             return False

@@ -19,7 +19,7 @@ from follower_vision.coasting import Coasting
 from follower_vision.frame import Frame
 from follower_vision.framecheck import FrameCheck, FrameHealth
 from follower_vision.longterm_settings import LongTermSettings
-from follower_vision.motion import MotionTracker
+from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.refine import refined
 from follower_vision.reidentify import Reidentifier
 from follower_vision.sighting import Looks, Sighting, SightingJudge
@@ -61,6 +61,8 @@ class LongTermTracker:
         self._probation_ends_s: float | None = None
         self._settles_s: float | None = None
         self._refreshed_s = -math.inf
+        self._score = 0.0
+        self._looked_s = -math.inf
         self._started = False
 
     def start(self, frame: Frame, box: Box) -> Track:
@@ -83,6 +85,7 @@ class LongTermTracker:
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._settles_s = None
+        self._looked_s = -math.inf
         self._started, self._refreshed_s = True, frame.captured_s
         return self._restart(frame, box, 1.0, TrackState.TRACKING, self._motion.name)
 
@@ -112,11 +115,18 @@ class LongTermTracker:
     def _sighting(self, frame: Frame) -> Sighting:
         """Ask the motion tracker, and judge what it says."""
         estimate = self._motion.update(frame.image)
-        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
-        score = self._reidentifier.score(frame.image, estimate.box)
         strict = self._state is not TrackState.TRACKING
-        looks = Looks(score, self._surroundings.level, blurred)
+        looks = self._look(frame, estimate, strict)
         return self._judge.judge(frame, estimate, looks, self._coasting.last, strict)
+
+    def _look(self, frame: Frame, estimate: MotionEstimate, strict: bool) -> Looks:
+        """Compare what the box shows; comparing costs more than all else here."""
+        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
+        sure = not strict and estimate.confidence >= self._settings.sure_confidence
+        if not sure or frame.captured_s >= self._looked_s + self._settings.look_every_s:
+            self._looked_s = frame.captured_s
+            self._score = self._reidentifier.score(frame.image, estimate.box)
+        return Looks(self._score, self._surroundings.level, blurred)
 
     def _probed(self, frame: Frame, sighting: Sighting, ends_s: float) -> Track:
         """Found, but only just: it has to go on scoring as a found target for a moment."""

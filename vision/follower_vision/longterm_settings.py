@@ -25,6 +25,8 @@ class LongTermSettings:
         resume_margin: how much better both have to be to be believed again.
         doubt_s: how long doubt may last before the track says so.
         looks_doubt_s: the same, where only the looks are in doubt, not the confidence.
+        look_every_s: while the motion tracker is sure, the looks are compared this often.
+        sure_confidence: from this confidence on it is sure.
         size_jump: largest change of the box's scale at once, as a natural logarithm.
         size_rate_s: how much more for each second since the target was last seen.
         least_visible: a box with less than this share inside the image is not seen.
@@ -50,6 +52,8 @@ class LongTermSettings:
     resume_margin: float = 0.15
     doubt_s: float = 0.05
     looks_doubt_s: float = 0.25
+    look_every_s: float = 0.08
+    sure_confidence: float = 0.9
     size_jump: float = 0.4
     size_rate_s: float = 2.0
     least_visible: float = 0.3
@@ -75,6 +79,6 @@ class LongTermSettings:
             raise ValueError("long-term tracker: reject_score <= recognised_score <= 2 has to hold")
         if not 0 <= self.least_visible < 1:
             raise ValueError("long-term tracker: least_visible lies between 0 and 1")
-        for name in ("doubt_s", "coast_s", "refresh_s", "reach", "size_jump"):
+        for name in ("doubt_s", "look_every_s", "coast_s", "refresh_s", "reach", "size_jump"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"long-term tracker: {name} has to be 0 or more")
