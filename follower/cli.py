@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from follower.configs import scenario_files
+from follower.evaluate_command import evaluate_command
 from follower.models_command import models_app
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
@@ -29,6 +30,7 @@ app = typer.Typer(
     ),
 )
 
+app.command("evaluate")(evaluate_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
 Autopilot = Annotated[

@@ -1,0 +1,1 @@
+"""`follower evaluate`: trackers measured over data sets."""

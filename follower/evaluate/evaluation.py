@@ -1,0 +1,169 @@
+"""Runs an evaluation: every tracker on every sequence from every start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from follower.evaluate.contender import Contender
+from follower.evaluate.outputs import terminal_table, write_csv, write_json
+from follower.evaluate.results import Result, ResultStore, Start, run
+from follower.evaluate.summary import Scored, rows, scored
+from follower.report.evaluation import render
+from follower.report.writer import write_whole
+from follower.run_folder import new_run_folder
+from follower_control.strict_yaml import SettingsError
+from follower_vision.clock import MonotonicClock
+from follower_vision.curves import spatial_starts, temporal_starts
+from follower_vision.datasets import DatasetError, load_dataset, read_boxes
+from follower_vision.ope import Sequence
+
+_SUCCESS, _INTERRUPTED = 0, 130
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluateOptions:
+    """What the command line was given; see `follower evaluate --help`."""
+
+    folders: tuple[Path, ...]
+    trackers: tuple[str, ...]
+    detector: str = "yolox-nano"
+    boxes: tuple[str, ...] = ()
+    tre: int = 0
+    sre: bool = False
+    out: Path = Path("runs")
+    resume: Path | None = None
+
+
+def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
+    """Run the command and return its exit code.
+
+    Raises:
+        SettingsError: a tracker or folder is not there; one line says what to do.
+        ModelError: a network is missing.
+        OSError: an image cannot be read or a result cannot be written.
+    """
+    console = console or Console()
+    try:
+        sequences, remarks = _sequences(options.folders)
+        others = _others(options, sequences, remarks)
+    except DatasetError as error:
+        raise SettingsError(str(error)) from None
+    contenders = [Contender(name, options.detector) for name in dict.fromkeys(options.trackers)]
+    if options.resume is not None and not options.resume.is_dir():
+        raise SettingsError(f"--resume {options.resume}: there is no such folder")
+    for contender in contenders:
+        contender.make()
+    folder = options.resume or new_run_folder(options.out, "evaluate")
+    for remark in remarks:
+        console.print(f"[yellow]{remark}[/yellow]", highlight=False)
+    try:
+        runs = _run_all(contenders, sequences, options, ResultStore(folder / "boxes"), console)
+    except KeyboardInterrupt:
+        console.print(f"interrupted; go on with --resume {folder}", highlight=False)
+        return _INTERRUPTED
+    _write(folder, [*runs, *others], sequences, remarks, console)
+    return _SUCCESS
+
+
+def _sequences(folders: tuple[Path, ...]) -> tuple[list[Sequence], list[str]]:
+    found: dict[str, Sequence] = {}
+    remarks: list[str] = []
+    for folder in folders:
+        sequences, said = load_dataset(folder)
+        remarks += said
+        for sequence in sequences:
+            if not any(sequence.truth[1:]):
+                remarks.append(f"skipped {sequence.name}: no box after the first frame")
+            elif sequence.name in found:
+                remarks.append(f"skipped a second {sequence.name} in {folder}: names must differ")
+            else:
+                found[sequence.name] = sequence
+    if not found:
+        raise DatasetError(f"no sequence can be used: {'; '.join(remarks)}")
+    return list(found.values()), remarks
+
+
+def _starts(sequence: Sequence, options: EvaluateOptions) -> list[Start]:
+    starts = [Start("ope", 0, 0, sequence.initial)]
+    frames = temporal_starts(sequence.truth, options.tre) if options.tre else []
+    for number, frame in enumerate(frames):
+        box = sequence.truth[frame]
+        if box is not None:
+            starts.append(Start("tre", number, frame, box))
+    if options.sre:
+        boxes = spatial_starts(sequence.initial)
+        starts += [Start("sre", number, 0, box) for number, box in enumerate(boxes)]
+    return starts
+
+
+def _run_all(
+    contenders: list[Contender],
+    sequences: list[Sequence],
+    options: EvaluateOptions,
+    store: ResultStore,
+    console: Console,
+) -> list[Scored]:
+    jobs = [(c, s, start) for c in contenders for s in sequences for start in _starts(s, options)]
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    clock, runs = MonotonicClock(), []
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("evaluating", total=len(jobs))
+        for contender, sequence, start in jobs:
+            progress.update(task, description=f"{contender.name} {sequence.name}")
+            result = store.load(contender, sequence, start)
+            if result is None:
+                result = run(contender, sequence, start, clock)
+                store.save(contender, sequence, start, result)
+            runs.append(scored(contender.name, sequence, start, result))
+            progress.advance(task)
+    return runs
+
+
+def _others(
+    options: EvaluateOptions, sequences: list[Sequence], remarks: list[str]
+) -> list[Scored]:
+    """Score the boxes of other programs; a sequence that they lack is said and left out."""
+    runs = []
+    for text in options.boxes:
+        name, equals, folder = text.partition("=")
+        if not (name and equals and Path(folder).is_dir()):
+            raise DatasetError(f"--boxes {text}: write name=folder; the folder has to exist")
+        for sequence in sequences:
+            path = Path(folder) / f"{sequence.name}.txt"
+            if not path.is_file():
+                remarks.append(f"{name}: no {path.name} in {folder}; left out of its means")
+                continue
+            result = Result(tuple(read_boxes(path)), 0.0)
+            if len(result.boxes) != len(sequence.truth):
+                raise DatasetError(
+                    f"{path}: {len(result.boxes)} lines for {len(sequence.truth)} frames"
+                )
+            runs.append(scored(name, sequence, Start("ope", 0, 0, sequence.initial), result))
+    return runs
+
+
+def _write(
+    folder: Path,
+    runs: list[Scored],
+    sequences: list[Sequence],
+    remarks: list[str],
+    console: Console,
+) -> None:
+    means = rows(runs)
+    files = [
+        write_csv(folder / "results.csv", runs),
+        write_json(folder / "results.json", means, runs, remarks),
+        write_whole(folder / "report.html", render(means, runs, sequences, remarks)),
+    ]
+    console.print(terminal_table(means))
+    for file in files:
+        console.print(f"  {file}", highlight=False)
