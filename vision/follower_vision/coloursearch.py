@@ -45,12 +45,14 @@ class ColourSearch:
         """Take the target's colours and the image's, (H, W, 3) uint8 BGR."""
         self._box = box
         target = colour_histogram(crop(image, box, _SIDE, _SIDE, _FILL))
-        colours = _cell_bins()[_cells(_reduced(image, _factor(image, box)))]
+        factor = _factor(image, box)
+        cells = _cells(_reduced(image, factor))
+        colours = _cell_bins()[cells]
         around = np.bincount(colours.ravel(), minlength=len(target)) / colours.size
         likely = target / (target + around + 0.02)
         weights = likely.astype(np.float32)[_cell_bins()]
-        density = self._density(image, weights)
-        self._own = _at(density, box, _factor(image, box))
+        density = self._density(cells, weights, factor)
+        self._own = _at(density, box, factor)
         contrast = self._own / max(1e-6, float(density.mean()))
         self._weights = weights if contrast > _LEAST_CONTRAST and self._own > 0.1 else None
 
@@ -58,8 +60,8 @@ class ColourSearch:
         """Return the places that have most of the colours, the best first, at the last size."""
         if self._weights is None:
             return []
-        density = self._density(image, self._weights)
         factor = _factor(image, self._box)
+        density = self._density(_cells(_reduced(image, factor)), self._weights, factor)
         wide = max(1, round(self._box.width * factor))
         tall = max(1, round(self._box.height * factor))
         found = []
@@ -71,10 +73,11 @@ class ColourSearch:
             density[max(0, y - tall) : y + tall + 1, max(0, x - wide) : x + wide + 1] = 0
         return found
 
-    def _density(self, image: Image, weights: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def _density(
+        self, cells: npt.NDArray[np.uint16], weights: npt.NDArray[np.float32], factor: float
+    ) -> npt.NDArray[np.float32]:
         """Mean weight in a box of the target's size about every pixel of the reduced image."""
-        factor = _factor(image, self._box)
-        likely = weights[_cells(_reduced(image, factor))]
+        likely = weights[cells]
         kernel = (
             max(1, round(self._box.width * factor)),
             max(1, round(self._box.height * factor)),
