@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from follower_control.strict_yaml import SettingsError
@@ -13,8 +12,9 @@ from follower_vision.frame import Frame
 from follower_vision.fusion import FusionSettings, FusionTracker
 from follower_vision.longterm import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
-from follower_vision.motion import MotionTracker
+from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.target_tracker import TargetTracker
+from follower_vision.track import Track, TrackState
 from follower_vision.trackers import make_tracker, tracker_names
 
 _KINDS = ("longterm", "fusion", "fusion-paper")
@@ -45,7 +45,7 @@ class Contender:
         """What a stored result must agree with."""
         return f"{self.name} {self.detector}" if "fusion" in self.name else self.name
 
-    def make(self) -> TargetTracker | MotionTracker:
+    def make(self) -> TargetTracker:
         """Return a fresh tracker.
 
         Raises:
@@ -55,19 +55,34 @@ class Contender:
         store = ModelStore(default_folder(os.environ))
         motion = make_tracker(name, store.file)
         if not kind:
-            return motion
+            return AlwaysBelieved(motion)
         if kind == "longterm":
             return LongTermTracker(motion)
         settings = FusionSettings.paper() if kind == "fusion-paper" else FusionSettings()
         return FusionTracker(motion, make_detector(self.detector, store), settings)
 
 
-def stepper(
-    tracker: TargetTracker | MotionTracker, first: Frame, box: Box
-) -> Callable[[Frame], Box]:
-    """Start a tracker of either kind; return what gives its box in the next frame."""
-    if hasattr(tracker, "step"):
-        tracker.start(first, box)
-        return lambda frame: tracker.step(frame).box
-    tracker.start(first.image, box)
-    return lambda frame: tracker.update(frame.image).box
+class AlwaysBelieved:
+    """A motion tracker as a target tracker that never says that it lost its target."""
+
+    def __init__(self, motion: MotionTracker) -> None:
+        self._motion = motion
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        """See `TargetTracker`."""
+        self._motion.start(frame.image, box)
+        return self._track(frame, MotionEstimate(box, 1.0))
+
+    def step(self, frame: Frame) -> Track:
+        """See `TargetTracker`."""
+        return self._track(frame, self._motion.update(frame.image))
+
+    def _track(self, frame: Frame, estimate: MotionEstimate) -> Track:
+        return Track(
+            estimate.box,
+            TrackState.TRACKING,
+            estimate.confidence,
+            self._motion.name,
+            frame.captured_s,
+            frame.sequence,
+        )

@@ -55,17 +55,26 @@ def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
     contenders = [Contender(name, options.detector) for name in dict.fromkeys(options.trackers)]
     if options.resume is not None and not options.resume.is_dir():
         raise SettingsError(f"--resume {options.resume}: there is no such folder")
+    if not (contenders or others):
+        raise SettingsError("nothing to measure: give --trackers a,b or --boxes name=folder")
     for contender in contenders:
         contender.make()
     folder = options.resume or new_run_folder(options.out, "evaluate")
-    for remark in remarks:
-        console.print(f"[yellow]{remark}[/yellow]", highlight=False)
     try:
-        runs = _run_all(contenders, sequences, options, ResultStore(folder / "boxes"), console)
+        runs, broken = _run_all(
+            contenders, sequences, options, ResultStore(folder / "boxes"), console
+        )
     except KeyboardInterrupt:
         console.print(f"interrupted; go on with --resume {folder}", highlight=False)
         return _INTERRUPTED
-    _write(folder, [*runs, *others], sequences, remarks, console)
+    remarks += [f"skipped {name}: {why}" for name, why in broken.items()]
+    for remark in remarks:
+        console.print(remark, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    whole = [sequence for sequence in sequences if sequence.name not in broken]
+    kept = [one for one in [*runs, *others] if one.sequence not in broken]
+    if not kept:
+        raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
+    _write(folder, kept, whole, remarks, console)
     return _SUCCESS
 
 
@@ -106,7 +115,8 @@ def _run_all(
     options: EvaluateOptions,
     store: ResultStore,
     console: Console,
-) -> list[Scored]:
+) -> tuple[list[Scored], dict[str, str]]:
+    """Return the runs, and why a sequence broke off: a tracker could not read it whole."""
     jobs = [(c, s, start) for c in contenders for s in sequences for start in _starts(s, options)]
     columns = (
         TextColumn("{task.description}"),
@@ -114,18 +124,26 @@ def _run_all(
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    clock, runs = MonotonicClock(), []
+    clock = MonotonicClock()
+    runs: list[Scored] = []
+    broken: dict[str, str] = {}
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("evaluating", total=len(jobs))
         for contender, sequence, start in jobs:
             progress.update(task, description=f"{contender.name} {sequence.name}")
+            progress.advance(task)
+            if sequence.name in broken:
+                continue
             result = store.load(contender, sequence, start)
             if result is None:
-                result = run(contender, sequence, start, clock)
+                try:
+                    result = run(contender, sequence, start, clock)
+                except OSError as error:
+                    broken[sequence.name] = str(error)
+                    continue
                 store.save(contender, sequence, start, result)
             runs.append(scored(contender.name, sequence, start, result))
-            progress.advance(task)
-    return runs
+    return runs, broken
 
 
 def _others(

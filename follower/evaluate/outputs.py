@@ -14,7 +14,7 @@ from rich.table import Table
 from follower.evaluate.summary import Row, Scored
 from follower.report.writer import write_whole
 
-HEAD = ("tracker", "start", "auc", "success@0.5", "precision@20", "normalised", "frames/s")
+HEAD = ("tracker", "start", "auc", "success@0.5", "precision@20", "norm. prec.", "fps")
 
 
 def figures(one: Row | Scored) -> list[float | None]:
@@ -39,7 +39,7 @@ def terminal_table(rows: Sequence[Row]) -> Table:
     """Return the means as a table."""
     table = Table(show_edge=False, header_style="dim")
     for number, name in enumerate(HEAD):
-        table.add_column(name, justify="left" if number < 2 else "right")
+        table.add_column(name, justify="left" if number < 2 else "right", no_wrap=True)
     for row in rows:
         table.add_row(row.tracker, row.kind, *texts(row))
     return table

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from follower.evaluate.contender import Contender, stepper
+from follower.evaluate.contender import Contender
 from follower.report.writer import write_whole
 from follower_vision.box import Box
 from follower_vision.clock import Clock
@@ -43,12 +43,14 @@ def run(contender: Contender, sequence: Sequence, start: Start, clock: Clock) ->
         ModelError: a network is missing.
     """
     images = sequence.images[start.frame :]
-    step = stepper(contender.make(), Frame(read_image(images[0]), 0.0, 0), start.box)
-    boxes, busy_s = [start.box], 0.0
+    tracker = contender.make()
+    tracker.start(Frame(read_image(images[0]), 0.0, 0), start.box)
+    boxes: list[Box | None] = [start.box]
+    busy_s = 0.0
     for number, path in enumerate(images[1:], 1):
         frame = Frame(read_image(path), number * _FRAME_S, number)
         begin = clock.now()
-        boxes.append(step(frame))
+        boxes.append(tracker.step(frame).box)
         busy_s += clock.now() - begin
     return Result(tuple(boxes), busy_s)
 
