@@ -94,6 +94,23 @@ def test_the_vehicle_turns_to_the_target_and_closes_in(flavour: str, heading_deg
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize(("wanted_deg", "climbs"), [(-38, True), (-12, False)])
+def test_a_target_above_the_wanted_direction_makes_it_climb(
+    flavour: str, wanted_deg: float, climbs: bool
+) -> None:
+    """It hovers with the target at about -23 degrees: above the one wish, below the other."""
+    follow = {"servo": {**FOLLOW["servo"], "elevation_deg": wanted_deg, "distance_m": 18.0}}
+    run = Run(scenario(STANDING, duration_s=19, follow=follow), flavour).fly()
+    began = run.first(State.FOLLOWING).time_s
+    heights = {
+        round(sample.time_s - began, 2): -sample.vehicle.position_m[2]
+        for sample in run.flight.truth
+    }
+    gained = heights[3.0] - heights[0.0]
+    assert gained > 1.0 if climbs else gained < -1.0
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_driving_car_is_followed(flavour: str) -> None:
     run = Run(scenario(DRIVING), flavour).fly()
     flight = run.flight
