@@ -36,9 +36,9 @@ def texts(one: Row | Scored) -> list[str]:
 
 
 def terminal_table(rows: Sequence[Row]) -> Table:
-    """Return the means as a table."""
-    table = Table(show_edge=False, header_style="dim")
-    for number, name in enumerate(HEAD):
+    """Return the means as a table: AUC, success, precision, normalised precision, speed."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for number, name in enumerate((*HEAD[:2], "AUC", "S@0.5", "P@20", "NP", "fps")):
         table.add_column(name, justify="left" if number < 2 else "right", no_wrap=True)
     for row in rows:
         table.add_row(row.tracker, row.kind, *texts(row))
