@@ -2,6 +2,7 @@
 
 import os
 
-# The matrices of trackers and filters are small: BLAS threads would gain nothing and take the cores
-# from camera, vision and control. Read by numpy when it is first imported; the user's choice stands.
+# The matrices of trackers and filters are small: BLAS threads would gain nothing and take the
+# cores from camera, vision and control. numpy reads this when it is first imported; a choice of
+# the user's own stands.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
