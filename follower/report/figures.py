@@ -20,6 +20,7 @@ from follower.report.series import (
     setpoints,
 )
 from follower.report.style import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE
+from follower.report.track_plot import draw_track_panels
 from follower_sim.score import APPROACH_RANGE, PursuitGoal, line_of_sight_errors
 
 _TROUBLE = {name: style.STATES[name] for name in ("coasting", "searching", "holding", "released")}
@@ -191,21 +192,10 @@ def tilt(flight: Flight) -> Figure | None:
 
 def image_track(flight: Flight) -> Figure | None:
     """Draw the box in the image, centre and scale, and the tracker's confidence."""
-    tracks = flight.log.tracks
-    table = boxes(tracks)
-    if not np.isfinite(table).any():
+    if not np.isfinite(boxes(flight.log.tracks)).any():
         return None
-    time = np.array([record.captured_s - flight.start_s for record in tracks], np.float64)
     figure, axes = style.time_panels([1.4, 1.1, 1.1], flight.length_s)
-    style.curve(axes[0], time, table[:, 0], BLUE, "x, to the right")
-    style.curve(axes[0], time, table[:, 1], ORANGE, "y, downwards")
-    style.curve(axes[1], time, table[:, 2], PURPLE)
-    style.curve(axes[2], time, table[:, 3], GREEN)
-    axes[2].set_ylim(-0.02, 1.02)
-    for panel, name in zip(axes, ("centre [px]", "scale [px]", "confidence"), strict=True):
-        panel.set_ylabel(name)
-        style.shade(panel, flight.seen, style.UNSEEN)
-    style.legend(axes[0])
+    draw_track_panels(axes, flight)
     return figure
 
 

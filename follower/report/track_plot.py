@@ -35,7 +35,7 @@ def track_figure(flight: Flight) -> Figure:
     heights = [_BANDS, 1.3, 1.0, 1.0, 1.2, 1.2]
     figure, axes = style.time_panels(heights, flight.length_s)
     _draw_bands(axes[0], flight)
-    _draw_track(axes[1:4], flight)
+    draw_track_panels(axes[1:4], flight)
     _draw_setpoints(axes[4], axes[5], flight)
     return figure
 
@@ -57,7 +57,8 @@ def _draw_bands(axes: Axes, flight: Flight) -> None:
     )
 
 
-def _draw_track(axes: list[Axes], flight: Flight) -> None:
+def draw_track_panels(axes: list[Axes], flight: Flight) -> None:
+    """Draw the box's centre, its scale and the confidence over time into three panels."""
     tracks = flight.log.tracks
     time = np.array([record.captured_s - flight.start_s for record in tracks], np.float64)
     table = boxes(tracks)

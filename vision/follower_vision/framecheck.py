@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -65,7 +66,8 @@ class FrameCheck:
         else:
             self._repeats, self._changed_s = 0, frame.captured_s
         self._sample = sample
-        if float(sample.std()) < self._settings.blank_deviation:
+        _, deviation = cv2.meanStdDev(sample.reshape(-1, 1))
+        if float(deviation[0, 0]) < self._settings.blank_deviation:
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s
         if self._repeats >= 2 and still_s >= self._settings.frozen_after_s:
