@@ -1,8 +1,9 @@
 """A drone target follower: the application."""
 
-import os
+import numpy  # noqa: F401  (loads the BLAS that is limited below)
+from threadpoolctl import threadpool_limits
 
-# The matrices of trackers and filters are small: BLAS threads would gain nothing and take the
-# cores from camera, vision and control. numpy reads this when it is first imported; a choice of
-# the user's own stands.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+# How a matrix product is split among threads decides its last bits: one thread, so that the same
+# recording gives the same setpoints whatever the machine's cores. The matrices of trackers and
+# filters are small: threads would gain nothing and take cores from camera, vision and control.
+threadpool_limits(1, user_api="blas")

@@ -1,6 +1,7 @@
 """The whole loop on a simulated clock: pixels in, MAVLink out, a vehicle that moves."""
 
 import hashlib
+import os
 import math
 import subprocess
 import sys
@@ -179,7 +180,11 @@ def test_the_same_seed_gives_the_same_setpoints_bit_for_bit() -> None:
     assert here != fingerprint(2)
     script = f"import sys; sys.path.insert(0, {sys.path[0]!r})\n" + _ELSEWHERE
     elsewhere = subprocess.run(
-        [sys.executable, "-c", script, __file__], capture_output=True, text=True, check=True
+        [sys.executable, "-c", script, __file__],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"OMP_NUM_THREADS": "3"},
     )
     assert elsewhere.stdout.strip() == here
 
