@@ -1,8 +1,8 @@
 """The whole loop on a simulated clock: pixels in, MAVLink out, a vehicle that moves."""
 
 import hashlib
-import os
 import math
+import os
 import subprocess
 import sys
 from typing import Any
