@@ -166,15 +166,17 @@ class TargetEstimator:
         return verdict
 
     def _fuse(self, kalman: KalmanFilter, sighting: Sighting, gap_s: float) -> Verdict:
-        state, covariance = self._predicted(kalman, gap_s)
-        noise = self._noise(sighting)
-        innovation = np.array(sighting.values) - state[:3]
-        innovation[0] = wrap_angle(innovation[0])
-        distance = innovation @ np.linalg.solve(covariance[:3, :3] + noise, innovation)
-        if distance > self._settings.gate:
-            return self._gate_out(sighting)
+        before = kalman.x, kalman.P
         kalman.predict(F=_transition(gap_s), Q=self._process_noise(gap_s))
-        kalman.update(state[:3] + innovation, R=noise)
+        noise = self._noise(sighting)
+        innovation = np.array(sighting.values) - kalman.x[:3]
+        innovation[0] = wrap_angle(innovation[0])
+        # Nothing couples the three, so that what is measured of their covariance is diagonal.
+        distance = np.sum(innovation**2 / np.diag(kalman.P[:3, :3] + noise))
+        if distance > self._settings.gate:
+            kalman.x, kalman.P = before
+            return self._gate_out(sighting)
+        kalman.update(kalman.x[:3] + innovation, R=noise)
         self._filter_s = sighting.time_s
         self._gated_in_a_row = 0
         return Verdict.FUSED

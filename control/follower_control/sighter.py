@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.sighting import SightFrame, Sighting
@@ -61,9 +62,10 @@ class Sighter:
             (box.cx, box.top),
             (box.cx, box.bottom),
         ]
-        centre, left, right, top, bottom = self._camera.rays(pixels)
+        rays = self._camera.rays(pixels)
+        _, left, right, top, bottom = rays.tolist()
         area = _angle(left, right) * _angle(top, bottom)
-        return centre, 0.5 * math.log(area) if area > 0 else math.nan
+        return rays[0], 0.5 * math.log(area) if area > 0 else math.nan
 
     def _cuts(self, box: Box) -> bool:
         return (
@@ -80,7 +82,6 @@ def _body_to_frame(attitude: Attitude | None, vector: Vector) -> Vector:
     return turn @ vector
 
 
-def _angle(a: Vector, b: Vector) -> float:
+def _angle(a: Sequence[float], b: Sequence[float]) -> float:
     """Return the angle between two unit vectors; exact for small angles, unlike the arc cosine."""
-    dx, dy, dz = (float(p - q) for p, q in zip(a, b, strict=True))
-    return 2 * math.asin(min(1.0, math.sqrt(dx * dx + dy * dy + dz * dz) / 2))
+    return 2 * math.asin(min(1.0, math.dist(a, b) / 2))

@@ -107,8 +107,10 @@ class CameraModel:
             ).reshape(-1, 2)
         else:
             plane = (points - (self.cx, self.cy)) / (self.fx, self.fy)
-        rays = np.column_stack([plane, np.ones(len(plane))])
-        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        rays = np.ones((len(plane), 3))
+        rays[:, :2] = plane
+        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+        return rays
 
     def pixels(self, points: npt.ArrayLike) -> Vector:
         """Project points in the camera frame, shape (N, 3), to pixels, shape (N, 2).

@@ -13,6 +13,7 @@ from follower_vision.appearance import colour_histogram, histogram_bins
 from follower_vision.box import Box
 from follower_vision.crop import crop
 from follower_vision.frame import Image
+from follower_vision.reduce import halved
 
 _LEAST_SIDE = 7.0
 _MOST_PIXELS = 320 * 240
@@ -45,12 +46,13 @@ class ColourSearch:
         """Take the target's colours and the image's, (H, W, 3) uint8 BGR."""
         self._box = box
         target = colour_histogram(crop(image, box, _SIDE, _SIDE, _FILL))
-        factor = _factor(image, box)
-        cells = _cells(_reduced(image, factor))
-        colours = _cell_bins()[cells]
+        halvings = _halvings(image, box)
+        factor = 0.5**halvings
+        cells = _cells(_reduced(image, halvings))
+        colours = _cell_bins().take(cells)
         around = np.bincount(colours.ravel(), minlength=len(target)) / colours.size
         likely = target / (target + around + 0.02)
-        weights = likely.astype(np.float32)[_cell_bins()]
+        weights = likely.astype(np.float32).take(_cell_bins())
         density = self._density(cells, weights, factor)
         self._own = _at(density, box, factor)
         contrast = self._own / max(1e-6, float(density.mean()))
@@ -60,8 +62,9 @@ class ColourSearch:
         """Return the places that have most of the colours, the best first, at the last size."""
         if self._weights is None:
             return []
-        factor = _factor(image, self._box)
-        density = self._density(_cells(_reduced(image, factor)), self._weights, factor)
+        halvings = _halvings(image, self._box)
+        factor = 0.5**halvings
+        density = self._density(_cells(_reduced(image, halvings)), self._weights, factor)
         wide = max(1, round(self._box.width * factor))
         tall = max(1, round(self._box.height * factor))
         found = []
@@ -77,7 +80,7 @@ class ColourSearch:
         self, cells: npt.NDArray[np.uint16], weights: npt.NDArray[np.float32], factor: float
     ) -> npt.NDArray[np.float32]:
         """Mean weight in a box of the target's size about every pixel of the reduced image."""
-        likely = weights[cells]
+        likely = weights.take(cells)
         kernel = (
             max(1, round(self._box.width * factor)),
             max(1, round(self._box.height * factor)),
@@ -86,21 +89,19 @@ class ColourSearch:
         return np.asarray(blurred, np.float32)
 
 
-def _factor(image: Image, box: Box) -> float:
-    """How much to reduce: to few pixels, but a target keeps its least side as far as possible."""
+def _halvings(image: Image, box: Box) -> int:
+    """How often to halve: to few pixels, but a target keeps its least side as far as possible."""
     pixels = image.shape[0] * image.shape[1]
     few = math.sqrt(_MOST_PIXELS / pixels)
     enough = _LEAST_SIDE / min(box.width, box.height)
     bearable = math.sqrt(_MOST_PIXELS_SMALL_TARGET / pixels)
-    return min(1.0, max(few, min(enough, bearable)))
+    return max(0, round(-math.log2(max(few, min(enough, bearable)))))
 
 
-def _reduced(image: Image, factor: float) -> Image:
-    if factor >= 1:
-        return image
-    return np.asarray(
-        cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8
-    )
+def _reduced(image: Image, halvings: int) -> Image:
+    for _ in range(halvings):
+        image = halved(image)
+    return image
 
 
 def _cells(image: Image) -> npt.NDArray[np.uint16]:

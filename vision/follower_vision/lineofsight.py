@@ -46,7 +46,7 @@ class LineOfSight:
     @classmethod
     def from_vector(cls, vector: Vector) -> LineOfSight:
         """Return the direction of a vector (forward, right, down) or (north, east, down)."""
-        forward, right, down = (float(component) for component in vector)
+        forward, right, down = vector.tolist()
         return cls(math.atan2(right, forward), math.atan2(-down, math.hypot(forward, right)))
 
     @property

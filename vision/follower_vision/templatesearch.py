@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
+from follower_vision.reduce import reduced
 
 _TEMPLATE_SIDE = 14.0
 _PEAKS = 2
@@ -35,7 +36,7 @@ class TemplateSearch:
         """Take the view to look for, (H, W, 3) uint8 BGR; a view without structure is none."""
         self._box = box
         self._factor = min(1.0, _TEMPLATE_SIDE / box.scale)
-        patch = _reduced(image, box, self._factor)
+        patch = _reduced_grey(image, box, self._factor)
         usable = patch is not None and min(patch.shape[:2]) >= 4 and patch.std() > _LEAST_DEVIATION
         self._template = patch if usable else None
 
@@ -63,7 +64,7 @@ class TemplateSearch:
         region = _inside(Box(centre[0], centre[1], side, side), image)
         if self._template is None or region is None:
             return []
-        place = _reduced(image, region, self._factor)
+        place = _reduced_grey(image, region, self._factor)
         if place is None:
             return []
         found = [
@@ -127,7 +128,7 @@ def _inside(region: Box, image: Image) -> Box | None:
     return Box.from_xywh(left, top, right - left, bottom - top)
 
 
-def _reduced(image: Image, region: Box, factor: float) -> npt.NDArray[np.uint8] | None:
+def _reduced_grey(image: Image, region: Box, factor: float) -> npt.NDArray[np.uint8] | None:
     """A region of the image in grey at the search's size; None if it lies outside."""
     whole = _inside(region, image)
     if whole is None:
@@ -135,6 +136,5 @@ def _reduced(image: Image, region: Box, factor: float) -> npt.NDArray[np.uint8] 
     x, y, w, h = (round(value) for value in whole.xywh)
     cut = image[y : y + h, x : x + w]
     if factor < 1:
-        size = (max(1, round(w * factor)), max(1, round(h * factor)))
-        cut = np.asarray(cv2.resize(cut, size, interpolation=cv2.INTER_AREA), np.uint8)
+        cut = reduced(cut, max(1, round(w * factor)), max(1, round(h * factor)))
     return np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
