@@ -8,6 +8,7 @@ import pytest
 
 from follower_vision.box import Box
 from follower_vision.datasets import DatasetError, load_dataset
+from follower_vision.ope import Sequence
 
 
 def pictures(folder: Path, number: int = 3) -> None:
@@ -73,3 +74,144 @@ def test_no_sequence_is_an_error_in_one_line(tmp_path: Path) -> None:
         with pytest.raises(DatasetError) as caught:
             load_dataset(folder)
         assert "\n" not in str(caught.value)
+
+
+def numbered(folder: Path, number: int) -> None:
+    """Write images whose grey value is their number in the folder, from 1."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index in range(1, number + 1):
+        cv2.imwrite(str(folder / f"{index:06}.png"), np.full((4, 4, 3), index % 256, np.uint8))
+
+
+def grey(sequence: Sequence) -> list[int]:
+    return [int(image[0, 0, 0]) for image in sequence.frames()]
+
+
+def test_uav123_cuts_several_sequences_out_of_one_film(tmp_path: Path) -> None:
+    root = tmp_path / "UAV123_10fps"
+    numbered(root / "data_seq" / "UAV123_10fps" / "car16", 145)
+    anno = root / "anno" / "UAV123_10fps"
+    anno.mkdir(parents=True)
+    (anno / "car16_1.txt").write_text("1,2,3,4\n" * 139)
+    (anno / "car16_2.txt").write_text("1,2,3,4\n" * 7)
+    sequences, remarks = load_dataset(root)
+    assert remarks == []
+    first, second = sequences
+    assert (first.name, grey(first)[0], grey(first)[-1], len(first.images)) == (
+        "car16_1",
+        1,
+        139,
+        139,
+    )
+    assert (second.name, grey(second)) == ("car16_2", list(range(139, 146)))
+    assert {first.rate_hz, second.rate_hz} == {10.0}
+
+
+def test_uav123_at_full_rate_starts_its_parts_later(tmp_path: Path) -> None:
+    numbered(tmp_path / "data_seq" / "UAV123" / "car16", 420)
+    (tmp_path / "anno" / "UAV123").mkdir(parents=True)
+    (tmp_path / "anno" / "UAV123" / "car16_2.txt").write_text("1,2,3,4\n" * 6)
+    (sequence,), _ = load_dataset(tmp_path)
+    assert grey(sequence) == [number % 256 for number in range(415, 421)]
+    assert sequence.rate_hz == 30.0
+
+
+def test_uav20l_uses_whole_films_and_a_name_of_its_own(tmp_path: Path) -> None:
+    numbered(tmp_path / "data_seq" / "UAV123" / "car16", 5)
+    numbered(tmp_path / "data_seq" / "UAV123" / "bike1", 3)
+    for subset, name, rows in (
+        ("UAV20L", "car16", 5),
+        ("UAV20L", "bike1", 3),
+        ("UAV123", "bike1", 3),
+    ):
+        (tmp_path / "anno" / subset).mkdir(parents=True, exist_ok=True)
+        (tmp_path / "anno" / subset / f"{name}.txt").write_text("1,2,3,4\n" * rows)
+    sequences, remarks = load_dataset(tmp_path)
+    assert remarks == []
+    assert sorted(s.name for s in sequences) == ["UAV123-bike1", "UAV20L-bike1", "car16"]
+
+
+def test_uav123_attributes_are_flags_in_the_order_of_its_paper(tmp_path: Path) -> None:
+    numbered(tmp_path / "data_seq" / "UAV123" / "bike1", 3)
+    (tmp_path / "anno" / "UAV123" / "att").mkdir(parents=True)
+    (tmp_path / "anno" / "UAV123" / "bike1.txt").write_text("1,2,3,4\n" * 3)
+    (tmp_path / "anno" / "UAV123" / "att" / "bike1.txt").write_text("1,1,0,1,0,0,0,0,1,1,1,1\n")
+    (sequence,), _ = load_dataset(tmp_path)
+    assert set(sequence.attributes) == {
+        "scale variation", "aspect ratio change", "fast motion", "illumination variation",
+        "viewpoint change", "camera motion", "similar object",
+    }  # fmt: skip
+    assert set(sequence.attributes.values()) == {(True, True, True)}
+
+
+def test_a_part_that_the_film_does_not_hold_is_named(tmp_path: Path) -> None:
+    numbered(tmp_path / "data_seq" / "UAV123" / "car16", 3)
+    (tmp_path / "anno" / "UAV123").mkdir(parents=True)
+    (tmp_path / "anno" / "UAV123" / "car16_2.txt").write_text("1,2,3,4\n" * 2)
+    sequences, (remark,) = load_dataset(tmp_path)
+    assert sequences == []
+    assert "car16_2" in remark
+
+
+def test_otb_attributes_and_several_targets(tmp_path: Path) -> None:
+    pictures(tmp_path / "Jogging" / "img")
+    (tmp_path / "Jogging" / "attrs.txt").write_text("OCC, DEF, OPR")
+    for target in (1, 2):
+        (tmp_path / "Jogging" / f"groundtruth_rect.{target}.txt").write_text("1,2,3,4\n" * 3)
+    pictures(tmp_path / "Human4" / "img")
+    (tmp_path / "Human4" / "groundtruth_rect.1.txt").write_text("")
+    (tmp_path / "Human4" / "groundtruth_rect.2.txt").write_text("1,2,3,4\n" * 3)
+    sequences, remarks = load_dataset(tmp_path)
+    assert remarks == []
+    assert [s.name for s in sequences] == ["Human4", "Jogging.1", "Jogging.2"]
+    assert set(sequences[2].attributes) == {"occlusion", "deformation", "out-of-plane rotation"}
+
+
+def test_otb_david_starts_at_its_300th_image(tmp_path: Path) -> None:
+    numbered(tmp_path / "David" / "img", 310)
+    (tmp_path / "David" / "groundtruth_rect.txt").write_text("1,2,3,4\n" * 8)
+    (sequence,), _ = load_dataset(tmp_path)
+    assert grey(sequence) == [number % 256 for number in range(300, 308)]
+
+
+def test_vot_tags_hold_frame_by_frame(tmp_path: Path) -> None:
+    pictures(tmp_path / "color", 4)
+    (tmp_path / "groundtruth.txt").write_text("1,2,3,4\nnan,nan,nan,nan\n0\nm1,2,3,4,0,12\n")
+    (tmp_path / "sequence").write_text("channels.color=color/%08d.jpg\r\nfps=24\r\nname=x\r\n")
+    (tmp_path / "camera_motion.tag").write_text("0\n1\n1\n")
+    (tmp_path / "size_change.label").write_text("0\n0\n0\n0\n")
+    (sequence,), _ = load_dataset(tmp_path)
+    assert sequence.truth == (Box.from_xywh(1, 2, 3, 4), None, None, Box.from_xywh(1, 2, 3, 4))
+    assert sequence.attributes == {"camera motion": (False, True, True, False)}
+    assert sequence.rate_hz == 24
+
+
+def test_got10k_labels_and_classes(tmp_path: Path) -> None:
+    pictures(tmp_path, 4)
+    (tmp_path / "groundtruth.txt").write_text("1.5,2,3,4\n" * 4)
+    (tmp_path / "absence.label").write_text("0\n0\n1\n0\n")
+    (tmp_path / "cover.label").write_text("8\n5\n0\n2\n")
+    (tmp_path / "cut_by_image.label").write_text("0\n0\n0\n1\n")
+    (tmp_path / "meta_info.ini").write_text(
+        "[METAINFO]\nurl: https://x.org/%20y\nanno_fps: 10Hz\nobject_class: ctenophore\n"
+        "motion_class: swimming\nmajor_class: invertebrate\n"
+    )
+    (sequence,), _ = load_dataset(tmp_path)
+    assert [box is None for box in sequence.truth] == [False, False, True, False]
+    assert sequence.rate_hz == 10
+    assert sequence.attributes["partly covered"] == (False, True, True, True)
+    assert sequence.attributes["mostly covered"] == (False, False, True, True)
+    assert sequence.attributes["cut by image"] == (False, False, False, True)
+    assert {"object: ctenophore", "motion: swimming", "kind: invertebrate"} <= set(
+        sequence.attributes
+    )
+
+
+@pytest.mark.parametrize("text", ["0\nx\n0\n", "0\n" * 9])
+def test_a_broken_attribute_file_is_named(tmp_path: Path, text: str) -> None:
+    pictures(tmp_path / "color")
+    (tmp_path / "groundtruth.txt").write_text("1,2,3,4\n" * 3)
+    (tmp_path / "occlusion.tag").write_text(text)
+    sequences, (remark,) = load_dataset(tmp_path)
+    assert sequences == []
+    assert "occlusion.tag" in remark

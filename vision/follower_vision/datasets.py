@@ -5,21 +5,25 @@ Boxes are taken as the data set writes them; no origin is shifted.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-import numpy as np
-
+from follower_vision.attributes import read_attributes, read_flags, read_rate
 from follower_vision.box import Box
 from follower_vision.ope import Sequence
+from follower_vision.sequenceplace import SequencePlace
+from follower_vision.truthfile import DatasetError, read_boxes, read_lines
+from follower_vision.uav123 import find_uav123, is_uav123
+
+__all__ = ["DatasetError", "load_dataset", "read_boxes"]
 
 _IMAGES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
 _TRUTHS = ("groundtruth_rect.txt", "groundtruth.txt")
+_OTB_TARGETS = "groundtruth_rect.[0-9].txt"
+_OTB_FIRST_FRAMES = {"david": 300}
+_OTB_CUT = frozenset({*_OTB_FIRST_FRAMES, "football1", "freeman3", "freeman4", "diving"})
+"""OTB's sequences with more images than boxes."""
+
 _IMAGE_FOLDERS = ("img", "color", ".")
-
-
-class DatasetError(ValueError):
-    """A folder or file is no data set; the message is one line that says what to do."""
 
 
 def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
@@ -35,13 +39,13 @@ def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
         raise DatasetError(f"{folder}: there is no such folder; give a folder of sequences")
     sequences: list[Sequence] = []
     remarks: list[str] = []
-    found = _find(folder)
-    for name, pictures, truth in found:
+    places = _find(folder)
+    for place in places:
         try:
-            sequences.append(_load(name, pictures, truth))
+            sequences.append(_load(place))
         except DatasetError as error:
-            remarks.append(f"skipped {name}: {error}")
-    if not found:
+            remarks.append(f"skipped {place.name}: {error}")
+    if not places:
         raise DatasetError(
             f"{folder}: no sequence here; one has groundtruth.txt or groundtruth_rect.txt beside "
             "its images, img/ or color/"
@@ -49,43 +53,60 @@ def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
     return sequences, remarks
 
 
-def _find(folder: Path) -> list[tuple[str, Path, Path]]:
-    if (folder / "data_seq").is_dir() and (folder / "anno").is_dir():
-        return _find_uav123(folder)
-    alone = _truth_file(folder)
-    if alone is not None:
-        return [(folder.resolve().name, folder, alone)]
-    inside = [(path, _truth_file(path)) for path in sorted(folder.iterdir()) if path.is_dir()]
-    return [(path.name, path, truth) for path, truth in inside if truth is not None]
+def _find(folder: Path) -> list[SequencePlace]:
+    if is_uav123(folder):
+        return find_uav123(folder)
+    alone = _places(folder)
+    if alone:
+        return alone
+    inside = sorted(path for path in folder.iterdir() if path.is_dir())
+    return [place for path in inside for place in _places(path)]
 
 
-def _find_uav123(folder: Path) -> list[tuple[str, Path, Path]]:
-    """Pair the annotations with the image folders of the same name; parts of films have none."""
-    pictures = {path.name: path for path in folder.glob("data_seq/**/*") if path.is_dir()}
-    truths = sorted(folder.glob("anno/**/*.txt"))
-    return [(t.stem, pictures[t.stem], t) for t in truths if t.stem in pictures]
+def _places(folder: Path) -> list[SequencePlace]:
+    """Return a folder's sequence; one a target where OTB has several in the same images."""
+    name = folder.resolve().name
+    first = _OTB_FIRST_FRAMES.get(name.lower(), 1)
+    truth = next((folder / file for file in _TRUTHS if (folder / file).is_file()), None)
+    if truth is not None:
+        return [SequencePlace(name, folder, truth, first)]
+    targets = [path for path in sorted(folder.glob(_OTB_TARGETS)) if read_lines(path)]
+    return [
+        SequencePlace(f"{name}.{path.stem[-1]}" if len(targets) > 1 else name, folder, path, first)
+        for path in targets
+    ]
 
 
-def _truth_file(folder: Path) -> Path | None:
-    return next((folder / name for name in _TRUTHS if (folder / name).is_file()), None)
-
-
-def _load(name: str, folder: Path, truth_file: Path) -> Sequence:
-    images = _images(folder)
-    truth = [_box(truth_file, n, line) for n, line in enumerate(_lines(truth_file), 1)]
-    absence = folder / "absence.label"
-    if absence.is_file():
-        flags = [line.strip() != "0" for line in _lines(absence)]
-        if len(flags) != len(truth):
-            raise DatasetError(f"{absence}: {len(flags)} lines for {len(truth)} boxes")
-        truth = [None if absent else box for box, absent in zip(truth, flags, strict=True)]
+def _load(place: SequencePlace) -> Sequence:
+    truth = _truth(place)
+    images = _images(place.folder)
+    if len(images) > len(truth) and _is_cut(place):
+        images = images[place.first - 1 :][: len(truth)]
     if len(images) != len(truth):
         raise DatasetError(
-            f"{truth_file}: {len(truth)} boxes for {len(images)} images; give one line an image"
+            f"{place.truth}: {len(truth)} boxes for {len(images)} images; give one line an image"
         )
     if len(truth) < 2 or truth[0] is None:
-        raise DatasetError(f"{truth_file}: needs two frames or more and a box in the first")
-    return Sequence(name, tuple(images), tuple(truth))
+        raise DatasetError(f"{place.truth}: needs two frames or more and a box in the first")
+    flags = read_attributes(place, len(truth))
+    return Sequence(place.name, tuple(images), tuple(truth), flags, read_rate(place))
+
+
+def _truth(place: SequencePlace) -> list[Box | None]:
+    truth = read_boxes(place.truth)
+    absence = place.folder / "absence.label"
+    if not absence.is_file():
+        return truth
+    number = len(read_lines(absence))
+    if number != len(truth):
+        raise DatasetError(f"{absence}: {number} lines for {len(truth)} boxes")
+    flags = read_flags(absence, len(truth))
+    return [None if absent else box for box, absent in zip(truth, flags, strict=True)]
+
+
+def _is_cut(place: SequencePlace) -> bool:
+    """Tell whether the data set uses a part of its images: UAV123's films, some of OTB."""
+    return place.truth.parent != place.folder or place.name.lower() in _OTB_CUT
 
 
 def _images(folder: Path) -> list[Path]:
@@ -96,45 +117,3 @@ def _images(folder: Path) -> list[Path]:
             if found:
                 return found
     raise DatasetError(f"{folder}: no images; put them there, into img/ or into color/")
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path}: cannot be read as text ({error})") from None
-    return [line for line in text.splitlines() if line.strip()]
-
-
-def _box(path: Path, number: int, line: str) -> Box | None:
-    try:
-        values = [float(word) for word in re.split(r"[,;\s]+", line.strip())]
-    except ValueError:
-        values = []
-    if len(values) == 4:
-        return _rectangle(values)
-    if len(values) >= 6 and len(values) % 2 == 0:
-        return _around(values)
-    raise DatasetError(f"{path}:{number}: no box in {line.strip()[:60]!r}; write x,y,w,h")
-
-
-def _rectangle(values: list[float]) -> Box | None:
-    if not np.all(np.isfinite(values)) or min(values[2:]) <= 0:
-        return None
-    return Box.from_xywh(*values)
-
-
-def _around(values: list[float]) -> Box | None:
-    """Return the box around a polygon x1, y1, x2, y2, ..."""
-    points = np.reshape(values, (-1, 2))
-    low, high = points.min(axis=0), points.max(axis=0)
-    return _rectangle([float(v) for v in (*low, *(high - low))])
-
-
-def read_boxes(path: Path) -> list[Box | None]:
-    """Read another program's result: a box x, y, w, h a line; absent ones are None.
-
-    Raises:
-        DatasetError: the file cannot be read, or a line holds no box.
-    """
-    return [_box(path, number, line) for number, line in enumerate(_lines(path), 1)]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -27,17 +27,23 @@ class Sequence:
         name: for tables.
         images: files, one a frame.
         truth: one a frame; None where the target is absent. The first is a box.
+        attributes: by name, e.g. "occlusion", the frames in which each holds.
+        rate_hz: frames a second, None if nobody said.
     """
 
     name: str
     images: tuple[Path, ...]
     truth: tuple[Box | None, ...]
+    attributes: Mapping[str, tuple[bool, ...]] = field(default_factory=dict)
+    rate_hz: float | None = None
 
     def __post_init__(self) -> None:
         if len(self.images) != len(self.truth):
             raise ValueError(f"{self.name}: {len(self.images)} images, {len(self.truth)} boxes")
         if not self.truth or self.truth[0] is None:
             raise ValueError(f"{self.name}: the first frame has no box")
+        if any(len(flags) != len(self.truth) for flags in self.attributes.values()):
+            raise ValueError(f"{self.name}: an attribute needs a flag for each frame")
 
     @property
     def initial(self) -> Box:
