@@ -58,10 +58,14 @@ class VisionLoop:
         record = TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
         self._log.tracks.append(record)
         if self._video is not None:
-            self._video.add(frame, track, self._lines())
+            self._video.add(frame, () if track is None else (track,), self._lines())
         if self._on_record is not None:
             self._on_record(record)
         return record
+
+    def learn(self) -> None:
+        """Do what can wait until the answer is out."""
+        self._stage.learn()
 
 
 class RealtimeRun:
@@ -122,6 +126,7 @@ class RealtimeRun:
             frame = self._frames.wait(_PATIENCE_S)
             if frame is not None:
                 self._vision.tracks.put(self._vision.step(frame))
+                self._vision.learn()
 
     def _control_loop(self) -> None:
         due_s = self._clock.now()

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from follower_vision.box import Box
 from follower_vision.frame import Frame
-from follower_vision.target_tracker import TargetTracker
+from follower_vision.target_tracker import Learner, TargetTracker
 from follower_vision.track import Track
 
 Selector: TypeAlias = Callable[[Frame], Box | None]
@@ -39,3 +39,8 @@ class VisionStage:
                 self._started = True
                 return self._tracker.start(frame, box)
         return self._tracker.step(frame) if self._started else None
+
+    def learn(self) -> None:
+        """Do what the tracker has put off; call it when the track is on its way."""
+        if isinstance(self._tracker, Learner):
+            self._tracker.learn()

@@ -43,7 +43,8 @@ class LongTermTracker:
     """A motion tracker with honest states and re-identification; see `TargetTracker`.
 
     `produced_by` is the motion tracker's name, "reacquired", or why the target was not seen:
-    "coasting", "frozen", "blank", "lost".
+    "coasting", "frozen", "blank", "lost". What a frame teaches is learnt after it is answered; see
+    `Learner`.
     """
 
     def __init__(self, motion: MotionTracker, settings: LongTermSettings | None = None) -> None:
@@ -64,6 +65,7 @@ class LongTermTracker:
         self._score = 0.0
         self._looked_s = -math.inf
         self._started = False
+        self._lesson: tuple[Frame, Sighting] | None = None
 
     def start(self, frame: Frame, box: Box) -> Track:
         """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
@@ -76,6 +78,7 @@ class LongTermTracker:
                 f"the target's box (x {box.left:.0f}, y {box.top:.0f}, {box.width:.0f} x "
                 f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
             )
+        self._lesson = None
         self._check = FrameCheck(self._settings.frame_check)
         self._check.update(frame)
         self._blur.reset()
@@ -97,6 +100,7 @@ class LongTermTracker:
         """
         if not self._started:
             raise RuntimeError("the tracker was not started")
+        self.learn()
         health = self._check.update(frame)
         if health is not FrameHealth.GOOD:
             return self._unseen(frame, health.value)
@@ -111,6 +115,15 @@ class LongTermTracker:
         if sighting.seen:
             return self._seen(frame, sighting)
         return self._reacquired(frame) or self._unseen(frame, "coasting")
+
+    def learn(self) -> None:
+        """Learn what the last frame taught: see `Learner`."""
+        if self._lesson is None:
+            return
+        frame, sighting = self._lesson
+        self._lesson = None
+        self._surroundings.update(frame.image, sighting.box, frame.captured_s)
+        self._keep(frame, sighting)
 
     def _sighting(self, frame: Frame) -> Sighting:
         """Ask the motion tracker, and judge what it says."""
@@ -144,8 +157,7 @@ class LongTermTracker:
         if sighting.believed:
             sighting = self._settled(frame, sighting)
             self._coasting.add(frame.captured_s, sighting.box)
-            self._surroundings.update(frame.image, sighting.box, frame.captured_s)
-            self._learn(frame, sighting)
+            self._lesson = frame, sighting
         return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
 
     def _settled(self, frame: Frame, sighting: Sighting) -> Sighting:
@@ -175,7 +187,7 @@ class LongTermTracker:
     def _refined(self, frame: Frame, box: Box) -> tuple[Box, float]:
         return refined(box, lambda near: self._reidentifier.fit(frame.image, near))
 
-    def _learn(self, frame: Frame, sighting: Sighting) -> None:
+    def _keep(self, frame: Frame, sighting: Sighting) -> None:
         """Keep good views: the first second's for good, later ones for a while."""
         if not sighting.good_view or self._settles_s is not None:
             return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from follower_vision.box import Box
 from follower_vision.frame import Frame
@@ -21,5 +21,17 @@ class TargetTracker(Protocol):
 
         Raises:
             RuntimeError: `start` was not called.
+        """
+        ...
+
+
+@runtime_checkable
+class Learner(Protocol):
+    """What a target tracker offers that puts off to after its answer what can wait."""
+
+    def learn(self) -> None:
+        """Learn from the last frame; the next `step` does it if nobody did, with the same result.
+
+        It is for those who want an answer early: call it once the answer is out.
         """
         ...
