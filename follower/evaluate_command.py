@@ -17,11 +17,13 @@ def evaluate_command(
         str,
         typer.Option(
             metavar="A,B,C",
-            help="Names from `follower trackers`; also longterm:NAME, fusion:NAME, "
-            "fusion-paper:NAME.",
+            help="Names from `follower trackers`; longterm, fusion and fusion-paper (the paper's "
+            "algorithm), alone or as KIND:NAME or KIND:NAME+DETECTOR.",
         ),
     ] = "correlation",
-    detector: Annotated[str, typer.Option(help="Fusion's detector.")] = "yolox-nano",
+    detector: Annotated[
+        str, typer.Option(help="Fusion's detector where the name gives none.")
+    ] = "yolox-nano",
     boxes: Annotated[
         list[str] | None,
         typer.Option(
@@ -37,12 +39,25 @@ def evaluate_command(
     resume: Annotated[
         Path | None, typer.Option(help="Go on with a run's folder; what is done is kept.")
     ] = None,
+    fps: Annotated[
+        float, typer.Option(min=0.1, help="Frames a second where the data set does not say.")
+    ] = 30.0,
+    threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
 ) -> None:
     """Measure trackers on data sets: success, precision, speed; a table and an HTML report."""
     from follower.evaluate.evaluation import EvaluateOptions, evaluate
 
     names = tuple(name.strip() for name in trackers.split(",") if name.strip())
     options = EvaluateOptions(
-        tuple(folders), names, detector, tuple(boxes or ()), tre, sre, out, resume
+        folders=tuple(folders),
+        trackers=names,
+        detector=detector,
+        boxes=tuple(boxes or ()),
+        tre=tre,
+        sre=sre,
+        out=out,
+        resume=resume,
+        fps=fps,
+        threads=threads,
     )
     raise typer.Exit(evaluate(options))

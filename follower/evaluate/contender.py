@@ -18,6 +18,8 @@ from follower_vision.track import Track, TrackState
 from follower_vision.trackers import make_tracker, tracker_names
 
 _KINDS = ("longterm", "fusion", "fusion-paper")
+_WITH_DETECTOR = frozenset({"fusion", "fusion-paper"})
+_MOTION = "nanotrack-v3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,25 +27,52 @@ class Contender:
     """A tracker to be measured.
 
     Attributes:
-        name: as on the command line.
-        detector: that of the kinds with one.
+        name: as on the command line: a motion tracker, or KIND:MOTION+DETECTOR, of which the
+            motion tracker (nanotrack-v3) and the detector may be left out.
+        default_detector: for the kinds with one.
     """
 
     name: str
-    detector: str
+    default_detector: str
 
     def __post_init__(self) -> None:
-        kind, _, motion = self.name.rpartition(":")
-        if (kind and kind not in _KINDS) or motion not in tracker_names():
+        if self.motion not in tracker_names() or (self.asked_detector and not self.detector):
             raise SettingsError(
                 f"--trackers {self.name}: write a name from `follower trackers`, or one of "
-                f"{', '.join(f'{kind}:NAME' for kind in _KINDS)}"
+                f"{', '.join(_KINDS)}, alone or as KIND:NAME or KIND:NAME+DETECTOR"
             )
+
+    @property
+    def kind(self) -> str:
+        """Either "longterm", "fusion", "fusion-paper", or "" for a motion tracker alone."""
+        head = self.name.partition(":")[0].partition("+")[0]
+        return head if head in _KINDS else ""
+
+    @property
+    def motion(self) -> str:
+        """The motion tracker's name."""
+        rest = self.name.removeprefix(self.kind).partition("+")[0].removeprefix(":")
+        return rest if rest or not self.kind else _MOTION
+
+    @property
+    def asked_detector(self) -> str:
+        """The detector that the name asks for, "" if none."""
+        return self.name.partition("+")[2]
+
+    @property
+    def detector(self) -> str:
+        """The detector's name, "" for the kinds without one."""
+        return (self.asked_detector or self.default_detector) if self.kind in _WITH_DETECTOR else ""
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the tracker ever says that it does not see its target."""
+        return bool(self.kind)
 
     @property
     def identity(self) -> str:
         """What a stored result must agree with."""
-        return f"{self.name} {self.detector}" if "fusion" in self.name else self.name
+        return f"{self.kind or 'motion'} {self.motion} {self.detector}".strip()
 
     def make(self) -> TargetTracker:
         """Return a fresh tracker.
@@ -51,14 +80,13 @@ class Contender:
         Raises:
             ModelError: a network is missing.
         """
-        kind, _, name = self.name.rpartition(":")
         store = ModelStore(default_folder(os.environ))
-        motion = make_tracker(name, store.file)
-        if not kind:
+        motion = make_tracker(self.motion, store.file)
+        if not self.kind:
             return AlwaysBelieved(motion)
-        if kind == "longterm":
+        if self.kind == "longterm":
             return LongTermTracker(motion)
-        settings = FusionSettings.paper() if kind == "fusion-paper" else FusionSettings()
+        settings = FusionSettings.paper() if self.kind == "fusion-paper" else FusionSettings()
         return FusionTracker(motion, make_detector(self.detector, store), settings)
 
 

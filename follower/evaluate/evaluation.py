@@ -5,13 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.evaluate.contender import Contender
-from follower.evaluate.outputs import terminal_table, write_csv, write_json
+from follower.evaluate.outputs import (
+    stateless,
+    terminal_tables,
+    write_attributes_csv,
+    write_csv,
+    write_json,
+)
 from follower.evaluate.results import Result, ResultStore, Start, run
-from follower.evaluate.summary import Scored, rows, scored
+from follower.evaluate.summary import Scored, attribute_rows, rows, scored
 from follower.report.evaluation import render
 from follower.report.writer import write_whole
 from follower.run_folder import new_run_folder
@@ -36,6 +43,8 @@ class EvaluateOptions:
     sre: bool = False
     out: Path = Path("runs")
     resume: Path | None = None
+    fps: float = 30.0
+    threads: int = 1
 
 
 def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
@@ -52,14 +61,11 @@ def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
         others = _others(options, sequences, remarks)
     except DatasetError as error:
         raise SettingsError(str(error)) from None
-    contenders = [Contender(name, options.detector) for name in dict.fromkeys(options.trackers)]
-    if options.resume is not None and not options.resume.is_dir():
-        raise SettingsError(f"--resume {options.resume}: there is no such folder")
+    contenders = _contenders(options)
     if not (contenders or others):
         raise SettingsError("nothing to measure: give --trackers a,b or --boxes name=folder")
-    for contender in contenders:
-        contender.make()
     folder = options.resume or new_run_folder(options.out, "evaluate")
+    cv2.setNumThreads(options.threads)
     try:
         runs, broken = _run_all(
             contenders, sequences, options, ResultStore(folder / "boxes"), console
@@ -76,6 +82,16 @@ def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
     _write(folder, kept, whole, remarks, console)
     return _SUCCESS
+
+
+def _contenders(options: EvaluateOptions) -> list[Contender]:
+    """Make each tracker once, so that what is missing is said before hours of work."""
+    contenders = [Contender(name, options.detector) for name in dict.fromkeys(options.trackers)]
+    if options.resume is not None and not options.resume.is_dir():
+        raise SettingsError(f"--resume {options.resume}: there is no such folder")
+    for contender in contenders:
+        contender.make()
+    return contenders
 
 
 def _sequences(folders: tuple[Path, ...]) -> tuple[list[Sequence], list[str]]:
@@ -134,15 +150,16 @@ def _run_all(
             progress.advance(task)
             if sequence.name in broken:
                 continue
-            result = store.load(contender, sequence, start)
+            rate_hz = sequence.rate_hz or options.fps
+            result = store.load(contender, sequence, start, rate_hz)
             if result is None:
                 try:
-                    result = run(contender, sequence, start, clock)
+                    result = run(contender, sequence, start, rate_hz, clock)
                 except OSError as error:
                     broken[sequence.name] = str(error)
                     continue
-                store.save(contender, sequence, start, result)
-            runs.append(scored(contender.name, sequence, start, result))
+                store.save(contender, sequence, start, rate_hz, result)
+            runs.append(scored(contender.name, sequence, start, rate_hz, result))
     return runs, broken
 
 
@@ -160,12 +177,13 @@ def _others(
             if not path.is_file():
                 remarks.append(f"{name}: no {path.name} in {folder}; left out of its means")
                 continue
-            result = Result(tuple(read_boxes(path)), 0.0)
+            result = Result(tuple(read_boxes(path)))
             if len(result.boxes) != len(sequence.truth):
                 raise DatasetError(
                     f"{path}: {len(result.boxes)} lines for {len(sequence.truth)} frames"
                 )
-            runs.append(scored(name, sequence, Start("ope", 0, 0, sequence.initial), result))
+            start = Start("ope", 0, 0, sequence.initial)
+            runs.append(scored(name, sequence, start, sequence.rate_hz or options.fps, result))
     return runs
 
 
@@ -176,12 +194,17 @@ def _write(
     remarks: list[str],
     console: Console,
 ) -> None:
-    means = rows(runs)
+    means, attributes = rows(runs), attribute_rows(runs)
     files = [
         write_csv(folder / "results.csv", runs),
-        write_json(folder / "results.json", means, runs, remarks),
-        write_whole(folder / "report.html", render(means, runs, sequences, remarks)),
+        write_json(folder / "results.json", means, attributes, runs, remarks),
+        write_whole(folder / "report.html", render(means, attributes, runs, sequences, remarks)),
     ]
-    console.print(terminal_table(means))
+    if attributes:
+        files.append(write_attributes_csv(folder / "attributes.csv", attributes))
+    for table in terminal_tables(means):
+        console.print(table)
+    if stateless(means):
+        console.print(f"no states: {', '.join(stateless(means))}", style="dim", highlight=False)
     for file in files:
         console.print(f"  {file}", highlight=False)

@@ -40,7 +40,7 @@ def figure(svg: str, caption: str, kind: str = "") -> str:
     return f'<figure><div class="{names}">{svg}</div>{said}</figure>'
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], numbers: Sequence[int] = ()) -> str:
+def table(head: Sequence[Cell], rows: Iterable[Sequence[Cell]], numbers: Sequence[int] = ()) -> str:
     """Return a table, "" without rows; the columns in `numbers` are aligned to the right."""
     body = "\n".join(f"<tr>{_cells('td', row, numbers)}</tr>" for row in rows)
     if not body:

@@ -1,9 +1,13 @@
 """`follower evaluate` from folder to report."""
 
+import csv
+import importlib.util
 import json
 import subprocess
 import sys
+from io import StringIO
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -11,8 +15,11 @@ import pytest
 from rich.console import Console
 
 from follower.evaluate import evaluation
+from follower.evaluate.contender import Contender
 from follower.evaluate.evaluation import EvaluateOptions, evaluate
 from follower_control.strict_yaml import SettingsError
+
+REFERENCE = Path(__file__).parents[3] / "shared" / "tools" / "ope_reference.py"
 
 
 @pytest.fixture
@@ -55,8 +62,102 @@ def test_correlation_beats_identity_and_everything_is_written(data: Path, tmp_pa
     assert {start for _, start in success} == {"ope", "tre", "sre"}
     assert len((folder / "results.csv").read_text().splitlines()) == 1 + 2 * (1 + 2 + 12) + 1
     page = (folder / "report.html").read_text()
-    assert page.count("data:image/jpeg") == 4
+    assert page.count("data:image/jpeg") == 1
+    assert "missed by identity" in page
     assert "http" not in page
+
+
+def reference() -> ModuleType:
+    if not REFERENCE.is_file():
+        pytest.skip("the reference is not beside the repository")
+    spec = importlib.util.spec_from_file_location("ope_reference", REFERENCE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_what_is_written_agrees_with_the_independent_reference(data: Path, tmp_path: Path) -> None:
+    score = reference().score
+    lines = (data / "patch" / "groundtruth.txt").read_text().splitlines()
+    lines[5] = "0,0,0,0"
+    (data / "patch" / "groundtruth.txt").write_text("\n".join(lines))
+    evaluate(EvaluateOptions((data,), ("correlation", "identity"), out=tmp_path / "r"), quiet())
+    folder = tmp_path / "r" / "evaluate"
+    stored = json.loads((folder / "results.json").read_text())
+    truth = [tuple(map(float, line.split(","))) for line in lines]
+    for run in stored["runs"]:
+        boxes = folder / "boxes" / run["tracker"] / "patch" / "ope-0.json"
+        expected = score(json.loads(boxes.read_text())["boxes"], truth)
+        assert run["auc"] == pytest.approx(expected["auc"], abs=1e-9)
+        assert run["success@0.5"] == pytest.approx(expected["success"], abs=1e-9)
+        assert run["precision@20"] == pytest.approx(expected["precision"], abs=1e-9)
+
+
+def test_attributes_are_scored_over_their_frames(data: Path, tmp_path: Path) -> None:
+    (data / "patch" / "fast_motion.tag").write_text("0\n" * 8 + "1\n" * 8)
+    (data / "patch" / "attrs.txt").write_text("SV, nowhere")
+    evaluate(EvaluateOptions((data,), ("identity",), out=tmp_path / "r"), quiet())
+    folder = tmp_path / "r" / "evaluate"
+    stored = json.loads((folder / "results.json").read_text())
+    found = {row["attribute"]: row for row in stored["attributes"]}
+    assert set(found) == {"fast motion", "scale variation", "nowhere"}
+    assert (found["fast motion"]["frames"], found["fast motion"]["sequences"]) == (8, 1)
+    assert found["fast motion"]["success@0.5"] == 0
+    assert found["scale variation"]["success@0.5"] == stored["runs"][0]["success@0.5"] > 0
+    assert len((folder / "attributes.csv").read_text().splitlines()) == 4
+    assert "fast motion (1)" in (folder / "report.html").read_text()
+
+
+def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) -> None:
+    options = EvaluateOptions((data,), ("longterm:correlation", "correlation"), out=tmp_path / "r")
+    console = Console(record=True, width=160, quiet=False, file=StringIO())
+    evaluate(options, console)
+    folder = tmp_path / "r" / "evaluate"
+    stored = json.loads((folder / "results.json").read_text())
+    states = {row["tracker"]: row["states"] for row in stored["means"]}
+    assert states["correlation"] is None
+    assert states["longterm:correlation"]["tracking at iou 0"] == 0
+    assert "no states: correlation" in console.export_text()
+    rows = list(csv.DictReader(StringIO((folder / "results.csv").read_text())))
+    assert [row["tracking at iou 0"] for row in rows] == ["0.0", ""]
+    assert "No states are known of correlation." in (folder / "report.html").read_text()
+
+
+def test_a_tracker_is_told_the_data_sets_own_frame_rate(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (data / "patch" / "sequence").write_text("fps=12\n")
+    rates = []
+    real = evaluation.run
+    monkeypatch.setattr(evaluation, "run", lambda *given: rates.append(given[3]) or real(*given))
+    evaluate(EvaluateOptions((data,), ("identity",), out=tmp_path / "r"), quiet())
+    assert rates == [12.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("correlation", ("", "correlation", "")),
+        ("longterm:correlation", ("longterm", "correlation", "")),
+        ("fusion", ("fusion", "nanotrack-v3", "yolox-nano")),
+        ("fusion-paper", ("fusion-paper", "nanotrack-v3", "yolox-nano")),
+        ("fusion+fastestdet", ("fusion", "nanotrack-v3", "fastestdet")),
+        ("fusion-paper:mil+fastestdet", ("fusion-paper", "mil", "fastestdet")),
+    ],
+)
+def test_a_name_says_kind_motion_tracker_and_detector(
+    name: str, expected: tuple[str, str, str]
+) -> None:
+    contender = Contender(name, "yolox-nano")
+    assert (contender.kind, contender.motion, contender.detector) == expected
+
+
+@pytest.mark.parametrize("name", ["nobody", "fusion:nobody", "csrt+x", "correlation:mil", ""])
+def test_a_name_that_nobody_knows_is_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match="--trackers"):
+        Contender(name, "yolox-nano")
 
 
 def test_resuming_runs_only_what_is_missing(
