@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
 from follower.settings import Settings
 from follower.stopwatch import Stopwatch
 from follower.supervisor import Situation, State, Supervisor
@@ -80,6 +80,11 @@ class ControlStage:
         self._stop_requested = False
         self._consent_renewed = True
 
+    def repeat_requests(self, recorded: Situation) -> None:
+        """Ask for what was asked for in a recorded situation, before its step is replayed."""
+        self._stop_requested = recorded.stop_requested
+        self._consent_renewed = recorded.consent_renewed
+
     def step(
         self,
         now_s: float,
@@ -100,9 +105,10 @@ class ControlStage:
         timer = Stopwatch()
         for attitude in attitudes:
             self._attitudes.add(attitude)
-        self._take_track(newest)
+        self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
-        state = self._decide(now_s, estimate, vehicle)
+        situation = self._situation(now_s, estimate, vehicle)
+        state = self._decide(now_s, situation, vehicle)
         limited = self._steer(state, now_s, estimate, vehicle)
         record = ControlRecord(
             time_s=now_s,
@@ -117,30 +123,32 @@ class ControlStage:
             allowed=limited.allowed,
             limits=tuple(limited.limits),
             sent=self._sends(state, vehicle),
+            track_sequence=None if self._newest is None else self._newest.sequence,
+            situation=situation,
+            attitudes=tuple(attitudes),
         )
         self._last_step_s = now_s
-        self._log.controls.append(record)
+        self._log.add_control(record)
         return record
 
-    def _take_track(self, newest: TrackRecord | None) -> None:
+    def _take_track(self, newest: TrackRecord | None, now_s: float) -> None:
         if newest is None or newest is self._newest:
             return
         self._newest = newest
         track = newest.track
         if track is not None and track.state is TrackState.TRACKING:
-            self._observe(track)
+            self._observe(track, now_s)
 
-    def _observe(self, track: Track) -> None:
+    def _observe(self, track: Track, now_s: float) -> None:
         self._seen_s = track.captured_s
         sighting = self._sighter.sight(track, self._attitudes)
         if sighting is not None:
-            self._estimator.observe(sighting)
+            verdict = self._estimator.observe(sighting)
+            self._log.observe(Observation(now_s, sighting, verdict))
 
-    def _decide(
-        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
-    ) -> State:
+    def _decide(self, now_s: float, situation: Situation, vehicle: VehicleState) -> State:
         before, reason = self._supervisor.state, self._supervisor.reason
-        state = self._supervisor.step(self._situation(now_s, estimate, vehicle), now_s)
+        state = self._supervisor.step(situation, now_s)
         if state is not before or self._supervisor.reason is not reason:
             self._log.note(now_s, "supervisor", f"{state}: {self._supervisor.reason}")
         if state.engaged and not before.engaged:

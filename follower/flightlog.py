@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
-from follower.supervisor import Reason, State
+from follower.supervisor import Reason, Situation, State
 from follower_control.estimate import TargetEstimate
+from follower_control.estimator import Verdict
 from follower_control.setpoint import VelocitySetpoint
-from follower_control.vehicle import VehicleState
+from follower_control.sighting import Sighting
+from follower_control.vehicle import Attitude, VehicleState
+from follower_vision.box import Box
+from follower_vision.frame import Frame
 from follower_vision.track import Track
 
 
@@ -34,6 +39,36 @@ class TrackRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class Selection:
+    """A target was chosen.
+
+    Attributes:
+        sequence: the number of the frame in which it was.
+        captured_s: when that frame was exposed.
+        box: what shows the target in it.
+    """
+
+    sequence: int
+    captured_s: float
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What control made of a track that sees the target.
+
+    Attributes:
+        time_s: when the control step ran.
+        sighting: the target's direction and size.
+        verdict: whether the filter took it.
+    """
+
+    time_s: float
+    sighting: Sighting
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
 class ControlRecord:
     """One step of the control loop.
 
@@ -50,6 +85,9 @@ class ControlRecord:
         allowed: what the envelope let through.
         limits: names of the limits that changed it.
         sent: whether `allowed` went to the autopilot.
+        track_sequence: frame number of that newest track.
+        situation: what the decision was made from.
+        attitudes: those that came since the step before.
     """
 
     time_s: float
@@ -64,6 +102,9 @@ class ControlRecord:
     allowed: VelocitySetpoint
     limits: tuple[str, ...]
     sent: bool
+    track_sequence: int | None = None
+    situation: Situation | None = None
+    attitudes: tuple[Attitude, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +116,80 @@ class Event:
     text: str
 
 
+class FlightSink(Protocol):
+    """Is told everything as it happens, on the thread on which it happens; never waits long."""
+
+    def add_frame(self, frame: Frame, received_s: float) -> None:
+        """Take a frame before vision works on it."""
+        ...
+
+    def add_selection(self, selection: Selection, received_s: float) -> None:
+        """Take a choice of a target."""
+        ...
+
+    def add_track(self, record: TrackRecord) -> None:
+        """Take vision's answer."""
+        ...
+
+    def add_observation(self, observation: Observation) -> None:
+        """Take what control made of a track; the step's record follows."""
+        ...
+
+    def add_control(self, record: ControlRecord) -> None:
+        """Take a control step."""
+        ...
+
+    def add_event(self, event: Event) -> None:
+        """Take an event."""
+        ...
+
+
 @dataclass(slots=True)
 class FlightLog:
-    """Everything of one flight, in the order in which it happened."""
+    """Everything of one flight, in the order in which it happened.
+
+    Attributes:
+        tracks: vision's answers.
+        controls: the control steps.
+        events: what is worth a line.
+        sink: is told everything too, if there is one: the recorder.
+    """
 
     tracks: list[TrackRecord] = field(default_factory=list)
     controls: list[ControlRecord] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    sink: FlightSink | None = None
+
+    def see(self, frame: Frame, received_s: float) -> None:
+        """Pass on a frame that vision begins to work on; frames are not kept in memory."""
+        if self.sink is not None:
+            self.sink.add_frame(frame, received_s)
+
+    def select(self, selection: Selection, received_s: float) -> None:
+        """Pass on that a target was chosen."""
+        if self.sink is not None:
+            self.sink.add_selection(selection, received_s)
+
+    def add_track(self, record: TrackRecord) -> None:
+        """Add vision's answer for a frame."""
+        self.tracks.append(record)
+        if self.sink is not None:
+            self.sink.add_track(record)
+
+    def observe(self, observation: Observation) -> None:
+        """Pass on what control made of a track."""
+        if self.sink is not None:
+            self.sink.add_observation(observation)
+
+    def add_control(self, record: ControlRecord) -> None:
+        """Add a control step."""
+        self.controls.append(record)
+        if self.sink is not None:
+            self.sink.add_control(record)
 
     def note(self, time_s: float, source: str, text: str) -> None:
         """Add an event."""
-        self.events.append(Event(time_s, source, text))
+        event = Event(time_s, source, text)
+        self.events.append(event)
+        if self.sink is not None:
+            self.sink.add_event(event)

@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from follower.control_loop import ControlLoop
 from follower.flight_video import FlightVideo
-from follower.flightlog import FlightLog, TrackRecord
+from follower.flightlog import FlightLog, Selection, TrackRecord
 from follower.stopwatch import Stopwatch
 from follower.vision_stage import VisionStage
 from follower_vision.clock import Clock
@@ -51,12 +51,16 @@ class VisionLoop:
             delay_s: how long the answer is held to take on a clock that stands still.
         """
         received_s = self._clock.now()
+        self._log.see(frame, received_s)
         timer = Stopwatch()
         track = self._stage.step(frame)
         busy_s = timer.elapsed_s()
         done_s = max(self._clock.now(), received_s + delay_s)
         record = TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
-        self._log.tracks.append(record)
+        if self._stage.chosen is not None:
+            chosen = Selection(frame.sequence, frame.captured_s, self._stage.chosen)
+            self._log.select(chosen, received_s)
+        self._log.add_track(record)
         if self._video is not None:
             self._video.add(frame, () if track is None else (track,), self._lines())
         if self._on_record is not None:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from follower.recorder_settings import RecorderSettings
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
@@ -94,6 +95,7 @@ class Settings(BaseModel):
     servo: ServoSettings = ServoSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
+    recorder: RecorderSettings = RecorderSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
 
     @field_validator("tracker")

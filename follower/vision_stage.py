@@ -18,12 +18,16 @@ class VisionStage:
     """Selects the target when asked to, then follows it frame by frame.
 
     `select` may be called from any thread: it replaces one attribute.
+
+    Attributes:
+        chosen: the box by which the newest step chose the target, None if it did not.
     """
 
     def __init__(self, tracker: TargetTracker) -> None:
         self._tracker = tracker
         self._selector: Selector | None = None
         self._started = False
+        self.chosen: Box | None = None
 
     def select(self, selector: Selector) -> None:
         """Choose a new target in the coming frames, as soon as `selector` finds one."""
@@ -32,12 +36,11 @@ class VisionStage:
     def step(self, frame: Frame) -> Track | None:
         """Return the target's track in this frame, None while there is no target."""
         selector = self._selector
-        if selector is not None:
-            box = selector(frame)
-            if box is not None:
-                self._selector = None
-                self._started = True
-                return self._tracker.start(frame, box)
+        self.chosen = None if selector is None else selector(frame)
+        if self.chosen is not None:
+            self._selector = None
+            self._started = True
+            return self._tracker.start(frame, self.chosen)
         return self._tracker.step(frame) if self._started else None
 
     def learn(self) -> None:

@@ -1,0 +1,143 @@
+"""`config.yaml`: what a flight was flown with, so that it can be replayed."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import yaml
+
+from follower.recorder.mcap_log import FORMAT
+from follower.settings import Settings
+from follower_vision.camera import CameraModel
+from follower_vision.models import ModelStore, default_folder
+from follower_vision.models.download import sha256_of
+
+LOCKSTEP_EPOCH_NS = 946_684_800 * 10**9
+"""Lockstep flights begin with the year 2000, so that the same flight is the same log."""
+
+_PACKAGES = ("drone-target-follower", "numpy", "opencv-python-headless", "onnxruntime", "av")
+_SECRET = re.compile(r"secret|password|passphrase|passwd|token|signing_key|private|credential")
+_USER_INFO = re.compile(r"(?<=://)[^/@\s]+@")
+
+
+@dataclass(frozen=True, slots=True)
+class FlightConfig:
+    """What a flight was flown with.
+
+    Attributes:
+        kind: "simulated", "real" or "recorded video".
+        settings: as resolved, in the form of the settings' YAML.
+        run: what was run: scenario, autopilot, seed, source, command.
+        camera: intrinsics, where they are not those of the settings.
+        needs_telemetry: False if control ran on the image alone.
+        epoch_ns: the flight's time 0 in nanoseconds since 1970, UTC.
+        versions: of this program, Python and the packages that compute.
+        models: SHA-256 of each network's file.
+        format: of the recording.
+    """
+
+    kind: str
+    settings: dict[str, Any]
+    run: dict[str, Any] = field(default_factory=dict)
+    camera: CameraModel | None = None
+    needs_telemetry: bool = True
+    epoch_ns: int = LOCKSTEP_EPOCH_NS
+    versions: dict[str, str] = field(default_factory=dict)
+    models: dict[str, str] = field(default_factory=dict)
+    format: int = FORMAT
+
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        settings: Settings,
+        *,
+        run: Mapping[str, Any] | None = None,
+        camera: CameraModel | None = None,
+        needs_telemetry: bool = True,
+        epoch_ns: int = LOCKSTEP_EPOCH_NS,
+    ) -> FlightConfig:
+        """Describe a flight that begins now, with the versions that are running."""
+        return cls(
+            kind,
+            settings.model_dump(mode="json"),
+            dict(run or {}),
+            camera,
+            needs_telemetry,
+            epoch_ns,
+            running_versions(),
+            model_hashes(settings),
+        )
+
+    def to_yaml(self) -> str:
+        """Return the file's text; nothing secret is in it."""
+        plain = {
+            "format": self.format,
+            "kind": self.kind,
+            "run": self.run,
+            "epoch_ns": self.epoch_ns,
+            "versions": self.versions,
+            "models": self.models,
+            "needs_telemetry": self.needs_telemetry,
+            "camera": None if self.camera is None else _listed(asdict(self.camera)),
+            "settings": self.settings,
+        }
+        return yaml.safe_dump(without_secrets(plain), sort_keys=False, allow_unicode=True)
+
+    @classmethod
+    def from_yaml(cls, text: str) -> FlightConfig:
+        """Read the file's text.
+
+        Raises:
+            ValueError: it is not of this form.
+        """
+        try:
+            plain = dict(yaml.safe_load(text))
+            camera = plain.pop("camera", None)
+            if camera is not None:
+                camera = CameraModel(**{**camera, "distortion": tuple(camera["distortion"])})
+            return cls(camera=camera, **plain)
+        except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
+            raise ValueError(f"not a flight's configuration ({error})") from error
+
+
+def running_versions() -> dict[str, str]:
+    """Return the versions of what computes: the same ones give the same flight."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    found["system"] = sys.platform
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def model_hashes(settings: Settings) -> dict[str, str]:
+    """Return the SHA-256 of each network's file that the settings use."""
+    store = ModelStore(default_folder(os.environ))
+    names = {settings.tracker, settings.detector}
+    files = [file for model in store.models if model.name in names for file in model.files]
+    paths = {file.name: store.folder / file.name for file in files}
+    return {name: sha256_of(path) for name, path in paths.items() if path.is_file()}
+
+
+def without_secrets(plain: Any) -> Any:
+    """Return the same without keys that name a secret and without log-ins in addresses."""
+    if isinstance(plain, dict):
+        kept = {key: value for key, value in plain.items() if not _SECRET.search(str(key).lower())}
+        return {key: without_secrets(value) for key, value in kept.items()}
+    if isinstance(plain, list | tuple):
+        return [without_secrets(value) for value in plain]
+    return _USER_INFO.sub("", plain) if isinstance(plain, str) else plain
+
+
+def _listed(plain: dict[str, Any]) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in plain.items()}
