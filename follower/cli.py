@@ -8,11 +8,12 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
 from follower.models_command import models_app
+from follower.track_command import EPILOG, track_command
 from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
 
 DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -30,6 +31,7 @@ app = typer.Typer(
     ),
 )
 
+app.command("track", epilog=EPILOG)(track_command)
 app.command("evaluate")(evaluate_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
@@ -52,19 +54,10 @@ LockstepFlag = Annotated[
         help="Run on a simulated clock instead of in real time: no threads, the same each time.",
     ),
 ]
-Config = Annotated[
-    Path | None, typer.Option("--config", "-c", help="Settings (YAML); see `follower settings`.")
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="One setting, e.g. servo.distance_m=12."),
-]
-Out = Annotated[Path, typer.Option(help="Folder in which each run gets a folder of its own.")]
 Connect = Annotated[
     str,
     typer.Option(help="Where MAVLink is spoken in real time, as pymavlink writes it."),
 ]
-Video = Annotated[bool, typer.Option(help="Write the video with overlay.")]
 
 
 @app.command()
@@ -119,53 +112,6 @@ def scenarios() -> None:
 
 
 @app.command()
-def track(
-    source: Annotated[str, typer.Argument(help="A video file or a folder of images.")],
-    target: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,W,H", help="The target's box in the first frame, in pixels."),
-    ] = None,
-    colour: Annotated[
-        str | None,
-        typer.Option(metavar="#RRGGBB", help="Instead of a box: the largest thing of this colour."),
-    ] = None,
-    tracker: Annotated[
-        str | None, typer.Option(help="The motion tracker; see `follower trackers`.")
-    ] = None,
-    detector: Annotated[
-        str | None,
-        typer.Option(help="A detector that validates it (Fusion), e.g. yolox-nano; or a file."),
-    ] = None,
-    rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
-    save: Annotated[Path | None, typer.Option(help="Where the video with overlay goes.")] = None,
-    boxes: Annotated[Path | None, typer.Option(help="Where the boxes go (CSV).")] = None,
-    config: Config = None,
-    overrides: Overrides = None,
-    out: Out = Path("runs"),
-) -> None:
-    """Track a target in recorded video, with the code that flies.
-
-    Writes the video with overlay, the boxes, the setpoints that would have been sent, and a plot.
-    """
-    from follower.track import TrackOptions, track_recording
-
-    chosen = {"tracker": tracker, "detector": detector}
-    named = [f"{key}={value}" for key, value in chosen.items() if value is not None]
-    options = TrackOptions(
-        source,
-        _box(target),
-        colour,
-        rate_hz,
-        save,
-        boxes,
-        config,
-        (*(overrides or ()), *named),
-        out,
-    )
-    raise typer.Exit(track_recording(options))
-
-
-@app.command()
 def trackers() -> None:
     """List the motion trackers that run here."""
     from follower_vision.trackers import tracker_names
@@ -208,16 +154,3 @@ def _user_errors() -> tuple[type[Exception], ...]:
 
 def _one_line(error: ValueError | OSError) -> str:
     return " ".join(str(error).split())
-
-
-def _box(text: str | None) -> Box | None:
-    if text is None:
-        return None
-    try:
-        x, y, width, height = (float(part) for part in text.split(","))
-        return Box.from_xywh(x, y, width, height)
-    except ValueError as error:
-        raise SettingsError(
-            f"--target {text}: write x,y,w,h in pixels with w and h above 0, for example "
-            f"320,180,40,30 ({error})"
-        ) from None

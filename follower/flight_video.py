@@ -11,7 +11,7 @@ from typing import Protocol
 
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
-from follower_vision.overlay import draw_track
+from follower_vision.overlay import draw_tracks
 from follower_vision.track import Track
 from follower_vision.video_writer import VideoWriteError, VideoWriter
 
@@ -21,13 +21,13 @@ _WAITING_FRAMES = 30
 class FlightVideo(Protocol):
     """Takes every frame that vision answered for."""
 
-    def add(self, frame: Frame, track: Track | None, lines: Sequence[str]) -> None:
-        """Draw the track and the lines onto the frame and write it."""
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        """Draw the tracks (none while there is no target) and the lines, and write the frame."""
         ...
 
 
 class OverlayVideo(ClosesItself):
-    """Draws and encodes at once: lockstep runs and `track`, where time waits."""
+    """Draws and encodes at once: lockstep runs, where time waits."""
 
     remark: str | None = None
 
@@ -38,15 +38,15 @@ class OverlayVideo(ClosesItself):
         """Finish the file."""
         self._writer.close()
 
-    def add(self, frame: Frame, track: Track | None, lines: Sequence[str]) -> None:
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Draw and write."""
-        self._writer.write(draw_track(frame.image, track, lines), frame.captured_s)
+        self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
     frame: Frame
-    track: Track | None
+    tracks: tuple[Track, ...]
     lines: tuple[str, ...]
 
 
@@ -55,11 +55,17 @@ class BackgroundVideo(ClosesItself):
 
     When the encoder falls behind, frames are left out and counted. When the disk is full it stops
     writing; the flight goes on. `remark` then says so.
+
+    Args:
+        path: the file.
+        rate_hz: about how many frames a second there will be.
+        patient: rather wait for the encoder than leave a frame out: for recordings.
     """
 
-    def __init__(self, path: Path, rate_hz: float) -> None:
+    def __init__(self, path: Path, rate_hz: float, patient: bool = False) -> None:
         self._path = path
         self._rate_hz = rate_hz
+        self._patient = patient
         self._waiting: queue.Queue[_Entry | None] = queue.Queue(_WAITING_FRAMES)
         self._left_out = 0
         self._problem: str | None = None
@@ -80,10 +86,10 @@ class BackgroundVideo(ClosesItself):
         self._waiting.put(None)
         self._thread.join()
 
-    def add(self, frame: Frame, track: Track | None, lines: Sequence[str]) -> None:
-        """Hand the frame to the video's thread; never waits."""
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        """Hand the frame to the video's thread; waits only if that was asked for."""
         try:
-            self._waiting.put_nowait(_Entry(frame, track, tuple(lines)))
+            self._waiting.put(_Entry(frame, tuple(tracks), tuple(lines)), block=self._patient)
         except queue.Full:
             self._left_out += 1
 
@@ -91,7 +97,7 @@ class BackgroundVideo(ClosesItself):
         try:
             with OverlayVideo(self._path, self._rate_hz) as video:
                 while (entry := self._waiting.get()) is not None:
-                    video.add(entry.frame, entry.track, entry.lines)
+                    video.add(entry.frame, entry.tracks, entry.lines)
         except VideoWriteError as error:
             self._problem = str(error)
             while self._waiting.get() is not None:

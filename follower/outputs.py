@@ -22,6 +22,21 @@ def write_boxes(path: Path, tracks: Iterable[TrackRecord]) -> None:
     _write_csv(path, BOX_COLUMNS, (_box_row(record) for record in tracks))
 
 
+def write_target_boxes(path: Path, targets: Sequence[Sequence[TrackRecord]]) -> None:
+    """Write the boxes of several targets: one line a frame and target, with its number last.
+
+    Args:
+        path: the file.
+        targets: each target's records; all of the same frames.
+    """
+    rows = (
+        (*_box_row(record), number)
+        for frame in zip(*targets, strict=True)
+        for number, record in enumerate(frame, 1)
+    )
+    _write_csv(path, (*BOX_COLUMNS, "target"), rows)
+
+
 def write_setpoints(path: Path, controls: Iterable[ControlRecord]) -> None:
     """Write one line a control step: what was asked, what was allowed, and what limited it."""
     _write_csv(path, SETPOINT_COLUMNS, (_setpoint_row(record) for record in controls))

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
 from follower.vision_stage import Selector
 from follower_control.strict_yaml import SettingsError
 from follower_vision.acquire import ColourSearchSettings, colour_from_hex, find_by_colour
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.framesource import SourceError
+
+TargetsSelector: TypeAlias = Callable[[Frame], list[Box]]
+"""Finds the boxes of all targets in a frame, or none while one is not there (yet)."""
 
 _LEAST_IN_IMAGE = 0.1
 
@@ -45,5 +51,16 @@ def colour_selector(colour: str, search: ColourSearchSettings | None = None) -> 
     def select(frame: Frame) -> Box | None:
         candidates = find_by_colour(frame.image, wanted, settings)
         return candidates[0] if candidates else None
+
+    return select
+
+
+def all_selected(selectors: Sequence[Selector]) -> TargetsSelector:
+    """Select several targets, in the first frame in which all of them are found."""
+
+    def select(frame: Frame) -> list[Box]:
+        found = [selector(frame) for selector in selectors]
+        boxes = [box for box in found if box is not None]
+        return boxes if len(boxes) == len(found) else []
 
     return select

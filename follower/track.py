@@ -1,125 +1,203 @@
-"""`follower track`: recorded video through the code that flies."""
+"""`follower track`: targets followed through video, recorded or live."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from follower.flight_video import OverlayVideo
-from follower.flightlog import FlightLog, TrackRecord
-from follower.outputs import write_boxes, write_setpoints
-from follower.recorded import RecordedRun
-from follower.report.track_plot import write_track_plot
-from follower.run_folder import new_run_folder
-from follower.selecting import box_selector, colour_selector
-from follower.settings import load_settings
-from follower.vision_stage import Selector
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
-from follower_vision.framesource import FrameSource
-from follower_vision.sources import open_source
+from follower.candidates import summary, write_candidates
+from follower.flight_video import BackgroundVideo
+from follower.flightlog import FlightLog
+from follower.object_listing import list_objects
+from follower.object_selector import ChoiceError, ObjectSelector, Wanted
+from follower.recorded import RecordedControl
+from follower.selecting import TargetsSelector, all_selected, box_selector, colour_selector
+from follower.settings import Settings
+from follower.track_display import TrackDisplay
+from follower.track_files import TrackFiles, check_destinations, run_folder
+from follower.track_options import LIST, TrackOptions
+from follower.track_run import TrackRun
+from follower.track_status import TrackStatus
+from follower.tracking import make_multi_tracker, make_settings_detector
+from follower.watched import run_watched, sigterm_as_ctrl_c
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
+from follower_vision.detection import Detector
+from follower_vision.framesource import FrameSource, SourceError
+from follower_vision.fusion import BackgroundDetection, InlineDetection
+from follower_vision.live import LiveSource
+from follower_vision.network import ModelError
+from follower_vision.paced import Paced
+from follower_vision.sources import is_live, open_source
 from follower_vision.track import TrackState
+
+ResultT = TypeVar("ResultT")
 
 _SUCCESS, _INTERRUPTED = 0, 130
 
 
-@dataclass(frozen=True, slots=True)
-class TrackOptions:
-    """What the command line was given; see `follower track --help`."""
+def track(options: TrackOptions) -> int:
+    """Run the command and return its exit code.
 
-    source: str
-    target: Box | None
-    colour: str | None
-    rate_hz: float
-    save: Path | None
-    boxes: Path | None
-    config: Path | None
-    overrides: tuple[str, ...]
-    out: Path
-
-
-def track_recording(options: TrackOptions) -> int:
-    """Run the command and return its exit code."""
-    settings = load_settings(options.config, overrides=options.overrides)
-    selector = _selector(options)
+    Raises:
+        ValueError, OSError: what the user can mend, in one line; nothing is left behind then but
+            the picture that the message names, if it names one.
+    """
+    check_destinations(options)
+    settings = options.settings()
+    detector = make_settings_detector(settings)
+    clock: Clock = MonotonicClock() if options.in_real_time else SimulatedClock()
     console = Console()
-    with open_source(options.source, folder_rate_hz=options.rate_hz) as source:
-        run = RecordedRun(settings, source, selector)
-        folder = new_run_folder(options.out, f"track-{_short_name(options.source)}")
-        video = options.save or folder / "track.mp4"
-        completed = _run(run, source, video, console)
-        files = [video, *_write_outputs(run.log, folder, options.boxes)]
-        if source.problem is not None:
-            console.print(f"[yellow]{source.problem}[/yellow]")
-    _summarise(run.log, files, console)
-    return _SUCCESS if completed else _INTERRUPTED
-
-
-def _selector(options: TrackOptions) -> Selector:
-    if options.target is not None:
-        return box_selector(options.target)
-    if options.colour is not None:
-        return colour_selector(options.colour)
-    raise SettingsError("which target? give --target x,y,w,h or --colour '#rrggbb'")
-
-
-def _short_name(source: str) -> str:
-    path = Path(source).resolve()
-    name = path.parent.name if path.name == "img" else path.stem
-    return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)
-
-
-def _run(run: RecordedRun, source: FrameSource, video: Path, console: Console) -> bool:
-    """Return whether the run came to its end; the user's interrupt leaves what there is."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
+    if LIST in options.select:
+        with _opened(options, clock) as source:
+            folder = partial(run_folder, options)
+            return list_objects(source, _needed(detector), folder, console)
+    selector = _selector(options, detector)
+    mode = BackgroundDetection if options.in_real_time else InlineDetection
     with (
-        OverlayVideo(video, source.nominal_rate_hz) as overlay,
-        Progress(*columns, console=console) as progress,
+        sigterm_as_ctrl_c(),
+        closing(make_multi_tracker(settings, options.count, detector, mode)) as tracker,
+        _opened(options, clock) as source,
     ):
-        task = progress.add_task("tracking", total=source.frame_count)
+        run = TrackRun(source, tracker, selector, options.count, clock)
+        return TrackSession(options, settings, run, selector, console).run()
 
-        def show(record: TrackRecord) -> None:
-            progress.update(task, advance=1, description=_describe(record))
 
+class TrackSession:
+    """One run in front of a user: the search, the pursuit, and the files afterwards."""
+
+    def __init__(
+        self,
+        options: TrackOptions,
+        settings: Settings,
+        run: TrackRun,
+        selector: TargetsSelector,
+        console: Console,
+    ) -> None:
+        self._options = options
+        self._settings = settings
+        self._run = run
+        self._selector = selector
+        self._console = console
+        self._display = TrackDisplay(console, _wish(options))
+
+    def run(self) -> int:
+        """Find the targets and follow them; return the exit code.
+
+        Raises:
+            SourceError: they were not found; nothing is written.
+        """
+        found, interrupted = self._find()
+        if interrupted:
+            self._display.say(f"Ended while waiting for {_wish(self._options)}: nothing is written")
+            return _INTERRUPTED
+        if not found:
+            raise SourceError(self._nothing_found())
+        files = TrackFiles.make(self._options)
+        self._tell_choice(files.folder)
+        interrupted = self._follow(files)
+        written = files.write(self._run.logs)
+        if self._run.problem is not None:
+            self._display.say(self._run.problem)
+        self._summarise(written)
+        return _INTERRUPTED if interrupted else _SUCCESS
+
+    def _find(self) -> tuple[bool, bool]:
         try:
-            run.run(overlay, show)
-        except KeyboardInterrupt:
-            return False
-    return True
+            return self._watched(self._run.find)
+        except ChoiceError as error:
+            picture = run_folder(self._options) / "candidates.png"
+            write_candidates(picture, error.image, error.candidates)
+            raise SourceError(f"{error}; {picture} shows what may be chosen") from None
+
+    def _follow(self, files: TrackFiles) -> bool:
+        """Follow to the end; return whether the user ended it."""
+        live = self._options.in_real_time
+        rate_hz = self._run.source.nominal_rate_hz
+        control = None if live else partial(RecordedControl, self._settings)
+        video = None if files.video is None else BackgroundVideo(files.video, rate_hz, not live)
+        with video or nullcontext():
+            _, interrupted = self._watched(partial(self._run.follow, video, control))
+        if video is not None and video.remark is not None:
+            self._display.say(video.remark)
+        return interrupted
+
+    def _watched(self, work: Callable[[], ResultT]) -> tuple[ResultT, bool]:
+        with self._display as display:
+            return run_watched(
+                work, lambda: display.show(TrackStatus.of(self._run)), self._run.stop
+            )
+
+    def _nothing_found(self) -> str:
+        advice = ""
+        if isinstance(self._selector, ObjectSelector):
+            advice = "; --select list shows what the detector sees"
+        count = len(self._run.logs[0].tracks)
+        return f"{_wish(self._options)} was not seen in {count} frames{advice}"
+
+    def _tell_choice(self, folder: Path) -> None:
+        """Say which objects were chosen; where there were others, show them."""
+        if not isinstance(self._selector, ObjectSelector):
+            return
+        candidates, first = self._selector.candidates, self._run.first
+        names = ", ".join(one.name for one in self._selector.chosen)
+        self._display.say(f"following {names} of {summary(candidates)} in frame {first.sequence}")
+        if len(candidates) > len(self._selector.chosen):
+            write_candidates(folder / "candidates.png", first.image, candidates)
+
+    def _summarise(self, files: Sequence[Path]) -> None:
+        logs, source = self._run.logs, self._run.source
+        frames = len(logs[0].tracks)
+        busy_s = sum(record.busy_s for record in logs[0].tracks)
+        parts = [f"{frames} frames", f"target seen in {_seen(logs)}"]
+        if isinstance(source, LiveSource | Paced):
+            parts.append(f"{source.skipped} frames dropped")
+        if isinstance(source, LiveSource):
+            parts.append(f"{max(0, source.connections - 1)} reconnects")
+        parts.append(f"{1e3 * busy_s / max(frames, 1):.1f} ms a frame")
+        self._display.say(", ".join(parts))
+        for file in files:
+            self._display.say(f"  {file}")
 
 
-def _describe(record: TrackRecord) -> str:
-    track = record.track
-    if track is None:
-        return "looking for the target"
-    return f"{track.state:<8} {track.confidence:4.2f}  {1 / max(record.busy_s, 1e-6):5.0f} fps"
+def _opened(options: TrackOptions, clock: Clock) -> FrameSource:
+    source = open_source(options.source, folder_rate_hz=options.rate_hz, clock=clock)
+    if options.realtime and not is_live(options.source):
+        return Paced(source, clock)
+    return source
 
 
-def _write_outputs(log: FlightLog, folder: Path, boxes: Path | None) -> list[Path]:
-    files = [boxes or folder / "boxes.csv", folder / "setpoints.csv", folder / "track.png"]
-    write_boxes(files[0], log.tracks)
-    write_setpoints(files[1], log.controls)
-    write_track_plot(files[2], log)
-    return files
+def _selector(options: TrackOptions, detector: Detector | None) -> TargetsSelector:
+    if options.select:
+        knows = _needed(detector)
+        wanted = [Wanted.parse(text, knows.class_names) for text in options.select]
+        return ObjectSelector(wanted, knows)
+    if options.colour is not None:
+        return all_selected([colour_selector(options.colour)])
+    return all_selected([box_selector(target) for target in options.targets])
 
 
-def _summarise(log: FlightLog, files: Sequence[Path], console: Console) -> None:
-    states = [record.track.state for record in log.tracks if record.track is not None]
-    seen = sum(state is TrackState.TRACKING for state in states)
-    busy_s = sum(record.busy_s for record in log.tracks)
-    console.print(
-        f"{len(log.tracks)} frames, target seen in {seen} "
-        f"({100 * seen / max(1, len(log.tracks)):.1f} %), "
-        f"{len(log.tracks) / max(busy_s, 1e-9):.0f} frames a second"
-    )
-    for file in files:
-        console.print(f"  {file}", highlight=False)
+def _needed(detector: Detector | None) -> Detector:
+    if detector is None:
+        raise ModelError("--select needs a detector; name one by --detector")
+    return detector
+
+
+def _wish(options: TrackOptions) -> str:
+    if options.select:
+        return ", ".join(options.select)
+    return "the target" if options.colour is None else f"something of colour {options.colour}"
+
+
+def _seen(logs: Sequence[FlightLog]) -> str:
+    """Return how many frames each target was seen in: "310 (98.7 %)"."""
+    shares = []
+    for log in logs:
+        states = [record.track.state for record in log.tracks if record.track is not None]
+        seen = sum(state is TrackState.TRACKING for state in states)
+        shares.append(f"{seen} ({100 * seen / max(1, len(log.tracks)):.1f} %)")
+    return " / ".join(shares)

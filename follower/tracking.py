@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 
 from follower.settings import Settings
-from follower_vision.detection import make_detector
-from follower_vision.fusion import FusionTracker
+from follower_vision.detection import Detector, make_detector
+from follower_vision.fusion import FusionTracker, InlineDetection, MultiFusion
+from follower_vision.fusion.detection_service import DetectionMode
 from follower_vision.longterm import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
+from follower_vision.motion import MotionTracker
+from follower_vision.multi_target import MultiTargetTracker, SeparateTrackers
 from follower_vision.target_tracker import TargetTracker
 from follower_vision.trackers import make_tracker
 
@@ -19,8 +22,48 @@ def make_target_tracker(settings: Settings) -> TargetTracker:
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
     """
-    store = ModelStore(default_folder(os.environ))
-    motion = make_tracker(settings.tracker, store.file)
-    if settings.detector is None:
-        return LongTermTracker(motion, settings.longterm)
-    return FusionTracker(motion, make_detector(settings.detector, store), settings.fusion)
+    detector = make_settings_detector(settings)
+    if detector is None:
+        return LongTermTracker(_motion_tracker(settings), settings.longterm)
+    return FusionTracker(_motion_tracker(settings), detector, settings.fusion)
+
+
+def make_multi_tracker(
+    settings: Settings,
+    count: int,
+    detector: Detector | None,
+    mode: DetectionMode = InlineDetection,
+) -> MultiTargetTracker:
+    """Return a fresh tracker of `count` targets, which share the detector if there is one.
+
+    One target is followed by just what `make_target_tracker` makes.
+
+    Raises:
+        ModelError: a network is missing or broken; the message says how to get it.
+    """
+    if detector is None:
+        longterm = [
+            LongTermTracker(_motion_tracker(settings), settings.longterm) for _ in range(count)
+        ]
+        return SeparateTrackers(longterm)
+    if count > 1:
+        return MultiFusion(lambda: _motion_tracker(settings), detector, settings.fusion, mode)
+    fusion = FusionTracker(_motion_tracker(settings), detector, settings.fusion, mode)
+    return SeparateTrackers([fusion], fusion.close)
+
+
+def make_settings_detector(settings: Settings) -> Detector | None:
+    """Return the detector that the settings name, None if they name none.
+
+    Raises:
+        ModelError: its network is missing or broken; the message says how to get it.
+    """
+    return None if settings.detector is None else make_detector(settings.detector, _store())
+
+
+def _motion_tracker(settings: Settings) -> MotionTracker:
+    return make_tracker(settings.tracker, _store().file)
+
+
+def _store() -> ModelStore:
+    return ModelStore(default_folder(os.environ))

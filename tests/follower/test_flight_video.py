@@ -32,7 +32,7 @@ def test_every_frame_handed_in_at_leisure_is_in_the_file(
     path = tmp_path / "video.mp4"
     with kind(path, 30.0) as video:
         for number in range(20):
-            video.add(frame(number), None, ("a line",))
+            video.add(frame(number), (), ("a line",))
     assert frames_in(path) == 20
     assert video.remark is None
 
@@ -41,7 +41,7 @@ def test_a_burst_leaves_frames_out_and_says_so_but_never_waits(tmp_path: Path) -
     path = tmp_path / "video.mp4"
     with BackgroundVideo(path, 30.0) as video:
         for number in range(300):
-            video.add(frame(number, 640), None, ())
+            video.add(frame(number, 640), (), ())
     assert video.remark is not None
     assert "leaves out" in video.remark
     assert 0 < frames_in(path) < 300
@@ -50,7 +50,7 @@ def test_a_burst_leaves_frames_out_and_says_so_but_never_waits(tmp_path: Path) -
 def test_a_video_that_cannot_be_written_is_a_remark_and_no_end(tmp_path: Path) -> None:
     with BackgroundVideo(tmp_path / "missing" / "video.mp4", 30.0) as video:
         for number in range(100):
-            video.add(frame(number), None, ())
+            video.add(frame(number), (), ())
     assert video.remark is not None
     assert "ends early" in video.remark
     assert threading.active_count() < 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,7 +64,7 @@ class NetworkStream:
     def __init__(
         self, address: str, clock: Clock, open_timeout_s: float = 5.0, silence_s: float = 2.0
     ) -> None:
-        self._address = address
+        self._shown = without_password(address)
         self._clock = clock
         options = dict(_LOW_DELAY)
         if address.startswith("udp"):
@@ -73,10 +74,12 @@ class NetworkStream:
         try:
             self._container = av.open(address, options=options, timeout=(open_timeout_s, silence_s))
         except (av.error.FFmpegError, OSError) as error:
-            raise SourceError(f"{address}: no stream ({_reason(error)}); is it sending?") from error
+            raise SourceError(
+                f"{self._shown}: no stream ({_reason(error)}); is it sending?"
+            ) from error
         if not self._container.streams.video:
             self._container.close()
-            raise SourceError(f"{address}: there is no video in this stream")
+            raise SourceError(f"{self._shown}: there is no video in this stream")
         self._stream = self._container.streams.video[0]
         # Threads that decode several frames at once would give each of them late.
         self._stream.thread_type = "SLICE"
@@ -98,9 +101,7 @@ class NetworkStream:
             except av.error.InvalidDataError:
                 continue
             except (av.error.FFmpegError, OSError) as error:
-                raise SourceError(
-                    f"{self._address}: the stream broke ({_reason(error)})"
-                ) from error
+                raise SourceError(f"{self._shown}: the stream broke ({_reason(error)})") from error
             if packet is None:
                 return
             for picture in pictures:
@@ -158,10 +159,19 @@ class CaptureDevice:
         self._capture.release()
 
 
+def without_password(address: str) -> str:
+    """Return a stream's address as it may be shown: without a name and password in it."""
+    return re.sub(r"(?<=://)[^/@]*@", "", address)
+
+
 def check_device(path: str) -> None:
-    """Raise SourceError if there is no such device."""
+    """Raise SourceError if there is no such device, or if it may not be used."""
     if not Path(path).exists():
         raise SourceError(f"{path}: there is no such device; `ls /dev/video*` shows them")
+    if not os.access(path, os.R_OK | os.W_OK):
+        raise SourceError(
+            f"{path}: no permission; `sudo usermod -aG video $USER` and a new login give it"
+        )
 
 
 def check_gstreamer(pipeline: str) -> None:

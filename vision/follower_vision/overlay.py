@@ -1,4 +1,4 @@
-"""Draws a track onto a frame."""
+"""Draws tracks onto a frame."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
+from follower_vision.labels import place_labels
 from follower_vision.track import Track, TrackState
 
 Colour: TypeAlias = tuple[int, int, int]
@@ -19,6 +20,14 @@ STATE_COLOURS: dict[TrackState, Colour] = {
     TrackState.COASTING: (0, 190, 255),
     TrackState.LOST: (70, 70, 255),
 }
+TARGET_COLOURS: tuple[Colour, ...] = (
+    (233, 180, 86),
+    (40, 150, 255),
+    (200, 130, 240),
+    (60, 230, 240),
+)
+"""Of the first target, the second, ...: sky blue, orange, pink, yellow."""
+
 _WHITE: Colour = (245, 245, 245)
 _DARK: Colour = (25, 25, 25)
 _SUBPIXEL_BITS = 4
@@ -33,15 +42,45 @@ def draw_track(image: Image, track: Track | None, lines: Sequence[str] = ()) -> 
         track: its box is coloured by its state: green tracking, amber coasting, red lost.
         lines: text for the top-left corner.
     """
+    return draw_tracks(image, () if track is None else (track,), lines)
+
+
+def draw_tracks(image: Image, tracks: Sequence[Track], lines: Sequence[str] = ()) -> Image:
+    """Return a copy of `image` with tracks, the image's centre and lines of text on it.
+
+    Args:
+        image: (H, W, 3) uint8 BGR, any size.
+        tracks: one is drawn as by `draw_track`. Several are numbered from 1 and have a colour of
+            their own each; of a box that is not tracking only the corners are drawn.
+        lines: text for the top-left corner.
+    """
     canvas = image.copy()
     unit = _unit(canvas)
     _draw_centre(canvas, unit)
-    if track is not None:
-        _draw_target(canvas, track, unit)
+    if len(tracks) == 1:
+        _draw_target(canvas, tracks[0], unit)
+    else:
+        _draw_numbered(canvas, tracks, unit)
     for row, line in enumerate(lines):
         size = _text_size(unit)
         _draw_text(canvas, line, (size // 2, size // 2 + row * round(1.5 * size)), _WHITE, size)
     return canvas
+
+
+def draw_labelled(image: Image, boxes: Sequence[Box], labels: Sequence[str]) -> Image:
+    """Return a copy of `image` with labelled boxes on it, in turn in each of `TARGET_COLOURS`."""
+    canvas = image.copy()
+    unit = _unit(canvas)
+    colours = [target_colour(number) for number in range(1, len(boxes) + 1)]
+    for box, colour in zip(boxes, colours, strict=True):
+        _draw_thick(canvas, box, colour, unit)
+    _draw_labels(canvas, boxes, labels, colours, unit)
+    return canvas
+
+
+def target_colour(number: int) -> Colour:
+    """Return the colour of a target, counted from 1."""
+    return TARGET_COLOURS[(number - 1) % len(TARGET_COLOURS)]
 
 
 def draw_box(canvas: Image, box: Box, colour: Colour, thickness: int = 1) -> None:
@@ -58,26 +97,59 @@ def draw_box(canvas: Image, box: Box, colour: Colour, thickness: int = 1) -> Non
 
 def _draw_target(canvas: Image, track: Track, unit: float) -> None:
     colour = STATE_COLOURS[track.state]
-    tiny = min(track.box.width, track.box.height) < 20
-    thick = 1 if tiny else max(1, round(2 * unit))
-    draw_box(canvas, track.box, _DARK, thick + 2)
-    draw_box(canvas, track.box, colour, thick)
+    _draw_thick(canvas, track.box, colour, unit)
     arm = min(8 * unit, 0.3 * min(track.box.width, track.box.height))
     _draw_cross(canvas, (track.box.cx, track.box.cy), (0.0, arm), colour, max(1, round(unit)))
     label = f"{track.state.upper()} {track.confidence:.2f} {track.produced_by}"
-    _draw_label(canvas, label, track.box, colour, _text_size(unit))
+    _draw_labels(canvas, [track.box], [label], [colour], unit)
 
 
-def _draw_label(canvas: Image, label: str, box: Box, colour: Colour, size: int) -> None:
-    """Write above the box, or below it where there is no room, always inside the image."""
-    height, width = canvas.shape[:2]
-    tall = round(1.4 * size)
-    above = box.top - tall - 3
-    top = above if above >= 0 else box.bottom + 3
-    left = min(max(0.0, box.left), width - _text_width(canvas, label, size) - 6)
-    _draw_text(
-        canvas, label, (max(0, round(left)), round(min(max(0.0, top), height - tall))), colour, size
-    )
+def _draw_numbered(canvas: Image, tracks: Sequence[Track], unit: float) -> None:
+    colours = [target_colour(number) for number in range(1, len(tracks) + 1)]
+    for track, colour in zip(tracks, colours, strict=True):
+        if track.state is TrackState.TRACKING:
+            _draw_thick(canvas, track.box, colour, unit)
+        else:
+            thick = _thickness(track.box, unit)
+            _draw_corners(canvas, track.box, _DARK, thick + 2)
+            _draw_corners(canvas, track.box, colour, thick)
+    labels = [f"{n} {one.state.upper()} {one.confidence:.2f}" for n, one in enumerate(tracks, 1)]
+    _draw_labels(canvas, [track.box for track in tracks], labels, colours, unit)
+
+
+def _draw_thick(canvas: Image, box: Box, colour: Colour, unit: float) -> None:
+    """Draw a box with a dark rim, which shows on any ground."""
+    thick = _thickness(box, unit)
+    draw_box(canvas, box, _DARK, thick + 2)
+    draw_box(canvas, box, colour, thick)
+
+
+def _thickness(box: Box, unit: float) -> int:
+    return 1 if min(box.width, box.height) < 20 else max(1, round(2 * unit))
+
+
+def _draw_corners(canvas: Image, box: Box, colour: Colour, thickness: int) -> None:
+    across, down = box.width / 4, box.height / 4
+    for x, right in ((box.left, across), (box.right, -across)):
+        for y, below in ((box.top, down), (box.bottom, -down)):
+            corner = (_fixed(x), _fixed(y))
+            for end in ((_fixed(x + right), _fixed(y)), (_fixed(x), _fixed(y + below))):
+                cv2.line(canvas, corner, end, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _draw_labels(
+    canvas: Image,
+    boxes: Sequence[Box],
+    labels: Sequence[str],
+    colours: Sequence[Colour],
+    unit: float,
+) -> None:
+    """Write each label beside its box, always inside the image."""
+    size = _text_size(unit)
+    sizes = [(_text_width(canvas, label, size) + 6, round(1.4 * size)) for label in labels]
+    places = place_labels(boxes, sizes, canvas.shape[1], canvas.shape[0])
+    for label, (left, top), colour in zip(labels, places, colours, strict=True):
+        _draw_text(canvas, label, (round(left), round(top)), colour, size)
 
 
 def _draw_centre(canvas: Image, unit: float) -> None:

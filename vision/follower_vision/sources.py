@@ -14,6 +14,7 @@ from follower_vision.connection import (
     NetworkStream,
     check_device,
     check_gstreamer,
+    without_password,
 )
 from follower_vision.framesource import FrameSource, SourceError
 from follower_vision.imagefolder import ImageFolder
@@ -40,8 +41,7 @@ _GSTREAMER = "gst:"
 
 def is_live(spec: str) -> bool:
     """Return whether `spec` names a camera or a stream rather than a recording."""
-    named = spec.startswith(_GSTREAMER) or _ADDRESS.match(spec) or _DEVICE.fullmatch(spec)
-    return bool(named)
+    return spec.startswith(_GSTREAMER) or bool(_ADDRESS.match(spec)) or _device(spec) is not None
 
 
 def open_source(
@@ -54,9 +54,9 @@ def open_source(
     """Open a source of frames.
 
     Args:
-        spec: a video file; a folder of images; a camera ("/dev/video0"); the address of a stream
-            ("rtsp://...", "udp://0.0.0.0:5600" for H.264 in MPEG-TS); or "gst:" and a GStreamer
-            pipeline that ends in appsink.
+        spec: a video file; a folder of images; a camera ("/dev/video0", or "0" if no file has
+            that name); the address of a stream ("rtsp://...", "udp://0.0.0.0:5600" for H.264 in
+            MPEG-TS); or "gst:" and a GStreamer pipeline that ends in appsink.
         folder_rate_hz: frames a second of a folder of images.
         clock: times the frames of live sources; the computer's monotonic clock if None.
         live: how a live source behaves.
@@ -74,7 +74,11 @@ def open_source(
 
 def _open_live(spec: str, clock: Clock, settings: LiveSettings) -> LiveSource:
     source = LiveSource(_connector(spec, clock), clock, settings)
-    source.wait_for_first()
+    try:
+        source.wait_for_first()
+    except SourceError as error:
+        shown = without_password(spec)
+        raise SourceError(str(error) if shown in str(error) else f"{shown}: {error}") from error
     return source
 
 
@@ -84,7 +88,15 @@ def _connector(spec: str, clock: Clock) -> Callable[[], Connection]:
         pipeline = spec.removeprefix(_GSTREAMER).strip()
         check_gstreamer(pipeline)
         return partial(CaptureDevice.gstreamer, pipeline, clock)
-    if _DEVICE.fullmatch(spec):
-        check_device(spec)
-        return partial(CaptureDevice.v4l2, spec, clock)
+    device = _device(spec)
+    if device is not None:
+        check_device(device)
+        return partial(CaptureDevice.v4l2, device, clock)
     return partial(NetworkStream, spec, clock)
+
+
+def _device(spec: str) -> str | None:
+    """Return the path of the camera that is meant, None if it is none."""
+    if re.fullmatch(r"\d{1,3}", spec) and not Path(spec).exists():
+        return f"/dev/video{int(spec)}"
+    return spec if _DEVICE.fullmatch(spec) else None

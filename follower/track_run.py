@@ -1,0 +1,151 @@
+"""Follows targets through a source of frames, recorded or live."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from follower.flight_video import FlightVideo
+from follower.flightlog import FlightLog, TrackRecord
+from follower.recorded import RecordedControl
+from follower.selecting import TargetsSelector
+from follower.stopwatch import Stopwatch
+from follower_vision.box import Box
+from follower_vision.clock import Clock
+from follower_vision.frame import Frame
+from follower_vision.framesource import FrameSource, SourceError
+from follower_vision.live import LiveSource
+from follower_vision.multi_target import MultiTargetTracker
+from follower_vision.track import Track
+
+MakeControl = Callable[[FlightLog, Frame], RecordedControl]
+
+
+class TrackRun:
+    """First finds the targets, then follows them to the source's end, or until it is stopped.
+
+    `find` and `follow` are called one after the other, on any thread; `stop` and everything else
+    on any other meanwhile.
+
+    Args:
+        source: at its beginning.
+        tracker: not started yet.
+        selector: finds the targets.
+        count: how many there are.
+        clock: the frames' own. A simulated one is moved along with them.
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        tracker: MultiTargetTracker,
+        selector: TargetsSelector,
+        count: int,
+        clock: Clock,
+    ) -> None:
+        self.source = source
+        self.logs = [FlightLog() for _ in range(count)]
+        self._tracker = tracker
+        self._selector = selector
+        self._clock = clock
+        self._stop = threading.Event()
+        self._found: tuple[Frame, list[Box]] | None = None
+        self._size: tuple[int, int] | None = None
+        self._problem: str | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether the targets were found."""
+        return self._found is not None
+
+    @property
+    def first(self) -> Frame:
+        """The frame in which the targets were found."""
+        return self._chosen()[0]
+
+    def stop(self) -> None:
+        """End `find` or `follow` after the frame that is being worked on."""
+        self._stop.set()
+        if isinstance(self.source, LiveSource):
+            # Its reader may be waiting for a frame that never comes.
+            self.source.close()
+
+    @property
+    def problem(self) -> str | None:
+        """What went wrong with the source, in one line; None if nothing."""
+        return self._problem or self.source.problem
+
+    def find(self) -> bool:
+        """Read frames until all targets are seen in one; return whether they are.
+
+        Raises:
+            SourceError: there is no frame at all, or the selector refuses one.
+        """
+        while (frame := self._next()) is not None:
+            timer, received_s = Stopwatch(), self._clock.now()
+            boxes = self._selector(frame)
+            if boxes:
+                self._found = frame, boxes
+                return True
+            self._record(frame, (), received_s, timer.elapsed_s())
+        if not self.logs[0].tracks and not self._stop.is_set():
+            raise SourceError(f"no frame could be read: {self.problem or 'the source is empty'}")
+        return False
+
+    def follow(self, video: FlightVideo | None = None, control: MakeControl | None = None) -> None:
+        """Follow the targets that were found, from the frame in which they were.
+
+        Args:
+            video: is given each frame.
+            control: makes what steers by the first target, if anything is to.
+        """
+        first, boxes = self._chosen()
+        steering = None if control is None else control(self.logs[0], first)
+        answer: Callable[[Frame], list[Track]] = partial(self._tracker.start, boxes=boxes)
+        frame: Frame | None = first
+        while frame is not None:
+            timer, received_s = Stopwatch(), self._clock.now()
+            tracks = answer(frame)
+            answer = self._tracker.step
+            newest = self._record(frame, tracks, received_s, timer.elapsed_s())
+            if video is not None:
+                video.add(frame, tracks, ())
+            frame = self._next()
+            if steering is not None:
+                steering.step(newest, None if frame is None else frame.captured_s)
+
+    def _chosen(self) -> tuple[Frame, list[Box]]:
+        if self._found is None:
+            raise RuntimeError("no targets were found")
+        return self._found
+
+    def _next(self) -> Frame | None:
+        """Return the next frame, None at the end; where the size changes is an end, too."""
+        if self._stop.is_set():
+            return None
+        frame = self.source.read()
+        if frame is None:
+            return None
+        size = frame.width, frame.height
+        if self._size not in (None, size):
+            self._problem = (
+                f"frame {frame.sequence} is {size[0]}x{size[1]} pixels, the ones before were not: "
+                "the run ends there; start another one"
+            )
+            return None
+        self._size = size
+        self._clock.sleep_until(frame.captured_s)
+        return frame
+
+    def _record(
+        self, frame: Frame, tracks: Sequence[Track], received_s: float, busy_s: float
+    ) -> TrackRecord:
+        """Log a frame for each target; return the first target's record."""
+        done_s = self._clock.now()
+        for index, log in enumerate(self.logs):
+            track = tracks[index] if tracks else None
+            log.add_track(
+                TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
+            )
+        return self.logs[0].tracks[-1]
