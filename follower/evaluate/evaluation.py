@@ -173,9 +173,9 @@ def _others(
         if not (name and equals and Path(folder).is_dir()):
             raise DatasetError(f"--boxes {text}: write name=folder; the folder has to exist")
         for sequence in sequences:
-            path = Path(folder) / f"{sequence.name}.txt"
-            if not path.is_file():
-                remarks.append(f"{name}: no {path.name} in {folder}; left out of its means")
+            path = _boxes_file(Path(folder), sequence.name)
+            if path is None:
+                remarks.append(f"{name}: no {sequence.name}.txt in {folder}; left out of its means")
                 continue
             result = Result(tuple(read_boxes(path)))
             if len(result.boxes) != len(sequence.truth):
@@ -185,6 +185,12 @@ def _others(
             start = Start("ope", 0, 0, sequence.initial)
             runs.append(scored(name, sequence, start, sequence.rate_hz or options.fps, result))
     return runs
+
+
+def _boxes_file(folder: Path, name: str) -> Path | None:
+    """Return a sequence's file: NAME.txt, or NAME/NAME_001.txt as GOT-10k's toolkit writes it."""
+    places = (folder / f"{name}.txt", folder / name / f"{name}_001.txt")
+    return next((path for path in places if path.is_file()), None)
 
 
 def _write(

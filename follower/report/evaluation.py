@@ -72,7 +72,7 @@ def _parts(
                 "are those that miss it there, or all where nobody ever does."
             ),
             key(found),
-            *(pictures(sequence, once, found) for sequence in sequences),
+            pictures(sequences, once, found) if once else "",
         ),
         html.section("Remarks", *(html.paragraph(remark) for remark in remarks)),
     )

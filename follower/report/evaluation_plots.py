@@ -16,6 +16,7 @@ from follower_vision.curves import NORMALISED_AT, PRECISION_AT, SUCCESS_AT
 
 _MOST_ATTRIBUTES = 24
 _WIDTH_IN = 4.7
+_ATTRIBUTES_IN = 5.6
 
 
 def curve_plots(rows: Sequence[Row], looks: Mapping[str, Look]) -> str:
@@ -71,13 +72,13 @@ def attribute_plot(rows: Sequence[AttributeRow], looks: Mapping[str, Look]) -> s
     if not names:
         return ""
     with style.plot_style():
-        figure = Figure(figsize=(style.WIDTH_IN, 0.32 * len(names) + 0.8), layout="constrained")
+        figure = Figure(figsize=(_ATTRIBUTES_IN, 0.26 * len(names) + 0.7), layout="constrained")
         axes = figure.subplots()
         for row in reversed(rows):
             if row.attribute in names:
                 look = looks[row.tracker]
                 place = (row.score.auc, names.index(row.attribute))
-                axes.plot(*place, look.marker, color=look.colour.light, markersize=6)
+                axes.plot(*place, look.marker, color=look.colour.light, markersize=5)
         axes.set_yticks(range(len(names)), [f"{name} ({counts[name]})" for name in names])
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.set_xlim(0, 1)

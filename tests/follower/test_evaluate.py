@@ -160,6 +160,19 @@ def test_a_name_that_nobody_knows_is_refused(name: str) -> None:
         Contender(name, "yolox-nano")
 
 
+@pytest.mark.parametrize("file", ["patch.txt", "patch/patch_001.txt"])
+def test_another_programs_boxes_are_found(data: Path, tmp_path: Path, file: str) -> None:
+    boxes = tmp_path / "others" / file
+    boxes.parent.mkdir(parents=True)
+    boxes.write_text((data / "patch" / "groundtruth.txt").read_text())
+    options = EvaluateOptions(
+        (data,), (), boxes=(f"oracle={tmp_path / 'others'}",), out=tmp_path / "runs"
+    )
+    assert evaluate(options, quiet()) == 0
+    (row,) = csv.DictReader((tmp_path / "runs/evaluate/results.csv").read_text().splitlines())
+    assert (row["tracker"], row["success@0.5"], row["fps"]) == ("oracle", "1.0", "")
+
+
 def test_resuming_runs_only_what_is_missing(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
