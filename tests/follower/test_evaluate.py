@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from io import StringIO
@@ -19,7 +20,9 @@ from follower.evaluate.contender import Contender
 from follower.evaluate.evaluation import EvaluateOptions, evaluate
 from follower_control.strict_yaml import SettingsError
 
-REFERENCE = Path(__file__).parents[3] / "shared" / "tools" / "ope_reference.py"
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("FOLLOWER_DATA", ROOT.parent / "shared" / "data"))
+REFERENCE = ROOT.parent / "shared" / "tools" / "ope_reference.py"
 
 
 @pytest.fixture
@@ -152,6 +155,21 @@ def test_a_name_says_kind_motion_tracker_and_detector(
 ) -> None:
     contender = Contender(name, "yolox-nano")
     assert (contender.kind, contender.motion, contender.detector) == expected
+
+
+@pytest.mark.skipif(not (DATA / "weights").is_dir(), reason="no data in ../shared/data")
+def test_fusion_is_measured_with_its_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FOLLOWER_MODELS", str(DATA / "weights"))
+    sequence = DATA / "sequences" / "uav123_wakeboard7"
+    options = EvaluateOptions((sequence,), ("fusion", "fusion-paper"), out=tmp_path / "r")
+    assert evaluate(options, quiet()) == 0
+    stored = json.loads((tmp_path / "r/evaluate/results.json").read_text())
+    runs = {run["tracker"]: run for run in stored["runs"]}
+    assert set(runs) == {"fusion", "fusion-paper"}
+    assert all(0 <= run["states"]["tracking at iou 0"] <= 1 for run in runs.values())
+    assert runs["fusion"]["success@0.5"] > 0.5
 
 
 @pytest.mark.parametrize("name", ["nobody", "fusion:nobody", "csrt+x", "correlation:mil", ""])
