@@ -1,0 +1,1 @@
+"""Sequences on which trackers fail, made from others by a program."""
