@@ -31,6 +31,10 @@ from follower_vision.ope import Sequence
 _SUCCESS, _INTERRUPTED = 0, 130
 
 
+class _UnreadableError(Exception):
+    """A sequence's images cannot be read to the end."""
+
+
 @dataclass(frozen=True, slots=True)
 class EvaluateOptions:
     """What the command line was given; see `follower evaluate --help`."""
@@ -74,12 +78,12 @@ def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
         console.print(f"interrupted; go on with --resume {folder}", highlight=False)
         return _INTERRUPTED
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]
-    for remark in remarks:
-        console.print(remark, style="yellow", markup=False, highlight=False, soft_wrap=True)
-    whole = [sequence for sequence in sequences if sequence.name not in broken]
     kept = [one for one in [*runs, *others] if one.sequence not in broken]
     if not kept:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
+    for remark in remarks:
+        console.print(remark, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    whole = [sequence for sequence in sequences if sequence.name not in broken]
     _write(folder, kept, whole, remarks, console)
     return _SUCCESS
 
@@ -134,33 +138,50 @@ def _run_all(
 ) -> tuple[list[Scored], dict[str, str]]:
     """Return the runs, and why a sequence broke off: a tracker could not read it whole."""
     jobs = [(c, s, start) for c in contenders for s in sequences for start in _starts(s, options)]
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    clock = MonotonicClock()
     runs: list[Scored] = []
     broken: dict[str, str] = {}
-    with Progress(*columns, console=console) as progress:
+    with _progress(console) as progress:
         task = progress.add_task("evaluating", total=len(jobs))
         for contender, sequence, start in jobs:
             progress.update(task, description=f"{contender.name} {sequence.name}")
             progress.advance(task)
-            if sequence.name in broken:
-                continue
             rate_hz = sequence.rate_hz or options.fps
-            result = store.load(contender, sequence, start, rate_hz)
-            if result is None:
-                try:
-                    result = run(contender, sequence, start, rate_hz, clock)
-                except OSError as error:
-                    broken[sequence.name] = str(error)
-                    continue
-                store.save(contender, sequence, start, rate_hz, result)
-            runs.append(scored(contender.name, sequence, start, rate_hz, result))
+            try:
+                if sequence.name not in broken:
+                    result = _stored_or_run(contender, sequence, start, rate_hz, store)
+                    runs.append(scored(contender.name, sequence, start, rate_hz, result))
+            except _UnreadableError as error:
+                broken[sequence.name] = str(error)
     return runs, broken
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def _stored_or_run(
+    contender: Contender, sequence: Sequence, start: Start, rate_hz: float, store: ResultStore
+) -> Result:
+    """Return a run's result, from the store if it is there already.
+
+    Raises:
+        _UnreadableError: an image cannot be read.
+        OSError: the result cannot be written.
+    """
+    result = store.load(contender, sequence, start, rate_hz)
+    if result is None:
+        try:
+            result = run(contender, sequence, start, rate_hz, MonotonicClock())
+        except OSError as error:
+            raise _UnreadableError(str(error)) from None
+        store.save(contender, sequence, start, rate_hz, result)
+    return result
 
 
 def _others(
