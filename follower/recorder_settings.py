@@ -34,7 +34,7 @@ class RecorderSettings:
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
 
     video: VideoKind = VideoKind.H264
-    quality: int = 20
+    quality: int = 23
     buffer_mb: float = 96.0
     keep_free_mb: float = 200.0
 

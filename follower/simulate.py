@@ -19,6 +19,7 @@ from follower.flight_video import BackgroundVideo, OverlayVideo
 from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.outputs import write_boxes, write_setpoints
+from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.report.meta import ReportMeta
 from follower.report.writer import write_report, write_score, write_whole
 from follower.run_folder import new_run_folder
@@ -32,15 +33,19 @@ from follower_sim.criteria import verdict
 from follower_sim.scenario import Scenario
 from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
-from follower_vision.clock import MonotonicClock, SimulatedClock
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 FLAVOURS = ("px4", "ardupilot", EXTERNAL)
 INTERRUPTED = "The user ended this flight."
-VIDEO = "video.mp4"
+VIDEO = "overlay.mp4"
 FILES = (
     ("report.html", "this report"),
-    (VIDEO, "what the camera saw, with the track"),
+    (VIDEO, "to watch: what the camera saw, with the track drawn into it"),
+    ("flight.mcap", "the recording: every message, for `follower replay`, Foxglove, PlotJuggler"),
+    ("mavlink.tlog", "the recording: every MAVLink packet, for Mission Planner and MAVProxy"),
+    ("video.mkv", "the recording: the frames that vision saw, nothing drawn into them"),
+    ("config.yaml", "the recording: settings, versions, hashes of networks, seed"),
     ("score.json", "the score and its limits"),
     ("boxes.csv", "the track, a line a frame"),
     ("setpoints.csv", "the setpoints, a line a control step"),
@@ -61,6 +66,7 @@ class SimulationOptions:
     out: Path = Path("runs")
     video: bool = True
     connect: str = "udpin:127.0.0.1:14540"
+    record: bool = True
 
     @property
     def command(self) -> str:
@@ -141,8 +147,11 @@ def _fly(
 ) -> tuple[SimulatedFlight, tuple[str, ...]]:
     """Return the flight when it is over, and what its reader must know."""
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
-    with _video(options, folder, world.scenario.camera.rate_hz) as video:
-        flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video)
+    with (
+        _video(options, folder, world.scenario.camera.rate_hz) as video,
+        _recorder(options, world, settings, clock, folder) as recorder,
+    ):
+        flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video, recorder)
         terminal = Terminal(console, world.scenario.title)
         with terminal, StopOnInterrupt(flight.stop) as interrupt:
 
@@ -154,7 +163,8 @@ def _fly(
             else:
                 fly_realtime(flight, clock, show)
     remarks = (INTERRUPTED if interrupt.interrupted else None, video.remark if video else None)
-    return flight, tuple(remark for remark in remarks if remark is not None)
+    recorded = () if recorder is None else recorder.remarks
+    return flight, (*(remark for remark in remarks if remark is not None), *recorded)
 
 
 @contextmanager
@@ -167,6 +177,32 @@ def _video(
     kind = OverlayVideo if options.lockstep else BackgroundVideo
     with kind(folder / VIDEO, rate_hz) as video:
         yield video
+
+
+@contextmanager
+def _recorder(
+    options: SimulationOptions, world: World, settings: Settings, clock: Clock, folder: Path
+) -> Iterator[Recorder | None]:
+    if not options.record:
+        yield None
+        return
+    config = FlightConfig.of(
+        "simulated",
+        settings,
+        run={
+            "scenario": world.scenario.name,
+            "title": world.scenario.title,
+            "autopilot": options.autopilot,
+            "seed": world.seed,
+            "lockstep": options.lockstep,
+            "command": options.command,
+        },
+        camera=world.scenario.camera.model,
+        epoch_ns=LOCKSTEP_EPOCH_NS if options.lockstep else epoch_now_ns(clock),
+    )
+    recorder = Recorder(folder, config, clock, settings.recorder, threaded=not options.lockstep)
+    with recorder:
+        yield recorder
 
 
 def _report(

@@ -15,6 +15,7 @@ from follower.links.connection import ConnectionFailedError
 from follower.links.mavlink import MavlinkLink
 from follower.live_status import LiveStatus
 from follower.realtime import VisionLoop
+from follower.recorder import Recorder
 from follower.selecting import colour_selector
 from follower.settings import Settings
 from follower.supervisor import State
@@ -53,6 +54,7 @@ class SimulatedFlight:
         clock: stands at 0 now.
         ends: the transports of the follower and of the simulated autopilot.
         video: takes every frame with its track, if given.
+        recorder: records the flight, if given.
     """
 
     def __init__(
@@ -63,19 +65,22 @@ class SimulatedFlight:
         clock: Clock,
         ends: tuple[Transport, Transport],
         video: FlightVideo | None = None,
+        recorder: Recorder | None = None,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
         self.settings = settings
         start = start_state(scenario)
-        self._link = MavlinkLink(ends[0])
+        self._recorder = recorder
+        ours = ends[0] if recorder is None else recorder.transport(ends[0])
+        self._link = MavlinkLink(ours)
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
         if flavour != EXTERNAL:
             self.autopilot = SimAutopilot(flavour, ends[1], start, world.wind.velocity_m_s)
             self.vehicle = self.autopilot
         self.camera = SimCamera(world, self.vehicle.state_at)
-        self.log = FlightLog()
+        self.log = FlightLog() if recorder is None else recorder.log
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
         self.chosen_s: float | None = None
@@ -135,13 +140,19 @@ class SimulatedFlight:
     def _on_step(self, record: ControlRecord) -> None:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
-        self.truth.append(self._teller.sample(now_s, self.vehicle.state_at(now_s)))
+        self._take_truth(now_s)
         if self.chosen_s is None and self.phase is Phase.AIRBORNE:
             self.chosen_s = now_s
             select = self.scenario.select
             self._vision_stage.select(colour_selector(select.colour, select.search))
         if now_s >= self.scenario.duration_s:
             self.stop()
+
+    def _take_truth(self, now_s: float) -> None:
+        sample = self._teller.sample(now_s, self.vehicle.state_at(now_s))
+        self.truth.append(sample)
+        if self._recorder is not None:
+            self._recorder.add_truth(sample)
 
     def check_answered(self) -> None:
         """Refuse to wait for ever.

@@ -34,7 +34,7 @@ Reading. `open_flight` opens a folder, also one that a power cut ended or whose 
 Times are seconds on the flight's clock. `config.epoch_ns` says when its 0 was.
 """
 
-from follower.recorder.config import LOCKSTEP_EPOCH_NS, FlightConfig
+from follower.recorder.config import LOCKSTEP_EPOCH_NS, FlightConfig, epoch_now_ns
 from follower.recorder.reading import FlightFileError
 from follower.recorder.recorded_flight import RecordedFlight, open_flight
 from follower.recorder.recorder import Recorder
@@ -48,5 +48,6 @@ __all__ = [
     "Recorder",
     "RecorderSettings",
     "VideoKind",
+    "epoch_now_ns",
     "open_flight",
 ]

@@ -8,7 +8,9 @@ import re
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -16,6 +18,7 @@ import yaml
 from follower.recorder.mcap_log import FORMAT
 from follower.settings import Settings
 from follower_vision.camera import CameraModel
+from follower_vision.clock import Clock
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.models.download import sha256_of
 
@@ -108,6 +111,12 @@ class FlightConfig:
             raise ValueError(f"not a flight's configuration ({error})") from error
 
 
+def epoch_now_ns(clock: Clock) -> int:
+    """Return what the clock's 0 is in nanoseconds since 1970, UTC, by the computer's calendar."""
+    now_us = round(datetime.now(UTC).timestamp() * 1e6)
+    return 1000 * (now_us - round(clock.now() * 1e6))
+
+
 def running_versions() -> dict[str, str]:
     """Return the versions of what computes: the same ones give the same flight."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
@@ -126,6 +135,9 @@ def model_hashes(settings: Settings) -> dict[str, str]:
     names = {settings.tracker, settings.detector}
     files = [file for model in store.models if model.name in names for file in model.files]
     paths = {file.name: store.folder / file.name for file in files}
+    if settings.detector is not None:
+        own = Path(settings.detector)
+        paths[own.name] = own
     return {name: sha256_of(path) for name, path in paths.items() if path.is_file()}
 
 

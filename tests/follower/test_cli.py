@@ -164,7 +164,7 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     folder = tmp_path / "runs" / "demo"
     assert "The user ended this flight." in (folder / "report.html").read_text("utf-8")
     assert json.loads((folder / "score.json").read_text("utf-8"))["passed"] is False
-    assert count_frames(folder / "video.mp4") > 20
+    assert count_frames(folder / "overlay.mp4") > 20
     rows = rows_of(folder / "setpoints.csv")
     assert rows[-1]["state"] == "released"
     assert float(rows[-1]["forward_m_s"]) == pytest.approx(0.0, abs=0.01)
