@@ -22,7 +22,7 @@ from follower.track_display import TrackDisplay
 from follower.track_files import TrackFiles, check_destinations, run_folder
 from follower.track_options import LIST, TrackOptions
 from follower.track_run import TrackRun
-from follower.track_status import TrackStatus
+from follower.track_status import TrackStatus, counted
 from follower.tracking import make_multi_tracker, make_settings_detector
 from follower.watched import run_watched, sigterm_as_ctrl_c
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
@@ -153,11 +153,11 @@ class TrackSession:
         logs, source = self._run.logs, self._run.source
         frames = len(logs[0].tracks)
         busy_s = sum(record.busy_s for record in logs[0].tracks)
-        parts = [f"{frames} frames", f"target seen in {_seen(logs)}"]
+        parts = [counted(frames, "frame"), f"target seen in {_seen(logs)}"]
         if isinstance(source, LiveSource | Paced):
-            parts.append(f"{source.skipped} frames dropped")
+            parts.append(f"{source.skipped} dropped")
         if isinstance(source, LiveSource):
-            parts.append(f"{max(0, source.connections - 1)} reconnects")
+            parts.append(counted(max(0, source.connections - 1), "reconnect"))
         parts.append(f"{1e3 * busy_s / max(frames, 1):.1f} ms a frame")
         self._display.say(", ".join(parts))
         for file in files:

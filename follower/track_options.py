@@ -17,6 +17,7 @@ from follower_vision.fusion.multi import MOST_TARGETS
 from follower_vision.fusion.settings import IMPROVEMENTS
 from follower_vision.models import MODELS, Purpose
 from follower_vision.sources import is_live
+from follower_vision.trackers import tracker_names
 
 LIST = "list"
 """What `--select` takes instead of an object, to have them listed."""
@@ -65,6 +66,9 @@ class TrackOptions:
             raise SettingsError("--select list stands alone: it lists and follows nothing")
         if not self.video and self.save is not None:
             raise SettingsError("--save and --no-video contradict each other")
+        if self.tracker is not None and self.tracker not in tracker_names():
+            names = ", ".join(tracker_names())
+            raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
         _check_improvements(self.without)
 
     @property

@@ -73,8 +73,10 @@ class TrackRun:
 
     @property
     def problem(self) -> str | None:
-        """What went wrong with the source, in one line; None if nothing."""
-        return self._problem or self.source.problem
+        """What ended the run early or is missing in it, in one line; None if nothing."""
+        if self._problem is None and not isinstance(self.source, LiveSource):
+            return self.source.problem
+        return self._problem
 
     def find(self) -> bool:
         """Read frames until all targets are seen in one; return whether they are.

@@ -63,16 +63,24 @@ def status_line(status: TrackStatus, waiting_for: str, rate_hz: float | None) ->
         waiting_for: what is looked for while there is no track.
         rate_hz: frames answered for in a second, None while nobody knows.
     """
-    parts = [_targets(status.tracks) or f"waiting for {waiting_for}"]
-    if rate_hz is not None:
-        parts.append(f"{rate_hz:.0f} frames/s")
-    if status.delay_s is not None:
-        parts += [f"delay {1e3 * status.delay_s:.0f} ms", f"{status.skipped} dropped"]
-    if status.reconnects:
-        parts.append(f"{status.reconnects} reconnect{'s' * (status.reconnects > 1)}")
     if status.problem is not None:
-        parts.append(status.problem)
+        parts = [f"no frames: {status.problem}"]
+    else:
+        parts = [_targets(status.tracks) or f"waiting for {waiting_for}"]
+        if rate_hz is not None:
+            parts.append(f"{rate_hz:.0f} frames/s")
+        if status.delay_s is not None:
+            parts.append(f"delay {1e3 * status.delay_s:.0f} ms")
+    if status.delay_s is not None:
+        parts.append(f"{status.skipped} dropped")
+    if status.reconnects:
+        parts.append(counted(status.reconnects, "reconnect"))
     return "  ".join(parts)
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a number of things: "1 frame", "2 frames"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def _targets(tracks: tuple[Track, ...]) -> str:

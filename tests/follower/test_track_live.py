@@ -1,0 +1,200 @@
+"""`follower track` on a live stream: breaks are bridged, Ctrl-C leaves everything complete."""
+
+from __future__ import annotations
+
+import csv
+import os
+import queue
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.sources import open_source
+
+INTERRUPTED = 130
+FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
+RATE = 20
+START = (60, 100)
+
+
+class Camera:
+    """Sends H.264 in MPEG-TS over UDP: a red square that stands, and moves when it is told to."""
+
+    def __init__(self, port: int) -> None:
+        self.address = f"udp://127.0.0.1:{port}"
+        self.moving = threading.Event()
+        self._rng = np.random.default_rng(5)
+        coarse = self._rng.integers(60, 180, (24, 32), dtype=np.uint8)
+        grey = cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_LINEAR)
+        self._ground = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+        self._steps = 0
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Where the square's top-left corner is: it goes right and left again, by and by down."""
+        lap = self._steps % 240
+        return START[0] + min(lap, 240 - lap), START[1] + min(self._steps // 4, 60)
+
+    @contextmanager
+    def sending(self) -> Iterator[None]:
+        stop = threading.Event()
+        thread = threading.Thread(target=self._send, args=(stop,), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join(10)
+
+    def _send(self, stop: threading.Event) -> None:
+        with av.open(f"{self.address}?pkt_size=1316", "w", format="mpegts") as container:
+            options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10"}
+            stream = container.add_stream("libx264", rate=RATE, options=options)
+            stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
+            number = 0
+            while not stop.wait(1 / RATE):
+                self._steps += self.moving.is_set()
+                frame = av.VideoFrame.from_ndarray(self._picture(), format="bgr24")
+                frame.pts, frame.time_base = number, Fraction(1, RATE)
+                container.mux(stream.encode(frame))
+                number += 1
+
+    def _picture(self) -> np.ndarray:
+        image = self._ground.copy()
+        x, y = self.corner
+        cv2.rectangle(image, (x, y), (x + 29, y + 29), (30, 30, 220), -1)
+        cv2.rectangle(image, (x + 8, y + 8), (x + 20, y + 14), (200, 200, 40), -1)
+        return cv2.add(image, self._rng.integers(0, 6, image.shape, dtype=np.uint8))
+
+
+class Follower:
+    """The program, and what it has printed so far."""
+
+    def __init__(self, *arguments: str, cwd: Path) -> None:
+        self.lines: list[str] = []
+        self._queue: queue.Queue[str] = queue.Queue()
+        self.process = subprocess.Popen(
+            [*FOLLOWER, "track", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait_for(self, pattern: str, within_s: float = 60.0) -> str:
+        end_s = time.monotonic() + within_s
+        while time.monotonic() < end_s:
+            try:
+                line = self._queue.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            self.lines.append(line)
+            if re.search(pattern, line):
+                return line
+        raise AssertionError(f"nothing like {pattern!r} was printed: {self.lines}")
+
+    def end(self, how: signal.Signals = signal.SIGINT) -> str:
+        self.process.send_signal(how)
+        self.process.wait(60)
+        self._reader.join(10)
+        while not self._queue.empty():
+            self.lines.append(self._queue.get())
+        return "".join(self.lines)
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as printed:
+            for line in printed:
+                self._queue.put(line)
+
+
+@pytest.fixture
+def camera() -> Camera:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return Camera(probe.getsockname()[1])
+
+
+@pytest.mark.slow
+def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files(
+    camera: Camera, tmp_path: Path
+) -> None:
+    box = f"{START[0]},{START[1]},30,30"
+    with camera.sending():
+        follower = Follower(camera.address, "--target", box, "--save", "out.mp4", cwd=tmp_path)
+        follower.wait_for("tracking")
+        camera.moving.set()
+        follower.wait_for(r"tracking 0\.\d+ .*frames/s +delay \d+ ms +\d+ dropped")
+        camera.moving.clear()
+    follower.wait_for("no frames: .*(the stream broke|no stream|connecting again)")
+    with camera.sending():
+        follower.wait_for(r"1 reconnect\b")
+        camera.moving.set()
+        time.sleep(2.0)
+        camera.moving.clear()
+        time.sleep(1.0)
+        printed = follower.end()
+    assert follower.process.returncode == INTERRUPTED, printed
+    assert re.search(r"\d+ dropped, 1 reconnect, ", printed)
+    (folder,) = (tmp_path / "runs").iterdir()
+    rows = rows_of(folder / "boxes.csv")
+    times = np.array([float(row["time"]) for row in rows])
+    assert (np.diff(times) > 0).all()
+    assert np.diff(times).max() > 1.5
+    assert rows[-1]["state"] == "tracking"
+    assert float(rows[-1]["x"]) == pytest.approx(camera.corner[0], abs=5)
+    assert float(rows[-1]["y"]) == pytest.approx(camera.corner[1], abs=5)
+    assert cv2.imread(str(folder / "track.png")) is not None
+    assert not (folder / "setpoints.csv").exists()
+    with open_source(str(tmp_path / "out.mp4")) as video:
+        frames = [frame.captured_s for frame in iter(video.read, None)]
+    assert len(frames) == len(rows)
+    assert frames[-1] == pytest.approx(times[-1] - times[0], abs=0.1)
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_the_target_is_awaited_leaves_nothing(camera: Camera, tmp_path: Path) -> None:
+    with camera.sending():
+        follower = Follower(camera.address, "--colour", "#20e020", cwd=tmp_path)
+        follower.wait_for("waiting for something of colour #20e020")
+        printed = follower.end(signal.SIGTERM)
+    assert follower.process.returncode == INTERRUPTED, printed
+    assert "nothing is written" in printed
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stream_that_nobody_sends_ends_in_one_line(camera: Camera, tmp_path: Path) -> None:
+    result = subprocess.run(
+        [*FOLLOWER, "track", camera.address, "--target", "1,2,30,40"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert camera.address in result.stderr
+    assert "is the camera sending?" in result.stderr or "is it sending?" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
