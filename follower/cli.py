@@ -12,6 +12,7 @@ from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
 from follower.models_command import models_app
+from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
 from follower_control.strict_yaml import SettingsError
 
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 
 app.command("track", epilog=EPILOG)(track_command)
+app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
@@ -58,6 +60,9 @@ Connect = Annotated[
     str,
     typer.Option(help="Where MAVLink is spoken in real time, as pymavlink writes it."),
 ]
+Record = Annotated[
+    bool, typer.Option(help="Record the flight, for `follower replay` and other programs.")
+]
 
 
 @app.command()
@@ -70,13 +75,14 @@ def demo(
     connect: Connect = DEFAULT_CONNECTION,
     out: Out = Path("runs"),
     video: Video = True,
+    record: Record = True,
 ) -> None:
     """Fly a pursuit: a car on a winding road, a drone with a camera behind it.
 
     Takes about a minute and a half in real time. Afterwards runs/demo holds the video, an HTML
     report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed.
     """
-    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video)
+    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record)
 
 
 @app.command()
@@ -92,12 +98,22 @@ def sim(
     connect: Connect = DEFAULT_CONNECTION,
     out: Out = Path("runs"),
     video: Video = True,
+    record: Record = True,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
     from follower.simulate import SimulationOptions, simulate
 
     options = SimulationOptions(
-        scenario, autopilot, seed, lockstep, config, tuple(overrides or ()), out, video, connect
+        scenario,
+        autopilot,
+        seed,
+        lockstep,
+        config,
+        tuple(overrides or ()),
+        out,
+        video,
+        connect,
+        record,
     )
     raise typer.Exit(simulate(options))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 from follower.flightlog import (
     ControlRecord,
@@ -28,8 +27,6 @@ from follower_control.estimate import TargetEstimate
 from follower_control.vehicle import Attitude, VehicleState
 from follower_sim.score import TruthSample
 from follower_vision.frame import Frame
-
-T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -57,11 +54,9 @@ class RecordedFlight:
     remarks: list[str] = field(default_factory=list)
     _messages: list[tuple[float, object]] = field(default_factory=list)
 
-    def messages(self, *kinds: type[T]) -> Iterator[tuple[float, T]]:
-        """Return (time_s, message) in the order written, of these kinds or of all."""
-        for time_s, message in self._messages:
-            if not kinds or isinstance(message, kinds):
-                yield time_s, message  # type: ignore[misc]
+    def messages(self) -> Iterator[tuple[float, object]]:
+        """Return (time_s, message) in the order written; a control step comes in its parts."""
+        return iter(self._messages)
 
     def pictures(self) -> Iterator[Frame]:
         """Return the frames that are in the video, decoded, in their order.

@@ -1,0 +1,44 @@
+"""The command `follower replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from follower.command_options import Out, Overrides
+
+
+def replay_command(
+    flight: Annotated[Path, typer.Argument(help="A flight's folder, with flight.mcap in it.")],
+    overrides: Overrides = None,
+    tracker: Annotated[
+        str | None, typer.Option(help="Another motion tracker; see `follower trackers`.")
+    ] = None,
+    detector: Annotated[str | None, typer.Option(help="Another detector.")] = None,
+    save: Annotated[
+        bool,
+        typer.Option(
+            "--save",
+            help="Keep the replay as a flight of its own: for lossy video, the reference that "
+            "later replays have to match bit for bit.",
+        ),
+    ] = False,
+    out: Out = Path("runs"),
+) -> None:
+    """Replay a recorded flight through the code that flies, and compare.
+
+    The recorded frames and telemetry go through vision and control again; every track, estimate
+    and setpoint is compared with the recorded one. The exit code is 0 if they are the same to the
+    last bit, as far as the recording allows to tell, and 1 if they differ.
+
+    With **--set**, **--tracker** or **--detector** it shows what the flight would have asked for
+    with other settings, open loop; the exit code is then 0.
+    """
+    from follower.replay.command import ReplayOptions, replay_flight
+
+    chosen = {"tracker": tracker, "detector": detector}
+    named = [f"{key}={value}" for key, value in chosen.items() if value is not None]
+    options = ReplayOptions(flight, (*(overrides or ()), *named), save, out)
+    raise typer.Exit(replay_flight(options))
