@@ -18,6 +18,9 @@ from follower_vision.frame import Image
 _HUES = 16
 _SATURATIONS = 3
 _GREYS = 8
+_COLOURS = _HUES * _SATURATIONS
+_BINS = _COLOURS + _GREYS
+_PALE = 128
 _LEAST_SATURATION = 48
 _LEAST_VALUE = 32
 _LEAST_DEVIATION = 2.0
@@ -66,6 +69,21 @@ def look(image: Image, box: Box, size: tuple[int, int], margin: float = 0.0) -> 
     return Appearance(grey, colour_histogram(inner))
 
 
+class Gallery:
+    """Several views of one target, ready to be compared with what is seen."""
+
+    def __init__(self, views: Sequence[Appearance]) -> None:
+        """Take the views; all their pictures have one size."""
+        self._size = views[0].grey.shape
+        self._patterns = _patterns([view.grey for view in views])
+        self._histograms = np.stack([view.histogram for view in views])
+
+    def likeness(self, seen: Appearance) -> float:
+        """Return the largest likeness to a view, -1 to 2: correlation plus common colours."""
+        alike = _correlations(self._patterns, self._size, seen.grey)
+        return float((alike + intersections(self._histograms, seen.histogram)).max())
+
+
 def correlations(templates: Sequence[Grey], picture: Grey) -> npt.NDArray[np.float64]:
     """Return, for each template, its best normalised cross-correlation within a picture.
 
@@ -78,17 +96,14 @@ def correlations(templates: Sequence[Grey], picture: Grey) -> npt.NDArray[np.flo
     Returns:
         Shape (number of templates,), -1 to 1.
     """
-    size = templates[0].shape
-    down, across = (picture.shape[0] - size[0]) % 4 // 2, (picture.shape[1] - size[1]) % 4 // 2
-    places = np.lib.stride_tricks.sliding_window_view(picture, size)[down::2, across::2]
-    windows = _normalised(places.reshape(-1, size[0] * size[1]))
-    known = _normalised(np.stack(templates).reshape(len(templates), -1))
-    return np.asarray((known @ windows.T).max(axis=1), np.float64)
+    return _correlations(_patterns(templates), templates[0].shape, picture)
 
 
-def intersections(histograms: Sequence[Histogram], other: Histogram) -> npt.NDArray[np.float64]:
+def intersections(
+    histograms: Sequence[Histogram] | Histogram, other: Histogram
+) -> npt.NDArray[np.float64]:
     """Return how much each histogram has in common with another, shape (number,), 0 to 1."""
-    return np.asarray(np.minimum(np.stack(histograms), other).sum(axis=1))
+    return np.asarray(np.minimum(histograms, other).sum(axis=1))
 
 
 def colour_histogram(image: Image) -> Histogram:
@@ -100,36 +115,81 @@ def colour_histogram(image: Image) -> Histogram:
     """
     bins = histogram_bins(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), np.uint8))
     weights = _ellipse(image.shape[0], image.shape[1])
-    counts = np.bincount(
-        bins.ravel(), weights.ravel(), minlength=_HUES * _SATURATIONS + _GREYS
-    ).astype(np.float64)
-    colours = counts[: _HUES * _SATURATIONS].reshape(_HUES, _SATURATIONS)
-    colours = (2 * colours + np.roll(colours, 1, 0) + np.roll(colours, -1, 0)) / 4
-    greys = np.convolve(np.pad(counts[_HUES * _SATURATIONS :], 1, "edge"), (0.25, 0.5, 0.25))[2:-2]
-    smooth = np.concatenate([colours.ravel(), greys])
+    counts = np.bincount(bins.ravel(), weights.ravel(), minlength=_BINS)
+    smooth = _smoothing() @ counts
     return np.asarray(smooth / max(smooth.sum(), 1e-12))
 
 
 def histogram_bins(hsv: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
     """Return the histogram's bin of every pixel, (H, W), of an (H, W, 3) HSV image (H < 180)."""
-    hue, saturation, value = hsv[..., 0], hsv[..., 1], hsv[..., 2]
-    pale = (saturation < _LEAST_SATURATION) | (value < _LEAST_VALUE)
-    ring = hue.astype(np.intp) * _HUES // 180
-    depth = (
-        (saturation.astype(np.intp) - _LEAST_SATURATION) * _SATURATIONS // (256 - _LEAST_SATURATION)
+    hue, saturation, value = cv2.split(cv2.LUT(hsv, _bin_table()))
+    pale = np.bitwise_or(saturation, value) >= _PALE
+    grey = np.bitwise_and(value, _PALE - 1)
+    return np.where(pale, grey, hue + saturation).astype(np.intp)
+
+
+@lru_cache(maxsize=1)
+def _bin_table() -> npt.NDArray[np.uint8]:
+    """What each hue and saturation adds to a colour's bin, and each value's grey bin, (256, 1, 3).
+
+    The highest bit says of a saturation or value that the pixel has no reliable hue.
+    """
+    level = np.arange(256)
+    hue = level * _HUES // 180 * _SATURATIONS
+    depth = (level - _LEAST_SATURATION) * _SATURATIONS // (256 - _LEAST_SATURATION)
+    saturation = np.where(level < _LEAST_SATURATION, _PALE, depth)
+    value = _COLOURS + level * _GREYS // 256 + np.where(level < _LEAST_VALUE, _PALE, 0)
+    return np.stack([hue, saturation, value], axis=1)[:, None].astype(np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _smoothing() -> npt.NDArray[np.float64]:
+    """The matrix by which neighbouring bins share, (56, 56); the hues are a ring."""
+    hues = np.eye(_HUES)
+    hues = (2 * hues + np.roll(hues, 1, 0) + np.roll(hues, -1, 0)) / 4
+    greys = np.pad(np.eye(_GREYS), ((1, 1), (0, 0)), "edge")
+    matrix = np.zeros((_BINS, _BINS))
+    matrix[:_COLOURS, :_COLOURS] = np.kron(hues, np.eye(_SATURATIONS))
+    matrix[_COLOURS:, _COLOURS:] = (greys[:-2] + 2 * greys[1:-1] + greys[2:]) / 4
+    return matrix
+
+
+def _patterns(templates: Sequence[Grey]) -> npt.NDArray[np.float32]:
+    """Each template as a row with mean 0 and length 1; 0 where there is no structure."""
+    rows = np.stack(templates).reshape(len(templates), -1).astype(np.float32)
+    rows -= rows.mean(axis=1, keepdims=True)
+    return rows * _inverse_lengths(np.einsum("ij,ij->i", rows, rows), rows.shape[1])[:, None]
+
+
+def _correlations(
+    patterns: npt.NDArray[np.float32], size: tuple[int, ...], picture: Grey
+) -> npt.NDArray[np.float64]:
+    # Near zero, sums of squares keep their digits. The windows' own means need not be taken off
+    # for the products: those of the patterns are 0.
+    windows = _windows(np.subtract(picture, picture.mean(), dtype=np.float32), size)
+    count = windows.shape[1]
+    sums = windows.sum(axis=1)
+    squares = np.einsum("ij,ij->i", windows, windows) - sums * sums / count
+    alike = (patterns @ windows.T) * _inverse_lengths(squares, count)
+    return np.asarray(alike.max(axis=1), np.float64)
+
+
+def _inverse_lengths(squares: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.float32]:
+    """One over the root of each sum of squares of `count` pixels; 0 without structure."""
+    usable = squares > _LEAST_DEVIATION**2 * count
+    return np.where(usable, 1.0 / np.sqrt(np.maximum(squares, 1.0)), 0.0).astype(np.float32)
+
+
+def _windows(picture: npt.NDArray[np.float32], size: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    """Every second place of a window in a picture, the middle one included, a row each."""
+    down, across = (picture.shape[0] - size[0]) % 4 // 2, (picture.shape[1] - size[1]) % 4 // 2
+    rows = (picture.shape[0] - size[0] - down) // 2 + 1
+    columns = (picture.shape[1] - size[1] - across) // 2 + 1
+    tall, wide = picture.strides
+    places = np.lib.stride_tricks.as_strided(
+        picture[down:, across:], (rows, columns, *size), (2 * tall, 2 * wide, tall, wide)
     )
-    grey = _HUES * _SATURATIONS + value.astype(np.intp) * _GREYS // 256
-    return np.where(pale, grey, ring * _SATURATIONS + depth)
-
-
-def _normalised(rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Each row with mean 0 and length 1; 0 where there is no structure."""
-    centred = rows.astype(np.float32)
-    centred -= centred.mean(axis=1, keepdims=True)
-    length = np.sqrt(np.einsum("ij,ij->i", centred, centred))
-    usable = length > _LEAST_DEVIATION * math.sqrt(rows.shape[1])
-    centred *= np.divide(1.0, length, out=np.zeros_like(length), where=usable)[:, None]
-    return centred
+    return places.reshape(rows * columns, -1)
 
 
 @lru_cache(maxsize=32)
@@ -141,9 +201,12 @@ def _ellipse(height: int, width: int) -> npt.NDArray[np.float64]:
 
 
 def _resampled(image: Image, region: Box, wide: int, tall: int) -> Image:
-    """Cut at about the image's own resolution first, so that a reduction averages pixels."""
-    fine_wide = min(max(wide, round(region.width)), _FINEST * wide)
-    fine_tall = min(max(tall, round(region.height)), _FINEST * tall)
+    """Cut at about the image's own resolution first, so that a reduction averages pixels.
+
+    The finer size is a multiple of the wanted one: such a reduction is quick.
+    """
+    fine_wide = min(max(1, round(region.width / wide)), _FINEST) * wide
+    fine_tall = min(max(1, round(region.height / tall)), _FINEST) * tall
     fine = crop(image, region, fine_wide, fine_tall, _FILL)
     if (fine_wide, fine_tall) == (wide, tall):
         return fine

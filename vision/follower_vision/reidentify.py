@@ -18,13 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from follower_vision.appearance import (
-    Appearance,
-    correlations,
-    intersections,
-    look,
-    standard_size,
-)
+from follower_vision.appearance import Appearance, Gallery, look, standard_size
 from follower_vision.box import Box
 from follower_vision.frame import Image
 
@@ -71,6 +65,8 @@ class Reidentifier:
         self._settings = settings or ReidentifySettings()
         self._templates: list[Appearance] = []
         self._recent: deque[Appearance] = deque(maxlen=self._settings.max_recent)
+        self._all: Gallery | None = None
+        self._first: Gallery | None = None
         self._size = (0, 0)
         self._started_s = 0.0
         self._taken_s = -math.inf
@@ -95,6 +91,7 @@ class Reidentifier:
         self._size = standard_size(box, self._settings.template_side_px)
         self._templates = [look(image, box, self._size)]
         self._recent.clear()
+        self._collect()
         self._started_s = self._taken_s = captured_s
 
     def learn(self, image: Image, box: Box, captured_s: float) -> bool:
@@ -110,12 +107,14 @@ class Reidentifier:
         if len(self._templates) >= settings.max_templates or captured_s < self._taken_s + pause_s:
             return False
         self._templates.append(look(image, box, self._size))
+        self._collect()
         self._taken_s = captured_s
         return True
 
     def refresh(self, image: Image, box: Box) -> None:
         """Remember a later view, in place of the oldest such; only one that was recognised."""
         self._recent.append(look(image, box, self._size))
+        self._collect()
 
     def score(self, image: Image, box: Box) -> float:
         """Return how much a candidate is the target, -1 to 2; `epsilon` or more: it is.
@@ -123,7 +122,7 @@ class Reidentifier:
         Raises:
             RuntimeError: `start` was not called.
         """
-        return self._compare(image, box, self.templates, self._settings.shift_ratio)
+        return self._compare(image, box, self._all, self._settings.shift_ratio)
 
     def fit(self, image: Image, box: Box) -> float:
         """Return how exactly a box shows the target, -1 to 2: no shift, the first second's views.
@@ -131,17 +130,15 @@ class Reidentifier:
         Raises:
             RuntimeError: `start` was not called.
         """
-        return self._compare(image, box, self._templates, 0.0)
+        return self._compare(image, box, self._first, 0.0)
 
-    def _compare(
-        self, image: Image, box: Box, known: Sequence[Appearance], shift_ratio: float
-    ) -> float:
-        if not known:
+    def _collect(self) -> None:
+        self._all, self._first = Gallery(self.templates), Gallery(self._templates)
+
+    def _compare(self, image: Image, box: Box, known: Gallery | None, shift_ratio: float) -> float:
+        if known is None:
             raise RuntimeError("nothing was learnt yet")
-        seen = look(image, box, self._size, shift_ratio)
-        alike = correlations([view.grey for view in known], seen.grey)
-        common = intersections([view.histogram for view in known], seen.histogram)
-        return float((alike + common).max())
+        return known.likeness(look(image, box, self._size, shift_ratio))
 
     def best(self, image: Image, candidates: Sequence[Box]) -> tuple[Box, float] | None:
         """Return the candidate with the highest score if it reaches epsilon, with that score."""
