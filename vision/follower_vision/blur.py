@@ -21,6 +21,7 @@ import numpy as np
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
+from follower_vision.reduce import halved
 
 _REGION = 2.0
 _MOST_PIXELS = 160.0 * 160.0
@@ -69,7 +70,7 @@ class BlurDetector:
 
     def __init__(self, settings: BlurSettings | None = None) -> None:
         self._settings = settings or BlurSettings()
-        self._history: deque[tuple[float, float]] = deque()
+        self._history: deque[tuple[float, int, float]] = deque()
 
     def reset(self) -> None:
         """Forget the history: another target, or the same one found again elsewhere."""
@@ -83,40 +84,61 @@ class BlurDetector:
             box: the target, or where it is believed to be.
             captured_s: the frame's capture time in seconds, later than the last one's.
         """
-        value = sharpness(image, box)
-        relative = self._relative(value, captured_s)
-        self._history.append((captured_s, value))
+        region = _neighbourhood(image, box)
+        halvings = _halvings(region)
+        value = _sharpness(region, halvings)
+        relative = self._relative(value, halvings, captured_s)
+        self._history.append((captured_s, halvings, value))
         return BlurReading(value, relative, relative < self._settings.ratio)
 
-    def _relative(self, value: float, now_s: float) -> float:
+    def _relative(self, value: float, halvings: int, now_s: float) -> float:
+        """The value as a share of the usual one; those of other reductions do not compare."""
         history = self._history
         while history and history[0][0] < now_s - self._settings.window_s:
             history.popleft()
-        if not history or now_s - history[0][0] < self._settings.least_history_s:
+        known = [(then_s, past) for then_s, count, past in history if count == halvings]
+        if not known or now_s - known[0][0] < self._settings.least_history_s:
             return 1.0
-        usual = median(past for _, past in history)
+        usual = median(past for _, past in known)
         return value / usual if usual > 0 else 1.0
 
 
 def sharpness(image: Image, box: Box) -> float:
     """Return the variance of the Laplacian per pixel on twice the box's width and height.
 
-    Regions of more than 160 x 160 pixels are reduced to that many, to bound the time. A region
-    wholly outside the image has no sharpness: 0.
+    Regions of more than 160 x 160 pixels are halved until they are smaller, to bound the time. A
+    region wholly outside the image has no sharpness: 0.
 
     Args:
         image: (H, W, 3) uint8 BGR.
         box: in the image's pixels; the part of its neighbourhood inside the image counts.
     """
+    region = _neighbourhood(image, box)
+    return _sharpness(region, _halvings(region))
+
+
+def _neighbourhood(image: Image, box: Box) -> Image:
+    """The part of the image within twice the box's width and height; a view."""
     height, width = image.shape[:2]
     around = box.scaled(_REGION)
     left, right = max(0, math.floor(around.left)), min(width, math.ceil(around.right))
     top, bottom = max(0, math.floor(around.top)), min(height, math.ceil(around.bottom))
-    if right - left < 3 or bottom - top < 3:
+    return image[top : max(top, bottom), left : max(left, right)]
+
+
+def _halvings(region: Image) -> int:
+    """How often a region has to be halved to be small enough."""
+    pixels, count = region.shape[0] * region.shape[1], 0
+    while pixels > _MOST_PIXELS:
+        pixels, count = pixels // 4, count + 1
+    return count
+
+
+def _sharpness(region: Image, halvings: int) -> float:
+    if min(region.shape[:2]) < 3 << halvings:
         return 0.0
-    grey = cv2.cvtColor(image[top:bottom, left:right], cv2.COLOR_BGR2GRAY)
-    factor = math.sqrt(_MOST_PIXELS / grey.size)
-    if factor < 1:
-        grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    _, deviation = cv2.meanStdDev(cv2.Laplacian(grey, cv2.CV_32F))
+    grey = np.asarray(cv2.cvtColor(region, cv2.COLOR_BGR2GRAY), np.uint8)
+    for _ in range(halvings):
+        grey = halved(grey)
+    _, deviation = cv2.meanStdDev(cv2.Laplacian(grey, cv2.CV_16S))
     return float(np.square(deviation[0, 0]))
