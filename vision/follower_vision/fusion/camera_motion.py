@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import cv2
@@ -13,9 +14,12 @@ import numpy.typing as npt
 from follower_vision.box import Box
 from follower_vision.frame import Image
 from follower_vision.fusion.warp import Warp
+from follower_vision.reduce import reduced
 
 _WIDTH = 320
-_CORNERS = 80
+_CORNERS = 64
+_ENOUGH = 40
+_FRAMES_KEPT = 5
 _QUALITY = 0.01
 _APART = 7
 _WINDOW = (11, 11)
@@ -24,24 +28,55 @@ _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 _OUTLIER_PX = 1.0
 _LEAST_INLIERS = 12
 _LEAST_INLIER_SHARE = 0.4
+_CLEAR_SHARE = 0.75
 _MOST_ZOOM = 1.2
 _AROUND_TARGET = 1.3
+
+Grey = npt.NDArray[np.uint8]
+Points = npt.NDArray[np.float32]
 
 
 class CameraMotion:
     """Sparse optical flow (Lucas and Kanade) on a small grey image, then a robust similarity.
 
-    Where too little of the background agrees, the motion is said to be none.
+    Corners are followed through a few images before they are looked for anew. Where too little of
+    the background agrees, the motion is said to be none.
     """
 
     def __init__(self) -> None:
-        self._grey: npt.NDArray[np.uint8] | None = None
         self._image: Image | None = None
+        self._grey: Grey | None = None
+        self._corners: Points = _NO_POINTS
+        self._kept = 0
         self._warp = Warp()
+        self._pending: Future[Warp] | None = None
+        self._worker: ThreadPoolExecutor | None = None
 
     def reset(self) -> None:
         """Forget the last image."""
+        self._finish()
         self._grey = self._image = None
+        self._warp = Warp()
+
+    def close(self) -> None:
+        """Let go of the thread, if there is one."""
+        self._finish()
+        if self._worker is not None:
+            self._worker.shutdown()
+            self._worker = None
+
+    def begin(self, image: Image, avoid: Sequence[Box] = ()) -> None:
+        """Begin to measure in a thread of its own; `update` with the same image has the result.
+
+        It is the same result as without.
+        """
+        if image is self._image:
+            return
+        self._finish()
+        if self._worker is None:
+            self._worker = ThreadPoolExecutor(1, "camera-motion")
+        self._image = image
+        self._pending = self._worker.submit(self._measure, image, tuple(avoid))
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -52,50 +87,70 @@ class CameraMotion:
             image: the next image.
             avoid: boxes in the last image that move by themselves.
         """
-        if image is self._image:
-            return self._warp
-        factor = min(1.0, _WIDTH / image.shape[1])
-        grey = _reduced(image, factor)
-        last, self._grey, self._image = self._grey, grey, image
-        if last is None or last.shape != grey.shape:
-            self._warp = Warp()
-        else:
-            self._warp = _motion(last, grey, [box.scaled(_AROUND_TARGET) for box in avoid], factor)
+        self._finish()
+        if image is not self._image:
+            self._image = image
+            self._warp = self._measure(image, avoid)
         return self._warp
 
+    def _finish(self) -> None:
+        if self._pending is not None:
+            self._warp, self._pending = self._pending.result(), None
 
-def _reduced(image: Image, factor: float) -> npt.NDArray[np.uint8]:
-    """The image in grey, halved by the mean of four pixels as often as possible: that is fast."""
-    small = image
-    while factor < 1 and small.shape[1] * 0.5 >= image.shape[1] * factor:
-        half = (small.shape[1] // 2, small.shape[0] // 2)
-        small = np.asarray(cv2.resize(small, half, interpolation=cv2.INTER_LINEAR), np.uint8)
-    size = (round(image.shape[1] * factor), round(image.shape[0] * factor))
-    if (small.shape[1], small.shape[0]) != size:
-        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), np.uint8)
+    def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp:
+        factor = min(1.0, _WIDTH / image.shape[1])
+        last, self._grey = self._grey, _small(image, factor)
+        if last is None or last.shape != self._grey.shape:
+            self._corners = _NO_POINTS
+            return Warp()
+        around = [box.scaled(_AROUND_TARGET) for box in avoid]
+        return self._flow(last, self._grey, around, factor) or Warp()
+
+    def _flow(self, last: Grey, grey: Grey, avoid: list[Box], factor: float) -> Warp | None:
+        before, after = _followed(last, grey, self._background(last, avoid, factor))
+        warp, inliers = _similarity(before, after, factor)
+        self._corners = after if inliers >= _CLEAR_SHARE * len(after) else _NO_POINTS
+        return warp
+
+    def _background(self, last: Grey, avoid: list[Box], factor: float) -> Points:
+        """Corners in the last image: those followed there, or new ones."""
+        self._kept += 1
+        if self._kept <= _FRAMES_KEPT:
+            points = _outside(self._corners, avoid, factor)
+            if len(points) >= _ENOUGH:
+                return points
+        self._kept = 0
+        corners: Any = cv2.goodFeaturesToTrack(last, _CORNERS, _QUALITY, _APART)
+        points = _NO_POINTS if corners is None else corners.reshape(-1, 2)
+        return _outside(points, avoid, factor)
 
 
-def _motion(
-    last: npt.NDArray[np.uint8], grey: npt.NDArray[np.uint8], avoid: list[Box], factor: float
-) -> Warp:
-    corners: Any = cv2.goodFeaturesToTrack(last, _CORNERS, _QUALITY, _APART)
-    if corners is None:
-        return Warp()
-    corners = _outside(corners.reshape(-1, 2), avoid, factor)
-    if len(corners) < _LEAST_INLIERS:
-        return Warp()
-    points: Any = corners.reshape(-1, 1, 2)
+_NO_POINTS: Points = np.zeros((0, 2), np.float32)
+
+
+def _small(image: Image, factor: float) -> Grey:
+    """The image in grey and reduced."""
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    return reduced(grey, round(image.shape[1] * factor), round(image.shape[0] * factor))
+
+
+def _followed(last: Grey, grey: Grey, points: Points) -> tuple[Points, Points]:
+    """Return the points that are found in the next image, and where they are there.
+
+    Points too few to tell anything are not looked for.
+    """
+    if len(points) < _LEAST_INLIERS:
+        return _NO_POINTS, _NO_POINTS
     # OpenCV's own stubs demand the output array that OpenCV itself does without.
     flow: Any = cv2.calcOpticalFlowPyrLK
     moved, found, _ = flow(
-        last, grey, points, None, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP
+        last, grey, points[:, None], None, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP
     )
     kept = found.ravel() > 0
-    return _similarity(corners[kept], moved.reshape(-1, 2)[kept], factor)
+    return points[kept], moved[kept, 0]
 
 
-def _outside(corners: npt.NDArray[Any], avoid: list[Box], factor: float) -> npt.NDArray[Any]:
+def _outside(corners: Points, avoid: list[Box], factor: float) -> Points:
     kept = np.ones(len(corners), bool)
     for box in avoid:
         across = np.abs(corners[:, 0] / factor - box.cx) < box.width / 2
@@ -104,14 +159,16 @@ def _outside(corners: npt.NDArray[Any], avoid: list[Box], factor: float) -> npt.
     return corners[kept]
 
 
-def _similarity(before: npt.NDArray[Any], after: npt.NDArray[Any], factor: float) -> Warp:
+def _similarity(before: Points, after: Points, factor: float) -> tuple[Warp | None, int]:
+    """Return the motion, if there is one to be believed, and how many points agree."""
     if len(before) < _LEAST_INLIERS:
-        return Warp()
-    matrix, inliers = cv2.estimateAffinePartial2D(
+        return None, 0
+    matrix, agreeing = cv2.estimateAffinePartial2D(
         before, after, method=cv2.RANSAC, ransacReprojThreshold=_OUTLIER_PX
     )
-    if matrix is None or inliers.sum() < max(_LEAST_INLIERS, _LEAST_INLIER_SHARE * len(before)):
-        return Warp()
+    inliers = 0 if matrix is None else int(agreeing.sum())
+    if matrix is None or inliers < max(_LEAST_INLIERS, _LEAST_INLIER_SHARE * len(before)):
+        return None, 0
     warp = Warp(
         float(matrix[0, 0]),
         float(matrix[1, 0]),
@@ -119,4 +176,4 @@ def _similarity(before: npt.NDArray[Any], after: npt.NDArray[Any], factor: float
         float(matrix[1, 2]) / factor,
     )
     believable = abs(math.log(max(warp.zoom, 1e-6))) < math.log(_MOST_ZOOM)
-    return warp if believable else Warp()
+    return (warp, inliers) if believable else (None, 0)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -83,8 +86,13 @@ class InlineDetection:
         self._waiting = []
 
 
+_NICENESS = 10
+
+
 class BackgroundDetection:
     """Detects in one thread of its own; nobody ever waits for it.
+
+    Where the system allows it (Linux), the thread has a lower priority than its asker's.
 
     One request is worked on at a time; while that lasts, others are refused (`ready`) or dropped.
     An error of the detector is raised by the next `take`.
@@ -138,6 +146,7 @@ class BackgroundDetection:
         self._thread.join()
 
     def _work(self) -> None:
+        _step_back()
         while (request := self._next()) is not None:
             try:
                 answer = _answer(self._detector, request)
@@ -162,6 +171,16 @@ class BackgroundDetection:
 
 DetectionMode = Callable[[Detector], DetectionService]
 """`InlineDetection` or `BackgroundDetection`."""
+
+
+def _step_back() -> None:
+    """Let every other thread of the program go first; only Linux has priorities of threads."""
+    if sys.platform != "linux":
+        return
+    thread = threading.get_native_id()
+    with suppress(OSError):  # a sandbox may forbid it; the work is the same
+        usual = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, usual + _NICENESS)
 
 
 def _answer(detector: Detector, request: DetectionRequest) -> DetectionAnswer:

@@ -61,6 +61,10 @@ class Following:
 
     def __init__(self, motion: MotionTracker, settings: FusionSettings, looks: Looks) -> None:
         self._motion = motion
+        # Asked once: a protocol's isinstance takes longer than the rest of a step's logic.
+        self._steerable = motion if isinstance(motion, SteerableTracker) else None
+        self._probing = motion if isinstance(motion, ProbingTracker) else None
+        self._ahead: tuple[Box, MotionEstimate] | None = None
         self._settings = settings
         self._looks = looks
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
@@ -78,6 +82,7 @@ class Following:
     def start(self, frame: Frame, box: Box) -> None:
         """Follow another target."""
         self._motion.start(frame.image, box)
+        self._ahead = None
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
         self._low = 0
         self._doubted_s = None
@@ -88,8 +93,8 @@ class Following:
         """Go on from another place; in the paper's way, learning anew what is there."""
         self._low = 0
         self._doubted_s = None
-        if isinstance(self._motion, SteerableTracker) and self._settings.keep_template:
-            self._motion.move_to(box)
+        if self._steerable is not None and self._settings.keep_template:
+            self._steerable.move_to(box)
         else:
             self._motion.start(frame.image, box)
 
@@ -99,6 +104,19 @@ class Following:
         self._doubted_s = None
         self._motion.start(frame.image, box)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
+
+    def look_ahead(self, frame: Frame, belief: Belief) -> None:
+        """Run the motion tracker where it mostly looks, before the camera's motion is known.
+
+        Args:
+            frame: the next frame.
+            belief: still that of the last frame.
+        """
+        self._ahead = None
+        settled = belief.state is TrackState.TRACKING and not self._low and not self.doubting
+        if self._steerable is not None and settled:
+            self._steerable.move_to(belief.box)
+            self._ahead = belief.box, self._steerable.update(frame.image)
 
     def follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
@@ -112,9 +130,7 @@ class Following:
             interval_s: since the last frame.
             blurred: whether the target's neighbourhood is blurred.
         """
-        if isinstance(self._motion, SteerableTracker):
-            self._motion.move_to(self._place(frame, belief, expected))
-        evidence = self._evidence(frame, blurred)
+        evidence = self._evidence(frame, belief, expected, blurred)
         belief.confidence = evidence.relative
         if belief.state is TrackState.TRACKING:
             self._while_tracking(frame, belief, evidence, expected, interval_s)
@@ -224,8 +240,18 @@ class Following:
         """Whether the target should be about where it was in the last image."""
         return expected.distance(belief.previous) < _CALM_SIZES * expected.scale
 
-    def _evidence(self, frame: Frame, blurred: bool) -> _Evidence:
-        return self._judged(frame, self._motion.update(frame.image), blurred)
+    def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> _Evidence:
+        return self._judged(frame, self._estimate(frame, belief, expected), blurred)
+
+    def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
+        """The motion tracker's answer; what it said ahead if that was about the right place."""
+        ahead, self._ahead = self._ahead, None
+        if self._steerable is not None:
+            place = self._place(frame, belief, expected)
+            if ahead is not None and ahead[0] == place:
+                return ahead[1]
+            self._steerable.move_to(place)
+        return self._motion.update(frame.image)
 
     def _judged(self, frame: Frame, estimate: MotionEstimate, blurred: bool) -> _Evidence:
         relative = self._confidence.relative(estimate.confidence)
@@ -237,10 +263,10 @@ class Following:
 
     def _probe(self, frame: Frame, expected: Box) -> _Evidence | None:
         """Look for the target where it should be, without going there."""
-        if not isinstance(self._motion, ProbingTracker):
+        if self._probing is None:
             return None
         reach_px = _STEADY_SIZES * expected.scale
-        places = self._motion.probe(frame.image, expected)
+        places = self._probing.probe(frame.image, expected)
         near = [place for place in places if place.box.distance(expected) <= reach_px]
         return self._judged(frame, near[0], False) if near else None
 

@@ -51,7 +51,8 @@ class MultiFusion:
         return self._detection.passes
 
     def close(self) -> None:
-        """Let go of the detector's thread, if there is one."""
+        """Let go of the threads."""
+        self._camera.close()
         self._detection.close()
 
     def start(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
@@ -75,7 +76,7 @@ class MultiFusion:
         """
         if not self._trackers:
             raise RuntimeError("the tracker was not started")
-        self._camera.update(frame.image, [track.box for track in self._tracks])
+        self._camera.begin(frame.image, [track.box for track in self._tracks])
         for tracker in self._trackers:
             tracker.advance(frame)
         return self._concluded(frame)

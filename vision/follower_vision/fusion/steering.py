@@ -11,7 +11,11 @@ from follower_vision.motion import MotionEstimate, MotionTracker
 
 @runtime_checkable
 class SteerableTracker(MotionTracker, Protocol):
-    """A motion tracker that can be sent elsewhere without forgetting what it looks for."""
+    """A motion tracker that can be sent elsewhere without forgetting what it looks for.
+
+    Its next answer depends on the image, on that place and on what it learnt at the start alone:
+    an answer that nobody uses does no harm.
+    """
 
     def move_to(self, box: Box) -> None:
         """Search about `box` next time."""

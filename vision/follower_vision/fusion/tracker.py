@@ -75,7 +75,8 @@ class FusionTracker:
         self._pursuit = object()
 
     def close(self) -> None:
-        """Let go of the detector's thread, if there is one."""
+        """Let go of the threads."""
+        self._camera.close()
         if self._service is not None:
             self._service.close()
 
@@ -116,11 +117,15 @@ class FusionTracker:
         """
         belief = self._started()
         interval_s = frame.captured_s - belief.now.captured_s
-        warp = Warp()
-        if self._settings.camera_motion:
-            warp = self._camera.update(frame.image, [belief.box])
-        expected = belief.advance(frame.captured_s, warp, self._settings.camera_motion)
         health = self._health.update(frame)
+        warp, predict = Warp(), self._settings.camera_motion
+        if predict:
+            # The camera's thread measures while the motion tracker looks: both are outside Python.
+            self._camera.begin(frame.image, [belief.box])
+            if health is FrameHealth.GOOD:
+                self._following.look_ahead(frame, belief)
+            warp = self._camera.update(frame.image)
+        expected = belief.advance(frame.captured_s, warp, predict)
         if health is not FrameHealth.GOOD:
             self._following.coast(frame, belief, expected, health.value)
         else:

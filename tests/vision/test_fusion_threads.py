@@ -1,0 +1,215 @@
+"""Fusion's threads change when things are worked out, never what comes out; no frame waits."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.detection.detection import Detection
+from follower_vision.frame import Frame, Image
+from follower_vision.fusion import BackgroundDetection, FusionSettings, FusionTracker
+from follower_vision.fusion.camera_motion import CameraMotion
+from follower_vision.fusion.warp import Warp
+from follower_vision.motion import MotionEstimate
+from follower_vision.track import Track
+
+WIDTH, HEIGHT = 640, 360
+WAIT_S = 10.0
+
+
+def _textured(seed: int, height: int, width: int) -> Image:
+    noise = np.random.default_rng(seed).integers(0, 255, (height // 8, width // 8, 3), np.uint8)
+    return cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+GROUND = _textured(1, 900, 1600)
+
+
+def _seen(right: float, down: float, turned: float = 0.0, zoom: float = 1.0) -> Image:
+    """The ground from a camera that looks elsewhere, pixels and radians."""
+    cosine, sine = np.cos(turned) / zoom, np.sin(turned) / zoom
+    matrix = np.array([[cosine, -sine, 480 + right], [sine, cosine, 270 + down]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(GROUND, matrix, (WIDTH, HEIGHT), flags=flags)
+
+
+def _scene(number: int) -> Frame:
+    """A camera that swings and a target that runs."""
+    image = _seen(60 * np.sin(number / 4), 20 * np.cos(number / 3))
+    left = 100 + 4 * number
+    image[150:190, left : left + 40] = _textured(7, 40, 40)
+    return Frame(image, number / 30, number)
+
+
+class Matcher:
+    """Finds the target's first picture again near the place that it was sent to."""
+
+    name = "matcher"
+
+    def __init__(self) -> None:
+        self.updates = 0
+
+    def start(self, image: Image, box: Box) -> None:
+        self._box = box
+        left, top = round(box.left), round(box.top)
+        self._picture = image[top : top + 40, left : left + 40].copy()
+
+    def move_to(self, box: Box) -> None:
+        self._box = box
+
+    def update(self, image: Image) -> MotionEstimate:
+        self.updates += 1
+        left = int(np.clip(round(self._box.cx) - 60, 0, WIDTH - 120))
+        top = int(np.clip(round(self._box.cy) - 60, 0, HEIGHT - 120))
+        place = image[top : top + 120, left : left + 120]
+        found = cv2.matchTemplate(place, self._picture, cv2.TM_CCOEFF_NORMED)
+        _, confidence, _, (x, y) = cv2.minMaxLoc(found)
+        self._box = Box.from_xywh(left + x, top + y, 40, 40)
+        return MotionEstimate(self._box, max(0.0, confidence))
+
+
+class StuckDetector:
+    """Answers only when it is allowed to."""
+
+    class_names = ("thing",)
+
+    def __init__(self) -> None:
+        self.may_answer = threading.Event()
+        self.begun = threading.Semaphore(0)
+        self.calls = 0
+        self.niceness = 0
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:  # noqa: ARG002
+        self.calls += 1
+        if sys.platform == "linux":
+            self.niceness = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+        self.begun.release()
+        assert self.may_answer.wait(WAIT_S)
+        return []
+
+
+def _tracks(tracker: FusionTracker, count: int = 50) -> list[Track]:
+    tracks = [tracker.start(_scene(0), Box(120, 170, 40, 40))]
+    tracks += [tracker.step(_scene(number)) for number in range(1, count)]
+    tracker.close()
+    return tracks
+
+
+def test_every_frame_is_answered_while_the_detector_never_answers() -> None:
+    """If a step waited for the detection, the detector's own assertion would stop this test."""
+    detector = StuckDetector()
+    tracker = FusionTracker(Matcher(), detector, mode=BackgroundDetection)
+    tracker.start(_scene(0), Box(120, 170, 40, 40))
+    assert detector.begun.acquire(timeout=WAIT_S)
+    for number in range(1, 50):
+        assert tracker.step(_scene(number)).sequence == number
+    assert detector.calls == 1, "requests must not queue up behind a slow detector"
+    detector.may_answer.set()
+    tracker.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has priorities of threads")
+def test_the_detector_lets_the_tracker_go_first() -> None:
+    detector = StuckDetector()
+    service = BackgroundDetection(detector)
+    tracker = FusionTracker(Matcher(), detector, mode=lambda _: service)
+    tracker.start(_scene(0), Box(120, 170, 40, 40))
+    assert detector.begun.acquire(timeout=WAIT_S)
+    assert detector.niceness > os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    detector.may_answer.set()
+    tracker.close()
+
+
+def test_looking_ahead_changes_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
+    ahead = _tracks(FusionTracker(Matcher()))
+    monkeypatch.setattr(CameraMotion, "begin", lambda *_: None)
+    monkeypatch.setattr(
+        "follower_vision.fusion.following.Following.look_ahead", lambda *_: None, raising=True
+    )
+    assert _tracks(FusionTracker(Matcher())) == ahead
+
+
+def test_the_motion_tracker_looks_once_a_frame_while_the_camera_is_calm() -> None:
+    matcher = Matcher()
+    tracker = FusionTracker(matcher)
+    calm = [Frame(_seen(2.0 * number, 0), number / 30, number) for number in range(20)]
+    tracker.start(calm[0], Box(320, 180, 40, 40))
+    for frame in calm[1:]:
+        tracker.step(frame)
+    tracker.close()
+    assert matcher.updates == len(calm) - 1
+
+
+def test_a_step_without_camera_motion_starts_no_thread() -> None:
+    before = threading.active_count()
+    tracker = FusionTracker(Matcher(), settings=FusionSettings(camera_motion=False))
+    tracker.start(_scene(0), Box(120, 170, 40, 40))
+    tracker.step(_scene(1))
+    assert threading.active_count() == before
+
+
+MOTIONS: dict[str, Callable[[int], tuple[float, ...]]] = {
+    "standing": lambda _: (0.0, 0.0),
+    "panning": lambda n: (12.0 * n, -3.0 * n),
+    "swinging": lambda n: (60 * np.sin(n / 3), 30 * np.cos(n / 2)),
+    "turning": lambda n: (2.0 * n, 0.0, 0.02 * n),
+    "approaching": lambda n: (0.0, 0.0, 0.0, 1.01**n),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_camera_motion_carries_the_ground_along(name: str) -> None:
+    camera = CameraMotion()
+    for number in range(25):
+        before, after = (_ground_to_image(*MOTIONS[name](n)) for n in (number - 1, number))
+        warp = camera.update(_seen(*MOTIONS[name](number)))
+        for x, y in ((100, 100), (500, 100), (300, 300)):
+            truth = after @ np.linalg.inv(before) @ (x, y, 1)
+            if number:
+                assert warp.point(x, y) == pytest.approx(tuple(truth[:2]), abs=1.0)
+
+
+def _ground_to_image(
+    right: float, down: float, turned: float = 0.0, zoom: float = 1.0
+) -> np.ndarray:
+    cosine, sine = np.cos(turned) / zoom, np.sin(turned) / zoom
+    rows = [[cosine, -sine, 480 + right], [sine, cosine, 270 + down], [0, 0, 1]]
+    return np.linalg.inv(np.array(rows))
+
+
+def test_camera_motion_from_its_thread_is_the_same() -> None:
+    images = [_scene(number).image for number in range(20)]
+    avoid = [Box(200, 170, 40, 40)]
+    direct, threaded = CameraMotion(), CameraMotion()
+    for image in images:
+        threaded.begin(image, avoid)
+        assert threaded.update(image) == direct.update(image, avoid)
+    threaded.close()
+    again = _scene(21).image
+    threaded.begin(again)
+    assert threaded.update(again) == direct.update(again)
+    threaded.close()
+
+
+def test_camera_motion_begins_anew_after_a_reset_or_another_size() -> None:
+    camera = CameraMotion()
+    camera.begin(_seen(0, 0))
+    camera.reset()
+    assert camera.update(_seen(30, 0)) == Warp()
+    assert camera.update(_seen(60, 0)).right == pytest.approx(-30, abs=1)
+    assert camera.update(_seen(90, 0)[::2]) == Warp()
+    camera.close()
+
+
+def test_camera_motion_says_none_where_there_is_nothing_to_see() -> None:
+    camera = CameraMotion()
+    flat = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    for image in (flat, flat.copy(), _seen(0, 0), flat.copy()):
+        assert camera.update(image) == Warp()
