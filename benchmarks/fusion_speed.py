@@ -1,12 +1,12 @@
-"""How fast Fusion is beside its motion tracker alone: inline, in the background, and our own part.
+"""How fast Fusion is beside its motion tracker alone, inline and in the background.
 
-    python benchmarks/fusion_speed.py [DATA] [--cores 1|2] [--sequence NAME] [--frames N]
+    python benchmarks/fusion_speed.py [DATA] [--cores 2,1] [--only NAME,NAME] [--frames N]
 
-Frames are decoded beforehand; every network has one thread. DATA holds `sequences` and `weights`.
-The motion tracker alone and both modes of Fusion run in turns over the same frames, because other
-programs on the machine change its speed. Promises on two cores at 1280x720, in the background: at
-least 86 frames a second, at least 0.72 of the motion tracker alone, and no frame waits for a
-detection.
+DATA holds `sequences` and `weights`. The frames are decoded and brought to 1280x720 beforehand;
+every network has one thread. The motion tracker alone and both modes of Fusion take turns, a block
+of frames each, so that other programs on the machine slow all of them down alike. Promises on two
+cores, in the background: at least 86 frames a second, at least 0.72 of the motion tracker alone,
+and no frame waits for a detection.
 """
 
 from __future__ import annotations
@@ -14,32 +14,68 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detection, Detector
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.frame import Frame, Image
-from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
+from follower_vision.fusion import BackgroundDetection, FusionTracker
 from follower_vision.motion import MotionEstimate
 from follower_vision.nanotrack import NanoTracker
 from follower_vision.trackers import make_tracker
 
 RATE_HZ = 30.0
+SIZE = (1280, 720)
+DEFAULT = "mountainbike6,carchase2,building5,car16_1,group2_2,wakeboard7"
+IDLE_S = 10.0
+
+
+@dataclass
+class Spent:
+    """What one way of tracking took.
+
+    Attributes:
+        frame_s: of every frame.
+        cpu_s: of all threads together.
+        motion_s: in the motion tracker.
+        detections: how many.
+        detecting_s: in the detector.
+    """
+
+    frame_s: list[float] = field(default_factory=list)
+    cpu_s: float = 0.0
+    motion_s: float = 0.0
+    detections: int = 0
+    detecting_s: float = 0.0
+
+    @property
+    def mean_s(self) -> float:
+        """A frame's mean time."""
+        return sum(self.frame_s) / len(self.frame_s)
+
+    def add(self, other: Spent) -> None:
+        """Add another recording's."""
+        self.frame_s += other.frame_s
+        self.cpu_s += other.cpu_s
+        self.motion_s += other.motion_s
+        self.detections += other.detections
+        self.detecting_s += other.detecting_s
 
 
 class TimedTracker:
     """A NanoTracker that adds up its own time."""
 
-    name = "timed"
-
-    def __init__(self, tracker: NanoTracker) -> None:
+    def __init__(self, tracker: NanoTracker, spent: Spent) -> None:
         self._tracker = tracker
-        self.busy_s = 0.0
+        self._spent = spent
+        self.name = tracker.name
 
     def start(self, image: Image, box: Box) -> None:
         """Start the tracker."""
@@ -53,102 +89,194 @@ class TimedTracker:
         """Update the tracker."""
         began = time.perf_counter()
         estimate = self._tracker.update(image)
-        self.busy_s += time.perf_counter() - began
+        self._spent.motion_s += time.perf_counter() - began
         return estimate
 
     def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
         """Look elsewhere."""
         began = time.perf_counter()
         places = self._tracker.probe(image, box)
-        self.busy_s += time.perf_counter() - began
+        self._spent.motion_s += time.perf_counter() - began
         return places
 
 
 class TimedDetector:
     """A detector that adds up its own time."""
 
-    def __init__(self, detector: Detector) -> None:
+    def __init__(self, detector: Detector, spent: Spent) -> None:
         self._detector = detector
+        self._spent = spent
         self.class_names = detector.class_names
-        self.busy_s = 0.0
-        self.calls = 0
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """Detect."""
         began = time.perf_counter()
         found = self._detector.detect(image, region)
-        self.busy_s += time.perf_counter() - began
-        self.calls += 1
+        self._spent.detecting_s += time.perf_counter() - began
+        self._spent.detections += 1
         return found
+
+
+class Alone:
+    """The motion tracker without Fusion."""
+
+    def __init__(self, tracker: NanoTracker, frame: Frame, box: Box) -> None:
+        self.spent = Spent()
+        self._tracker = tracker
+        tracker.start(frame.image, box)
+
+    def run(self, frames: list[Frame]) -> None:
+        """Follow through a block of frames."""
+        _time(self.spent, lambda frame: self._tracker.update(frame.image), frames)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class Inline:
+    """Fusion that detects in the step that asks for it."""
+
+    def __init__(self, tracker: NanoTracker, detector: Detector, frame: Frame, box: Box) -> None:
+        self.spent = Spent()
+        self._fusion = FusionTracker(
+            TimedTracker(tracker, self.spent), TimedDetector(detector, self.spent)
+        )
+        self._fusion.start(frame, box)
+
+    def run(self, frames: list[Frame]) -> None:
+        """Follow through a block of frames."""
+        _time(self.spent, self._fusion.step, frames)
+
+    def close(self) -> None:
+        """Let go of Fusion's threads."""
+        self._fusion.close()
+
+
+class Background:
+    """Fusion with a thread that detects."""
+
+    def __init__(self, tracker: NanoTracker, detector: Detector, frame: Frame, box: Box) -> None:
+        self.spent = Spent()
+        self._fusion = FusionTracker(
+            TimedTracker(tracker, self.spent),
+            TimedDetector(detector, self.spent),
+            mode=self._service,
+        )
+        self._fusion.start(frame, box)
+
+    def _service(self, detector: Detector) -> BackgroundDetection:
+        self._detection = BackgroundDetection(detector)
+        return self._detection
+
+    def run(self, frames: list[Frame]) -> None:
+        """Follow through a block of frames; the thread may finish afterwards."""
+        _time(self.spent, self._fusion.step, frames)
+        began = time.process_time()
+        self._detection.wait_idle(IDLE_S)
+        self.spent.cpu_s += time.process_time() - began
+
+    def close(self) -> None:
+        """Let go of Fusion's threads."""
+        self._fusion.close()
 
 
 def main() -> None:
     """Measure and print."""
     options = _options()
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: options.cores]))
     cv2.setNumThreads(1)
-    frames, box = _frames(options.data / "sequences" / options.sequence, options.frames)
-    tracker = make_tracker("nanotrack-v3", lambda name: options.data / "weights" / name)
-    detector = OnnxDetector(options.data / "weights" / "yolox_nano_bi.onnx")
-    print(f"{options.sequence}, {frames[0].width}x{frames[0].height}, {options.cores} core(s)")
-    print(f"{'':12} {'frames/s':>9} {'median ms':>10} {'p99 ms':>8} {'own ms':>7}  detections")
-    for turn in range(options.turns):
-        alone = _alone(tracker, frames, box)
-        _line("motion", alone, None, 0)
-        for name, mode in (("inline", InlineDetection), ("background", BackgroundDetection)):
-            timed, counted = TimedTracker(tracker), TimedDetector(detector)
-            spent = _fused(FusionTracker(timed, counted, mode=mode), frames, box)
-            networks_s = timed.busy_s + (counted.busy_s if mode is InlineDetection else 0.0)
-            _line(name, spent, (sum(spent) - networks_s) / len(spent), counted.calls)
-            print(f"{'':12} {sum(alone) / sum(spent):9.2f} of the motion tracker, turn {turn}")
+    threadpool_limits(1, user_api="blas")
+    folders = list(_folders(options))
+    for cores in (int(number) for number in options.cores.split(",")):
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, set(range(cores)))
+        print(f"\n{cores} core(s), {len(folders)} sequences at {SIZE[0]}x{SIZE[1]}")
+        print(HEAD)
+        total: dict[str, Spent] = {}
+        for folder in folders:
+            spent = _measured(options, folder)
+            _print(folder.name, spent)
+            for name, one in spent.items():
+                total.setdefault(name, Spent()).add(one)
+        _print("all", total)
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     default = Path(__file__).resolve().parents[2] / "shared/data"
     parser.add_argument("data", nargs="?", type=Path, default=default)
-    parser.add_argument("--cores", type=int, default=2)
-    parser.add_argument("--sequence", default="uav123_group2_2")
-    parser.add_argument("--frames", type=int, default=280)
-    parser.add_argument("--turns", type=int, default=3)
+    parser.add_argument("--cores", default="2,1")
+    parser.add_argument("--only", default=DEFAULT, help="parts of the sequences' names")
+    parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--block", type=int, default=20)
     return parser.parse_args()
 
 
+def _folders(options: argparse.Namespace) -> Iterator[Path]:
+    for folder in sorted((options.data / "sequences").iterdir()):
+        if any(part in folder.name for part in options.only.split(",")):
+            yield folder
+
+
+def _measured(options: argparse.Namespace, folder: Path) -> dict[str, Spent]:
+    frames, box = _frames(folder, options.frames)
+    weights = options.data / "weights"
+    trackers = [make_tracker("nanotrack-v3", lambda name: weights / name) for _ in range(3)]
+    detector = OnnxDetector(weights / "yolox_nano_bi.onnx")
+    ways: dict[str, Alone | Inline | Background] = {
+        "motion alone": Alone(trackers[0], frames[0], box),
+        "inline": Inline(trackers[1], detector, frames[0], box),
+        "background": Background(trackers[2], detector, frames[0], box),
+    }
+    for first in range(1, len(frames), options.block):
+        for way in ways.values():
+            way.run(frames[first : first + options.block])
+    for way in ways.values():
+        way.close()
+    return {name: way.spent for name, way in ways.items()}
+
+
 def _frames(folder: Path, most: int) -> tuple[list[Frame], Box]:
-    paths = sorted((folder / "img").iterdir())[:most]
-    images = [np.asarray(cv2.imread(str(path)), np.uint8) for path in paths]
-    first = (folder / "groundtruth.txt").read_text().splitlines()[0]
-    box = Box.from_xywh(*(float(value) for value in first.replace("\t", ",").split(",")))
-    return [Frame(image, i / RATE_HZ, i) for i, image in enumerate(images)], box
+    frames = []
+    for number, path in enumerate(sorted((folder / "img").iterdir())[:most]):
+        image = np.asarray(cv2.imread(str(path)), np.uint8)
+        scale = SIZE[0] / image.shape[1], SIZE[1] / image.shape[0]
+        resized = image if scale == (1, 1) else np.asarray(cv2.resize(image, SIZE), np.uint8)
+        frames.append(Frame(resized, number / RATE_HZ, number))
+    first = (folder / "groundtruth.txt").read_text().split()[0]
+    x, y, width, height = (float(value) for value in first.split(","))
+    return frames, Box.from_xywh(x * scale[0], y * scale[1], width * scale[0], height * scale[1])
 
 
-def _alone(tracker: NanoTracker, frames: list[Frame], box: Box) -> list[float]:
-    tracker.start(frames[0].image, box)
-    return _timed(lambda frame: tracker.update(frame.image), frames)
-
-
-def _fused(fusion: FusionTracker, frames: list[Frame], box: Box) -> list[float]:
-    fusion.start(frames[0], box)
-    spent = _timed(fusion.step, frames)
-    fusion.close()
-    return spent
-
-
-def _timed(step: Callable[[Frame], object], frames: list[Frame]) -> list[float]:
-    spent = []
-    for frame in frames[1:]:
+def _time(spent: Spent, step: Callable[[Frame], object], frames: list[Frame]) -> None:
+    began_cpu = time.process_time()
+    for frame in frames:
         began = time.perf_counter()
         step(frame)
-        spent.append(time.perf_counter() - began)
-    return spent
+        spent.frame_s.append(time.perf_counter() - began)
+    spent.cpu_s += time.process_time() - began_cpu
 
 
-def _line(name: str, spent: list[float], own_s: float | None, detections: int) -> None:
-    median, late = (1000 * float(np.percentile(spent, share)) for share in (50, 99))
-    own = "" if own_s is None else f"{1000 * own_s:7.2f}"
-    rate = len(spent) / sum(spent)
-    print(f"{name:12} {rate:9.1f} {median:10.2f} {late:8.2f} {own:>7}  {detections or ''}")
+HEAD = (
+    f"{'sequence':20} {'way':13} {'frames/s':>9} {'of alone':>9} {'median':>7} {'p99':>7}"
+    f" {'max':>7} {'CPU':>6} {'motion':>7}  ms;  detections a frame, ms each"
+)
+
+
+def _print(sequence: str, spent: dict[str, Spent]) -> None:
+    alone_s = spent["motion alone"].mean_s
+    for name, one in spent.items():
+        count = len(one.frame_s)
+        median, late, last = (1000 * float(np.percentile(one.frame_s, p)) for p in (50, 99, 100))
+        detecting = ""
+        if one.detections:
+            each = 1000 * one.detecting_s / one.detections
+            detecting = f"       {one.detections / count:.2f}, {each:.1f}"
+        print(
+            f"{sequence:20} {name:13} {1 / one.mean_s:9.1f} {alone_s / one.mean_s:9.2f}"
+            f" {median:7.2f} {late:7.2f} {last:7.2f} {1000 * one.cpu_s / count:6.2f}"
+            f" {1000 * one.motion_s / count:7.2f}{detecting}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
