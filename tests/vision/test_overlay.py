@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from follower_vision.box import Box
-from follower_vision.overlay import STATE_COLOURS, draw_track
+from follower_vision.overlay import STATE_COLOURS, draw_track, draw_tracks, target_colour
 from follower_vision.track import Track, TrackState
 
 
@@ -65,3 +65,20 @@ def test_boxes_anywhere_and_of_any_size_do_no_harm(box):
 
 def test_tiny_images_do_no_harm():
     assert draw_track(grey(16, 8), track(Box(8, 4, 4, 2)), ["line", "line"]).shape == (8, 16, 3)
+
+
+def test_several_targets_have_a_colour_each_and_the_unseen_show_their_corners_alone():
+    boxes = [Box(100 + 150 * number, 120, 80, 80) for number in range(4)]
+    states = [TrackState.TRACKING, TrackState.TRACKING, TrackState.COASTING, TrackState.LOST]
+    tracks = [track(box, state) for box, state in zip(boxes, states, strict=True)]
+    drawn = draw_tracks(grey(700, 480), tracks)
+    for number, (box, state) in enumerate(zip(boxes, states, strict=True), 1):
+        coloured = near(drawn, target_colour(number))
+        left = coloured[:, round(box.left) - 1 : round(box.left) + 2].any(axis=1)
+        assert left[round(box.top) + 5]
+        assert left[round(box.cy)] == (state is TrackState.TRACKING)
+
+
+def test_one_of_several_is_drawn_like_one_alone():
+    only = track(Box(100, 100, 40, 30))
+    assert (draw_tracks(grey(320, 240), [only]) == draw_track(grey(320, 240), only)).all()
