@@ -17,6 +17,7 @@ _LEAST_VISIBLE = 0.3
 _SWUNG, _TURNED = 0.75, 0.5
 _ZOOMED = 0.6
 _NARROWEST = 0.35
+_LEAST_VIEW_SIZES = 3.0
 _ZOOM_PERIOD = 150
 _BLACK = (0.0, 0.0, 0.0)
 
@@ -80,10 +81,12 @@ def zoom(clip: Clip, rng: np.random.Generator) -> Clip:  # noqa: ARG001
     """Zoom in and out: the target's size changes by a factor of nearly three."""
     clip = picked(clip, range(len(clip)))
     width, height = (int(side * _ZOOMED) for side in clip.size)
-    views = []
+    box, views = clip.start, []
+    filled = max(box.width / clip.size[0], box.height / clip.size[1])
+    narrowest = min(1.0, max(_NARROWEST, _LEAST_VIEW_SIZES * filled))
     for number in range(len(clip)):
         wave = 0.5 - 0.5 * np.cos(2 * np.pi * number / _ZOOM_PERIOD)
-        share = _NARROWEST ** (1 - wave)
+        share = narrowest ** (1 - wave)
         size = np.array(clip.size) * share
         place = _kept(clip, _centred(clip, number, size), size)
         views.append(Box.from_xywh(*place, *size))

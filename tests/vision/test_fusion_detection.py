@@ -16,6 +16,7 @@ from follower_vision.fusion import (
     InlineDetection,
     MultiFusion,
 )
+from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.detection_service import DetectionRequest
 from follower_vision.fusion.history import History
 from follower_vision.fusion.neighbours import Neighbours, assign_target
@@ -239,6 +240,24 @@ def test_warps_compose_and_undo() -> None:
     x, y = two.point(*one.point(12.0, 34.0))
     assert one.then(two).point(12.0, 34.0) == pytest.approx((x, y))
     assert one.then(two).back().point(x, y) == pytest.approx((12.0, 34.0))
+
+
+def test_a_fast_swing_is_measured_where_flow_follows_nothing() -> None:
+    rng = np.random.default_rng(3)
+    grain = np.kron(rng.uniform(0, 255, (90, 160)), np.ones((4, 4))).astype(np.uint8)
+    wide = np.repeat(grain[..., None], 3, axis=2)
+    camera = CameraMotion()
+    camera.update(np.ascontiguousarray(wide[:240, :320]))
+    warp = camera.update(np.ascontiguousarray(wide[20:260, 90:410]))
+    assert (warp.right, warp.down) == pytest.approx((-90.0, -20.0), abs=2.0)
+
+
+def test_a_cut_to_another_scene_is_no_motion() -> None:
+    rng = np.random.default_rng(4)
+    images = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
+    camera = CameraMotion()
+    camera.update(images[0])
+    assert camera.update(images[1]) == Warp()
 
 
 def test_scan_goes_around_the_box_and_stays_in_the_image() -> None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
+from follower_vision.fusion.global_shift import global_shift
 from follower_vision.fusion.warp import Warp
 from follower_vision.reduce import reduced
 
@@ -40,7 +41,8 @@ class CameraMotion:
     """Sparse optical flow (Lucas and Kanade) on a small grey image, then a robust similarity.
 
     Corners are followed through a few images before they are looked for anew. Where too little of
-    the background agrees, the motion is said to be none.
+    the background agrees, as when the camera swings fast, the image's shift as a whole counts;
+    where there is none either, the motion is said to be none.
     """
 
     def __init__(self) -> None:
@@ -104,7 +106,8 @@ class CameraMotion:
             self._corners = _NO_POINTS
             return Warp()
         around = [box.scaled(_AROUND_TARGET) for box in avoid]
-        return self._flow(last, self._grey, around, factor) or Warp()
+        flow = self._flow(last, self._grey, around, factor)
+        return flow or _shifted(last, self._grey, factor)
 
     def _flow(self, last: Grey, grey: Grey, avoid: list[Box], factor: float) -> Warp | None:
         before, after = _followed(last, grey, self._background(last, avoid, factor))
@@ -177,3 +180,8 @@ def _similarity(before: Points, after: Points, factor: float) -> tuple[Warp | No
     )
     believable = abs(math.log(max(warp.zoom, 1e-6))) < math.log(_MOST_ZOOM)
     return (warp, inliers) if believable else (None, 0)
+
+
+def _shifted(last: Grey, grey: Grey, factor: float) -> Warp:
+    shift = global_shift(last, grey)
+    return Warp() if shift is None else Warp(right=shift[0] / factor, down=shift[1] / factor)
