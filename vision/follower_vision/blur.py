@@ -80,7 +80,7 @@ class BlurDetector:
         """Judge the neighbourhood of `box` in a frame and remember it.
 
         Args:
-            image: (H, W, 3) uint8 BGR.
+            image: (H, W, 3) uint8 BGR, or (H, W) grey.
             box: the target, or where it is believed to be.
             captured_s: the frame's capture time in seconds, later than the last one's.
         """
@@ -110,7 +110,7 @@ def sharpness(image: Image, box: Box) -> float:
     region wholly outside the image has no sharpness: 0.
 
     Args:
-        image: (H, W, 3) uint8 BGR.
+        image: (H, W, 3) uint8 BGR, or (H, W) grey.
         box: in the image's pixels; the part of its neighbourhood inside the image counts.
     """
     region = _neighbourhood(image, box)
@@ -137,7 +137,8 @@ def _halvings(region: Image) -> int:
 def _sharpness(region: Image, halvings: int) -> float:
     if min(region.shape[:2]) < 3 << halvings:
         return 0.0
-    grey = np.asarray(cv2.cvtColor(region, cv2.COLOR_BGR2GRAY), np.uint8)
+    grey = region if region.ndim == 2 else cv2.cvtColor(region, cv2.COLOR_BGR2GRAY)
+    grey = np.asarray(grey, np.uint8)
     for _ in range(halvings):
         grey = halved(grey)
     _, deviation = cv2.meanStdDev(cv2.Laplacian(grey, cv2.CV_16S))

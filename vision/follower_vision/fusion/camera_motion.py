@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import cv2
@@ -51,13 +52,15 @@ class CameraMotion:
         self._corners: Points = _NO_POINTS
         self._kept = 0
         self._warp = Warp()
+        self._full: Grey | None = None
         self._pending: Future[Warp] | None = None
+        self._task: Callable[[], Warp] = Warp
         self._worker: ThreadPoolExecutor | None = None
 
     def reset(self) -> None:
         """Forget the last image."""
         self._finish()
-        self._grey = self._image = None
+        self._grey = self._full = self._image = None
         self._warp = Warp()
 
     def close(self) -> None:
@@ -77,8 +80,8 @@ class CameraMotion:
         self._finish()
         if self._worker is None:
             self._worker = ThreadPoolExecutor(1, "camera-motion")
-        self._image = image
-        self._pending = self._worker.submit(self._measure, image, tuple(avoid))
+        self._image, self._task = image, partial(self._measure, image, tuple(avoid))
+        self._pending = self._worker.submit(self._task)
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -95,13 +98,22 @@ class CameraMotion:
             self._warp = self._measure(image, avoid)
         return self._warp
 
+    @property
+    def grey(self) -> Grey | None:
+        """The last image of `update` in grey, (H, W): it was needed anyway."""
+        return self._full
+
     def _finish(self) -> None:
-        if self._pending is not None:
-            self._warp, self._pending = self._pending.result(), None
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            # On a busy machine the thread may not have had its turn: then it is quicker to do it.
+            self._warp = self._task() if pending.cancel() else pending.result()
 
     def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp:
         factor = min(1.0, _WIDTH / image.shape[1])
-        last, self._grey = self._grey, _small(image, factor)
+        self._full = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        size = round(image.shape[1] * factor), round(image.shape[0] * factor)
+        last, self._grey = self._grey, reduced(self._full, *size)
         if last is None or last.shape != self._grey.shape:
             self._corners = _NO_POINTS
             return Warp()
@@ -129,12 +141,6 @@ class CameraMotion:
 
 
 _NO_POINTS: Points = np.zeros((0, 2), np.float32)
-
-
-def _small(image: Image, factor: float) -> Grey:
-    """The image in grey and reduced."""
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    return reduced(grey, round(image.shape[1] * factor), round(image.shape[0] * factor))
 
 
 def _followed(last: Grey, grey: Grey, points: Points) -> tuple[Points, Points]:

@@ -162,7 +162,9 @@ class FusionTracker:
         self._pursuit = object()
 
     def _follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
-        blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
+        grey = self._camera.grey if self._settings.camera_motion else None
+        seen = frame.image if grey is None else grey
+        blurred = self._blur.update(seen, expected, frame.captured_s).blurred
         self._following.follow(frame, belief, expected, interval_s, blurred)
         lost = belief.state is TrackState.LOST and not self._following.doubting
         if lost and not belief.familiar:
