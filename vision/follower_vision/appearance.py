@@ -26,6 +26,7 @@ _LEAST_VALUE = 32
 _LEAST_DEVIATION = 2.0
 _FILL = (127.0, 127.0, 127.0)
 _FINEST = 3
+_MIDDLE = 128.0
 
 Grey = npt.NDArray[np.uint8]
 Histogram = npt.NDArray[np.float64]
@@ -155,10 +156,13 @@ def _smoothing() -> npt.NDArray[np.float64]:
 
 
 def _patterns(templates: Sequence[Grey]) -> npt.NDArray[np.float32]:
-    """Each template as a row with mean 0 and length 1; 0 where there is no structure."""
+    """Each template as a row with mean 0 and length 1, 0 without structure; then a row of ones."""
     rows = np.stack(templates).reshape(len(templates), -1).astype(np.float32)
     rows -= rows.mean(axis=1, keepdims=True)
-    return rows * _inverse_lengths(np.einsum("ij,ij->i", rows, rows), rows.shape[1])[:, None]
+    squares = np.einsum("ij,ij->i", rows, rows)
+    rows /= np.sqrt(np.maximum(squares, 1.0))[:, None]
+    rows[_structureless(squares, rows.shape[1])] = 0.0
+    return np.concatenate([rows, np.ones_like(rows[:1])])
 
 
 def _correlations(
@@ -166,18 +170,17 @@ def _correlations(
 ) -> npt.NDArray[np.float64]:
     # Near zero, sums of squares keep their digits. The windows' own means need not be taken off
     # for the products: those of the patterns are 0.
-    windows = _windows(np.subtract(picture, picture.mean(), dtype=np.float32), size)
-    count = windows.shape[1]
-    sums = windows.sum(axis=1)
-    squares = np.einsum("ij,ij->i", windows, windows) - sums * sums / count
-    alike = (patterns @ windows.T) * _inverse_lengths(squares, count)
+    windows = _windows(np.subtract(picture, _MIDDLE, dtype=np.float32), size)
+    products = patterns @ windows.T
+    alike, sums = products[:-1], products[-1]
+    squares = np.einsum("ij,ij->i", windows, windows) - sums * sums / windows.shape[1]
+    alike /= np.sqrt(np.maximum(squares, 1.0))
+    alike[:, _structureless(squares, windows.shape[1])] = 0.0
     return np.asarray(alike.max(axis=1), np.float64)
 
 
-def _inverse_lengths(squares: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.float32]:
-    """One over the root of each sum of squares of `count` pixels; 0 without structure."""
-    usable = squares > _LEAST_DEVIATION**2 * count
-    return np.where(usable, 1.0 / np.sqrt(np.maximum(squares, 1.0)), 0.0).astype(np.float32)
+def _structureless(squares: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.bool_]:
+    return np.asarray(squares <= _LEAST_DEVIATION**2 * count)
 
 
 def _windows(picture: npt.NDArray[np.float32], size: tuple[int, ...]) -> npt.NDArray[np.float32]:
