@@ -109,7 +109,13 @@ class ControlRecord:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth a line: a change of state, a command, a message of the autopilot."""
+    """Something worth a line: a change of state, a command, a message of the autopilot.
+
+    Attributes:
+        time_s: when it happened.
+        source: who says so: "supervisor", "autopilot", "autonomy", "recorder".
+        text: what happened.
+    """
 
     time_s: float
     source: str

@@ -12,10 +12,10 @@ LOSSLESS_FORMAT, LOSSY_FORMAT = "bgr24", "yuv420p"
 
 
 def to_picture(image: Image, lossless: bool) -> av.VideoFrame:
-    """Return the image as the encoder takes it; of an odd size it is grown by a row or column."""
+    """Return the image as the encoder takes it; for H.264 it is grown to multiples of 4 pixels."""
     if lossless:
         return av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format=LOSSLESS_FORMAT)
-    planes = np.asarray(cv2.cvtColor(_even(image), cv2.COLOR_BGR2YUV_I420), np.uint8)
+    planes = np.asarray(cv2.cvtColor(_grown(image), cv2.COLOR_BGR2YUV_I420), np.uint8)
     return av.VideoFrame.from_numpy_buffer(planes, format=LOSSY_FORMAT)
 
 
@@ -28,8 +28,13 @@ def to_image(picture: av.VideoFrame, width: int, height: int) -> Image:
     return np.ascontiguousarray(image[:height, :width], np.uint8)
 
 
-def _even(image: Image) -> Image:
-    down, right = image.shape[0] % 2, image.shape[1] % 2
+def lossy_size(width: int, height: int) -> tuple[int, int]:
+    """Return the size that an image has in H.264: OpenCV and PyAV agree on multiples of 4."""
+    return width + -width % 4, height + -height % 4
+
+
+def _grown(image: Image) -> Image:
+    down, right = -image.shape[0] % 4, -image.shape[1] % 4
     if not down and not right:
         return image
     return np.asarray(cv2.copyMakeBorder(image, 0, down, 0, right, cv2.BORDER_REPLICATE), np.uint8)

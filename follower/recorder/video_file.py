@@ -11,7 +11,7 @@ import av
 import av.container
 import av.error
 
-from follower.recorder.pictures import LOSSLESS_FORMAT, LOSSY_FORMAT, to_picture
+from follower.recorder.pictures import LOSSLESS_FORMAT, LOSSY_FORMAT, lossy_size, to_picture
 from follower.recorder_settings import RecorderSettings, VideoKind
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
@@ -92,9 +92,8 @@ class VideoFile(ClosesItself):
         stream = container.add_stream(
             "libx264rgb" if self._lossless else "libx264", rate=30, options=self._options()
         )
-        odd = not self._lossless
-        stream.width = frame.width + (frame.width % 2 if odd else 0)
-        stream.height = frame.height + (frame.height % 2 if odd else 0)
+        size = frame.width, frame.height
+        stream.width, stream.height = size if self._lossless else lossy_size(*size)
         stream.pix_fmt = LOSSLESS_FORMAT if self._lossless else LOSSY_FORMAT
         stream.codec_context.time_base = _TICK
         stream.codec_context.thread_count = 1

@@ -71,7 +71,8 @@ def replay_flight(options: ReplayOptions) -> int:
         with console.status("Replaying vision and control"):
             whole = _whole(options, flight, settings, console)
         print_comparison(console, "Vision from the recorded frames", whole.comparison.tracks)
-        print_comparison(console, "Control from those tracks", whole.comparison.control)
+        if any(one.count for one in whole.comparison.tracks):
+            print_comparison(console, "Control from those tracks", whole.comparison.control)
     for remark in flight.remarks:
         console.print(remark, highlight=False)
     return _conclude(options, flight, control, whole, console)

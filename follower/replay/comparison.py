@@ -37,6 +37,7 @@ class Difference:
     Attributes:
         name: of the quantity.
         unit: of its numbers.
+        is_number: False for names and flags, where an amount has no meaning.
         times_s: of all records compared, shape (N,).
         amounts: by how much each differs, shape (N,): 0 where it is the same to the last bit,
             1 where it is no number or missing on one side.
@@ -44,6 +45,7 @@ class Difference:
 
     name: str
     unit: str
+    is_number: bool
     times_s: Array
     amounts: Array
 
@@ -120,10 +122,12 @@ def _difference(
     def value(record: Any) -> Any:
         return None if record is None else quantity.get(record)
 
-    amounts = [difference(value(a), value(b)) for a, b in pairs]
+    values = [(value(a), value(b)) for a, b in pairs]
+    amounts = [difference(a, b) for a, b in values]
     return Difference(
         quantity.name,
         quantity.unit,
+        any(isinstance(part, float | np.ndarray) for pair in values for part in pair),
         np.array(times_s, np.float64),
         np.array(amounts, np.float64),
     )

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from follower.flightlog import FlightLog
-from follower.replay.comparison import Comparison, Difference
+from follower.replay.comparison import Comparison
 from follower.report.series import boxes, control_times, setpoints
 from follower.report.style import INK, MUTED, ORANGE, PALETTE, WIDTH_IN
 
@@ -62,7 +62,7 @@ def _draw_setpoints(axes: Sequence[Axes], recorded: FlightLog, replayed: FlightL
 
 
 def _draw_differences(ax: Axes, comparison: Comparison) -> None:
-    numbers = [one for one in comparison.differing if not _is_yes_or_no(one)]
+    numbers = [one for one in comparison.differing if one.is_number]
     colours = [colour.light for colour in PALETTE[4:]]
     ax.set_ylabel("difference so far")
     if not numbers:
@@ -76,10 +76,6 @@ def _draw_differences(ax: Axes, comparison: Comparison) -> None:
         ax.plot(one.times_s, shown, color=colour, label=f"{one.name}{unit}", linewidth=1.2)
     ax.set_yscale("log")
     ax.legend(fontsize=7, ncols=2, loc="lower right")
-
-
-def _is_yes_or_no(one: Difference) -> bool:
-    return bool(np.isin(one.amounts, (0.0, 1.0)).all())
 
 
 _RECORDED: dict[str, Any] = {"color": INK.light, "linewidth": 1.6, "label": "recorded"}

@@ -41,8 +41,9 @@ def print_comparison(console: Console, title: str, parts: tuple[Difference, ...]
     if not differing:
         console.print(f"{title}: {compared} compared, identical", highlight=False)
         return
-    table = Table(title=f"{title}: {compared} compared", title_justify="left")
-    table.add_column("what")
+    console.print(f"{title}: {compared} compared, these differ:", highlight=False)
+    table = Table()
+    table.add_column("what", no_wrap=True)
     for heading in ("differ", "first at", *(f"after {s:g} s" for s in _GROWTH_S), "largest"):
         table.add_column(heading, justify="right")
     for one in differing:
@@ -65,9 +66,9 @@ def _row(one: Difference) -> Iterator[str]:
     first_s = one.first_s or 0.0
     yield f"{first_s:.3f} s"
     for after_s in _GROWTH_S:
-        yield _amount(one.largest_until(first_s + after_s), one.unit)
-    yield _amount(one.largest, one.unit)
+        yield _amount(one, one.largest_until(first_s + after_s))
+    yield _amount(one, one.largest)
 
 
-def _amount(value: float, unit: str) -> str:
-    return f"{value:.2g} {unit}".strip()
+def _amount(one: Difference, value: float) -> str:
+    return f"{value:.2g} {one.unit}".strip() if one.is_number else "–"

@@ -1,0 +1,55 @@
+"""Records a flight in real time until it is killed: a program that the tests start.
+
+    python record_until_killed.py FOLDER VIDEO [RATE_HZ]
+
+Prints the flight's time after each control step, so that whoever kills it knows how far it was.
+"""
+
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.control_stage import ControlStage
+from follower.recorder import FlightConfig, Recorder, RecorderSettings, VideoKind, epoch_now_ns
+from follower.settings import Settings
+from follower_control.transport import MemoryTransport
+from follower_control.vehicle import VehicleState
+from follower_vision.clock import MonotonicClock
+from follower_vision.frame import Frame
+
+
+def main() -> None:
+    folder, video = Path(sys.argv[1]), VideoKind(sys.argv[2])
+    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 600.0
+    settings, clock = Settings(), MonotonicClock()
+    config = FlightConfig.of("real", settings, epoch_ns=epoch_now_ns(clock))
+    wanted = RecorderSettings(video=video, keep_free_mb=0)
+    noise = np.random.default_rng(1).integers(0, 255, (300, 400, 3), dtype=np.uint8)
+    with Recorder(folder, config, clock, wanted) as recorder:
+        link = recorder.transport(MemoryTransport.pair()[0])
+        codec = mavlink.MAVLink(None, 1, 191)
+        control = ControlStage(settings, settings.camera.model(320, 240), recorder.log)
+        threading.Thread(target=capture, args=(recorder, clock, noise), daemon=True).start()
+        while clock.now() < seconds:
+            clock.sleep_until(clock.now() + 0.02)
+            now_s = clock.now()
+            control.step(now_s, None, VehicleState(heartbeat_s=now_s))
+            link.send(mavlink.MAVLink_system_time_message(1, round(1000 * now_s)).pack(codec))
+            print(f"{now_s:.4f}", flush=True)
+    print(*recorder.remarks, sep="\n", file=sys.stderr, flush=True)
+
+
+def capture(recorder: Recorder, clock: MonotonicClock, noise: np.ndarray) -> None:
+    for number in range(1_000_000):
+        clock.sleep_until(number / 30)
+        shift = number % 50
+        image = np.ascontiguousarray(noise[shift : shift + 240, shift : shift + 320])
+        now_s = clock.now()
+        recorder.add_frame(Frame(image, now_s, number), now_s)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,250 @@
+"""A slow disk, a full disk, a power cut: the flight goes on, and what was written can be read."""
+
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.recorder import (
+    FlightConfig,
+    RecordedFlight,
+    Recorder,
+    RecorderSettings,
+    VideoKind,
+    open_flight,
+)
+from follower.recorder.append_file import AppendFile
+from follower.settings import Settings
+from follower_vision.clock import MonotonicClock
+from follower_vision.frame import Frame
+
+PROGRAM = Path(__file__).with_name("record_until_killed.py")
+IMAGE = np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8)
+
+
+def start(folder: Path, *arguments: str, **options: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, str(PROGRAM), str(folder), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_a_killed_process_leaves_files_that_open_up_to_the_last_second(
+    tmp_path: Path, seed: int
+) -> None:
+    kind = ("h264", "lossless")[seed % 2]
+    with start(tmp_path, kind) as process:
+        assert process.stdout is not None
+        wait_s, last_s = random.Random(seed).uniform(1.2, 3.0), 0.0
+        while last_s < wait_s:
+            last_s = float(process.stdout.readline())
+        os.kill(process.pid, signal.SIGKILL)
+        last_s = max([last_s, *map(float, process.stdout.read().split())])
+    flight = open_flight(tmp_path)
+    assert flight.log.controls[-1].time_s > last_s - 1.0
+    assert flight.frames[-1].captured_s > last_s - 1.0
+    assert list(flight.packets())[-1].time_s > last_s - 1.0
+    pictures = list(flight.pictures())
+    assert pictures[-1].captured_s > last_s - 1.0
+    assert [picture.sequence for picture in pictures] == list(range(len(pictures)))
+    assert any("cut off" in remark for remark in flight.remarks)
+
+
+def fly(folder: Path, seconds: float, settings: RecorderSettings) -> tuple[Recorder, list[float]]:
+    """Hand over frames and events in real time; return how long each hand-over took."""
+    clock, took = MonotonicClock(), []
+    with Recorder(folder, FlightConfig.of("real", Settings()), clock, settings) as recorder:
+        number = 0
+        while (now_s := clock.now()) < seconds:
+            began = time.perf_counter()
+            recorder.add_frame(Frame(IMAGE, now_s, number), now_s)
+            recorder.log.note(now_s, "test", f"frame {number}")
+            took.append(time.perf_counter() - began)
+            number += 1
+            clock.sleep_until(number / 60)
+    return recorder, took
+
+
+def test_a_slow_disk_costs_frames_of_the_video_but_no_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that needs half a second for each write: nobody waits for it."""
+    sync = os.fdatasync
+
+    def slow(descriptor: int) -> None:
+        time.sleep(0.5)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fdatasync", slow)
+    settings = RecorderSettings(buffer_mb=2.0, keep_free_mb=0)
+    recorder, took = fly(tmp_path, 2.5, settings)
+    assert np.median(took) < 0.002
+    flight = open_flight(tmp_path)
+    notes = [event for event in flight.log.events if event.source == "test"]
+    assert len(notes) == len(took)
+    missing = [frame for frame in flight.frames if frame.video_index is None]
+    assert missing
+    assert any("left out" in remark for remark in recorder.remarks)
+    assert any("left out" in event.text for event in flight.log.events)
+    pictures = list(flight.pictures())
+    assert len(pictures) == len(flight.frames) - len(missing)
+    assert flight.remarks == []
+
+
+def test_waiting_frames_take_bounded_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocked = threading.Event()
+    monkeypatch.setattr(os, "fdatasync", lambda _: blocked.wait(20))
+    settings = RecorderSettings(buffer_mb=1.0, keep_free_mb=0)
+    config = FlightConfig.of("real", Settings())
+    recorder = Recorder(tmp_path, config, MonotonicClock(), settings)
+    deadline = time.monotonic() + 2.0
+    while time.monotonic() < deadline:
+        recorder.add_frame(Frame(IMAGE, 0.0, 0), 0.0)
+        time.sleep(0.002)
+    video = recorder._video
+    assert video._waiting_bytes <= 1e6 + IMAGE.nbytes
+    assert video.left_out > 50
+    blocked.set()
+    recorder.close()
+
+
+def test_when_the_disk_gets_full_the_video_ends_first(tmp_path: Path) -> None:
+    free_mb = shutil.disk_usage(tmp_path).free / 1e6
+    settings = RecorderSettings(keep_free_mb=2 * free_mb)
+    recorder, _ = fly(tmp_path, 1.5, settings)
+    flight = open_flight(tmp_path)
+    assert any("the video ends here" in remark for remark in recorder.remarks)
+    notes = [event.time_s for event in flight.log.events if event.source == "test"]
+    assert notes[-1] > 1.4
+    pictures = list(flight.pictures())
+    assert 0 < len(pictures) < len(flight.frames)
+
+
+def limit_files() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
+
+
+@pytest.mark.slow
+def test_files_that_must_not_grow_end_the_recording_but_not_the_flight(tmp_path: Path) -> None:
+    """The kernel refuses writes beyond 150 kB a file: first the video's, then the log's."""
+    process = start(tmp_path, "h264", "4", stderr=subprocess.PIPE, preexec_fn=limit_files)
+    output, said = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert float(output.split()[-1]) > 3.9
+    assert "the video ends here: File too large" in said
+    flight = open_flight(tmp_path)
+    assert flight.log.controls
+    assert list(flight.pictures())
+    assert any("the video ends here" in event.text for event in flight.log.events)
+
+
+FULL_DISK = """
+set -e
+mount -t tmpfs -o size=1500k tmpfs {mount}
+cd {mount}
+{python} {program} {mount} h264 4
+cp -r {mount}/. {copy}
+"""
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_the_video_and_keeps_the_log(tmp_path: Path) -> None:
+    """A file system of 1.5 MB, which the video fills in a second or two."""
+    mount, copy = tmp_path / "mount", tmp_path / "copy"
+    mount.mkdir()
+    copy.mkdir()
+    allowed = subprocess.run(
+        ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(mount)], check=False
+    )
+    if allowed.returncode:
+        pytest.skip("mounting a small file system is not permitted here")
+    script = FULL_DISK.format(mount=mount, copy=copy, python=sys.executable, program=PROGRAM)
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split()[-1]) > 3.9
+    assert "the video ends here: No space left on device" in done.stderr
+    flight = open_flight(copy)
+    assert flight.log.controls
+    assert list(flight.pictures())
+
+
+def test_a_file_keeps_its_last_whole_piece_when_the_disk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    with AppendFile(path) as file:
+        file.write(b"one")
+        file.commit()
+        write = os.write
+
+        def full(descriptor: int, data: Any) -> int:
+            if len(data) > 2:
+                return write(descriptor, data[:2])
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(os, "write", full)
+        file.write(b"four")
+        with pytest.raises(OSError, match="No space"):
+            file.commit()
+        assert path.read_bytes() == b"one"
+        monkeypatch.setattr(os, "write", write)
+        file.write(b"five")
+        file.commit()
+        assert path.read_bytes() == b"onefourfive"
+        assert file.tell() == 11
+
+
+def test_what_waits_for_a_full_disk_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_descriptor: int, _data: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    with AppendFile(tmp_path / "file") as file:
+        monkeypatch.setattr(os, "write", full)
+        for _ in range(16):
+            file.write(bytes(1_000_000))
+        with pytest.raises(OSError, match="No space"):
+            file.commit()
+        file.write(b"x")
+        with pytest.raises(MemoryError):
+            file.commit()
+
+
+def test_a_log_that_could_not_be_written_for_a_while_misses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, full = os.write, threading.Event()
+
+    def sometimes(descriptor: int, data: Any) -> int:
+        if full.is_set():
+            raise OSError(28, "No space left on device")
+        return write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", sometimes)
+    settings = RecorderSettings(video=VideoKind.NONE)
+    clock = MonotonicClock()
+    with Recorder(tmp_path, FlightConfig.of("real", Settings()), clock, settings) as recorder:
+        for number in range(50):
+            (full.set if 10 <= number < 30 else full.clear)()
+            recorder.log.note(clock.now(), "test", str(number))
+            clock.sleep_until(clock.now() + 0.04)
+    flight: RecordedFlight = open_flight(tmp_path)
+    notes = [event.text for event in flight.log.events if event.source == "test"]
+    assert notes == [str(number) for number in range(50)]
+    assert any("waits in memory" in remark for remark in recorder.remarks)
+    assert any("written again" in remark for remark in recorder.remarks)
