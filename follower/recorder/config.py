@@ -108,7 +108,8 @@ class FlightConfig:
                 camera = CameraModel(**{**camera, "distortion": tuple(camera["distortion"])})
             return cls(camera=camera, **plain)
         except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
-            raise ValueError(f"not a flight's configuration ({error})") from error
+            reason = " ".join(str(error).split())
+            raise ValueError(f"not a flight's configuration ({reason})") from error
 
 
 def epoch_now_ns(clock: Clock) -> int:

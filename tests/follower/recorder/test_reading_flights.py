@@ -1,0 +1,173 @@
+"""Logs that are cut, foreign, newer or wrong: what can be read is read, the rest is said."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from follower.recorder import FlightFileError, open_flight
+from follower.recorder.mcap_log import METADATA, PROFILE
+
+
+def copied(flight: Any, folder: Path) -> Path:
+    shutil.copytree(flight.folder, folder)
+    return folder
+
+
+def one_line(error: pytest.ExceptionInfo[FlightFileError]) -> str:
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("share", [0.001, 0.2, 0.5, 0.9, 0.99, 0.9999])
+def test_a_cut_log_is_read_up_to_the_cut(small_flight: Any, tmp_path: Path, share: float) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "flight.mcap"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: round(share * len(whole))])
+    flight = open_flight(folder)
+    assert any("cut off" in remark for remark in flight.remarks)
+    times = [record.time_s for record in flight.log.controls]
+    assert times == [record.time_s for record in small_flight.log.controls[: len(times)]]
+    if share < 0.1:
+        assert not times
+
+
+def test_the_further_the_log_goes_the_more_is_read(small_flight: Any, tmp_path: Path) -> None:
+    """At every cut: never an error, never less than at an earlier cut."""
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "flight.mcap"
+    whole = path.read_bytes()
+    counts = []
+    for length in range(64, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:length])
+        counts.append(len(open_flight(folder).log.controls))
+    assert counts == sorted(counts)
+    assert counts[-1] == len(small_flight.log.controls)
+
+
+def test_damaged_bytes_end_the_log_there(small_flight: Any, tmp_path: Path) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "flight.mcap"
+    data = bytearray(path.read_bytes())
+    for place in range(len(data) // 2, len(data) // 2 + 40):
+        data[place] ^= 0x55
+    path.write_bytes(data)
+    flight = open_flight(folder)
+    assert any("damaged" in remark for remark in flight.remarks)
+    assert 0 < len(flight.log.controls) < len(small_flight.log.controls)
+
+
+def test_a_cut_video_gives_the_pictures_before_the_cut(small_flight: Any, tmp_path: Path) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "video.mkv"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    flight = open_flight(folder)
+    pictures = list(flight.pictures())
+    assert 10 < len(pictures) < len(small_flight.frames)
+    assert any("video.mkv ends after" in remark for remark in flight.remarks)
+
+
+def test_a_folder_that_is_no_flight_says_what_is_there(small_flight: Any, tmp_path: Path) -> None:
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path / "nowhere")
+    assert "no such folder" in one_line(error)
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    assert "flight.mcap is missing" in one_line(error)
+    folder = copied(small_flight, tmp_path / "flight")
+    (folder / "flight.mcap").unlink()
+    with pytest.raises(FlightFileError) as error:
+        open_flight(folder)
+    assert "only config.yaml, mavlink.tlog, video.mkv" in one_line(error)
+
+
+@pytest.mark.parametrize("content", [b"", b"x", b"PK\x03\x04 a zip, not a log" * 9, b"\0" * 99])
+def test_another_kind_of_file_is_no_log(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "flight.mcap").write_bytes(content)
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    assert "not in the MCAP format" in one_line(error)
+
+
+def write_foreign(path: Path, profile: str, metadata: dict[str, str] | None) -> None:
+    writer: Any = Writer(str(path), compression=CompressionType.NONE)
+    writer.start(profile, "somebody else 2.0")
+    if metadata is not None:
+        writer.add_metadata(METADATA, metadata)
+    schema = writer.register_schema("a", "jsonschema", b"{}")
+    channel = writer.register_channel("/vision/track", "json", schema)
+    other = writer.register_channel("/more", "json", schema)
+    for number in range(3):
+        writer.add_message(other, number, b"{}", number)
+    if metadata is None:
+        writer.add_message(channel, 5, json.dumps({"sequence": 1}).encode(), 5)
+    writer.finish()
+
+
+def test_a_log_of_another_program_is_named(tmp_path: Path) -> None:
+    write_foreign(tmp_path / "flight.mcap", "ros2", None)
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    text = one_line(error)
+    assert "somebody else 2.0" in text
+    assert "'ros2'" in text
+
+
+def test_a_newer_format_is_refused_and_says_what_can_be_read(tmp_path: Path) -> None:
+    newer = {"format": "7", "epoch_ns": "0", "config": ""}
+    write_foreign(tmp_path / "flight.mcap", PROFILE, newer)
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    text = one_line(error)
+    assert "format 7" in text
+    assert "mavlink.tlog and video.mkv can be read" in text
+
+
+def test_messages_that_nobody_knows_are_passed_over_and_counted(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    config = (small_flight.folder / "config.yaml").read_text()
+    known = {"format": "1", "epoch_ns": "0", "config": config}
+    write_foreign(tmp_path / "flight.mcap", PROFILE, known)
+    flight = open_flight(tmp_path)
+    assert flight.remarks == ["flight.mcap: 3 messages of '/more' were passed over."]
+    assert flight.config.settings == open_flight(small_flight.folder).config.settings
+
+
+def test_a_message_that_does_not_fit_names_its_topic(tmp_path: Path) -> None:
+    write_foreign(tmp_path / "flight.mcap", PROFILE, None)
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    assert "a message of /vision/track cannot be read" in one_line(error)
+
+
+def test_without_its_configuration_file_the_log_still_knows_it(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    (folder / "config.yaml").unlink()
+    assert open_flight(folder).config == open_flight(small_flight.folder).config
+
+
+def test_a_broken_configuration_is_named(small_flight: Any, tmp_path: Path) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    (folder / "config.yaml").write_text("format: [1")
+    with pytest.raises(FlightFileError) as error:
+        open_flight(folder)
+    assert "config.yaml" in one_line(error)
+
+
+def test_a_flight_without_video_says_so(small_flight: Any, tmp_path: Path) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    (folder / "video.mkv").unlink()
+    flight = open_flight(folder)
+    with pytest.raises(FlightFileError, match="the flight has no video; its log can be read"):
+        list(flight.pictures())
+    (folder / "video.mkv").write_bytes(b"no video at all" * 50)
+    with pytest.raises(FlightFileError, match="the video cannot be read"):
+        list(flight.pictures())

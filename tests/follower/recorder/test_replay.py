@@ -1,0 +1,208 @@
+"""A recorded flight through the real stages again: the same to the last bit, or shown to differ."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.flightlog import FlightLog
+from follower.recorder import FlightFileError, RecordedFlight, open_flight
+from follower.recorder.log_writer import control_messages
+from follower.replay import Replay, compare, replay_settings
+from follower.replay.command import DIFFERENT, SAME, ReplayOptions, replay_flight
+from follower.replay.comparison import difference
+from follower_control.strict_yaml import SettingsError
+
+FlySmall = Callable[..., Any]
+
+
+def replayed(flight: RecordedFlight, *overrides: str, **options: Any) -> Replay:
+    replay = Replay(flight, replay_settings(flight, overrides), **options)
+    replay.run()
+    return replay
+
+
+def test_the_replay_of_a_lossless_flight_is_the_flight(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    replay = replayed(flight)
+    assert replay.missed == 0
+    compared = compare(flight.log, replay.log)
+    assert compared.identical
+    assert compared.first_s is None
+    assert len(compared.tracks[0].times_s) == len(small_flight.frames)
+    assert len(compared.control[0].times_s) == len(small_flight.log.controls)
+    assert [event.text for event in replay.log.events] == [
+        event.text for event in flight.log.events if event.source == "supervisor"
+    ]
+
+
+def test_other_gains_change_the_setpoints_and_nothing_before_them(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    compared = compare(flight.log, replayed(flight, "servo.distance_m=3").log)
+    names = {one.name for one in compared.differing}
+    assert "asked: forward" in names
+    assert not any(name.startswith(("track", "estimate", "state")) for name in names)
+
+
+def test_another_tracker_changes_the_tracks(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    compared = compare(flight.log, replayed(flight, "tracker=identity").log)
+    assert {"track: centre x", "track: produced by"} <= {one.name for one in compared.differing}
+
+
+def test_a_setting_that_does_not_exist_is_refused(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    with pytest.raises(SettingsError, match="distance"):
+        replay_settings(flight, ["servo.distanze_m=3"])
+
+
+def test_the_first_difference_and_its_growth_are_found(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    controls = list(flight.log.controls)
+    for step, shift in ((70, 1e-16), (80, 1e-3), (120, 0.5)):
+        before = controls[step]
+        forward = before.allowed.forward_m_s + shift
+        if shift < 1e-9:
+            forward = float(np.nextafter(before.allowed.forward_m_s, np.inf))
+        controls[step] = replace(before, allowed=replace(before.allowed, forward_m_s=forward))
+    altered = FlightLog(flight.log.tracks, controls, flight.log.events)
+    (one,) = compare(flight.log, altered).differing
+    assert (one.name, one.count) == ("allowed: forward", 3)
+    assert one.first_s == controls[70].time_s
+    assert 0 < one.largest_until(controls[79].time_s) < 1e-15
+    assert one.largest_until(controls[100].time_s) == pytest.approx(1e-3)
+    assert one.largest == pytest.approx(0.5)
+
+
+def test_nan_equals_nan_and_zero_equals_minus_zero_and_none_equals_none_alone() -> None:
+    nan, infinity = float("nan"), float("inf")
+    assert difference(nan, nan) == difference(0.0, -0.0) == difference(None, None) == 0
+    assert difference(infinity, infinity) == 0
+    assert difference(nan, 1.0) == difference(infinity, 1.0) == difference(None, 1.0) == 1
+    assert difference(np.eye(2), np.eye(2)) == 0
+    assert difference(np.eye(2), 3 * np.eye(2)) == 2
+
+
+def test_control_replays_from_the_recorded_tracks_without_any_video(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    folder = tmp_path / "flight"
+    shutil.copytree(small_flight.folder, folder, ignore=shutil.ignore_patterns("video.mkv"))
+    flight = open_flight(folder)
+    replay = replayed(flight, tracks_recorded=True)
+    assert compare(flight.log, replay.log).identical
+    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == SAME
+
+
+def test_lossy_video_replays_control_exactly_and_its_saved_replay_wholly(
+    fly_small: FlySmall, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fly_small(tmp_path / "lossy", video="h264")
+    runs = tmp_path / "runs"
+    assert replay_flight(ReplayOptions(tmp_path / "lossy", save=True, out=runs)) == SAME
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Control replays bit for bit" in said
+    assert "the video is lossy" in said
+    assert (runs / "replay-lossy" / "replay.png").stat().st_size > 10_000
+    reference = runs / "lossy-replayed"
+    assert replay_flight(ReplayOptions(reference, out=runs)) == SAME
+    assert "identical to the flight, bit for bit" in " ".join(capsys.readouterr().out.split())
+    one, two = open_flight(tmp_path / "lossy"), open_flight(reference)
+    assert two.frames == one.frames
+    assert len(two.log.controls) == len(one.log.controls)
+    assert two.remarks == []
+    assert [p.data for p in two.packets()] == [p.data for p in one.packets()]
+
+
+def rewritten(flight: RecordedFlight, change: Callable[[Any], Any]) -> None:
+    """Alter the messages in memory, as a fault would have altered them on the disk."""
+    flight._messages = [(time_s, change(message)) for time_s, message in flight._messages]
+    flight.log.tracks = [change(record) for record in flight.log.tracks]
+
+
+def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Here the recorded settings are altered behind the recording's back."""
+    folder = tmp_path / "flight"
+    shutil.copytree(small_flight.folder, folder)
+    config = folder / "config.yaml"
+    config.write_text(config.read_text().replace("max_jerk_m_s3: 10.0", "max_jerk_m_s3: 9.9"))
+    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == DIFFERENT
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The replay differs from the flight" in said
+    assert "The first difference is at" in said
+    assert "allowed: forward" in said
+    assert (tmp_path / "runs" / "replay-flight" / "setpoints.csv").exists()
+
+
+def test_with_other_settings_the_replay_is_labelled_open_loop(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ReplayOptions(small_flight.folder, ("servo.distance_m=3",), out=tmp_path)
+    assert replay_flight(options) == SAME
+    assert "Open loop" in capsys.readouterr().out
+
+
+def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
+    small_flight: Any,
+) -> None:
+    flight = open_flight(small_flight.folder)
+    gone = {20, 21, 22}
+
+    def drop(message: Any) -> Any:
+        lost = getattr(message, "video_index", None) is not None and message.sequence in gone
+        return replace(message, video_index=None) if lost else message
+
+    pictures = [p for p in flight.pictures() if p.sequence not in gone]
+    rewritten(flight, drop)
+    flight.frames = [drop(frame) for frame in flight.frames]
+    replay = Replay(flight, replay_settings(flight))
+    replay._pictures = iter(pictures)
+    replay.run()
+    assert replay.missed == len(gone)
+    assert len(replay.log.controls) == len(flight.log.controls)
+
+
+def test_a_log_that_contradicts_itself_is_named(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    kinds = ("TrackRecord",)
+    flight._messages = [
+        (time_s, message)
+        for time_s, message in flight._messages
+        if type(message).__name__ not in kinds
+    ]
+    with pytest.raises(FlightFileError, match="used the track of frame"):
+        replayed(flight)
+
+
+def test_a_control_step_is_written_in_parts_that_end_with_the_step(small_flight: Any) -> None:
+    names = [type(part).__name__ for part in control_messages(small_flight.log.controls[-1])]
+    assert names == [
+        *("Attitude", "Attitude", "VehicleState", "Situation", "TargetEstimate"),
+        *("SetpointRecord", "StepRecord"),
+    ]
+
+
+@pytest.mark.slow
+def test_the_command_replays_in_another_process(small_flight: Any, tmp_path: Path) -> None:
+    """Another process, other addresses in memory, other hash seeds: the same bits."""
+    command = [sys.executable, "-c", "from follower.cli import main; main()", "replay"]
+    done = subprocess.run(
+        [*command, str(small_flight.folder), "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "identical to the flight, bit for bit" in " ".join(done.stdout.split())
+    missing = subprocess.run([*command, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert missing.returncode == 2
+    assert missing.stderr.startswith("follower: ")
+    assert missing.stderr.count("\n") == 1
