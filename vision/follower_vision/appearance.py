@@ -20,7 +20,7 @@ _SATURATIONS = 3
 _GREYS = 8
 _COLOURS = _HUES * _SATURATIONS
 _BINS = _COLOURS + _GREYS
-_PALE = 128
+_TOGETHER = np.ones((1, 3), np.float32)
 _LEAST_SATURATION = 48
 _LEAST_VALUE = 32
 _LEAST_DEVIATION = 2.0
@@ -116,31 +116,38 @@ def colour_histogram(image: Image) -> Histogram:
     """
     bins = histogram_bins(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), np.uint8))
     weights = _ellipse(image.shape[0], image.shape[1])
-    counts = np.bincount(bins.ravel(), weights.ravel(), minlength=_BINS)
-    smooth = _smoothing() @ counts
-    return np.asarray(smooth / max(smooth.sum(), 1e-12))
+    return np.asarray(_smoothing() @ np.bincount(bins.ravel(), weights.ravel(), minlength=_BINS))
 
 
 def histogram_bins(hsv: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
     """Return the histogram's bin of every pixel, (H, W), of an (H, W, 3) HSV image (H < 180)."""
-    hue, saturation, value = cv2.split(cv2.LUT(hsv, _bin_table()))
-    pale = np.bitwise_or(saturation, value) >= _PALE
-    grey = np.bitwise_and(value, _PALE - 1)
-    return np.where(pale, grey, hue + saturation).astype(np.intp)
+    cells = np.asarray(cv2.transform(cv2.LUT(hsv, _cell_table()), _TOGETHER), np.uint16)
+    return _cell_bins().take(cells)
 
 
 @lru_cache(maxsize=1)
-def _bin_table() -> npt.NDArray[np.uint8]:
-    """What each hue and saturation adds to a colour's bin, and each value's grey bin, (256, 1, 3).
+def _cell_table() -> npt.NDArray[np.uint16]:
+    """What each hue, saturation and value adds to the number of a pixel's cell, (256, 1, 3).
 
-    The highest bit says of a saturation or value that the pixel has no reliable hue.
+    Saturations and values have one step more than the histogram: the first one, without a hue.
     """
     level = np.arange(256)
-    hue = level * _HUES // 180 * _SATURATIONS
+    hue = np.minimum(level * _HUES // 180, _HUES - 1)
     depth = (level - _LEAST_SATURATION) * _SATURATIONS // (256 - _LEAST_SATURATION)
-    saturation = np.where(level < _LEAST_SATURATION, _PALE, depth)
-    value = _COLOURS + level * _GREYS // 256 + np.where(level < _LEAST_VALUE, _PALE, 0)
-    return np.stack([hue, saturation, value], axis=1)[:, None].astype(np.uint8)
+    saturation = np.where(level < _LEAST_SATURATION, 0, 1 + depth)
+    dark = (level < _LEAST_VALUE).astype(int)
+    value = 2 * (level * _GREYS // 256) + dark
+    columns = [hue * (_SATURATIONS + 1) * 2 * _GREYS, saturation * 2 * _GREYS, value]
+    return np.stack(columns, axis=1)[:, None].astype(np.uint16)
+
+
+@lru_cache(maxsize=1)
+def _cell_bins() -> npt.NDArray[np.intp]:
+    """The histogram's bin of each cell."""
+    hue, saturation, value = np.indices((_HUES, _SATURATIONS + 1, 2 * _GREYS))
+    pale = (saturation == 0) | (value % 2 == 1)
+    colour = hue * _SATURATIONS + saturation - 1
+    return np.asarray(np.where(pale, _COLOURS + value // 2, colour).ravel())
 
 
 @lru_cache(maxsize=1)
@@ -197,10 +204,11 @@ def _windows(picture: npt.NDArray[np.float32], size: tuple[int, ...]) -> npt.NDA
 
 @lru_cache(maxsize=32)
 def _ellipse(height: int, width: int) -> npt.NDArray[np.float64]:
-    """Weights that leave out the box's corners, where mostly background is."""
+    """Weights, sum 1, that leave out the box's corners, where mostly background is."""
     y = (np.arange(height) + 0.5) / height * 2 - 1
     x = (np.arange(width) + 0.5) / width * 2 - 1
-    return np.asarray(np.clip(1.2 - (x[None, :] ** 2 + y[:, None] ** 2), 0, 1))
+    weights = np.clip(1.2 - (x[None, :] ** 2 + y[:, None] ** 2), 0, 1)
+    return np.asarray(weights / weights.sum())
 
 
 def _resampled(image: Image, region: Box, wide: int, tall: int) -> Image:
