@@ -11,6 +11,7 @@ import typer
 from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
+from follower.inspect_command import inspect_command
 from follower.models_command import models_app
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command("track", epilog=EPILOG)(track_command)
 app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
+app.command("inspect")(inspect_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
 Autopilot = Annotated[

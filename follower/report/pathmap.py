@@ -9,12 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from follower.report.flight import Flight
-from follower.report.series import Array
+from follower.report.series import Array, estimated_ranges, estimated_target
 from follower.report.style import BLUE, INK, MUTED, ORANGE, PAPER, Colour
 
 _STEPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600)
 _POINTS = 2000
 """At most this many points of a path are drawn."""
+_WILD = 4.0
+"""Places this many times as far away as usual are not drawn."""
 
 
 def path_map(flight: Flight) -> Figure | None:
@@ -24,15 +26,33 @@ def path_map(flight: Flight) -> Figure | None:
     if not known.any():
         return None
     target = np.array([sample.target_position_m[:2] for sample in flight.truth]).reshape(-1, 2)
-    figure, axes = _sheet(np.concatenate([own[known], target]))
+    guessed = _guessed_target(flight)
+    figure, axes = _sheet(np.concatenate([own[known], target, guessed]))
     ticks = _ticks(time[known])
     if len(target):
         _draw_sights(axes, time, own, target, ticks)
         _draw_path(axes, target, ORANGE, "target")
+    if len(guessed):
+        places = guessed[:: 1 + len(guessed) // _POINTS]
+        label = "target, as estimated"
+        axes.plot(places[:, 1], places[:, 0], ".", color=ORANGE.light, markersize=3, label=label)
     _draw_path(axes, own[known], BLUE, "vehicle")
     _draw_times(axes, time[known], own[known], ticks)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
     return figure
+
+
+def _guessed_target(flight: Flight) -> Array:
+    """Return where the target seemed to be, (N, 2), where nobody knows the truth."""
+    if flight.truth:
+        return np.empty((0, 2))
+    controls = flight.log.controls
+    ranges = estimated_ranges(controls, flight.target_size_m)
+    places = estimated_target(controls, flight.target_size_m)
+    known = np.isfinite(places).all(axis=1)
+    # A box that has shrunk to a few pixels would make a map of kilometres.
+    near = ranges <= _WILD * np.median(ranges[known]) if known.any() else known
+    return places[known & near]
 
 
 def _sheet(points: Array) -> tuple[Figure, Axes]:

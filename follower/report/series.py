@@ -102,6 +102,20 @@ def estimated_ranges(controls: Sequence[ControlRecord], target_size_m: float | N
     )
 
 
+def estimated_target(
+    controls: Sequence[ControlRecord], target_size_m: float | None, most_age_s: float = 0.3
+) -> Array:
+    """Return where the target stood by the estimate and the vehicle's position, (N, 2).
+
+    North and east in metres on the autopilot's local origin. It is as good as the belief about the
+    target's size. NaN where nothing is known or the target has not been seen for `most_age_s`.
+    """
+    ranges = estimated_ranges(controls, target_size_m)
+    rows = [_target_place(record, most_age_s) for record in controls]
+    table = _table(rows, 4)
+    return table[:, :2] + ranges[:, None] * table[:, 2:]
+
+
 def telemetry_motion(controls: Sequence[ControlRecord], start_s: float) -> Motion:
     """Return the motion as telemetry told it."""
     rows = [_telemetry_row(record.vehicle) for record in controls]
@@ -161,6 +175,17 @@ def _direction(record: ControlRecord) -> tuple[float, float]:
     if attitude is None:
         return _NAN, _NAN
     return wrap_angle(estimate.azimuth_rad - attitude.yaw_rad), estimate.elevation_rad
+
+
+def _target_place(record: ControlRecord, most_age_s: float) -> tuple[float, ...]:
+    """Return the vehicle's place and the horizontal direction to the target."""
+    estimate, position = record.estimate, record.vehicle.position
+    known = estimate is not None and estimate.frame is SightFrame.WORLD
+    if estimate is None or not known or position is None or estimate.age_s > most_age_s:
+        return (_NAN,) * 4
+    level = math.cos(estimate.elevation_rad)
+    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
+    return position.north_m, position.east_m, level * north, level * east
 
 
 def _telemetry_row(vehicle: VehicleState) -> tuple[float, ...]:

@@ -1,0 +1,187 @@
+"""`follower inspect`: what the report says of a whole, a cut, a foreign and an empty recording."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from follower.cli import app
+from follower.flightlog import FlightLog, TrackRecord
+from follower.inspection import inspect_flight
+from follower.recorder import FlightFileError
+from follower.report.delays import first_uses
+from follower.report.flight import Flight
+from follower.report.losses import losses, pick_images, wanted_frames
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.track import Track, TrackState
+
+_VOID = {"meta", "link", "br", "img", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Checks that elements are closed in order; collects headings, what is loaded, and text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[str] = []
+        self.loads: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.loads += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, _tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.loads += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self.open[-1:] == ["h2"]:
+            self.headings.append(data)
+
+
+def inspected(folder: Path) -> tuple[Page, str]:
+    """Return the page and what was printed."""
+    printed = io.StringIO()
+    path = inspect_flight(folder, console=Console(file=printed, width=100))
+    page = Page(path.read_text("utf-8"))
+    assert page.open == []
+    return page, printed.getvalue()
+
+
+@pytest.fixture(scope="module")
+def whole(small_flight: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, str]:
+    folder = tmp_path_factory.mktemp("inspected") / "small"
+    shutil.copytree(small_flight.folder, folder)
+    return inspected(folder)
+
+
+def test_the_report_shows_what_a_flight_was(whole: tuple[Page, str]) -> None:
+    page, printed = whole
+    wanted = {"States", "Losses", "Track error", "Map", "Delays and ages", "Recording", "Events"}
+    assert wanted <= set(page.headings)
+    assert "touché: “ende”" in page.text
+    assert "waiting" in page.text or "target seen" in page.text
+    assert "Target seen" in printed
+    assert "following" in printed
+
+
+def test_the_report_needs_nothing_from_elsewhere(whole: tuple[Page, str]) -> None:
+    page, _ = whole
+    files = {"flight.mcap", "mavlink.tlog", "video.mkv", "config.yaml"}
+    for target in page.loads:
+        assert target.startswith(("data:", "#")) or target in files
+
+
+def test_a_truncated_flight_is_reported_up_to_where_it_ends(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    folder = tmp_path / "cut"
+    shutil.copytree(small_flight.folder, folder)
+    log = folder / "flight.mcap"
+    log.write_bytes(log.read_bytes()[: int(0.6 * log.stat().st_size)])
+    page, printed = inspected(folder)
+    assert "cut off" in page.text
+    assert "cut off" in printed
+    assert "States" in page.headings
+
+
+def test_a_flight_without_its_video_is_reported_without_pictures(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    folder = tmp_path / "blind"
+    shutil.copytree(small_flight.folder, folder)
+    (folder / "video.mkv").unlink()
+    page, _ = inspected(folder)
+    assert not any(target.startswith("data:") for target in page.loads)
+    assert "States" in page.headings
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"this is no log at all", b"\x89PNG\r\n\x1a\n" + bytes(64)]
+)
+def test_a_foreign_file_is_refused_in_one_line(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "flight.mcap").write_bytes(content)
+    with pytest.raises(FlightFileError, match=r"flight\.mcap"):
+        inspect_flight(tmp_path)
+    assert not (tmp_path / "inspection.html").exists()
+
+
+def test_the_report_goes_where_it_is_wanted(small_flight: Any, tmp_path: Path) -> None:
+    out = tmp_path / "here.html"
+    result = CliRunner().invoke(app, ["inspect", str(small_flight.folder), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert out.is_file()
+    assert not (small_flight.folder / "inspection.html").exists()
+
+
+def record(number: int, state: TrackState | None) -> TrackRecord:
+    time_s = 10 + number / 10
+    box = Box(50, 40, 20, 10)
+    track = None if state is None else Track(box, state, 0.5, "test", time_s, number)
+    return TrackRecord(track, number, time_s, time_s, time_s, 0.0)
+
+
+def flight_of(states: str) -> Flight:
+    """Make a flight of a letter a frame: t(racking), c(oasting), l(ost), n(one)."""
+    names = {"t": TrackState.TRACKING, "c": TrackState.COASTING, "l": TrackState.LOST, "n": None}
+    return Flight.of(FlightLog([record(n, names[letter]) for n, letter in enumerate(states)]))
+
+
+def test_losses_begin_with_the_first_frame_unseen_and_end_with_the_next_one_seen() -> None:
+    (one,) = losses(flight_of("nntttcclltt"))
+    assert (one.start_s, one.end_s) == (pytest.approx(0.5), pytest.approx(0.9))
+    assert one.said == "coasting, lost"
+    assert one.seen_before.sequence == 4
+    assert one.seen_again is not None
+    assert one.seen_again.sequence == 9
+
+
+def test_before_the_first_sight_nothing_is_lost() -> None:
+    assert losses(flight_of("nnnn")) == []
+    assert losses(flight_of("nnttt")) == []
+    assert losses(flight_of("")) == []
+
+
+def test_a_loss_at_the_end_has_no_end() -> None:
+    first, last = losses(flight_of("tctlll"))
+    assert first.seen_again is not None
+    assert last.seen_again is None
+    assert [word for word, _ in last.moments] == ["seen last", "unseen"]
+
+
+def test_only_the_wanted_pictures_are_read() -> None:
+    found = losses(flight_of("ttcctttt"))
+    read: list[int] = []
+
+    def frames() -> Any:
+        for number in range(8):
+            read.append(number)
+            yield Frame(np.zeros((8, 8, 3), np.uint8), number / 10, number)
+
+    wanted = wanted_frames(found)
+    assert set(pick_images(frames(), wanted)) == wanted == {1, 3, 4}
+    assert read == [0, 1, 2, 3, 4]
+
+
+def test_a_frame_is_used_when_the_first_step_uses_it(small_flight: Any) -> None:
+    uses = first_uses(small_flight.log)
+    assert uses
+    assert all(used >= captured for captured, used in uses.items())
+    later = [c.time_s for c in small_flight.log.controls if c.track_captured_s in uses]
+    assert min(uses.values()) == min(later)
