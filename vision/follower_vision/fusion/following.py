@@ -46,6 +46,7 @@ class _Evidence:
         score: its re-identification score, 0 to 2.
         looks: that score as a share of the usual one.
         blurred: whether blur makes the score a weak witness.
+        fresh: whether the score is this frame's.
     """
 
     box: Box
@@ -54,6 +55,7 @@ class _Evidence:
     score: float
     looks: float
     blurred: bool = False
+    fresh: bool = True
 
 
 class Following:
@@ -241,7 +243,14 @@ class Following:
         return expected.distance(belief.previous) < _CALM_SIZES * expected.scale
 
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> _Evidence:
-        return self._judged(frame, self._estimate(frame, belief, expected), blurred)
+        estimate = self._estimate(frame, belief, expected)
+        return self._judged(frame, estimate, blurred, self._known_score(frame, belief, estimate))
+
+    def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
+        """The last look's score, if nothing speaks against the box: every frame need not be one."""
+        plain = belief.state is TrackState.TRACKING and not self._low
+        sure = plain and self._confidence.relative(estimate.confidence) >= _CERTAIN
+        return self._looks.recent(frame.captured_s) if sure else None
 
     def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
         """The motion tracker's answer; what it said ahead if that was about the right place."""
@@ -253,13 +262,15 @@ class Following:
             self._steerable.move_to(place)
         return self._motion.update(frame.image)
 
-    def _judged(self, frame: Frame, estimate: MotionEstimate, blurred: bool) -> _Evidence:
+    def _judged(
+        self, frame: Frame, estimate: MotionEstimate, blurred: bool, known: float | None = None
+    ) -> _Evidence:
         relative = self._confidence.relative(estimate.confidence)
         if not self._settings.appearance_check:
             return _Evidence(estimate.box, estimate.confidence, relative, 2.0, 1.0)
-        score = self._looks.score(frame.image, estimate.box)
-        looks = self._looks.relative(score)
-        return _Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred)
+        score = self._looks.score(frame.image, estimate.box) if known is None else known
+        looks, fresh = self._looks.relative(score), known is None
+        return _Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred, fresh)
 
     def _probe(self, frame: Frame, expected: Box) -> _Evidence | None:
         """Look for the target where it should be, without going there."""
@@ -290,8 +301,9 @@ class Following:
         box = self._clamped(evidence.box, belief)
         belief.see(box, evidence.relative, self._motion.name)
         belief.kinematics.see(box)
-        if evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
+        if evidence.fresh and evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
             belief.anchor()
+            self._looks.notice(evidence.score, frame.captured_s)
             if not evidence.blurred:
                 self._looks.learn(frame, box, evidence.score, belief.familiar)
         self._confidence.learn(evidence.confidence, interval_s)

@@ -11,6 +11,7 @@ from follower_vision.targetsearch import TargetSearch
 _REFRESH_S = 0.5
 _RISE_S = 0.5
 _FALL_S = 2.5
+_LOOK_EVERY_S = 0.05
 
 
 class Looks:
@@ -22,6 +23,7 @@ class Looks:
         self._search = TargetSearch()
         self._refreshed_s = 0.0
         self._usual = Trust(_RISE_S, _FALL_S)
+        self._noticed: tuple[float, float] | None = None
 
     @property
     def epsilon(self) -> float:
@@ -34,6 +36,7 @@ class Looks:
         self._search.learn(frame.image, box)
         self._refreshed_s = frame.captured_s
         self._usual = Trust(_RISE_S, _FALL_S)
+        self._noticed = None
 
     def relative(self, score: float) -> float:
         """Return a score as a share of what is usual for the target, at most 1."""
@@ -42,6 +45,16 @@ class Looks:
     def get_used(self, score: float, interval_s: float) -> None:
         """Take the score of a box believed; `interval_s` since the last one."""
         self._usual.learn(score, interval_s)
+
+    def notice(self, score: float, captured_s: float) -> None:
+        """Remember the score of a box that looked as usual."""
+        self._noticed = score, captured_s
+
+    def recent(self, captured_s: float) -> float | None:
+        """Return that score if it is from less than 0.05 s before a frame."""
+        if self._noticed is None or captured_s - self._noticed[1] >= _LOOK_EVERY_S:
+            return None
+        return self._noticed[0]
 
     def accept(self, score: float) -> None:
         """Take a new look of the target as the usual one."""
