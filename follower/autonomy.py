@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import StrEnum
 
-from follower.links.mavlink import MavlinkLink
+from follower.links.link import Link
 from follower.supervisor import State
 
 _RETRY_S = 1.0
@@ -31,7 +31,7 @@ class Autonomy:
     its effect; nothing is believed by its acknowledgement.
     """
 
-    def __init__(self, link: MavlinkLink, takeoff_height_m: float) -> None:
+    def __init__(self, link: Link, takeoff_height_m: float) -> None:
         self._link = link
         self._height_m = takeoff_height_m
         self._asked_s = float("-inf")

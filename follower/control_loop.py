@@ -7,7 +7,7 @@ from collections.abc import Callable
 from follower.autonomy import Autonomy
 from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower.links.mavlink import MavlinkLink
+from follower.links.link import Link
 from follower.supervisor import State
 from follower_control.setpoint import HOLD
 
@@ -28,7 +28,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        link: MavlinkLink,
+        link: Link,
         stage: ControlStage,
         newest: Callable[[], TrackRecord | None],
         log: FlightLog,

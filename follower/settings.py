@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from follower.links.link_settings import LinkSettings
 from follower.recorder_settings import RecorderSettings
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope import EnvelopeSettings
@@ -95,6 +96,7 @@ class Settings(BaseModel):
     servo: ServoSettings = ServoSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
+    link: LinkSettings = LinkSettings()
     recorder: RecorderSettings = RecorderSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
 

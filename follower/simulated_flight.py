@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from follower.autonomy import Autonomy, Phase
@@ -12,10 +13,11 @@ from follower.control_stage import ControlStage
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.connection import ConnectionFailedError
-from follower.links.mavlink import MavlinkLink
+from follower.links.link_settings import LinkSettings
+from follower.links.opening import open_link
 from follower.live_status import LiveStatus
 from follower.realtime import VisionLoop
-from follower.recorder import Recorder
+from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.selecting import colour_selector
 from follower.settings import Settings
 from follower.supervisor import State
@@ -23,14 +25,14 @@ from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
 from follower_control.transport import Transport
-from follower_sim.autopilot import SimAutopilot
+from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.camera import SimCamera
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal, TruthSample
 from follower_sim.truth import TruthTeller
 from follower_sim.world import World
-from follower_vision.clock import Clock
+from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.track import TrackState
 
 EXTERNAL = "external"
@@ -73,7 +75,7 @@ class SimulatedFlight:
         start = start_state(scenario)
         self._recorder = recorder
         ours = ends[0] if recorder is None else recorder.transport(ends[0])
-        self._link = MavlinkLink(ours)
+        self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
         if flavour != EXTERNAL:
@@ -121,6 +123,10 @@ class SimulatedFlight:
         errors, phase = self.stage.servo.errors, str(self.phase)
         return LiveStatus.of(self.log, 0.0, self.scenario.duration_s, errors, phase)
 
+    def close(self) -> None:
+        """Close the link, and with it the follower's transport."""
+        self._link.close()
+
     def stop(self) -> None:
         """Let go, from any thread: hold, then release."""
         self.stage.request_stop()
@@ -160,8 +166,13 @@ class SimulatedFlight:
         Raises:
             ConnectionFailedError: no autopilot was heard for some time.
         """
-        if self.phase is Phase.CONNECTING and self._clock.now() > _ANSWER_WITHIN_S:
-            heard = "its telemetry is incomplete" if self._link.connected else "no heartbeat came"
+        if self.phase is not Phase.CONNECTING:
+            return
+        status = self._link.status(self._clock.now())
+        if status.problem:
+            raise ConnectionFailedError(status.problem)
+        if self._clock.now() > _ANSWER_WITHIN_S:
+            heard = "its telemetry is incomplete" if self._link.connected else status.line()
             raise ConnectionFailedError(
                 f"no autopilot answered within {_ANSWER_WITHIN_S:.0f} s ({heard}): start it, "
                 "have it send MAVLink to the address given by --connect, and try again"
@@ -187,6 +198,17 @@ class SimulatedFlight:
             f"range {errors.range_m:4.1f} m  azimuth {math.degrees(errors.azimuth_rad):+5.1f}  "
             f"elevation {math.degrees(errors.elevation_rad):+5.1f} deg"
         )
+
+
+def _link_settings(settings: Settings, flavour: str) -> LinkSettings:
+    """Return the link's settings; which vehicle a simulated autopilot is, is known."""
+    if flavour == EXTERNAL or settings.link.vehicle_id is not None:
+        return settings.link
+    return replace(settings.link, vehicle_id=SYSTEM_ID)
+
+
+def _epoch_ns(clock: Clock) -> int:
+    return LOCKSTEP_EPOCH_NS if isinstance(clock, SimulatedClock) else epoch_now_ns(clock)
 
 
 def start_state(scenario: Scenario) -> BodyState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from follower.links.mavlink import MavlinkLink
+from follower.links.link import Link
 from follower_control.attitude_history import turned_on
 from follower_control.vehicle import VehicleState
 from follower_sim.kinematics import BodyState
@@ -21,7 +21,7 @@ class TelemetryVehicle:
         parked: where the vehicle stands until it is heard.
     """
 
-    def __init__(self, link: MavlinkLink, parked: BodyState) -> None:
+    def __init__(self, link: Link, parked: BodyState) -> None:
         self._link = link
         self._parked = parked
 

@@ -7,20 +7,23 @@ import socket
 
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
+_MOST_PEERS = 8
 
 
 class UdpTransport:
-    """One peer over UDP, never blocking; a `Transport`.
+    """Peers over UDP, never blocking; a `Transport`.
 
-    Make one by `listen` (answers whoever spoke last) or by `connect` (speaks first).
+    Make one by `listen` (answers everybody who has spoken) or by `connect` (speaks first). A
+    listener answers the last eight addresses, so that a stranger cannot draw the stream away from
+    the vehicle; each vehicle takes only what is addressed to it.
     """
 
     def __init__(self, sock: socket.socket, peer: tuple[str, int] | None) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         self._socket = sock
-        self._peer = peer
         self._listens = peer is None
+        self._peers: tuple[tuple[str, int], ...] = () if peer is None else (peer,)
 
     @classmethod
     def listen(cls, host: str, port: int) -> UdpTransport:
@@ -53,12 +56,12 @@ class UdpTransport:
         return int(self._socket.getsockname()[1])
 
     def send(self, data: bytes) -> None:
-        """Send one datagram; dropped while there is no peer or the kernel's buffer is full."""
-        if self._peer is None:
-            return
-        # A peer that has gone shows as ConnectionRefused: for UDP that is a lost packet.
-        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
-            self._socket.sendto(data, self._peer)
+        """Send one datagram; dropped while there is no peer or the network takes none."""
+        for peer in self._peers:
+            # Whatever the network says (a peer that has gone, a buffer that is full, a cable that
+            # was pulled), for UDP it is a lost packet.
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, peer)
 
     def receive(self) -> bytes:
         """Return everything that has arrived."""
@@ -66,10 +69,11 @@ class UdpTransport:
         while True:
             try:
                 data, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
-            except (BlockingIOError, ConnectionRefusedError):
+            except OSError:
                 return b"".join(parts)
-            if self._listens:
-                self._peer = sender
+            if self._listens and sender not in self._peers[:1]:
+                others = tuple(peer for peer in self._peers if peer != sender)
+                self._peers = (sender, *others[: _MOST_PEERS - 1])
             parts.append(data)
 
     def close(self) -> None:

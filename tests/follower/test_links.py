@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.boot_time import BootTime
 from follower.links.connection import ConnectionFailedError, open_connection
+from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
 from follower.links.modes import mode_name, set_mode_params
 from follower_control.setpoint import VelocitySetpoint
@@ -54,25 +54,6 @@ def _receive(transport: UdpTransport) -> bytes:
     return b""
 
 
-@given(st.lists(st.floats(0.0, 0.3), min_size=20, max_size=60), st.floats(0, 1000))
-def test_boot_time_is_never_later_than_the_arrival_and_as_good_as_the_best_delay(
-    delays: list[float], offset: float
-) -> None:
-    boot = BootTime()
-    for number, delay in enumerate(delays):
-        boot_s = 0.1 * number
-        mapped = boot.to_system(boot_s, offset + boot_s + delay)
-        assert mapped <= offset + boot_s + delay + 1e-9
-        assert mapped >= offset + boot_s - 1e-9
-    assert mapped - offset - boot_s <= min(delays) + 1e-4 * boot_s + 1e-9
-
-
-def test_a_reboot_of_the_autopilot_starts_its_clock_anew() -> None:
-    boot = BootTime()
-    boot.to_system(500.0, 1000.0)
-    assert boot.to_system(2.0, 1100.0) == pytest.approx(1100.0)
-
-
 def test_modes_have_their_names() -> None:
     px4, ardupilot = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     assert mode_name(px4, 6 << 16) == "OFFBOARD"
@@ -89,7 +70,7 @@ class Peer:
 
     def __init__(self) -> None:
         ours, theirs = MemoryTransport.pair()
-        self.link = MavlinkLink(ours)
+        self.link = MavlinkLink(ours, LinkSettings(listen_s=0.0))
         self._transport = theirs
         self._codec = mavlink.MAVLink(None, 7, 1)
         self._codec.robust_parsing = True

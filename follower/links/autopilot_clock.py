@@ -1,0 +1,84 @@
+"""The autopilot's clock seen from ours."""
+
+from __future__ import annotations
+
+import math
+
+_SLACK_S = 0.002
+"""Times since boot are whole milliseconds."""
+_LATE_S = 1.0
+
+
+class AutopilotClock:
+    """Maps an autopilot's time since boot to the system's clock.
+
+    Causality bounds the offset from both sides: a message cannot arrive before it was sent, and
+    an answer is given after its question left. The intersection of all such bounds holds the true
+    offset whatever the delays and however unequal the two ways are (Marzullo and Owicki,
+    "Maintaining the time in a distributed system", 1983); a slow packet is a loose bound and does
+    no harm. The bounds relax with time, so that a crystal that runs wrong is followed.
+
+    Bounds that contradict each other several times in a row mean that the autopilot was restarted
+    or its clock jumped; a single one is a stray packet and is not believed.
+
+    Args:
+        drift: how much the two clocks may drift apart, seconds a second.
+        patience: so many contradictions in a row are believed.
+
+    Attributes:
+        restarts: how often the offset was found anew.
+    """
+
+    def __init__(self, drift: float = 1e-4, patience: int = 5) -> None:
+        self._drift = drift
+        self._patience = patience
+        self._low_s, self._high_s = -math.inf, math.inf
+        self._at_s = -math.inf
+        self._strikes = 0
+        self.restarts = 0
+
+    @property
+    def error_s(self) -> float | None:
+        """The most by which a mapped time can be wrong; None before the first exchange."""
+        half = (self._high_s - self._low_s) / 2
+        return half + _SLACK_S / 2 if math.isfinite(half) else None
+
+    def to_system(self, boot_s: float, arrival_s: float) -> float:
+        """Return when `boot_s` was on the system's clock; never later than its arrival."""
+        self._bound(-math.inf, arrival_s - boot_s, arrival_s)
+        return min(boot_s + self._offset_s, arrival_s)
+
+    def exchange(self, asked_s: float, boot_s: float, arrival_s: float) -> None:
+        """Take in that a question of `asked_s` was answered at `boot_s` on the autopilot."""
+        self._bound(asked_s - boot_s, arrival_s - boot_s, arrival_s)
+
+    @property
+    def _offset_s(self) -> float:
+        if self._low_s == -math.inf:
+            return self._high_s
+        return (self._low_s + self._high_s) / 2
+
+    def _bound(self, low_s: float, high_s: float, now_s: float) -> None:
+        self._relax(now_s)
+        if self._contradicts(low_s, high_s):
+            self._strikes += 1
+            if self._strikes >= self._patience:
+                self._low_s, self._high_s = low_s, high_s
+                self._strikes = 0
+                self.restarts += 1
+            return
+        self._strikes = 0
+        self._low_s, self._high_s = max(self._low_s, low_s), min(self._high_s, high_s)
+        if self._low_s > self._high_s:
+            self._low_s = self._high_s = (self._low_s + self._high_s) / 2
+
+    def _relax(self, now_s: float) -> None:
+        if now_s > self._at_s and self._at_s != -math.inf:
+            grown = self._drift * (now_s - self._at_s)
+            self._low_s, self._high_s = self._low_s - grown, self._high_s + grown
+        self._at_s = max(self._at_s, now_s)
+
+    def _contradicts(self, low_s: float, high_s: float) -> bool:
+        too_early = high_s < self._low_s - _SLACK_S
+        too_late = low_s > self._high_s + _SLACK_S
+        return too_early or too_late or high_s > self._high_s + _LATE_S

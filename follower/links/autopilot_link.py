@@ -1,0 +1,274 @@
+"""What all links have in common: finding the vehicle, its state, rates and clocks."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.links.autopilot_clock import AutopilotClock
+from follower.links.channel import PacketChannel
+from follower.links.link_settings import LinkSettings
+from follower.links.link_status import LinkStatus
+from follower.links.message_rates import MessageRates
+from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
+from follower.links.packets import Packet
+from follower.links.sequence import SequenceCounter
+from follower.links.signing import Signer
+from follower.links.timesync import TimeSync, time_ns
+from follower.links.vehicle_finder import Vehicle, VehicleFinder
+from follower.links.vehicle_monitor import VehicleMonitor
+from follower_control.setpoint import VelocitySetpoint
+from follower_control.transport import Transport
+from follower_control.vehicle import Attitude, VehicleState
+
+COMPONENT_ID = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+_HEARTBEAT_S = 1.0
+_SILENCE_S = 3.0
+
+
+class AutopilotLink(ABC):
+    """The base of both links; see `Link` for what they promise.
+
+    Args:
+        transport: carries the bytes; closed with the link.
+        settings: see there.
+        signer: signs and checks, if the link is signed.
+    """
+
+    kind: str
+
+    def __init__(
+        self,
+        transport: Transport,
+        settings: LinkSettings | None = None,
+        signer: Signer | None = None,
+    ) -> None:
+        self._settings = settings = settings or LinkSettings()
+        self._channel = PacketChannel(transport, signer)
+        self._signed = signer is not None
+        self._finder = VehicleFinder(settings.vehicle_id, settings.listen_s)
+        self._codec = mavlink.MAVLink(None, settings.vehicle_id or 1, COMPONENT_ID)
+        self._clock = AutopilotClock()
+        self._timesync = TimeSync(self._clock, settings.timesync_rate_hz)
+        self._rates = MessageRates(
+            {
+                "ATTITUDE": settings.attitude_rate_hz,
+                "LOCAL_POSITION_NED": settings.position_rate_hz,
+                "GLOBAL_POSITION_INT": 2.0,
+                "EXTENDED_SYS_STATE": 5.0,
+            }
+        )
+        self._sequence = SequenceCounter()
+        self._vehicle: Vehicle | None = None
+        self._monitor: VehicleMonitor | None = None
+        self._heartbeat_sent_s = float("-inf")
+        self._others: set[int] = set()
+
+    @property
+    def state(self) -> VehicleState:
+        """The newest of everything that the vehicle told."""
+        return VehicleState() if self._monitor is None else self._monitor.state
+
+    @property
+    def attitudes(self) -> Sequence[Attitude]:
+        """The attitudes that came with the last `poll`, oldest first."""
+        return () if self._monitor is None else self._monitor.attitudes
+
+    @property
+    def altitude_msl_m(self) -> float | None:
+        """Height above mean sea level, None before it is known."""
+        return None if self._monitor is None else self._monitor.altitude_msl_m
+
+    @property
+    def connected(self) -> bool:
+        """Whether it is clear which vehicle is ours."""
+        return self._vehicle is not None
+
+    @property
+    def autopilot_name(self) -> str:
+        """What kind of autopilot answers: "px4", "ardupilot", or "unknown" before it does."""
+        return "unknown" if self._vehicle is None else self._vehicle.autopilot_name
+
+    def status(self, now_s: float) -> LinkStatus:
+        """Return how well the link works."""
+        return LinkStatus(
+            kind=self.kind,
+            vehicle_id=None if self._vehicle is None else self._vehicle.system,
+            autopilot=self.autopilot_name,
+            problem="" if self.connected else self._finder.problem(now_s),
+            round_trip_s=self._timesync.round_trip_s,
+            clock_error_s=self._clock.error_s,
+            clock_restarts=self._clock.restarts,
+            rates=self._rates.measured(now_s) if self.connected else (),
+            received=self._channel.received,
+            lost=self._sequence.lost,
+            refused=dict(self._channel.refused),
+            skipped_bytes=self._channel.skipped_bytes,
+            signed=self._signed,
+        )
+
+    def poll(self, now_s: float) -> None:
+        """Take in what has arrived and send what is due."""
+        if self._monitor is not None:
+            self._monitor.begin()
+        self._receive(now_s)
+        if self._sends_heartbeats and now_s - self._heartbeat_sent_s >= _HEARTBEAT_S:
+            self._heartbeat_sent_s = now_s
+            self._send_heartbeat()
+        if self._vehicle is not None and self._can_ask:
+            self._ask(now_s)
+
+    def take_notes(self) -> list[str]:
+        """Return the autopilot's texts, refusals and the link's own troubles since last time."""
+        return [] if self._monitor is None else self._monitor.take_notes()
+
+    def send(self, setpoint: VelocitySetpoint) -> None:
+        """Send one velocity setpoint; nothing is sent before the vehicle is found.
+
+        Raises:
+            ValueError: a number is not finite. The envelope never lets that come so far.
+        """
+        if not setpoint.is_finite:
+            raise ValueError(f"a setpoint that is not finite never leaves: {setpoint}")
+        if self._vehicle is not None:
+            self._send_setpoint(setpoint, self._vehicle)
+
+    def enter_setpoint_mode(self) -> None:
+        """Ask for OFFBOARD or GUIDED."""
+        if self._vehicle is not None:
+            self._set_mode(setpoint_mode(self._vehicle.autopilot))
+
+    def enter_hold_mode(self) -> None:
+        """Ask for the mode in which the autopilot stands still by itself."""
+        if self._vehicle is not None:
+            self._set_mode(hold_mode(self._vehicle.autopilot))
+
+    @abstractmethod
+    def arm(self) -> None:
+        """Ask the autopilot to arm."""
+
+    @abstractmethod
+    def take_off(self, height_m: float) -> None:
+        """Ask for a take-off to `height_m` above the ground the vehicle stands on."""
+
+    def close(self) -> None:
+        """End the stream and close the transport."""
+        self._channel.close()
+
+    @property
+    def _sends_heartbeats(self) -> bool:
+        """Whether heartbeats are ours to send, and not a library's."""
+        return True
+
+    @property
+    def _can_ask(self) -> bool:
+        """Whether commands would reach the vehicle already."""
+        return True
+
+    @abstractmethod
+    def _receive(self, now_s: float) -> None:
+        """Hand every message that has come to `_take` or `_hear_stranger`."""
+
+    @abstractmethod
+    def _send_setpoint(self, setpoint: VelocitySetpoint, vehicle: Vehicle) -> None:
+        """Send a finite setpoint."""
+
+    @abstractmethod
+    def _command(self, command: int, *params: float) -> None:
+        """Send a command to the autopilot."""
+
+    @abstractmethod
+    def _send_timesync(self, tc1: int, ts1: int) -> None:
+        """Send a TIMESYNC message."""
+
+    def _on_found(self, vehicle: Vehicle) -> None:
+        """Begin to talk to the vehicle."""
+        self._vehicle = vehicle
+        self._codec.srcSystem = vehicle.system
+        self._monitor = VehicleMonitor(vehicle, self._clock)
+
+    def _is_vehicles(self, packet: Packet) -> bool:
+        vehicle = self._vehicle
+        autopilot = packet.component == mavlink.MAV_COMP_ID_AUTOPILOT1
+        return vehicle is not None and packet.system == vehicle.system and autopilot
+
+    def _take(self, name: str, message: Any, now_s: float) -> None:
+        """Take a message of the vehicle's autopilot."""
+        if self._monitor is None:
+            return
+        silent_s = self._monitor.state.heartbeat_age_s(now_s)
+        if name == "HEARTBEAT" and silent_s > _SILENCE_S:
+            self._rates.ask_anew()
+        self._rates.count(name, now_s)
+        if name == "TIMESYNC":
+            self._on_timesync(message, now_s)
+        else:
+            self._monitor.take(name, message, now_s)
+
+    def _hear_stranger(self, packet: Packet, now_s: float) -> None:
+        """Take a packet that is not, or not yet, known to be the vehicle's."""
+        if packet.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            return
+        beat = self._codec.decode(bytearray(packet.data))
+        self._finder.hear(packet.system, packet.component, beat.type, beat.autopilot, now_s)
+        if self._vehicle is not None:
+            self._tell_of_another(packet.system, now_s)
+            return
+        vehicle = self._finder.found(now_s)
+        if vehicle is not None:
+            self._on_found(vehicle)
+            if self._is_vehicles(packet):
+                self._take("HEARTBEAT", beat, now_s)
+
+    def _tell_of_another(self, system: int, now_s: float) -> None:
+        others = {v.system for v in self._finder.vehicles(now_s) if v != self._vehicle}
+        if system in others - self._others:
+            self._others.add(system)
+            self._note(f"another vehicle, system {system}, is heard and not listened to")
+
+    def _note(self, text: str) -> None:
+        if self._monitor is not None:
+            self._monitor.note(text)
+
+    def _on_timesync(self, message: Any, now_s: float) -> None:
+        if message.tc1 == 0:
+            self._send_timesync(time_ns(now_s), message.ts1)
+        else:
+            self._timesync.answer(message.tc1, message.ts1, now_s)
+
+    def _ask(self, now_s: float) -> None:
+        """Ask for the time and for messages that do not come."""
+        stamp = self._timesync.question(now_s)
+        if stamp is not None:
+            self._send_timesync(0, stamp)
+        for text in self._rates.changes(now_s):
+            self._note(text)
+        for rate in self._rates.due(now_s):
+            number = float(getattr(mavlink, f"MAVLINK_MSG_ID_{rate.name}"))
+            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
+
+    def _set_mode(self, name: str) -> None:
+        if self._vehicle is not None:
+            params = set_mode_params(self._vehicle.autopilot, name)
+            self._command(mavlink.MAV_CMD_DO_SET_MODE, *params)
+
+    def _send_heartbeat(self) -> None:
+        # As a ground station's it would hide the loss of the real one.
+        self._send_message(
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                mavlink.MAV_AUTOPILOT_INVALID,
+                0,
+                0,
+                mavlink.MAV_STATE_ACTIVE,
+                3,
+            )
+        )
+
+    def _send_message(self, message: Any) -> None:
+        data = message.pack(self._codec)
+        self._codec.seq = (self._codec.seq + 1) % 256
+        self._channel.send(data)

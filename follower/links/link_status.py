@@ -1,0 +1,66 @@
+"""How well a link works, for displays, reports and the preflight check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from follower.links.message_rates import MessageRate
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatus:
+    """One moment of a link; None where nothing is known.
+
+    Attributes:
+        kind: "pymavlink" or "mavsdk".
+        vehicle_id: the vehicle's MAVLink system id.
+        autopilot: "px4", "ardupilot" or "unknown".
+        problem: why there is no vehicle, in words; "" if there is one or nobody spoke.
+        round_trip_s: from a question to our seeing its answer, median of the last ten.
+        clock_error_s: the most by which a time of the autopilot's can be wrong on our clock.
+        clock_restarts: how often the autopilot's clock jumped: it was restarted.
+        rates: of the messages that we want.
+        received: packets that were believed.
+        lost: packets of the vehicle that never came, by their sequence numbers.
+        refused: packets that were not believed, by the reason.
+        skipped_bytes: bytes that belonged to no packet.
+        signed: whether the link is signed.
+    """
+
+    kind: str
+    vehicle_id: int | None = None
+    autopilot: str = "unknown"
+    problem: str = ""
+    round_trip_s: float | None = None
+    clock_error_s: float | None = None
+    clock_restarts: int = 0
+    rates: tuple[MessageRate, ...] = ()
+    received: int = 0
+    lost: int = 0
+    refused: Mapping[str, int] = field(default_factory=dict)
+    skipped_bytes: int = 0
+    signed: bool = False
+
+    @property
+    def lost_share(self) -> float:
+        """The share of the vehicle's packets that never came, 0 to 1."""
+        return self.lost / (self.lost + self.received) if self.received else 0.0
+
+    def line(self) -> str:
+        """Return it in one line."""
+        if self.problem:
+            return self.problem
+        if self.vehicle_id is None:
+            return f"{self.kind}: no vehicle heard{self._doubts()}"
+        parts = [f"{self.kind} to {self.autopilot} {self.vehicle_id}"]
+        parts += [] if self.round_trip_s is None else [f"{1e3 * self.round_trip_s:.0f} ms and back"]
+        parts += [f"{rate.name.lower()} {rate.measured_hz:.0f} Hz" for rate in self.rates[:2]]
+        parts += [f"{self.lost_share:.1%} lost"] if self.lost else []
+        return ", ".join(parts) + self._doubts()
+
+    def _doubts(self) -> str:
+        doubts = [f"{count} refused: {reason}" for reason, count in self.refused.items()]
+        if self.skipped_bytes and not self.received:
+            doubts.append(f"{self.skipped_bytes} bytes came, but no MAVLink: wrong baud rate?")
+        return f" ({'; '.join(doubts)})" if doubts else ""

@@ -1,0 +1,99 @@
+"""Asks for messages at their rates, and again when they do not come."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_WINDOW_S = 2.0
+_FIRST_WAIT_S = 3.0
+_LONGEST_WAIT_S = 30.0
+_ENOUGH = 0.4
+"""Share of the wanted rate that will do: ArduCopter gives 50 Hz of 100 on some links."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageRate:
+    """One message: how often it is wanted, and how often it comes."""
+
+    name: str
+    wanted_hz: float
+    measured_hz: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it comes often enough to fly with."""
+        return self.measured_hz >= _ENOUGH * self.wanted_hz
+
+
+class MessageRates:
+    """Counts messages over two seconds and says which ones to ask for.
+
+    What stays slow is asked for again after 3 s, then 6 s, up to every 30 s.
+
+    Args:
+        wanted_hz: by message name.
+    """
+
+    def __init__(self, wanted_hz: Mapping[str, float]) -> None:
+        self._wanted_hz = dict(wanted_hz)
+        self._arrivals: dict[str, deque[float]] = {name: deque() for name in wanted_hz}
+        self._ask_s = dict.fromkeys(wanted_hz, float("-inf"))
+        self._wait_s = dict.fromkeys(wanted_hz, _FIRST_WAIT_S)
+        self._asked: set[str] = set()
+        self._slow: set[str] = set()
+
+    def ask_anew(self) -> None:
+        """Have everything asked for at once: the autopilot may have been restarted."""
+        self._ask_s = dict.fromkeys(self._wanted_hz, float("-inf"))
+        self._wait_s = dict.fromkeys(self._wanted_hz, _FIRST_WAIT_S)
+        self._asked.clear()
+
+    def count(self, name: str, now_s: float) -> None:
+        """Count one message."""
+        arrivals = self._arrivals.get(name)
+        if arrivals is not None:
+            arrivals.append(now_s)
+            while arrivals[0] <= now_s - _WINDOW_S:
+                arrivals.popleft()
+
+    def measured(self, now_s: float) -> tuple[MessageRate, ...]:
+        """Return all rates over the last two seconds."""
+        return tuple(
+            MessageRate(name, wanted, self._rate_hz(name, now_s))
+            for name, wanted in self._wanted_hz.items()
+        )
+
+    def due(self, now_s: float) -> tuple[MessageRate, ...]:
+        """Return what is to be asked for now: all at first, then what comes too seldom."""
+        asks = [rate for rate in self.measured(now_s) if now_s >= self._ask_s[rate.name]]
+        due = [rate for rate in asks if not rate.is_enough or rate.name not in self._asked]
+        for rate in asks:
+            slow = rate in due and rate.name in self._asked
+            wait_s = min(2 * self._wait_s[rate.name], _LONGEST_WAIT_S) if slow else _FIRST_WAIT_S
+            self._wait_s[rate.name] = wait_s
+            self._ask_s[rate.name] = now_s + (wait_s if rate in due else _WINDOW_S / 2)
+        self._asked.update(rate.name for rate in due)
+        return tuple(due)
+
+    def changes(self, now_s: float) -> list[str]:
+        """Return in words which messages became too slow or well again since the last call."""
+        said: list[str] = []
+        for rate in self.measured(now_s):
+            ripe = rate.name in self._asked and now_s > self._ask_s[rate.name] - _WINDOW_S / 2
+            if not rate.is_enough and ripe and rate.name not in self._slow:
+                self._slow.add(rate.name)
+                said.append(
+                    f"{rate.name} comes at {rate.measured_hz:.1f} Hz, not at "
+                    f"{rate.wanted_hz:.0f}; asking again"
+                )
+            elif rate.is_enough and rate.name in self._slow:
+                self._slow.discard(rate.name)
+                said.append(f"{rate.name} comes at {rate.measured_hz:.0f} Hz again")
+        return said
+
+    def _rate_hz(self, name: str, now_s: float) -> float:
+        # Copied at once: displays ask on other threads.
+        arrivals = tuple(self._arrivals[name])
+        return sum(arrival > now_s - _WINDOW_S for arrival in arrivals) / _WINDOW_S

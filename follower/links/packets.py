@@ -1,0 +1,125 @@
+"""Cuts a stream of bytes into whole MAVLink packets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.generator.mavcrc import x25crc
+
+_V1, _V2 = 0xFE, 0xFD
+_V1_HEAD, _V2_HEAD, _CRC, SIGNATURE = 6, 10, 2, 13
+SIGNED_FLAG = 0x01
+_NOT_YET, _NEVER = 0, -1
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One MAVLink packet whose checksum is right.
+
+    Attributes:
+        system, component: who says that it sent it.
+        message_id: what kind of message it is.
+        sequence: the sender's count, 0 to 255.
+        signed: whether it carries a signature, right or wrong.
+        data: all of its bytes.
+    """
+
+    system: int
+    component: int
+    message_id: int
+    sequence: int
+    signed: bool
+    data: bytes
+
+
+class PacketReader:
+    """Finds the packets in a stream that may hold anything.
+
+    After a byte that fits nowhere it looks on at the next one, so that garbage never hides a
+    packet behind it. Messages that the dialect does not know cannot be checked and are passed
+    over.
+
+    Attributes:
+        skipped_bytes: how many bytes belonged to no packet.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.skipped_bytes = 0
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Take bytes as they came; return the packets that are complete now."""
+        stream = self._rest + data
+        packets: list[Packet] = []
+        at = self._next_start(stream, 0)
+        while (length := _length(stream, at)) != _NOT_YET:
+            packet = None if length == _NEVER else _packet(stream[at : at + length])
+            if packet is not None:
+                packets.append(packet)
+                at = self._next_start(stream, at + length)
+            elif length != _NEVER and _is_unknown(stream, at, length):
+                at = self._next_start(stream, at + length)
+            else:
+                self.skipped_bytes += 1
+                at = self._next_start(stream, at + 1)
+        self._rest = stream[at:]
+        return packets
+
+    def _next_start(self, stream: bytes, at: int) -> int:
+        starts = [i for i in (stream.find(_V1, at), stream.find(_V2, at)) if i >= 0]
+        start = min(starts, default=len(stream))
+        self.skipped_bytes += start - at
+        return start
+
+
+def checksum(unsigned: bytes, crc_extra: int) -> bytes:
+    """Return the checksum of a packet from its first byte to the end of its payload."""
+    crc = x25crc(unsigned[1:] + bytes((crc_extra,)))
+    return int(crc.crc).to_bytes(2, "little")
+
+
+def crc_extra_of(message_id: int) -> int | None:
+    """Return the seed of a message's checksum, None if the dialect does not know it."""
+    message = mavlink.mavlink_map.get(message_id)
+    return None if message is None else int(message.crc_extra)
+
+
+def message_id_of(data: bytes) -> int:
+    """Return the message's number."""
+    return data[5] if data[0] == _V1 else int.from_bytes(data[7:10], "little")
+
+
+def _length(stream: bytes, at: int) -> int:
+    """Return the length of the packet at `at`, if it is complete and can be one."""
+    if len(stream) < at + 3:
+        return _NOT_YET
+    version, payload, flags = stream[at : at + 3]
+    length = _V1_HEAD + payload + _CRC
+    if version == _V2:
+        if flags & ~SIGNED_FLAG:
+            return _NEVER
+        length = _V2_HEAD + payload + _CRC + (SIGNATURE if flags & SIGNED_FLAG else 0)
+    return length if len(stream) >= at + length else _NOT_YET
+
+
+def _packet(data: bytes) -> Packet | None:
+    """Return the packet that these bytes are, None if they are none that is known."""
+    message_id = message_id_of(data)
+    crc_extra = crc_extra_of(message_id)
+    if crc_extra is None:
+        return None
+    signed = data[0] == _V2 and bool(data[2] & SIGNED_FLAG)
+    body = data[:-SIGNATURE] if signed else data
+    if checksum(body[:-2], crc_extra) != body[-2:]:
+        return None
+    sequence, system, component = data[2:5] if data[0] == _V1 else data[4:7]
+    return Packet(system, component, message_id, sequence, signed, data)
+
+
+def _is_unknown(stream: bytes, at: int, length: int) -> bool:
+    """Whether this looks like a packet of another dialect: what follows begins one, or nothing."""
+    if crc_extra_of(message_id_of(stream[at : at + length])) is not None:
+        return False
+    end = at + length
+    return end == len(stream) or stream[end] in (_V1, _V2)

@@ -1,0 +1,34 @@
+"""Lost packets, counted by the gaps in their sender's numbers."""
+
+from __future__ import annotations
+
+_MODULUS = 256
+_BACK = 32
+"""A number that is so little behind is a late or doubled packet, not a gap of 224 and more."""
+
+
+class SequenceCounter:
+    """Counts what one sender sent and we never got.
+
+    Attributes:
+        lost: packets that are missing.
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self.lost = 0
+
+    def count(self, sequence: int) -> None:
+        """Take the number of a packet that came."""
+        newest = self._newest
+        if newest is None:
+            self._newest = sequence
+            return
+        ahead = (sequence - newest) % _MODULUS
+        if ahead == 0:
+            return
+        if ahead >= _MODULUS - _BACK:
+            self.lost = max(0, self.lost - 1)
+            return
+        self.lost += ahead - 1
+        self._newest = sequence

@@ -1,0 +1,94 @@
+"""Which of those that are heard is the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+_FORGET_S = 10.0
+_MOST_NAMED = 10
+_NO_VEHICLES = {
+    mavlink.MAV_TYPE_GCS,
+    mavlink.MAV_TYPE_ANTENNA_TRACKER,
+    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+    mavlink.MAV_TYPE_GIMBAL,
+    mavlink.MAV_TYPE_ADSB,
+    mavlink.MAV_TYPE_CAMERA,
+    mavlink.MAV_TYPE_CHARGING_STATION,
+}
+AUTOPILOTS = {
+    int(mavlink.MAV_AUTOPILOT_PX4): "px4",
+    int(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """A vehicle with an autopilot that we can talk to.
+
+    Attributes:
+        system: its MAVLink system id; its autopilot is component 1.
+        autopilot: MAV_AUTOPILOT.
+    """
+
+    system: int
+    autopilot: int
+
+    @property
+    def autopilot_name(self) -> str:
+        """What kind of autopilot it is, "px4" or "ardupilot"."""
+        return AUTOPILOTS[self.autopilot]
+
+    def __str__(self) -> str:
+        return f"{self.system} ({self.autopilot_name})"
+
+
+class VehicleFinder:
+    """Collects heartbeats until it is clear which vehicle is ours; it never guesses.
+
+    Args:
+        wanted: the system id to take, None for the only one that there is.
+        listen_s: how long to listen for others after the first.
+    """
+
+    def __init__(self, wanted: int | None, listen_s: float) -> None:
+        self._wanted = wanted
+        self._listen_s = listen_s
+        self._first_s: float | None = None
+        self._heard: dict[int, tuple[Vehicle, float]] = {}
+
+    def hear(self, system: int, component: int, kind: int, autopilot: int, now_s: float) -> None:
+        """Take a heartbeat's sender, type and autopilot."""
+        is_autopilot = autopilot in AUTOPILOTS and component == mavlink.MAV_COMP_ID_AUTOPILOT1
+        if system == 0 or not is_autopilot or kind in _NO_VEHICLES:
+            return
+        self._first_s = now_s if self._first_s is None else self._first_s
+        self._heard[system] = Vehicle(system, autopilot), now_s
+
+    def vehicles(self, now_s: float) -> list[Vehicle]:
+        """Return all that were heard lately, by their ids."""
+        heard = list(self._heard.values())  # displays ask on other threads
+        lately = [v for v, heard_s in heard if now_s - heard_s < _FORGET_S]
+        return sorted(lately, key=lambda vehicle: vehicle.system)
+
+    def found(self, now_s: float) -> Vehicle | None:
+        """Return the vehicle once it is clear which one it is."""
+        heard = self.vehicles(now_s)
+        if self._wanted is not None:
+            return next((v for v in heard if v.system == self._wanted), None)
+        listened = self._first_s is not None and now_s - self._first_s >= self._listen_s
+        return heard[0] if len(heard) == 1 and listened else None
+
+    def problem(self, now_s: float) -> str:
+        """Return in words why there is no vehicle although some are heard, else ""."""
+        heard = self.vehicles(now_s)
+        names = ", ".join(map(str, heard[:_MOST_NAMED]))
+        if self._wanted is not None and heard and self.found(now_s) is None:
+            return f"system {self._wanted} is not heard, but {names}: set link.vehicle_id"
+        if self._wanted is None and len(heard) > 1:
+            return (
+                f"several vehicles are heard: {names}; choose one, "
+                f"for example --set link.vehicle_id={heard[0].system}"
+            )
+        return ""

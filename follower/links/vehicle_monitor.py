@@ -1,0 +1,131 @@
+"""What the vehicle tells about itself, taken in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.links.autopilot_clock import AutopilotClock
+from follower.links.modes import mode_name, setpoint_mode
+from follower.links.vehicle_finder import Vehicle
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+
+_T = TypeVar("_T")
+_Six = tuple[_T, _T, _T, _T, _T, _T]
+_MOST_NOTES = 100
+_DONE = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
+
+
+class VehicleMonitor:
+    """Turns one vehicle's messages into its state.
+
+    Args:
+        vehicle: whose they are; the caller has made sure of that.
+        clock: maps the autopilot's times to ours.
+
+    Attributes:
+        state: the newest of everything.
+        attitudes: those since `begin`.
+        altitude_msl_m: None before it is known.
+        boot_ms: the newest time on the autopilot's own clock.
+    """
+
+    def __init__(self, vehicle: Vehicle, clock: AutopilotClock) -> None:
+        self._autopilot = vehicle.autopilot
+        self._clock = clock
+        self._notes: list[str] = []
+        self._handlers: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_heartbeat,
+            "ATTITUDE": self._on_attitude,
+            "LOCAL_POSITION_NED": self._on_position,
+            "GLOBAL_POSITION_INT": self._on_global_position,
+            "EXTENDED_SYS_STATE": self._on_landed_state,
+            "COMMAND_ACK": self._on_ack,
+            "STATUSTEXT": self._on_text,
+        }
+        self.state = VehicleState()
+        self.attitudes: list[Attitude] = []
+        self.altitude_msl_m: float | None = None
+        self.boot_ms = 0
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """Names of the messages that are understood."""
+        return tuple(self._handlers)
+
+    def begin(self) -> None:
+        """Forget the attitudes of before."""
+        self.attitudes = []
+
+    def take(self, name: str, message: Any, now_s: float) -> None:
+        """Take one message: anything whose attributes are the message's fields."""
+        handler = self._handlers.get(name)
+        if handler is not None:
+            handler(message, now_s)
+
+    def note(self, text: str) -> None:
+        """Keep a line for whoever asks next."""
+        if len(self._notes) < _MOST_NOTES:
+            self._notes.append(text)
+
+    def take_notes(self) -> list[str]:
+        """Return the lines since the last call."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def _on_heartbeat(self, message: Any, now_s: float) -> None:
+        mode = mode_name(self._autopilot, message.custom_mode)
+        self.state = replace(
+            self.state,
+            mode=mode,
+            obeys_setpoints=mode == setpoint_mode(self._autopilot),
+            armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+            heartbeat_s=now_s,
+        )
+
+    def _on_attitude(self, message: Any, now_s: float) -> None:
+        numbers = _finite(message, ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"))
+        if numbers is not None:
+            attitude = Attitude(*numbers, self._time_of(message, now_s))
+            self.attitudes.append(attitude)
+            self.state = replace(self.state, attitude=attitude)
+
+    def _on_position(self, message: Any, now_s: float) -> None:
+        numbers = _finite(message, ("x", "y", "z", "vx", "vy", "vz"))
+        if numbers is not None:
+            position = LocalPosition(*numbers, self._time_of(message, now_s))
+            self.state = replace(self.state, position=position)
+
+    def _on_global_position(self, message: Any, now_s: float) -> None:
+        self._time_of(message, now_s)
+        self.altitude_msl_m = message.alt / 1000.0
+
+    def _on_landed_state(self, message: Any, _now_s: float) -> None:
+        if message.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED:
+            landed = message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+            self.state = replace(self.state, landed=landed)
+
+    def _on_ack(self, message: Any, _now_s: float) -> None:
+        if message.result not in _DONE:
+            command = mavlink.enums["MAV_CMD"].get(message.command)
+            result = mavlink.enums["MAV_RESULT"].get(message.result)
+            name = command.name if command else message.command
+            self.note(f"{name}: {result.name if result else message.result}")
+
+    def _on_text(self, message: Any, _now_s: float) -> None:
+        self.note(str(message.text))
+
+    def _time_of(self, message: Any, now_s: float) -> float:
+        self.boot_ms = message.time_boot_ms
+        return self._clock.to_system(message.time_boot_ms / 1000.0, now_s)
+
+
+def _finite(message: Any, names: _Six[str]) -> _Six[float] | None:
+    """Return the numbers of these fields, None unless each is a finite one."""
+    a, b, c, d, e, f = numbers = [getattr(message, name) for name in names]
+    usable = all(number is not None and math.isfinite(number) for number in numbers)
+    return (a, b, c, d, e, f) if usable else None
