@@ -250,7 +250,7 @@ class Following:
         """The last look's score, if nothing speaks against the box: every frame need not be one."""
         plain = belief.state is TrackState.TRACKING and not self._low
         sure = plain and self._confidence.relative(estimate.confidence) >= _CERTAIN
-        return self._looks.recent(frame.captured_s) if sure else None
+        return self._looks.recent(estimate.box, frame.captured_s) if sure else None
 
     def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
         """The motion tracker's answer; what it said ahead if that was about the right place."""
@@ -303,7 +303,7 @@ class Following:
         belief.kinematics.see(box)
         if evidence.fresh and evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
             belief.anchor()
-            self._looks.notice(evidence.score, frame.captured_s)
+            self._looks.notice(evidence.score, evidence.box, frame.captured_s)
             if not evidence.blurred:
                 self._looks.learn(frame, box, evidence.score, belief.familiar)
         self._confidence.learn(evidence.confidence, interval_s)

@@ -12,6 +12,7 @@ _REFRESH_S = 0.5
 _RISE_S = 0.5
 _FALL_S = 2.5
 _LOOK_EVERY_S = 0.05
+_SAME_PLACE_IOU = 0.5
 
 
 class Looks:
@@ -23,7 +24,7 @@ class Looks:
         self._search = TargetSearch()
         self._refreshed_s = 0.0
         self._usual = Trust(_RISE_S, _FALL_S)
-        self._noticed: tuple[float, float] | None = None
+        self._noticed: tuple[float, Box, float] | None = None
 
     @property
     def epsilon(self) -> float:
@@ -46,15 +47,17 @@ class Looks:
         """Take the score of a box believed; `interval_s` since the last one."""
         self._usual.learn(score, interval_s)
 
-    def notice(self, score: float, captured_s: float) -> None:
+    def notice(self, score: float, box: Box, captured_s: float) -> None:
         """Remember the score of a box that looked as usual."""
-        self._noticed = score, captured_s
+        self._noticed = score, box, captured_s
 
-    def recent(self, captured_s: float) -> float | None:
-        """Return that score if it is from less than 0.05 s before a frame."""
-        if self._noticed is None or captured_s - self._noticed[1] >= _LOOK_EVERY_S:
+    def recent(self, box: Box, captured_s: float) -> float | None:
+        """Return that score if it is less than 0.05 s old and of about the same place."""
+        if self._noticed is None:
             return None
-        return self._noticed[0]
+        score, seen, seen_s = self._noticed
+        again = captured_s - seen_s >= _LOOK_EVERY_S or box.iou(seen) < _SAME_PLACE_IOU
+        return None if again else score
 
     def accept(self, score: float) -> None:
         """Take a new look of the target as the usual one."""
