@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 
 from follower.flight_video import FlightVideo
 from follower.flightlog import FlightLog, TrackRecord
@@ -50,7 +49,7 @@ class TrackRun:
         self._selector = selector
         self._clock = clock
         self._stop = threading.Event()
-        self._found: tuple[Frame, list[Box]] | None = None
+        self._found: tuple[Frame, list[Track]] | None = None
         self._size: tuple[int, int] | None = None
         self._problem: str | None = None
 
@@ -79,45 +78,52 @@ class TrackRun:
         return self._problem
 
     def find(self) -> bool:
-        """Read frames until all targets are seen in one; return whether they are.
+        """Read frames until all targets are seen in one, and start there; return whether they are.
 
         Raises:
-            SourceError: there is no frame at all, or the selector refuses one.
+            SourceError: there is no frame at all, or the selector or the tracker refuses one.
         """
         while (frame := self._next()) is not None:
             timer, received_s = Stopwatch(), self._clock.now()
             boxes = self._selector(frame)
-            if boxes:
-                self._found = frame, boxes
+            tracks = self._started(frame, boxes) if boxes else []
+            self._record(frame, tracks, received_s, timer.elapsed_s())
+            if tracks:
+                self._found = frame, tracks
                 return True
-            self._record(frame, (), received_s, timer.elapsed_s())
         if not self.logs[0].tracks and not self._stop.is_set():
             raise SourceError(f"no frame could be read: {self.problem or 'the source is empty'}")
         return False
 
     def follow(self, video: FlightVideo | None = None, control: MakeControl | None = None) -> None:
-        """Follow the targets that were found, from the frame in which they were.
+        """Follow the targets from the frame in which they were found.
 
         Args:
             video: is given each frame.
             control: makes what steers by the first target, if anything is to.
         """
-        first, boxes = self._chosen()
-        steering = None if control is None else control(self.logs[0], first)
-        answer: Callable[[Frame], list[Track]] = partial(self._tracker.start, boxes=boxes)
-        frame: Frame | None = first
+        current, tracks = self._chosen()
+        frame: Frame | None = current
+        steering = None if control is None else control(self.logs[0], current)
         while frame is not None:
-            timer, received_s = Stopwatch(), self._clock.now()
-            tracks = answer(frame)
-            answer = self._tracker.step
-            newest = self._record(frame, tracks, received_s, timer.elapsed_s())
             if video is not None:
                 video.add(frame, tracks, ())
             frame = self._next()
             if steering is not None:
+                newest = self.logs[0].tracks[-1]
                 steering.step(newest, None if frame is None else frame.captured_s)
+            if frame is not None:
+                timer, received_s = Stopwatch(), self._clock.now()
+                tracks = self._tracker.step(frame)
+                self._record(frame, tracks, received_s, timer.elapsed_s())
 
-    def _chosen(self) -> tuple[Frame, list[Box]]:
+    def _started(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
+        try:
+            return self._tracker.start(frame, boxes)
+        except ValueError as error:
+            raise SourceError(f"this target cannot be followed: {error}") from error
+
+    def _chosen(self) -> tuple[Frame, list[Track]]:
         if self._found is None:
             raise RuntimeError("no targets were found")
         return self._found
@@ -142,12 +148,11 @@ class TrackRun:
 
     def _record(
         self, frame: Frame, tracks: Sequence[Track], received_s: float, busy_s: float
-    ) -> TrackRecord:
-        """Log a frame for each target; return the first target's record."""
+    ) -> None:
+        """Log a frame for each target."""
         done_s = self._clock.now()
         for index, log in enumerate(self.logs):
             track = tracks[index] if tracks else None
             log.add_track(
                 TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
             )
-        return self.logs[0].tracks[-1]

@@ -24,7 +24,7 @@ from follower_vision.frame import Image
 from follower_vision.sources import open_source
 from follower_vision.track import Track, TrackState
 
-DATA = Path(os.environ.get("FOLLOWER_DATA", "../shared/data"))
+DATA = Path(os.environ.get("FOLLOWER_DATA", "../shared/data")).resolve()
 FRAMES, SIDE = 30, 28
 COLOURS = ((30, 30, 220), (40, 200, 40), (220, 60, 40))
 
@@ -167,6 +167,15 @@ def test_several_targets_are_numbered_in_the_order_given(
     assert (detector.passes > 0) == (choice == "classes")
 
 
+def test_a_recording_gives_the_same_boxes_each_time(
+    run: Run, pictures: Path, tmp_path: Path
+) -> None:
+    for name in ("a.csv", "b.csv"):
+        choice = ("--select", "person:1", "--select", "person:2")
+        run(str(pictures), *choice, "--no-video", "--boxes", name)
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
 def test_one_pass_of_the_detector_serves_all_targets(
     run: Run, pictures: Path, detector: SquareDetector
 ) -> None:
@@ -231,6 +240,7 @@ def test_in_real_time_a_recording_takes_its_time(run: Run, pictures: Path, tmp_p
         (["--select", "1", "--boxes", "{source}/../{name}"], "this is a folder"),
         (["--select", "1", "--rate-hz", "0"], "needs a positive rate"),
         (["--select", "1", "--tracker", "goturn"], "no such tracker"),
+        (["--target", "9,9,4,4", "--tracker", "mil"], "cannot be followed: .* a larger box"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(

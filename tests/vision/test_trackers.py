@@ -73,3 +73,11 @@ def test_a_start_beyond_the_edge_is_cut_to_the_image(name: str) -> None:
     tracker = make_tracker(name, no_file)
     tracker.start(scene(60, 60), Box(5.4, 60.2, 40, 40))
     assert 0.0 <= tracker.update(scene(60, 60)).confidence <= 1.0
+
+
+@pytest.mark.parametrize(
+    "box", [Box(160, 120, 4, 4), Box(160, 120, 320, 60), Box(160, 120, 9, 900)]
+)
+def test_mil_refuses_boxes_on_which_opencv_would_never_end(box: Box) -> None:
+    with pytest.raises(ValueError, match="mil tracker needs"):
+        make_tracker("mil", no_file).start(scene(160, 120), box)

@@ -54,6 +54,9 @@ OPENCV_KINDS: Mapping[str, OpenCvKind] = {
 }
 
 
+_LEAST_MIL_AREA = 25
+
+
 def opencv_tracker_names() -> list[str]:
     """Return the names of those that this OpenCV was built with."""
     return [name for name, kind in OPENCV_KINDS.items() if _find_class(kind) is not None]
@@ -97,9 +100,12 @@ class OpenCvTracker:
         Raises:
             ValueError: OpenCV refuses the box or a network's file.
         """
+        start = _whole_pixels(box, image)
+        if self._name == "mil":
+            _check_for_mil(start, image)
         try:
             self._tracker = _create(self._class, self._files)
-            self._tracker.init(image, _whole_pixels(box, image))
+            self._tracker.init(image, start)
         except (cv2.error, SystemError) as error:
             self._tracker = None
             reason = str(error).splitlines()[0]
@@ -156,6 +162,15 @@ def _create(tracker_class: Any, files: Mapping[str, str]) -> Any:
     for part, path in files.items():
         setattr(parameters, part, path)
     return tracker_class.create(parameters)
+
+
+def _check_for_mil(start: tuple[int, int, int, int], image: Image) -> None:
+    """Refuse boxes that OpenCV's MIL draws samples for without end."""
+    _, _, width, height = start
+    if width * height < _LEAST_MIL_AREA:
+        raise ValueError(f"OpenCV's mil tracker needs a larger box than {width}x{height} pixels")
+    if width >= image.shape[1] or height >= image.shape[0]:
+        raise ValueError("OpenCV's mil tracker needs some image around the box")
 
 
 def _whole_pixels(box: Box, image: Image) -> tuple[int, int, int, int]:
