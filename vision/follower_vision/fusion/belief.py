@@ -8,6 +8,7 @@ from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.history import History, Moment
 from follower_vision.fusion.kinematics import Kinematics
+from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.warp import Warp
 from follower_vision.track import Track, TrackState
 
@@ -39,6 +40,7 @@ class Belief:
     Attributes:
         box: where the target is, or is taken to be.
         previous: the same in the last frame's pixels.
+        sighted: where the motion tracker took the target to be, believed or not.
         reference: a box of the last confirmed size.
         state: as in `Track`.
         confidence: as in `Track`.
@@ -46,12 +48,13 @@ class Belief:
         seen_s: when the target was last seen.
         history: the last frames.
         kinematics: where the target goes.
+        rivals: look-alikes in the motion tracker's window.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
     """
 
     def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
-        self.box = self.previous = self.reference = box
+        self.box = self.previous = self.sighted = self.reference = box
         self.state = TrackState.TRACKING
         self.confidence = 1.0
         self.produced_by = produced_by
@@ -59,6 +62,7 @@ class Belief:
         self.familiar = False
         self.history = History()
         self.kinematics = Kinematics(box)
+        self.rivals = Rivals()
         moment = self.history.add(frame.captured_s, Warp(), box)
         self.confirmation = Confirmation(moment, box, (0.0, 0.0))
         self._anchor = self.confirmation
@@ -89,6 +93,7 @@ class Belief:
         """
         interval_s = captured_s - self.now.captured_s
         expected = self.kinematics.advance(warp, interval_s)
+        self.rivals.advance(interval_s)
         self.previous = self.box
         self.box = warp.box(self.box)
         self.history.add(captured_s, warp, self.box)

@@ -11,7 +11,11 @@ from follower_vision.fusion.belief import Belief, towards
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.steering import ProbingTracker, SteerableTracker
+from follower_vision.fusion.steering import (
+    CandidateTracker,
+    ProbingTracker,
+    SteerableTracker,
+)
 from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
@@ -66,6 +70,7 @@ class Following:
         # Asked once: a protocol's isinstance takes longer than the rest of a step's logic.
         self._steerable = motion if isinstance(motion, SteerableTracker) else None
         self._probing = motion if isinstance(motion, ProbingTracker) else None
+        self._rivalled = motion if isinstance(motion, CandidateTracker) else None
         self._ahead: tuple[Box, MotionEstimate] | None = None
         self._settings = settings
         self._looks = looks
@@ -133,7 +138,7 @@ class Following:
             blurred: whether the target's neighbourhood is blurred.
         """
         evidence = self._evidence(frame, belief, expected, blurred)
-        belief.confidence = evidence.relative
+        belief.confidence, belief.sighted = evidence.relative, evidence.box
         if belief.state is TrackState.TRACKING:
             self._while_tracking(frame, belief, evidence, expected, interval_s)
         elif self._may_doubt(evidence, interval_s):
@@ -177,7 +182,8 @@ class Following:
         """The motion tracker is confident, but its box does not look like the target.
 
         Either the target changed its looks, or something else came before it. In the first case
-        the tracker stays confident; in the second the target comes out again where it should be.
+        the tracker stays confident; in the second the target comes out again where it should be,
+        unless it has left the image.
         """
         weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
         if evidence.relative >= _CERTAIN:
@@ -185,7 +191,8 @@ class Following:
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
         belief.reference = self._drawn(belief.reference, evidence.box, interval_s)
-        insistent = self._steady_s > self._settings.insist_s
+        there = expected.visible_share(frame.width, frame.height) >= _LEAST_VISIBLE
+        insistent = there and self._steady_s > self._settings.insist_s
         if insistent:
             self._looks.accept(evidence.score)
         if insistent or self._alike(evidence):
@@ -244,6 +251,8 @@ class Following:
 
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> _Evidence:
         estimate = self._estimate(frame, belief, expected)
+        if belief.state is TrackState.TRACKING:
+            estimate = self._settled(belief, estimate)
         return self._judged(frame, estimate, blurred, self._known_score(frame, belief, estimate))
 
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
@@ -251,6 +260,17 @@ class Following:
         plain = belief.state is TrackState.TRACKING and not self._low
         sure = plain and self._confidence.relative(estimate.confidence) >= _CERTAIN
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None
+
+    def _settled(self, belief: Belief, estimate: MotionEstimate) -> MotionEstimate:
+        """Go back to the target if the motion tracker went with a look-alike."""
+        wanted = self._settings.distractor_memory
+        if not wanted or self._rivalled is None or self._steerable is None:
+            return estimate
+        settled = belief.rivals.settle(estimate, self._rivalled.candidates())
+        if settled is not estimate:
+            self._steerable.move_to(settled.box)
+            belief.kinematics.restart(settled.box)
+        return settled
 
     def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
         """The motion tracker's answer; what it said ahead if that was about the right place."""

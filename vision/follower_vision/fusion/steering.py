@@ -29,3 +29,12 @@ class ProbingTracker(MotionTracker, Protocol):
     def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
         """Return the places like the target about `box`, the likest first."""
         ...
+
+
+@runtime_checkable
+class CandidateTracker(SteerableTracker, Protocol):
+    """A motion tracker that tells every place like the target that it saw in its last update."""
+
+    def candidates(self) -> list[MotionEstimate]:
+        """Return the places like the target, the likest first."""
+        ...

@@ -174,9 +174,11 @@ class FusionTracker:
 
     def _is_due(self, belief: Belief, blurred: bool) -> bool:
         since = belief.now.index - self._asked
-        if belief.state is not TrackState.TRACKING:
-            return since >= self._settings.search_every
-        return blurred or since >= self._settings.validate_every
+        tracking = belief.state is TrackState.TRACKING
+        if tracking and blurred:
+            return True
+        sure = tracking and belief.confidence >= self._settings.resume_ratio
+        return since >= (self._settings.validate_every if sure else self._settings.search_every)
 
     def _ask(self, frame: Frame, belief: Belief) -> None:
         if self._service is None or not self._service.ready():

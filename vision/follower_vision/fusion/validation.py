@@ -63,6 +63,8 @@ class Validation:
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
+        if belief.rivals.merged:
+            return
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
         chosen = self._choose(values, belief, sight)
         if self._settings.distractor_memory and self._ambiguous(values, chosen):
