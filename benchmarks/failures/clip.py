@@ -28,6 +28,7 @@ class Clip:
         size: (width, height) in pixels.
         rate_hz: frames a second.
         hidden: numbers of the frames in which the target is there but wholly covered.
+        edge: numbers of the frames without truth in which a small part of the target is in sight.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Clip:
     size: tuple[int, int]
     rate_hz: float = RATE_HZ
     hidden: frozenset[int] = frozenset()
+    edge: frozenset[int] = frozenset()
 
     def __len__(self) -> int:
         return len(self.truth)

@@ -47,11 +47,12 @@ def outcome(clip: Clip, boxes: list[Box], tracking: list[bool]) -> Outcome:
         ]
     )[1:]
     said = np.array(tracking)[1:]
+    judged = np.array([number not in clip.edge for number in range(len(clip))])[1:]
     right = overlap > _HIT
     return Outcome(
         float(right[there].mean()),
         float(near[there].mean()),
-        float((said & (overlap <= 0)).mean()),
+        float((said & (overlap <= 0))[judged].mean()),
         float((right & ~said).mean()),
         _found_s(clip, said & (overlap > _FOUND)),
     )

@@ -152,19 +152,23 @@ def _viewed(clip: Clip, views: Sequence[Box], width: int, height: int) -> Clip:
     def picture(number: int) -> Image:
         return crop(clip.picture(number), views[number], width, height, _BLACK)
 
-    truth = [_seen(box, view, width, height) for box, view in zip(clip.truth, views, strict=True)]
-    return Clip(clip.name, truth, picture, (width, height), clip.rate_hz)
+    boxes = [_moved(box, view, width) for box, view in zip(clip.truth, views, strict=True)]
+    shares = [0.0 if box is None else box.visible_share(width, height) for box in boxes]
+    truth = [
+        box if share >= _LEAST_VISIBLE else None for box, share in zip(boxes, shares, strict=True)
+    ]
+    edge = frozenset(k for k, share in enumerate(shares) if 0 < share < _LEAST_VISIBLE)
+    return Clip(clip.name, truth, picture, (width, height), clip.rate_hz, edge=edge)
 
 
-def _seen(box: Box | None, view: Box, width: int, height: int) -> Box | None:
-    """The box in the view's pixels; None if less than a third of it is in sight."""
+def _moved(box: Box | None, view: Box, width: int) -> Box | None:
+    """The box in the view's pixels."""
     if box is None:
         return None
     factor = width / view.width
-    seen = Box(
+    return Box(
         (box.cx - view.left) * factor,
         (box.cy - view.top) * factor,
         box.width * factor,
         box.height * factor,
     )
-    return seen if seen.visible_share(width, height) >= _LEAST_VISIBLE else None
