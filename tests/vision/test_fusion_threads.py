@@ -15,6 +15,7 @@ from follower_vision.box import Box
 from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import BackgroundDetection, FusionSettings, FusionTracker
+from follower_vision.fusion.aside import Aside
 from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.warp import Warp
 from follower_vision.motion import MotionEstimate
@@ -129,11 +130,37 @@ def test_the_detector_lets_the_tracker_go_first() -> None:
 
 def test_looking_ahead_changes_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
     ahead = _tracks(FusionTracker(Matcher()))
-    monkeypatch.setattr(CameraMotion, "begin", lambda *_: None)
-    monkeypatch.setattr(
-        "follower_vision.fusion.following.Following.look_ahead", lambda *_: None, raising=True
-    )
+    monkeypatch.setattr(Aside, "during", lambda _, __, work: work())
     assert _tracks(FusionTracker(Matcher())) == ahead
+
+
+def test_both_things_are_done_at_the_same_time() -> None:
+    aside, met = Aside(), threading.Barrier(2)
+
+    def meet() -> int:
+        met.wait(WAIT_S)
+        return threading.get_ident()
+
+    assert aside.during(lambda: meet() and None, meet) != threading.get_ident()
+    aside.close()
+    assert aside.during(lambda: None, lambda: 7) == 7
+    aside.close()
+
+
+def test_what_the_thread_has_not_begun_is_done_at_once() -> None:
+    aside, may_go_on = Aside(), threading.Event()
+    aside.during(lambda: None, lambda: None)
+    aside._pool.submit(may_go_on.wait, WAIT_S)
+    assert aside.during(lambda: None, threading.get_ident) == threading.get_ident()
+    may_go_on.set()
+    aside.close()
+
+
+def test_an_error_in_the_thread_is_raised_to_the_asker() -> None:
+    aside = Aside()
+    with pytest.raises(ZeroDivisionError):
+        aside.during(lambda: None, lambda: 1 // 0)
+    aside.close()
 
 
 def test_the_motion_tracker_looks_once_a_frame_while_the_camera_is_calm() -> None:
@@ -184,28 +211,20 @@ def _ground_to_image(
     return np.linalg.inv(np.array(rows))
 
 
-def test_camera_motion_from_its_thread_is_the_same() -> None:
-    images = [_scene(number).image for number in range(20)]
-    avoid = [Box(200, 170, 40, 40)]
-    direct, threaded = CameraMotion(), CameraMotion()
-    for image in images:
-        threaded.begin(image, avoid)
-        assert threaded.update(image) == direct.update(image, avoid)
-    threaded.close()
-    again = _scene(21).image
-    threaded.begin(again)
-    assert threaded.update(again) == direct.update(again)
-    threaded.close()
+def test_camera_motion_of_the_same_image_is_measured_once() -> None:
+    camera = CameraMotion()
+    camera.update(_seen(0, 0))
+    image = _seen(30, 0)
+    assert camera.update(image) is camera.update(image)
 
 
 def test_camera_motion_begins_anew_after_a_reset_or_another_size() -> None:
     camera = CameraMotion()
-    camera.begin(_seen(0, 0))
+    camera.update(_seen(0, 0))
     camera.reset()
     assert camera.update(_seen(30, 0)) == Warp()
     assert camera.update(_seen(60, 0)).right == pytest.approx(-30, abs=1)
     assert camera.update(_seen(90, 0)[::2]) == Warp()
-    camera.close()
 
 
 def test_camera_motion_says_none_where_there_is_nothing_to_see() -> None:

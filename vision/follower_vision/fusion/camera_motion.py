@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -53,35 +51,11 @@ class CameraMotion:
         self._kept = 0
         self._warp = Warp()
         self._full: Grey | None = None
-        self._pending: Future[Warp] | None = None
-        self._task: Callable[[], Warp] = Warp
-        self._worker: ThreadPoolExecutor | None = None
 
     def reset(self) -> None:
         """Forget the last image."""
-        self._finish()
         self._grey = self._full = self._image = None
         self._warp = Warp()
-
-    def close(self) -> None:
-        """Let go of the thread, if there is one."""
-        self._finish()
-        if self._worker is not None:
-            self._worker.shutdown()
-            self._worker = None
-
-    def begin(self, image: Image, avoid: Sequence[Box] = ()) -> None:
-        """Begin to measure in a thread of its own; `update` with the same image has the result.
-
-        It is the same result as without.
-        """
-        if image is self._image:
-            return
-        self._finish()
-        if self._worker is None:
-            self._worker = ThreadPoolExecutor(1, "camera-motion")
-        self._image, self._task = image, partial(self._measure, image, tuple(avoid))
-        self._pending = self._worker.submit(self._task)
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -92,7 +66,6 @@ class CameraMotion:
             image: the next image.
             avoid: boxes in the last image that move by themselves.
         """
-        self._finish()
         if image is not self._image:
             self._image = image
             self._warp = self._measure(image, avoid)
@@ -102,12 +75,6 @@ class CameraMotion:
     def grey(self) -> Grey | None:
         """The last image of `update` in grey, (H, W): it was needed anyway."""
         return self._full
-
-    def _finish(self) -> None:
-        pending, self._pending = self._pending, None
-        if pending is not None:
-            # On a busy machine the thread may not have had its turn: then it is quicker to do it.
-            self._warp = self._task() if pending.cancel() else pending.result()
 
     def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp:
         factor = min(1.0, _WIDTH / image.shape[1])

@@ -52,7 +52,8 @@ class MultiFusion:
 
     def close(self) -> None:
         """Let go of the threads."""
-        self._camera.close()
+        for tracker in self._trackers:
+            tracker.close()
         self._detection.close()
 
     def start(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
@@ -76,7 +77,7 @@ class MultiFusion:
         """
         if not self._trackers:
             raise RuntimeError("the tracker was not started")
-        self._camera.begin(frame.image, [track.box for track in self._tracks])
+        self._camera.update(frame.image, [track.box for track in self._tracks])
         for tracker in self._trackers:
             tracker.advance(frame)
         return self._concluded(frame)

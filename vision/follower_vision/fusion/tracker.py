@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 from follower_vision.blur import BlurDetector
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detector
 from follower_vision.frame import Frame
 from follower_vision.framecheck import FrameCheck, FrameHealth
+from follower_vision.fusion.aside import Aside
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.detection_service import (
@@ -30,6 +34,21 @@ from follower_vision.track import Track, TrackState
 _LEAST_VISIBLE = 0.1
 _LEAST_CROP_SIDES = 2.5
 _REGIONS_PER_WHOLE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """What is known of a frame before the target is looked for.
+
+    Attributes:
+        health: whether there is anything to be seen.
+        warp: the camera's motion from the last frame.
+        blurred: whether the neighbourhood of the target's last place is blurred.
+    """
+
+    health: FrameHealth
+    warp: Warp
+    blurred: bool
 
 
 class FusionTracker:
@@ -70,13 +89,14 @@ class FusionTracker:
         self._identity = Identity(self._settings)
         self._blur = BlurDetector(self._settings.blur)
         self._health = FrameCheck()
+        self._aside = Aside()
         self._belief: Belief | None = None
         self._asked = 0
         self._pursuit = object()
 
     def close(self) -> None:
         """Let go of the threads."""
-        self._camera.close()
+        self._aside.close()
         if self._service is not None:
             self._service.close()
 
@@ -117,19 +137,12 @@ class FusionTracker:
         """
         belief = self._started()
         interval_s = frame.captured_s - belief.now.captured_s
-        health = self._health.update(frame)
-        warp, predict = Warp(), self._settings.camera_motion
-        if predict:
-            # The camera's thread measures while the motion tracker looks: both are outside Python.
-            self._camera.begin(frame.image, [belief.box])
-            if health is FrameHealth.GOOD:
-                self._following.look_ahead(frame, belief)
-            warp = self._camera.update(frame.image)
-        expected = belief.advance(frame.captured_s, warp, predict)
-        if health is not FrameHealth.GOOD:
-            self._following.coast(frame, belief, expected, health.value)
+        seen = self._prepared(frame, belief)
+        expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
+        if seen.health is not FrameHealth.GOOD:
+            self._following.coast(frame, belief, expected, seen.health.value)
         else:
-            self._follow(frame, belief, expected, interval_s)
+            self._follow(frame, belief, expected, interval_s, seen.blurred)
         belief.now.box = belief.box
 
     def conclude(self, frame: Frame) -> Track:
@@ -161,10 +174,27 @@ class FusionTracker:
         # Answers that are still under way belong to another pursuit.
         self._pursuit = object()
 
-    def _follow(self, frame: Frame, belief: Belief, expected: Box, interval_s: float) -> None:
-        grey = self._camera.grey if self._settings.camera_motion else None
-        seen = frame.image if grey is None else grey
-        blurred = self._blur.update(seen, expected, frame.captured_s).blurred
+    def _prepared(self, frame: Frame, belief: Belief) -> _Prepared:
+        """Prepare a frame; where that takes its time, the motion tracker looks ahead meanwhile."""
+        prepare = partial(self._prepare, frame, belief.box)
+        if not self._settings.camera_motion:
+            return prepare()
+        return self._aside.during(partial(self._following.look_ahead, frame, belief), prepare)
+
+    def _prepare(self, frame: Frame, box: Box) -> _Prepared:
+        """Learn what does not depend on where the target is found; `box` is of the last frame."""
+        health, warp, image = self._health.update(frame), Warp(), frame.image
+        if self._settings.camera_motion:
+            warp = self._camera.update(frame.image, [box])
+            image = image if self._camera.grey is None else self._camera.grey
+        if health is not FrameHealth.GOOD:
+            return _Prepared(health, warp, blurred=False)
+        reading = self._blur.update(image, warp.box(box), frame.captured_s)
+        return _Prepared(health, warp, reading.blurred)
+
+    def _follow(
+        self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
+    ) -> None:
         self._following.follow(frame, belief, expected, interval_s, blurred)
         lost = belief.state is TrackState.LOST and not self._following.doubting
         if lost and not belief.familiar:
