@@ -21,6 +21,7 @@ from follower.recorder.fields import SHAPES, Field, fields_of
 
 T = TypeVar("T")
 _Convert = Callable[[Any], Any]
+_JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"), ensure_ascii=False)
 
 
 def encode(record: object) -> bytes:
@@ -28,10 +29,9 @@ def encode(record: object) -> bytes:
     kind: type = type(record)
     plain = _encoder(kind)(record)
     try:
-        text = json.dumps(plain, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+        return _JSON.encode(plain).encode()
     except ValueError:
-        text = json.dumps(_spelt(plain), separators=(",", ":"), ensure_ascii=False)
-    return text.encode()
+        return _JSON.encode(_spelt(plain)).encode()
 
 
 def decode(kind: type[T], data: bytes) -> T:

@@ -29,7 +29,7 @@ Entry = tuple[object, float]
 
 
 class LogWriter(ClosesItself):
-    """Takes entries, encodes them, and commits them now and then.
+    """Takes messages, encodes them, and commits them when told to.
 
     A full disk is told to `tell` once; what cannot be written waits, and is written when there is
     room again. When too much waits, the log ends there.
@@ -44,18 +44,14 @@ class LogWriter(ClosesItself):
         self._tell = tell
         self._failing = self._ended = False
 
-    def handle(self, entry: Entry) -> None:
-        """Encode an entry."""
+    def write(self, message: object, time_s: float) -> None:
+        """Encode a message of the table, or `Bytes`."""
         if self._ended:
             return
-        record, time_s = entry
-        if isinstance(record, Bytes):
-            self._tlog.write(record.data, record.direction, time_s)
-        elif isinstance(record, ControlRecord):
-            for part in control_messages(record):
-                self._log.write(part, time_s)
+        if isinstance(message, Bytes):
+            self._tlog.write(message.data, message.direction, time_s)
         else:
-            self._log.write(record, time_s)
+            self._log.write(message, time_s)
 
     def commit(self) -> None:
         """Put everything onto the disk, if the disk allows."""
@@ -83,6 +79,14 @@ class LogWriter(ClosesItself):
                 file.close()
             except (OSError, MemoryError) as error:
                 self._tell(f"the log's end could not be written ({error})")
+
+
+def messages_of(entry: Entry) -> list[Entry]:
+    """Return the messages that an entry is cut into."""
+    record, time_s = entry
+    if isinstance(record, ControlRecord):
+        return [(part, time_s) for part in control_messages(record)]
+    return [entry]
 
 
 def control_messages(record: ControlRecord) -> list[object]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import queue
 import threading
+import time
+from collections import deque
 from pathlib import Path
 
 from follower.flightlog import (
@@ -15,7 +16,7 @@ from follower.flightlog import (
     TrackRecord,
 )
 from follower.recorder.config import FlightConfig
-from follower.recorder.log_writer import Bytes, Entry, LogWriter
+from follower.recorder.log_writer import Bytes, Entry, LogWriter, messages_of
 from follower.recorder.records import FrameRecord
 from follower.recorder.tlog import Direction
 from follower.recorder.video_queue import VideoQueue
@@ -29,9 +30,10 @@ from follower_vision.framesource import ClosesItself
 
 CONFIG = "config.yaml"
 _COMMIT_EVERY_S = 0.4
+_LOOK_EVERY_S = 0.05
+"""The log's thread is not woken by each message: it would compete with the step that sent it."""
 _MOST_ENTRIES = 20_000
 _VIDEO_YIELDS_AT = _MOST_ENTRIES // 8
-_NOTHING: Entry = (None, 0.0)
 
 
 class Recorder(ClosesItself):
@@ -65,7 +67,8 @@ class Recorder(ClosesItself):
         self._remarks: list[str] = []
         self.log = FlightLog(sink=self)
         (folder / CONFIG).write_text(config.to_yaml(), "utf-8")
-        self._entries: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()
+        self._entries: deque[Entry] = deque()
+        self._closing = threading.Event()
         self._lost = 0
         self._writer = LogWriter(folder, config, self._tell)
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._tell, threaded)
@@ -88,8 +91,9 @@ class Recorder(ClosesItself):
         """Write what waits and finish the files."""
         self._video.close()
         if self._thread is not None:
-            self._entries.put(None)
+            self._closing.set()
             self._thread.join()
+            self._thread = None
         if self._lost:
             self._tell(f"{self._lost} messages are not in the log: the disk was too slow")
         self._writer.close()
@@ -97,7 +101,7 @@ class Recorder(ClosesItself):
     def add_frame(self, frame: Frame, received_s: float) -> None:
         """Record a frame that vision begins to work on."""
         index = None
-        if self._entries.qsize() > _VIDEO_YIELDS_AT:
+        if len(self._entries) > _VIDEO_YIELDS_AT:
             self._video.leave_out("the disk is too slow")
         else:
             index = self._video.offer(frame)
@@ -136,12 +140,13 @@ class Recorder(ClosesItself):
     def _put(self, record: object, time_s: float) -> None:
         entry = (record, time_s)
         if self._thread is None:
-            self._writer.handle(entry)
+            for message, at_s in messages_of(entry):
+                self._writer.write(message, at_s)
             if time_s - self._committed_s > _COMMIT_EVERY_S:
                 self._committed_s = time_s
                 self._writer.commit()
-        elif self._entries.qsize() < _MOST_ENTRIES:
-            self._entries.put(entry)
+        elif len(self._entries) < _MOST_ENTRIES:
+            self._entries.append(entry)
         else:
             self._lost += 1
 
@@ -151,18 +156,20 @@ class Recorder(ClosesItself):
 
     def _run(self) -> None:
         since = Stopwatch()
-        while (entry := self._next(_COMMIT_EVERY_S - since.elapsed_s())) is not None:
-            if entry is not _NOTHING:
-                self._writer.handle(entry)
+        closing = False
+        while not closing:
+            closing = self._closing.wait(_LOOK_EVERY_S)
+            self._drain()
             if since.elapsed_s() >= _COMMIT_EVERY_S:
                 self._writer.commit()
                 since = Stopwatch()
 
-    def _next(self, wait_s: float) -> Entry | None:
-        try:
-            return self._entries.get(timeout=max(0.0, wait_s))
-        except queue.Empty:
-            return _NOTHING
+    def _drain(self) -> None:
+        """Write what has come; between any two messages, who else wants to run may."""
+        while self._entries:
+            for message, time_s in messages_of(self._entries.popleft()):
+                self._writer.write(message, time_s)
+                time.sleep(0)
 
 
 class RecordedTransport:
