@@ -15,6 +15,7 @@ from follower_control.estimate import TargetEstimate
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
 from follower_control.ground_range import range_to_ground
+from follower_control.liveness import Liveness
 from follower_control.servo import VisualServo
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighter import Sighter
@@ -48,6 +49,7 @@ class ControlStage:
         mount = settings.camera.mount
         self._sighter = Sighter(camera, mount, settings.camera.latency_s)
         self._attitudes = AttitudeHistory()
+        self._liveness = Liveness()
         self._estimator = TargetEstimator(settings.estimator)
         self._servo = VisualServo(settings.servo, mount.pitch_rad)
         self._envelope = Envelope(settings.envelope)
@@ -104,7 +106,8 @@ class ControlStage:
         """
         timer = Stopwatch()
         for attitude in attitudes:
-            self._attitudes.add(attitude)
+            if self._attitudes.add(attitude):
+                self._liveness.note(attitude, now_s)
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
@@ -162,7 +165,11 @@ class ControlStage:
     ) -> Situation:
         newest = self._newest
         track = None if newest is None else newest.track
-        telemetry_age_s = max(vehicle.attitude_age_s(now_s), vehicle.position_age_s(now_s))
+        telemetry_age_s = max(
+            vehicle.attitude_age_s(now_s),
+            vehicle.position_age_s(now_s),
+            self._liveness.age_s(now_s),
+        )
         return Situation(
             target_chosen=track is not None,
             unseen_s=self._unseen_s(track, now_s),

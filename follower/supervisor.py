@@ -132,7 +132,8 @@ class Situation:
         unseen_s: 0 while the newest frame shows the target, else the time since one did.
         estimate_good: the estimator stands by its estimate.
         heartbeat_age_s: since the autopilot's last heartbeat.
-        telemetry_age_s: age of the older one of attitude and position.
+        telemetry_age_s: age of the older one of attitude and position; an attitude that only
+            repeats itself grows old.
         frame_age_s: since the capture of the newest frame that vision answered for.
         control_gap_s: since the previous control step.
         mode_allows: the autopilot is in the mode that flies setpoints.

@@ -28,6 +28,18 @@ class Attitude:
     yaw_rate_rad_s: float
     time_s: float
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The angles and the rates."""
+        return (
+            self.roll_rad,
+            self.pitch_rad,
+            self.yaw_rad,
+            self.roll_rate_rad_s,
+            self.pitch_rate_rad_s,
+            self.yaw_rate_rad_s,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class LocalPosition:

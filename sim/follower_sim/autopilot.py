@@ -39,7 +39,7 @@ class SimAutopilot:
         transport: carries MAVLink to and from the companion.
         start: where it stands at the start and when; in the air it is armed and holds its place.
         wind: the air's velocity at a time; None is still air.
-        rng: decides which packets are lost when faults ask for that.
+        rng: makes the attitude's noise, and decides which packets are lost when faults ask for that.
 
     Attributes:
         faults: switches for what goes wrong.
@@ -61,8 +61,9 @@ class SimAutopilot:
         self._start_s = start.time_s
         self._steps = 0
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
-        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s)
         lots = np.random.default_rng(0) if rng is None else rng
+        noise = lots.spawn(1)[0]
+        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s, noise)
         self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
         self._handlers: dict[str, Callable[[Any], None]] = {

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower_sim.faults import Faults
@@ -15,6 +16,8 @@ from follower_sim.kinematics import BodyState
 
 _EARTH_RADIUS_M = 6378137.0
 _SLACK_S = 1e-9
+_ANGLE_NOISE_RAD, _RATE_NOISE_RAD_S = 2e-4, 2e-3
+"""What an estimator's attitude trembles by: a living one never says the same twice."""
 
 
 class Telemetry:
@@ -24,13 +27,21 @@ class Telemetry:
         controller: whose state is told.
         faults: what to falsify.
         boot_s: the simulation's time at which the autopilot's own clock was 0.
+        rng: makes the attitude's noise.
     """
 
-    def __init__(self, controller: FlightController, faults: Faults, boot_s: float) -> None:
+    def __init__(
+        self,
+        controller: FlightController,
+        faults: Faults,
+        boot_s: float,
+        rng: np.random.Generator,
+    ) -> None:
         self._controller = controller
         self._faults = faults
         self._boot_s = boot_s
-        self._frozen: BodyState | None = None
+        self._rng = rng
+        self._frozen: tuple[float, ...] | None = None
         self._builders: dict[str, Callable[[BodyState], Any]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -114,12 +125,13 @@ class Telemetry:
         )
 
     def _attitude(self, state: BodyState) -> Any:
+        angles = np.add(state.attitude_rad, self._rng.normal(0.0, _ANGLE_NOISE_RAD, 3))
+        rates = np.add(state.rates_rad_s, self._rng.normal(0.0, _RATE_NOISE_RAD_S, 3))
+        numbers = (*angles.tolist(), *rates.tolist())
         if not self._faults.attitude_frozen:
-            self._frozen = None
-        elif self._frozen is None:
-            self._frozen = state
-        shown = self._frozen or state
-        numbers = (*shown.attitude_rad, *shown.rates_rad_s)
+            self._frozen = numbers
+        elif self._frozen is not None:
+            numbers = self._frozen
         if self._faults.attitude_nan:
             numbers = (math.nan,) * 6
         return mavlink.MAVLink_attitude_message(self.boot_ms(state.time_s), *numbers)

@@ -37,7 +37,7 @@ class Bench:
         self.vehicle = VehicleState(
             mode="GUIDED", obeys_setpoints=True, armed=True, landed=False, heartbeat_s=0.0
         )
-        self.stale = False
+        self.stale = self.hung = False
 
     def box(self, right_px: float = 0.0, up_px: float = 0.0, nearness: float = 1.0) -> Box:
         side = nearness * self.camera.fx * SIZE_M / DISTANCE_M
@@ -55,7 +55,8 @@ class Bench:
 
     def step(self, box: Box | None, state: TrackState) -> ControlRecord:
         now = self.now_s
-        attitude = Attitude(0.0, 0.0, self.yaw_rad, 0.0, 0.0, 0.0, now - 0.01)
+        noise = 0.0 if self.hung else 1e-6 * math.sin(now)
+        attitude = Attitude(noise, 0.0, self.yaw_rad, 0.0, 0.0, 0.0, now - 0.01)
         position = LocalPosition(3.0, 4.0, -10.0, 0.0, 0.0, 0.0, now - 0.01)
         if self.telemetry and not self.stale:
             self.vehicle = replace(
@@ -125,6 +126,17 @@ def test_stale_telemetry_holds_and_good_telemetry_goes_on() -> None:
     bench.vehicle = replace(bench.vehicle, heartbeat_s=100.0)
     assert bench.fly(bench.box(right_px=80), 0.7).reason is Reason.TELEMETRY_STALE
     bench.stale = False
+    assert bench.fly(bench.box(right_px=80), 0.2).state is State.FOLLOWING
+
+
+def test_an_attitude_that_repeats_itself_is_stale_though_its_time_goes_on() -> None:
+    bench = Bench()
+    bench.fly(bench.box(right_px=80), 1.0)
+    bench.hung = True
+    record = bench.fly(bench.box(right_px=80), 0.7)
+    assert (record.state, record.reason) == (State.HOLDING, Reason.TELEMETRY_STALE)
+    assert record.asked is HOLD
+    bench.hung = False
     assert bench.fly(bench.box(right_px=80), 0.2).state is State.FOLLOWING
 
 

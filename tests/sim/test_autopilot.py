@@ -435,7 +435,7 @@ def test_telemetry_is_the_truth_at_its_own_boot_time() -> None:
     assert offset_s > 5.0  # the autopilot's clock is not the companion's
     early = flight.of("ATTITUDE")[-50]
     state = flight.autopilot.state_at(early.time_boot_ms / 1000.0 - offset_s)
-    assert (early.roll, early.pitch, early.yaw) == pytest.approx(state.attitude_rad, abs=1e-4)
+    assert (early.roll, early.pitch, early.yaw) == pytest.approx(state.attitude_rad, abs=1e-3)
 
 
 def test_global_position_is_the_local_one_on_the_earth() -> None:
