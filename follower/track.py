@@ -136,8 +136,8 @@ class TrackSession:
         advice = ""
         if isinstance(self._selector, ObjectSelector):
             advice = "; --select list shows what the detector sees"
-        count = len(self._run.logs[0].tracks)
-        return f"{_wish(self._options)} was not seen in {count} frames{advice}"
+        frames = counted(len(self._run.logs[0].tracks), "frame")
+        return f"{_wish(self._options)} was not seen in {frames}{advice}"
 
     def _tell_choice(self, folder: Path) -> None:
         """Say which objects were chosen; where there were others, show them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import typer
 
@@ -12,6 +12,7 @@ from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 
 _LEAST_SIDE_PX = 3
+_WHICH, _HOW, _FILES = "Which target", "How to track", "Files"
 
 EPILOG = """
 **Examples**
@@ -34,95 +35,108 @@ Networks come by `follower models pull`: the usual tracker and detector.
 """
 
 
+Source: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        help="A video file, a folder of images, a camera (/dev/video0 or 0), a stream "
+        "(rtsp://…, udp://0.0.0.0:5600), or gst: and a GStreamer pipeline.",
+    ),
+]
+Targets: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,Y,W,H",
+        help="A target's box in the first frame, in pixels; up to four times.",
+        rich_help_panel=_WHICH,
+    ),
+]
+Selections: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CLASS[:N]|N|list",
+        help="By detector: the CLASS nearest to the centre, as soon as one is seen; the N-th "
+        "of it, or of all, counted from the centre; **list** shows them. Up to four times.",
+        rich_help_panel=_WHICH,
+    ),
+]
+Colour: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="#RRGGBB",
+        help="The largest thing of this colour.",
+        rich_help_panel=_WHICH,
+    ),
+]
+Tracker: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="The motion tracker; see `follower trackers`.", rich_help_panel=_HOW),
+]
+Detector: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        help="The detector that validates it (Fusion), e.g. yolox-nano, or an .onnx file. "
+        "--select, --paper and --without take the usual one if none is named.",
+        rich_help_panel=_HOW,
+    ),
+]
+Paper: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--paper",
+        help="Fusion as in the paper, without the improvements.",
+        rich_help_panel=_HOW,
+    ),
+]
+Without: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME,…",
+        help="Fusion without these improvements; a wrong name lists them.",
+        rich_help_panel=_HOW,
+    ),
+]
+Realtime: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--realtime",
+        help="Play a recording at its own pace and look at the newest frame alone, as with a "
+        "camera; otherwise every frame, as fast as possible.",
+    ),
+]
+Rate: TypeAlias = Annotated[float, typer.Option(help="Frames a second of a folder of images.")]
+Save: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.MP4", help="Where the video with overlay goes.", rich_help_panel=_FILES
+    ),
+]
+Boxes: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.CSV",
+        help="Where the boxes go: a line a frame (frame, time, x, y, w, h, state, confidence, "
+        "produced_by); with several targets a line for each, and its number in a last column, "
+        "**target**.",
+        rich_help_panel=_FILES,
+    ),
+]
+Video: TypeAlias = Annotated[bool, typer.Option(help="Write the video.", rich_help_panel=_FILES)]
+
+
 def track_command(
-    source: Annotated[
-        str,
-        typer.Argument(
-            help="A video file, a folder of images, a camera (/dev/video0 or 0), a stream "
-            "(rtsp://…, udp://0.0.0.0:5600), or gst: and a GStreamer pipeline.",
-        ),
-    ],
-    target: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="X,Y,W,H",
-            help="A target's box in the first frame, in pixels; up to four times.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
-    select: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CLASS[:N]|N|list",
-            help="By detector: the CLASS nearest to the centre, as soon as one is seen; the N-th "
-            "of it, or of all, counted from the centre; **list** shows them. Up to four times.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
-    colour: Annotated[
-        str | None,
-        typer.Option(
-            metavar="#RRGGBB",
-            help="The largest thing of this colour.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
-    tracker: Annotated[
-        str | None,
-        typer.Option(
-            help="The motion tracker; see `follower trackers`.", rich_help_panel="How to track"
-        ),
-    ] = None,
-    detector: Annotated[
-        str | None,
-        typer.Option(
-            help="The detector that validates it (Fusion), e.g. yolox-nano, or an .onnx file. "
-            "--select, --paper and --without take the usual one if none is named.",
-            rich_help_panel="How to track",
-        ),
-    ] = None,
-    paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper",
-            help="Fusion as in the paper, without the improvements.",
-            rich_help_panel="How to track",
-        ),
-    ] = False,
-    without: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME,…",
-            help="Fusion without these improvements; a wrong name lists them.",
-            rich_help_panel="How to track",
-        ),
-    ] = None,
-    realtime: Annotated[
-        bool,
-        typer.Option(
-            "--realtime",
-            help="Play a recording at its own pace and look at the newest frame alone, as with a "
-            "camera; otherwise every frame, as fast as possible.",
-        ),
-    ] = False,
-    rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.MP4", help="Where the video with overlay goes.", rich_help_panel="Files"
-        ),
-    ] = None,
-    boxes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.CSV",
-            help="Where the boxes go: a line a frame (frame, time, x, y, w, h, state, confidence, "
-            "produced_by); with several targets a line for each, and its number in a last column, "
-            "**target**.",
-            rich_help_panel="Files",
-        ),
-    ] = None,
-    video: Annotated[bool, typer.Option(help="Write the video.", rich_help_panel="Files")] = True,
+    source: Source,
+    target: Targets = None,
+    select: Selections = None,
+    colour: Colour = None,
+    tracker: Tracker = None,
+    detector: Detector = None,
+    paper: Paper = False,
+    without: Without = None,
+    realtime: Realtime = False,
+    rate_hz: Rate = 30.0,
+    save: Save = None,
+    boxes: Boxes = None,
+    video: Video = True,
     config: Config = None,
     overrides: Overrides = None,
     out: Out = Path("runs"),

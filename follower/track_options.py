@@ -49,6 +49,17 @@ class TrackOptions:
     out: Path = Path("runs")
 
     def __post_init__(self) -> None:
+        if not self.source.strip():
+            raise SettingsError("which source? give a video file, a folder, a camera or a stream")
+        self._check_choice()
+        if not self.video and self.save is not None:
+            raise SettingsError("--save and --no-video contradict each other")
+        if self.tracker is not None and self.tracker not in tracker_names():
+            names = ", ".join(tracker_names())
+            raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
+        _check_improvements(self.without)
+
+    def _check_choice(self) -> None:
         ways = (self.targets, self.select, self.colour)
         if not any(ways):
             raise SettingsError(
@@ -64,12 +75,6 @@ class TrackOptions:
             raise SettingsError(f"at most {MOST_TARGETS} targets can be followed, not {self.count}")
         if LIST in self.select and len(self.select) > 1:
             raise SettingsError("--select list stands alone: it lists and follows nothing")
-        if not self.video and self.save is not None:
-            raise SettingsError("--save and --no-video contradict each other")
-        if self.tracker is not None and self.tracker not in tracker_names():
-            names = ", ".join(tracker_names())
-            raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
-        _check_improvements(self.without)
 
     @property
     def count(self) -> int:

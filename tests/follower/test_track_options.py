@@ -72,6 +72,11 @@ def test_contradictions_are_refused_with_what_to_do(
         options(**wanted)
 
 
+def test_an_empty_source_is_refused() -> None:
+    with pytest.raises(SettingsError, match="which source"):
+        TrackOptions("", targets=(BOX,))
+
+
 @pytest.mark.parametrize("source", ["udp://0.0.0.0:5600", "/dev/video0", "rtsp://10.0.0.1/a"])
 def test_live_sources_are_in_real_time_and_recordings_if_asked(source: str) -> None:
     assert TrackOptions(source, targets=(BOX,)).in_real_time
