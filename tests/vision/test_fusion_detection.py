@@ -12,16 +12,21 @@ from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import (
     BackgroundDetection,
+    FusionSettings,
     FusionTracker,
     InlineDetection,
     MultiFusion,
 )
+from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.detection_service import DetectionRequest
+from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import History
+from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.neighbours import Neighbours, assign_target
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.shared_detection import SharedDetection
+from follower_vision.fusion.validation import Sight, Validation
 from follower_vision.fusion.warp import Warp
 from follower_vision.motion import MotionEstimate
 from follower_vision.track import TrackState
@@ -203,6 +208,35 @@ def test_four_targets_are_followed_with_one_pass_a_frame_at_most() -> None:
     assert max(abs(t.box.cx - x) for t, (x, _) in zip(tracks, moved, strict=True)) < 8
     assert multi.passes <= 60
     multi.close()
+
+
+def test_a_target_that_vanishes_is_not_mistaken_for_another_target() -> None:
+    multi = MultiFusion(LaggingTracker, SquareDetector())
+    left = [(170.0, 100.0 + 2 * number) for number in range(80)]
+    right = [(300.0, 100.0 + 2 * number) for number in range(80)]
+    multi.start(_scene(0, left[0], right[0]), [Box(*left[0], 30, 30), Box(*right[0], 30, 30)])
+    for number in range(1, 80):
+        places = [right[number]] if number >= 30 else [left[number], right[number]]
+        frame = _scene(number, *places)
+        frame.image[..., 1] ^= np.uint8(number % 16)  # else the frame check calls it frozen
+        first, second = multi.step(frame)
+        assert second.state is TrackState.TRACKING
+        assert abs(second.box.cx - right[number][0]) < 10
+    assert first.state is not TrackState.TRACKING
+    multi.close()
+
+
+def test_a_detection_that_is_another_targets_is_left_to_it() -> None:
+    frame, box = _scene(0, (100.0, 100.0), (200.0, 100.0)), Box(100, 100, 30, 30)
+    settings = FusionSettings()
+    looks = Looks(settings.reidentify)
+    looks.start(frame, box)
+    validation = Validation(settings, Following(LaggingTracker(), settings, looks), looks)
+    belief = Belief(frame, box, "lagging")
+    sight = Sight(belief.now, [Box(200, 100, 30, 30), Box(102, 100, 30, 30)], [])
+    assert validation.claimed(belief, sight) == [False, False]
+    belief.taken = [Box(203, 101, 30, 30)]
+    assert validation.claimed(belief, sight) == [True, False]
 
 
 def test_multi_fusion_takes_one_to_four_targets() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from follower_vision.box import Box
@@ -11,6 +12,9 @@ from follower_vision.fusion.kinematics import Kinematics
 from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.warp import Warp
 from follower_vision.track import Track, TrackState
+
+SAME_IOU = 0.5
+"""Two boxes that overlap so much are the same object's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ class Belief:
         seen_s: when the target was last seen.
         history: the last frames.
         kinematics: where the target goes.
+        taken: where the other targets are that are followed as well.
         rivals: look-alikes in the motion tracker's window.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
@@ -62,11 +67,16 @@ class Belief:
         self.familiar = False
         self.history = History()
         self.kinematics = Kinematics(box)
+        self.taken: Sequence[Box] = ()
         self.rivals = Rivals()
         moment = self.history.add(frame.captured_s, Warp(), box)
         self.confirmation = Confirmation(moment, box, (0.0, 0.0))
         self._anchor = self.confirmation
         self._anchor_size = box
+
+    def is_free(self, box: Box) -> bool:
+        """Whether a box is no other target's."""
+        return all(box.iou(other) < SAME_IOU for other in self.taken)
 
     @property
     def now(self) -> Moment:

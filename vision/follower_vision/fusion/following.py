@@ -216,7 +216,8 @@ class Following:
         steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
         insistent = self._steady_s > self._settings.insist_s
-        if self._settings.score_coasting and sure and near and (self._alike(evidence) or insistent):
+        known = belief.is_free(evidence.box) and (self._alike(evidence) or insistent)
+        if self._settings.score_coasting and sure and near and known:
             self._see(frame, belief, evidence, interval_s)
         else:
             self.coast(frame, belief, expected, "coasting")

@@ -20,7 +20,10 @@ MOST_TARGETS = 4
 
 
 class MultiFusion:
-    """Follows up to four targets with one detector and one measurement of the camera's motion."""
+    """Follows up to four targets with one detector and one measurement of the camera's motion.
+
+    Each target is a look-alike to the others: a detection that is one's is left to it.
+    """
 
     def __init__(
         self,
@@ -67,6 +70,8 @@ class MultiFusion:
         self._trackers = [self._tracker() for _ in boxes]
         for tracker, box in zip(self._trackers, boxes, strict=True):
             tracker.start(frame, box)
+        for tracker in self._trackers:
+            tracker.beside([other for other in self._trackers if other is not tracker])
         return self._concluded(frame)
 
     def step(self, frame: Frame) -> list[Track]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -93,6 +94,11 @@ class FusionTracker:
         self._belief: Belief | None = None
         self._asked = 0
         self._pursuit = object()
+        self._companions: Sequence[FusionTracker] = ()
+
+    def beside(self, companions: Sequence[FusionTracker]) -> None:
+        """Leave other targets to the trackers that follow them through the same frames."""
+        self._companions = companions
 
     def close(self) -> None:
         """Let go of the threads."""
@@ -136,6 +142,8 @@ class FusionTracker:
             RuntimeError: `start` was not called.
         """
         belief = self._started()
+        held = [one._held() for one in self._companions]
+        belief.taken = [box for box in held if box is not None]
         interval_s = frame.captured_s - belief.now.captured_s
         seen = self._prepared(frame, belief)
         expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
@@ -158,6 +166,11 @@ class FusionTracker:
                 self._consider(frame, belief, answer, moment)
         belief.now.box = belief.box
         return belief.track(frame)
+
+    def _held(self) -> Box | None:
+        """Where the target is; None if that is not sure."""
+        belief = self._started()
+        return belief.box if belief.state is TrackState.TRACKING else None
 
     def _started(self) -> Belief:
         if self._belief is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
-from follower_vision.fusion.belief import Belief, towards
+from follower_vision.fusion.belief import SAME_IOU, Belief, towards
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
 from follower_vision.fusion.looks import Looks
@@ -97,15 +97,22 @@ class Validation:
         return self._looks.relative(self._looks.score(frame.image, box)) >= _USUAL_LOOKS
 
     def claimed(self, belief: Belief, sight: Sight) -> list[bool]:
-        """Tell of each box whether it is a known look-alike's."""
-        claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
+        """Tell of each box whether it is a known look-alike's or another target's."""
+        claims = self._claims(belief, sight)
         return [any(row[number] > 0 for row in claims) for number in range(len(sight.boxes))]
 
     def _choose(self, values: list[float], belief: Belief, sight: Sight) -> int | None:
         if not self._settings.distractor_memory:
             return assign_target(values, [])
-        claims = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
-        return assign_target(values, claims)
+        return assign_target(values, self._claims(belief, sight))
+
+    def _claims(self, belief: Belief, sight: Sight) -> list[list[float]]:
+        """How well each look-alike and other target (rows) explains each box (columns)."""
+        known = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
+        return known + [
+            [box.iou(other) if box.iou(other) >= SAME_IOU else 0.0 for box in sight.boxes]
+            for other in belief.taken
+        ]
 
     def _ambiguous(self, values: list[float], chosen: int | None) -> bool:
         """Whether another detection fits about as well: then the motion tracker knows better."""
