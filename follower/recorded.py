@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 from follower.control_stage import ControlStage
 from follower.flightlog import FlightLog, TrackRecord
 from follower.settings import Settings
-from follower_control.envelope import EnvelopeSettings
 from follower_control.vehicle import VehicleState
 from follower_vision.frame import Frame
+
+TelemetryAt: TypeAlias = Callable[[float], tuple[VehicleState, Sequence[Attitude]]]
+"""Returns the newest of everything at a time, and the attitudes since the last call."""
 
 
 class RecordedControl:
     """Steps control through a recording, on the recording's own time.
 
-    There is no telemetry: the estimator works on the body's axes, and the envelope does without
-    the limits that need a height or a position. The vehicle is taken to stand still and to allow
-    following all the time.
+    Without telemetry the estimator works on the body's axes, and the vehicle is taken to stand
+    still. Without positions the envelope does without the limits that need a height or a place.
+    The vehicle is taken to allow following all the time.
 
     Args:
         settings: all of them; the camera's have to fit the recording.
@@ -26,7 +30,7 @@ class RecordedControl:
     """
 
     def __init__(self, settings: Settings, log: FlightLog, first: Frame) -> None:
-        settings = settings.model_copy(update={"envelope": _without_position(settings)})
+        settings = recorded_settings(settings)
         camera = settings.camera.model(first.width, first.height)
         self._control = ControlStage(settings, camera, log, needs_telemetry=False)
         self._period_s = 1.0 / settings.control_rate_hz
@@ -36,12 +40,16 @@ class RecordedControl:
         """Step control at its own rate up to the next frame, once more after the last one."""
         end_s = self._due_s + self._period_s / 2 if next_frame_s is None else next_frame_s
         while self._due_s < end_s:
-            here = VehicleState(
-                mode="recorded", obeys_setpoints=True, armed=True, heartbeat_s=self._due_s
-            )
-            self._control.step(self._due_s, newest, here)
+            vehicle, attitudes = self._telemetry(self._due_s)
+            self._control.step(self._due_s, newest, vehicle, attitudes)
             self._due_s += self._period_s
 
 
-def _without_position(settings: Settings) -> EnvelopeSettings:
-    return replace(settings.envelope, min_height_m=None, ceiling_m=None, fence_radius_m=None)
+def without_position(settings: Settings) -> Settings:
+    """Return the settings without the limits that need a height or a place."""
+    free = replace(settings.envelope, min_height_m=None, ceiling_m=None, fence_radius_m=None)
+    return settings.model_copy(update={"envelope": free})
+
+
+def _standing_still(now_s: float) -> tuple[VehicleState, Sequence[Attitude]]:
+    return VehicleState(mode="recorded", obeys_setpoints=True, armed=True, heartbeat_s=now_s), ()

@@ -21,6 +21,7 @@ from follower.settings import Settings
 from follower.track_display import TrackDisplay
 from follower.track_files import TrackFiles, check_destinations, run_folder
 from follower.track_options import LIST, TrackOptions
+from follower.track_recording import track_recorder
 from follower.track_run import TrackRun
 from follower.track_status import TrackStatus, counted
 from follower.tracking import make_multi_tracker, make_settings_detector
@@ -120,10 +121,15 @@ class TrackSession:
         rate_hz = self._run.source.nominal_rate_hz
         control = None if live else partial(RecordedControl, self._settings)
         video = None if files.video is None else BackgroundVideo(files.video, rate_hz, not live)
-        with video or nullcontext():
-            _, interrupted = self._watched(partial(self._run.follow, video, control))
+        recording = track_recorder(self._options, self._settings, files.folder, self._run.clock)
+        with video or nullcontext(), recording as recorder:
+            follow = partial(self._run.follow, video, control, recorder)
+            _, interrupted = self._watched(follow)
+        remarks = () if recorder is None else recorder.remarks
         if video is not None and video.remark is not None:
-            self._display.say(video.remark)
+            remarks = (video.remark, *remarks)
+        for remark in remarks:
+            self._display.say(remark)
         return interrupted
 
     def _watched(self, work: Callable[[], ResultT]) -> tuple[ResultT, bool]:

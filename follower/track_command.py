@@ -121,6 +121,14 @@ Boxes: TypeAlias = Annotated[
     ),
 ]
 Video: TypeAlias = Annotated[bool, typer.Option(help="Write the video.", rich_help_panel=_FILES)]
+Record: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--record",
+        help="Record the run of the first target for `follower replay` and `follower inspect`.",
+        rich_help_panel=_FILES,
+    ),
+]
 
 
 def track_command(
@@ -137,6 +145,7 @@ def track_command(
     save: Save = None,
     boxes: Boxes = None,
     video: Video = True,
+    record: Record = False,
     config: Config = None,
     overrides: Overrides = None,
     out: Out = Path("runs"),
@@ -163,6 +172,7 @@ def track_command(
         save=save,
         boxes=boxes,
         video=video,
+        record=record,
         config=config,
         overrides=tuple(overrides or ()),
         out=out,

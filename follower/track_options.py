@@ -44,6 +44,7 @@ class TrackOptions:
     save: Path | None = None
     boxes: Path | None = None
     video: bool = True
+    record: bool = False
     config: Path | None = None
     overrides: tuple[str, ...] = ()
     out: Path = Path("runs")

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from follower.flight_video import FlightVideo
-from follower.flightlog import FlightLog, TrackRecord
+from follower.flightlog import FlightLog, FlightSink, Selection, TrackRecord
 from follower.recorded import RecordedControl
 from follower.selecting import TargetsSelector
 from follower.stopwatch import Stopwatch
@@ -47,9 +47,10 @@ class TrackRun:
         self.logs = [FlightLog() for _ in range(count)]
         self._tracker = tracker
         self._selector = selector
-        self._clock = clock
+        self.clock = clock
         self._stop = threading.Event()
         self._found: tuple[Frame, list[Track]] | None = None
+        self._box: Box | None = None
         self._size: tuple[int, int] | None = None
         self._problem: str | None = None
 
@@ -84,7 +85,7 @@ class TrackRun:
             SourceError: there is no frame at all, or the selector or the tracker refuses one.
         """
         while (frame := self._next()) is not None:
-            timer, received_s = Stopwatch(), self._clock.now()
+            timer, received_s = Stopwatch(), self.clock.now()
             boxes = self._selector(frame)
             tracks = self._started(frame, boxes) if boxes else []
             self._record(frame, tracks, received_s, timer.elapsed_s())
@@ -95,14 +96,22 @@ class TrackRun:
             raise SourceError(f"no frame could be read: {self.problem or 'the source is empty'}")
         return False
 
-    def follow(self, video: FlightVideo | None = None, control: MakeControl | None = None) -> None:
+    def follow(
+        self,
+        video: FlightVideo | None = None,
+        control: MakeControl | None = None,
+        recorder: FlightSink | None = None,
+    ) -> None:
         """Follow the targets from the frame in which they were found.
 
         Args:
             video: is given each frame.
             control: makes what steers by the first target, if anything is to.
+            recorder: is told all about the first target.
         """
         current, tracks = self._chosen()
+        if recorder is not None:
+            self._begin_recording(recorder, current)
         frame: Frame | None = current
         steering = None if control is None else control(self.logs[0], current)
         while frame is not None:
@@ -113,12 +122,23 @@ class TrackRun:
                 newest = self.logs[0].tracks[-1]
                 steering.step(newest, None if frame is None else frame.captured_s)
             if frame is not None:
-                timer, received_s = Stopwatch(), self._clock.now()
+                timer, received_s = Stopwatch(), self.clock.now()
+                self.logs[0].see(frame, received_s)
                 tracks = self._tracker.step(frame)
                 self._record(frame, tracks, received_s, timer.elapsed_s())
 
+    def _begin_recording(self, recorder: FlightSink, frame: Frame) -> None:
+        log, record = self.logs[0], self.logs[0].tracks[-1]
+        log.sink = recorder
+        log.see(frame, record.received_s)
+        if self._box is not None:
+            chosen = Selection(frame.sequence, frame.captured_s, self._box)
+            log.select(chosen, record.received_s)
+        recorder.add_track(record)
+
     def _started(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
         try:
+            self._box = boxes[0]
             return self._tracker.start(frame, boxes)
         except ValueError as error:
             raise SourceError(f"this target cannot be followed: {error}") from error
@@ -143,14 +163,14 @@ class TrackRun:
             )
             return None
         self._size = size
-        self._clock.sleep_until(frame.captured_s)
+        self.clock.sleep_until(frame.captured_s)
         return frame
 
     def _record(
         self, frame: Frame, tracks: Sequence[Track], received_s: float, busy_s: float
     ) -> None:
         """Log a frame for each target."""
-        done_s = self._clock.now()
+        done_s = self.clock.now()
         for index, log in enumerate(self.logs):
             track = tracks[index] if tracks else None
             log.add_track(

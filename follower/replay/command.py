@@ -132,6 +132,9 @@ def _caveat(flight: RecordedFlight, whole: _Outcome | None) -> str:
     """Say why vision's answers need not be the recorded ones, "" if they have to be."""
     if whole is None:
         return " There is no video, so vision was not replayed."
+    detection = flight.config.run.get("detection", "inline")
+    if detection != "inline" and flight.config.settings.get("detector"):
+        return f" Vision was not compared strictly: detection was {detection}, with its own time."
     if whole.replay.missed:
         missed = whole.replay.missed
         return f" Vision was not compared strictly: {missed} frames are not in the video."

@@ -1,0 +1,57 @@
+"""`follower track --record`: a run on recorded video becomes a flight that replays."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from follower.recorder import open_flight
+from follower.replay.command import SAME, ReplayOptions, replay_flight
+from follower.track import track
+from follower.track_options import TrackOptions
+from follower_vision.box import Box
+
+
+@pytest.fixture(scope="module")
+def pictures(small_flight: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("clip")
+    for frame in small_flight.frames[:30]:
+        cv2.imwrite(str(folder / f"{frame.sequence:04}.png"), frame.image)
+    return folder
+
+
+def test_a_recorded_run_is_a_flight_and_replays_bit_for_bit(
+    pictures: Path, small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = TrackOptions(
+        str(pictures),
+        targets=(Box(70.0, 60.0, 20.0, 16.0),),
+        rate_hz=20.0,
+        record=True,
+        video=False,
+        overrides=("recorder.video=lossless",),
+        out=tmp_path,
+    )
+    assert track(options) == 0
+    (folder,) = tmp_path.iterdir()
+    flight = open_flight(folder)
+    assert len(flight.log.tracks) == 30
+    assert flight.log.controls
+    assert flight.selections[0].box == Box(70.0, 60.0, 20.0, 16.0)
+    assert not flight.config.needs_telemetry
+    images = [picture.image for picture in flight.pictures()]
+    assert all(
+        np.array_equal(a, b.image) for a, b in zip(images, small_flight.frames[:30], strict=True)
+    )
+    capsys.readouterr()
+    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == SAME
+    assert "identical to the flight, bit for bit" in " ".join(capsys.readouterr().out.split())
+
+
+def test_without_the_option_nothing_is_recorded(pictures: Path, tmp_path: Path) -> None:
+    options = TrackOptions(str(pictures), targets=(Box(70.0, 60.0, 20.0, 16.0),), out=tmp_path)
+    assert track(options) == 0
+    (folder,) = tmp_path.iterdir()
+    assert not (folder / "flight.mcap").exists()
