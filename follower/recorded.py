@@ -9,7 +9,7 @@ from typing import TypeAlias
 from follower.control_stage import ControlStage
 from follower.flightlog import FlightLog, TrackRecord
 from follower.settings import Settings
-from follower_control.vehicle import VehicleState
+from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.frame import Frame
 
 TelemetryAt: TypeAlias = Callable[[float], tuple[VehicleState, Sequence[Attitude]]]
@@ -26,13 +26,24 @@ class RecordedControl:
     Args:
         settings: all of them; the camera's have to fit the recording.
         log: takes the control records.
-        first: the frame in which the target is chosen.
+        first: the frame from which on control runs.
+        telemetry: what was recorded beside the video, on its time; None if nothing was.
+        has_position: whether local positions are part of it.
     """
 
-    def __init__(self, settings: Settings, log: FlightLog, first: Frame) -> None:
-        settings = recorded_settings(settings)
+    def __init__(
+        self,
+        settings: Settings,
+        log: FlightLog,
+        first: Frame,
+        telemetry: TelemetryAt | None = None,
+        has_position: bool = False,
+    ) -> None:
+        if not has_position:
+            settings = recorded_settings(settings)
         camera = settings.camera.model(first.width, first.height)
-        self._control = ControlStage(settings, camera, log, needs_telemetry=False)
+        self._telemetry = telemetry or _standing_still
+        self._control = ControlStage(settings, camera, log, needs_telemetry=has_position)
         self._period_s = 1.0 / settings.control_rate_hz
         self._due_s = first.captured_s
 
@@ -45,8 +56,8 @@ class RecordedControl:
             self._due_s += self._period_s
 
 
-def without_position(settings: Settings) -> Settings:
-    """Return the settings without the limits that need a height or a place."""
+def recorded_settings(settings: Settings) -> Settings:
+    """Return the settings without the limits that need a height or a position."""
     free = replace(settings.envelope, min_height_m=None, ceiling_m=None, fence_radius_m=None)
     return settings.model_copy(update={"envelope": free})
 
