@@ -70,9 +70,9 @@ def _headline(
     recorded: RecordedFlight, flight: Flight, meta: ReportMeta, found: Sequence[Loss]
 ) -> str:
     lines = [*meta.remarks, *dropped(recorded)]
-    said = f"{flight.length_s:.1f} s of {recorded.config.kind}"
-    if recorded.config.kind != "recorded video":
-        said += " flight"
+    kind = recorded.config.kind
+    flown = " flight" if kind in ("simulated", "real") else ""
+    said = f"{flight.length_s:.1f} s of {kind}{flown}"
     missing = ", with parts missing" if recorded.remarks else ""
     box = sections.verdict_box("failed" if recorded.remarks else "", said + missing, lines)
     return box + html.tiles(summary(recorded, flight, found))

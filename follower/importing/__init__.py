@@ -1,0 +1,1 @@
+"""`follower import`: makes a flight of a video and a telemetry log."""

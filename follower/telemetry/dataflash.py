@@ -1,0 +1,57 @@
+"""Telemetry from ArduPilot's own log (.bin), through pymavlink."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+from pymavlink import DFReader
+
+from follower.links.modes import mode_name
+from follower.telemetry.log import ModeChange, Samples, TelemetryError
+
+_ARDUPILOT = 3
+_KINDS = ["ATT", "IMU", "RATE", "XKF1", "NKF1", "MODE", "ARM"]
+
+
+def read_dataflash(path: Path) -> Samples:
+    """Read a .bin: attitude (ATT), gyro (IMU, else RATE), position (XKF1, NKF1), mode (MODE, ARM).
+
+    Raises:
+        TelemetryError: it is no such log.
+        OSError: it cannot be read.
+    """
+    try:
+        log: Any = DFReader.DFReader_binary(str(path))
+    except (ValueError, IndexError, KeyError, struct.error) as error:
+        raise TelemetryError(f"{path}: this is no ArduPilot log ({error})") from error
+    samples, rates, armed = Samples(), list[tuple[float, ...]](), False
+    try:
+        while (message := log.recv_match(type=_KINDS)) is not None:
+            kind = message.get_type()
+            armed = bool(message.ArmState) if kind == "ARM" else armed
+            _take(samples, rates, message, armed)
+    finally:
+        log.close()
+    if not samples.gyro:
+        samples.gyro = rates
+    return samples
+
+
+def _take(samples: Samples, rates: list[tuple[float, ...]], message: Any, armed: bool) -> None:
+    time_s = message.TimeUS / 1e6
+    m = message
+    match message.get_type():
+        case "ATT":
+            angles = (math.radians(angle) for angle in (m.Roll, m.Pitch, m.Yaw))
+            samples.attitudes.append((time_s, *angles))
+        case "IMU" if getattr(m, "I", 0) == 0:
+            samples.gyro.append((time_s, m.GyrX, m.GyrY, m.GyrZ))
+        case "RATE":
+            rates.append((time_s, *(math.radians(rate) for rate in (m.R, m.P, m.Y))))
+        case "XKF1" | "NKF1" if getattr(m, "C", 0) == 0:
+            samples.positions.append((time_s, m.PN, m.PE, m.PD, m.VN, m.VE, m.VD))
+        case "MODE":
+            samples.modes.append(ModeChange(time_s, mode_name(_ARDUPILOT, m.ModeNum), armed))

@@ -1,0 +1,114 @@
+"""Telemetry from PX4's own log (.ulg), through pyulog."""
+
+from __future__ import annotations
+
+import struct
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from follower.telemetry.log import ModeChange, Samples, TelemetryError
+from follower_vision.camera import Vector
+
+_TOPICS = [
+    "vehicle_attitude",
+    "vehicle_angular_velocity",
+    "sensor_combined",
+    "vehicle_local_position",
+    "vehicle_status",
+]
+_GYROS = (("vehicle_angular_velocity", "xyz"), ("sensor_combined", "gyro_rad"))
+_ARMED = 2
+_MODES = {
+    0: "MANUAL",
+    1: "ALTCTL",
+    2: "POSCTL",
+    3: "MISSION",
+    4: "LOITER",
+    5: "RTL",
+    14: "OFFBOARD",
+    15: "STABILIZED",
+    17: "TAKEOFF",
+    18: "LAND",
+}
+"""PX4's nav_state, the ones of a multirotor's everyday (vehicle_status.msg)."""
+
+
+def read_ulog(path: Path) -> Samples:
+    """Read a .ulg: attitude, gyro, local position and mode, the first instance of each.
+
+    Raises:
+        TelemetryError: it is no such log, or pyulog is not installed.
+        OSError: it cannot be read.
+    """
+    topics = _topics(path)
+    samples = Samples()
+    attitude = topics.get("vehicle_attitude")
+    if attitude is not None:
+        quaternions = _columns(attitude, [f"q[{n}]" for n in range(4)])
+        samples.attitudes = _rows(_time(attitude), _euler(quaternions))
+    for name, field in _GYROS:
+        if name in topics and not samples.gyro:
+            rates = _columns(topics[name], [f"{field}[{n}]" for n in range(3)])
+            samples.gyro = _rows(_time(topics[name]), rates)
+    place = topics.get("vehicle_local_position")
+    if place is not None:
+        numbers = _columns(place, ["x", "y", "z", "vx", "vy", "vz"])
+        samples.positions = _rows(_time(place), numbers)
+    if "vehicle_status" in topics:
+        samples.modes = _modes(topics["vehicle_status"])
+    return samples
+
+
+def _topics(path: Path) -> dict[str, Any]:
+    """Return the data of each topic's first instance, by its name."""
+    try:
+        pyulog: Any = import_module("pyulog.core")
+    except ImportError as error:
+        raise TelemetryError(f"{path}: PX4 logs need the package pyulog: {error}") from error
+    broken = (TypeError, ValueError, KeyError, IndexError, AttributeError, struct.error)
+    try:
+        log = pyulog.ULog(str(path), _TOPICS)
+    except (*broken, pyulog.ULogException) as error:
+        raise TelemetryError(f"{path}: this is no PX4 log ({error})") from error
+    return {one.name: one.data for one in log.data_list if one.multi_id == 0}
+
+
+def _time(data: Any) -> Vector:
+    """Return the samples' times in seconds: when they were taken, if the log says it."""
+    taken = data.get("timestamp_sample")
+    stamps = data["timestamp"] if taken is None or not np.all(taken) else taken
+    return np.asarray(stamps, np.float64) / 1e6
+
+
+def _columns(data: Any, names: list[str]) -> Vector:
+    return np.column_stack([np.asarray(data[name], np.float64) for name in names])
+
+
+def _rows(time_s: Vector, table: Vector) -> list[tuple[float, ...]]:
+    return [tuple(row) for row in np.column_stack([time_s, table]).tolist()]
+
+
+def _euler(q: Vector) -> Vector:
+    """Return (roll, pitch, yaw), (N, 3), of quaternions body to world (w, x, y, z), (N, 4)."""
+    w, x, y, z = q.T
+    return np.column_stack(
+        [
+            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+            np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        ]
+    )
+
+
+def _modes(status: Any) -> list[ModeChange]:
+    changes: list[ModeChange] = []
+    for stamp, state, arming in zip(
+        status["timestamp"], status["nav_state"], status["arming_state"], strict=True
+    ):
+        mode, armed = _MODES.get(int(state), f"NAV_STATE {int(state)}"), int(arming) == _ARMED
+        if not changes or (changes[-1].mode, changes[-1].armed) != (mode, armed):
+            changes.append(ModeChange(float(stamp) / 1e6, mode, armed))
+    return changes
