@@ -76,7 +76,8 @@ class Finding:
         for box in boxes:
             score = self._looks.score(image, box)
             strange = self._strangeness(belief, moment, box)
-            lenience = _WITNESSED if self._witnessed(belief, box) else 0.0
+            lenience = self._looks.kinship(image, box) if belief.familiar else 0.0
+            lenience += _WITNESSED if self._witnessed(belief, box) else 0.0
             least = _ALIKE + _ALIKE_IF_STRANGE * (strange - lenience)
             if self._looks.relative(score) < least:
                 continue

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detector
+from follower_vision.embedding import Embedder
 from follower_vision.frame import Frame
 from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.detection_service import DetectionMode, InlineDetection
@@ -31,6 +32,7 @@ class MultiFusion:
         detector: Detector,
         settings: FusionSettings | None = None,
         mode: DetectionMode = InlineDetection,
+        embedder: Embedder | None = None,
     ) -> None:
         """Make a tracker that waits for `start`.
 
@@ -39,7 +41,9 @@ class MultiFusion:
             detector: one pass serves all targets that lie together.
             settings: for all targets.
             mode: `InlineDetection` or `BackgroundDetection`.
+            embedder: an appearance network that helps to find a target among its kind.
         """
+        self._embedder = embedder
         self._make_motion = make_motion
         self._detector = detector
         self._settings = settings or FusionSettings()
@@ -99,4 +103,5 @@ class MultiFusion:
             self._settings,
             mode=lambda _: self._detection,
             camera=self._camera,
+            embedder=self._embedder,
         )

@@ -9,6 +9,7 @@ from functools import partial
 from follower_vision.blur import BlurDetector
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detector
+from follower_vision.embedding import Embedder
 from follower_vision.frame import Frame
 from follower_vision.framecheck import FrameCheck, FrameHealth
 from follower_vision.fusion.aside import Aside
@@ -69,6 +70,7 @@ class FusionTracker:
         settings: FusionSettings | None = None,
         mode: DetectionMode = InlineDetection,
         camera: CameraMotion | None = None,
+        embedder: Embedder | None = None,
     ) -> None:
         """Make a tracker that waits for `start`.
 
@@ -78,12 +80,13 @@ class FusionTracker:
             settings: see there.
             mode: `InlineDetection` or `BackgroundDetection`.
             camera: measures the camera's motion; trackers of one video may share it.
+            embedder: an appearance network that helps to find the target among its kind.
         """
         self._settings = settings or FusionSettings()
         self._service: DetectionService | None = None if detector is None else mode(detector)
         self._camera = camera or CameraMotion()
         self._name = motion.name
-        self._looks = Looks(self._settings.reidentify)
+        self._looks = Looks(self._settings.reidentify, embedder)
         self._following = Following(motion, self._settings, self._looks)
         self._validation = Validation(self._settings, self._following, self._looks)
         self._finding = Finding(self._settings, self._following, self._validation, self._looks)
