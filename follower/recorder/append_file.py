@@ -10,6 +10,10 @@ from follower_vision.framesource import ClosesItself
 _MOST_PENDING = 16_000_000
 
 
+class BacklogError(OSError):
+    """The disk has been full for so long that what waits for it is given up."""
+
+
 class AppendFile(ClosesItself):
     """Collects what is written; `commit` puts it on the disk, all of it or nothing.
 
@@ -45,7 +49,7 @@ class AppendFile(ClosesItself):
 
         Raises:
             OSError: the disk is full or broken; the file is as it was before.
-            MemoryError: and more waits than can be kept.
+            BacklogError: and more waits than can be kept.
         """
         if not self._pending:
             return
@@ -53,12 +57,12 @@ class AppendFile(ClosesItself):
         try:
             self._write_all(data)
             os.fdatasync(self._descriptor)
-        except OSError:
+        except OSError as error:
             os.ftruncate(self._descriptor, self._size)
             os.lseek(self._descriptor, self._size, os.SEEK_SET)
             self._pending = [data]
             if len(data) > _MOST_PENDING:
-                raise MemoryError("too much waits for the disk") from None
+                raise BacklogError(error.errno, "too much waits for the disk") from error
             raise
         self._size += len(data)
         self._pending = []

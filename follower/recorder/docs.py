@@ -51,7 +51,8 @@ def _fields(message: Message) -> Iterator[str]:
     yield "|---|---|---|---|"
     for prefix, field in _flat("", message.record):
         optional = ", may be missing" if field.optional else ""
-        yield f"| `{prefix}{field.name}` | {_kind(field)}{optional} | {field.unit} | {field.says.rstrip('.')} |"
+        says = field.says.rstrip(".")
+        yield f"| `{prefix}{field.name}` | {_kind(field)}{optional} | {field.unit} | {says} |"
 
 
 def _flat(prefix: str, record: type) -> Iterator[tuple[str, Field]]:

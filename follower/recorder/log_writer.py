@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from follower.flightlog import ControlRecord
+from follower.recorder.append_file import BacklogError
 from follower.recorder.config import FlightConfig
 from follower.recorder.mcap_log import McapLog
 from follower.recorder.records import SetpointRecord, StepRecord
@@ -60,13 +61,13 @@ class LogWriter(ClosesItself):
         try:
             self._log.commit()
             self._tlog.commit()
+        except BacklogError:
+            self._ended = True
+            self._tell("the log ends here: the disk has been full for too long")
         except OSError as error:
             if not self._failing:
                 self._tell(f"the log cannot be written ({error.strerror}) and waits in memory")
             self._failing = True
-        except MemoryError:
-            self._ended = True
-            self._tell("the log ends here: the disk has been full for too long")
         else:
             if self._failing:
                 self._tell("the log is written again, nothing is missing in it")
@@ -77,8 +78,8 @@ class LogWriter(ClosesItself):
         for file in (self._log, self._tlog):
             try:
                 file.close()
-            except (OSError, MemoryError) as error:
-                self._tell(f"the log's end could not be written ({error})")
+            except OSError as error:
+                self._tell(f"the log's end could not be written ({error.strerror})")
 
 
 def messages_of(entry: Entry) -> list[Entry]:

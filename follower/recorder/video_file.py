@@ -6,6 +6,7 @@ import os
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
 import av
 import av.container
@@ -18,9 +19,11 @@ from follower_vision.framesource import ClosesItself
 
 _TICK = Fraction(1, 1000)
 """Matroska's own resolution. The exact capture times are in the log."""
+_LOSSLESS_CODEC, _LOSSY_CODEC = "libx264rgb", "libx264"
 _CLUSTER_MS = "400"
 _KEY_FRAME_EVERY = "30"
-_FAILURES = (av.error.FFmpegError, OSError)
+_FAILURES = (av.error.FFmpegError, OSError, ValueError)
+"""A codec that this FFmpeg lacks is a ValueError of PyAV's."""
 
 
 class VideoFileError(OSError):
@@ -61,7 +64,7 @@ class VideoFile(ClosesItself):
             container.mux(stream.encode(picture))
         except _FAILURES as error:
             self._give_up()
-            raise VideoFileError(error.errno or 0, error.strerror or str(error)) from error
+            raise _failure(error) from error
 
     def sync(self) -> None:
         """Wait until what was handed to the file is on the disk."""
@@ -70,7 +73,7 @@ class VideoFile(ClosesItself):
                 os.fdatasync(self._descriptor)
             except OSError as error:
                 self._give_up()
-                raise VideoFileError(error.errno or 0, str(error.strerror)) from error
+                raise _failure(error) from error
 
     def close(self) -> None:
         """Finish the file: players can then seek in it."""
@@ -81,7 +84,7 @@ class VideoFile(ClosesItself):
             container.mux(stream.encode(None))
             container.close()
         except _FAILURES as error:
-            raise VideoFileError(error.errno or 0, error.strerror or str(error)) from error
+            raise _failure(error) from error
         finally:
             self._give_up()
 
@@ -89,9 +92,8 @@ class VideoFile(ClosesItself):
         options = {"flush_packets": "1", "cluster_time_limit": _CLUSTER_MS}
         container = av.open(str(self._path), "w", format="matroska", options=options)
         self._container = container
-        stream = container.add_stream(
-            "libx264rgb" if self._lossless else "libx264", rate=30, options=self._options()
-        )
+        codec = _LOSSLESS_CODEC if self._lossless else _LOSSY_CODEC
+        stream = cast(av.VideoStream, container.add_stream(codec, rate=30, options=self._options()))
         size = frame.width, frame.height
         stream.width, stream.height = size if self._lossless else lossy_size(*size)
         stream.pix_fmt = LOSSLESS_FORMAT if self._lossless else LOSSY_FORMAT
@@ -115,3 +117,8 @@ class VideoFile(ClosesItself):
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+
+
+def _failure(error: Exception) -> VideoFileError:
+    number, text = getattr(error, "errno", None), getattr(error, "strerror", None)
+    return VideoFileError(number or 0, text or str(error))

@@ -12,7 +12,6 @@ from follower.outputs import write_boxes, write_setpoints
 from follower.recorder import RecordedFlight, open_flight
 from follower.recorder.video_queue import VIDEO
 from follower.replay.comparison import Comparison, compare
-from follower.replay.figures import write_replay_plot
 from follower.replay.replay import Replay, replay_settings
 from follower.replay.saving import ReplaySaver
 from follower.replay.verdict import (
@@ -21,6 +20,7 @@ from follower.replay.verdict import (
     pictures_are_exact,
     print_comparison,
 )
+from follower.report.replay_plot import write_replay_plot
 from follower.run_folder import new_run_folder
 from follower.settings import Settings
 

@@ -23,7 +23,7 @@ from follower.recorder import (
     VideoKind,
     open_flight,
 )
-from follower.recorder.append_file import AppendFile
+from follower.recorder.append_file import AppendFile, BacklogError
 from follower.settings import Settings
 from follower_vision.clock import MonotonicClock
 from follower_vision.frame import Frame
@@ -221,7 +221,7 @@ def test_what_waits_for_a_full_disk_is_bounded(
         with pytest.raises(OSError, match="No space"):
             file.commit()
         file.write(b"x")
-        with pytest.raises(MemoryError):
+        with pytest.raises(BacklogError):
             file.commit()
 
 
@@ -248,3 +248,13 @@ def test_a_log_that_could_not_be_written_for_a_while_misses_nothing(
     assert notes == [str(number) for number in range(50)]
     assert any("waits in memory" in remark for remark in recorder.remarks)
     assert any("written again" in remark for remark in recorder.remarks)
+
+
+def test_a_codec_that_is_not_there_ends_the_video_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("follower.recorder.video_file._LOSSY_CODEC", "libx264nowhere")
+    recorder, took = fly(tmp_path, 0.5, RecorderSettings(keep_free_mb=0))
+    assert any("the video ends here" in remark for remark in recorder.remarks)
+    notes = [event for event in open_flight(tmp_path).log.events if event.source == "test"]
+    assert len(notes) == len(took)
