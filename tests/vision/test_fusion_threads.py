@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -126,6 +127,36 @@ def test_the_detector_lets_the_tracker_go_first() -> None:
     assert detector.niceness > os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
     detector.may_answer.set()
     tracker.close()
+
+
+_LEAVES_AT_ONCE = """
+import time
+import numpy as np
+from follower_vision.fusion import BackgroundDetection
+from follower_vision.fusion.detection_service import DetectionRequest
+
+class Slow:
+    class_names = ()
+    def detect(self, image, region=None):
+        began.append(1)
+        time.sleep(0.3)
+        print("finished")
+        return []
+
+began = []
+service = BackgroundDetection(Slow())
+service.submit(DetectionRequest(1, 0, np.zeros((8, 8, 3), np.uint8), None))
+while not began:
+    time.sleep(0.01)
+"""
+
+
+def test_a_program_that_ends_lets_the_detection_finish() -> None:
+    """A thread that is cut off inside a network ends the program with an abort."""
+    left = subprocess.run(
+        [sys.executable, "-c", _LEAVES_AT_ONCE], capture_output=True, text=True, timeout=30
+    )
+    assert (left.returncode, left.stdout) == (0, "finished\n")
 
 
 def test_looking_ahead_changes_no_track(monkeypatch: pytest.MonkeyPatch) -> None:

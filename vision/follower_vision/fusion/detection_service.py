@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import sys
 import threading
@@ -107,6 +108,8 @@ class BackgroundDetection:
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="detection", daemon=True)
         self._thread.start()
+        # A thread that is inside a network when the interpreter ends would crash it.
+        atexit.register(self.close)
 
     def ready(self) -> bool:
         """Tell whether the thread is idle."""
@@ -140,6 +143,7 @@ class BackgroundDetection:
 
     def close(self) -> None:
         """Stop the thread after what it is doing."""
+        atexit.unregister(self.close)
         with self._changed:
             self._closed = True
             self._changed.notify_all()
