@@ -4,9 +4,9 @@
 
 DATA holds `sequences` and `weights`. The frames are decoded and brought to 1280x720 beforehand;
 every network has one thread. The motion tracker alone and both modes of Fusion take turns, a block
-of frames each, so that other programs on the machine slow all of them down alike. Promises on two
-cores, in the background: at least 86 frames a second, at least 0.72 of the motion tracker alone,
-and no frame waits for a detection.
+of frames each, so that other programs on the machine slow all of them down alike; how much of the
+machine those took is printed. Promises on two cores, in the background: at least 86 frames a
+second, at least 0.72 of the motion tracker alone, and no frame waits for a detection.
 """
 
 from __future__ import annotations
@@ -91,6 +91,13 @@ class TimedTracker:
         estimate = self._tracker.update(image)
         self._spent.motion_s += time.perf_counter() - began
         return estimate
+
+    def candidates(self) -> list[MotionEstimate]:
+        """Return all places of the last update."""
+        began = time.perf_counter()
+        places = self._tracker.candidates()
+        self._spent.motion_s += time.perf_counter() - began
+        return places
 
     def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
         """Look elsewhere."""
@@ -192,12 +199,15 @@ def main() -> None:
         print(f"\n{cores} core(s), {len(folders)} sequences at {SIZE[0]}x{SIZE[1]}")
         print(HEAD)
         total: dict[str, Spent] = {}
+        began_s, others_s = time.perf_counter(), _others_s()
         for folder in folders:
             spent = _measured(options, folder)
             _print(folder.name, spent)
             for name, one in spent.items():
                 total.setdefault(name, Spent()).add(one)
         _print("all", total)
+        share = (_others_s() - others_s) / (time.perf_counter() - began_s)
+        print(f"other programs took {share:.2f} cores")
 
 
 def _options() -> argparse.Namespace:
@@ -220,7 +230,7 @@ def _folders(options: argparse.Namespace) -> Iterator[Path]:
 def _measured(options: argparse.Namespace, folder: Path) -> dict[str, Spent]:
     frames, box = _frames(folder, options.frames)
     weights = options.data / "weights"
-    trackers = [make_tracker("nanotrack-v3", lambda name: weights / name) for _ in range(3)]
+    trackers = [_tracker(weights) for _ in range(3)]
     detector = OnnxDetector(weights / "yolox_nano_bi.onnx")
     ways: dict[str, Alone | Inline | Background] = {
         "motion alone": Alone(trackers[0], frames[0], box),
@@ -235,6 +245,12 @@ def _measured(options: argparse.Namespace, folder: Path) -> dict[str, Spent]:
     return {name: way.spent for name, way in ways.items()}
 
 
+def _tracker(weights: Path) -> NanoTracker:
+    tracker = make_tracker("nanotrack-v3", lambda name: weights / name)
+    assert isinstance(tracker, NanoTracker)
+    return tracker
+
+
 def _frames(folder: Path, most: int) -> tuple[list[Frame], Box]:
     frames = []
     for number, path in enumerate(sorted((folder / "img").iterdir())[:most]):
@@ -245,6 +261,17 @@ def _frames(folder: Path, most: int) -> tuple[list[Frame], Box]:
     first = (folder / "groundtruth.txt").read_text().split()[0]
     x, y, width, height = (float(value) for value in first.split(","))
     return frames, Box.from_xywh(x * scale[0], y * scale[1], width * scale[0], height * scale[1])
+
+
+def _others_s() -> float:
+    """Processor time that was not this program's since the machine started; 0 if unknown."""
+    try:
+        fields = Path("/proc/stat").read_text().split()[1:9]
+    except OSError:
+        return 0.0
+    user, nice, system, _, _, hard, soft, stolen = (int(field) for field in fields)
+    busy = user + nice + system + hard + soft + stolen
+    return busy / os.sysconf("SC_CLK_TCK") - time.process_time()
 
 
 def _time(spent: Spent, step: Callable[[Frame], object], frames: list[Frame]) -> None:
