@@ -11,6 +11,8 @@ import typer
 from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
+from follower.import_command import EPILOG as IMPORT_EPILOG
+from follower.import_command import import_command
 from follower.inspect_command import inspect_command
 from follower.models_command import models_app
 from follower.replay_command import replay_command
@@ -37,6 +39,7 @@ app.command("track", epilog=EPILOG)(track_command)
 app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.command("inspect")(inspect_command)
+app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
 Autopilot = Annotated[
@@ -62,6 +65,14 @@ Connect = Annotated[
     str,
     typer.Option(help="Where MAVLink is spoken in real time, as pymavlink writes it."),
 ]
+LinkKind = Annotated[
+    str | None,
+    typer.Option(
+        "--link",
+        help="Which library speaks MAVLink: **pymavlink** (default) or **mavsdk**, in real time.",
+        metavar="pymavlink|mavsdk",
+    ),
+]
 Record = Annotated[
     bool, typer.Option(help="Record the flight, for `follower replay` and other programs.")
 ]
@@ -78,13 +89,14 @@ def demo(
     out: Out = Path("runs"),
     video: Video = True,
     record: Record = True,
+    link: LinkKind = None,
 ) -> None:
     """Fly a pursuit: a car on a winding road, a drone with a camera behind it.
 
     Takes about a minute and a half in real time. Afterwards runs/demo holds the video, an HTML
     report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed.
     """
-    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record)
+    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record, link)
 
 
 @app.command()
@@ -101,6 +113,7 @@ def sim(
     out: Out = Path("runs"),
     video: Video = True,
     record: Record = True,
+    link: LinkKind = None,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
     from follower.simulate import SimulationOptions, simulate
@@ -116,6 +129,7 @@ def sim(
         video,
         connect,
         record,
+        link,
     )
     raise typer.Exit(simulate(options))
 

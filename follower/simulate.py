@@ -67,12 +67,14 @@ class SimulationOptions:
     video: bool = True
     connect: str = "udpin:127.0.0.1:14540"
     record: bool = True
+    link: str | None = None
 
     @property
     def command(self) -> str:
         """The command line that does this run again."""
         words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
         words += [] if self.lockstep else ["--connect", self.connect]
+        words += [] if self.link is None else ["--link", self.link]
         words += [] if self.seed is None else ["--seed", str(self.seed)]
         words += ["--lockstep"] if self.lockstep else []
         words += [] if self.config is None else ["--config", str(self.config)]
@@ -89,6 +91,8 @@ def simulate(options: SimulationOptions) -> int:
         raise SettingsError("--lockstep needs a simulated autopilot: px4 or ardupilot")
     scenario = load_scenario(find_scenario(options.scenario))
     settings = simulation_settings(scenario, options)
+    if options.lockstep and settings.link.kind == "mavsdk":
+        raise SettingsError("--lockstep: mavsdk has its own threads and time; use --link pymavlink")
     console = Console()
     # Autopilot, camera, vision and control share few cores: OpenCV's own threads would take them.
     cv2.setNumThreads(1)
@@ -108,7 +112,8 @@ def simulate(options: SimulationOptions) -> int:
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
     """Resolve the settings: the scenario's camera and wishes first, the user's on top."""
     base = merged({"camera": camera_settings(scenario)}, scenario.follow)
-    return load_settings(options.config, base, options.overrides)
+    link = () if options.link is None else (f"link.kind={options.link}",)
+    return load_settings(options.config, base, (*options.overrides, *link))
 
 
 def _build(world: World) -> None:
@@ -118,23 +123,29 @@ def _build(world: World) -> None:
 
 @contextmanager
 def _transports(options: SimulationOptions) -> Iterator[tuple[Transport, Transport]]:
-    """Give the follower's end and the autopilot's: memory in lockstep, else real UDP."""
+    """Give the follower's end and the autopilot's: memory in lockstep, else real sockets."""
     if options.lockstep:
         yield MemoryTransport.pair()
         return
-    with (
-        closing(open_connection(options.connect)) as ours,
-        closing(open_connection(other_end(options.connect))) as theirs,
-    ):
-        yield ours, theirs
+    with closing(open_connection(options.connect)) as ours:
+        if options.autopilot == EXTERNAL:
+            yield ours, MemoryTransport.pair()[1]
+            return
+        with closing(open_connection(other_end(options.connect))) as theirs:
+            yield ours, theirs
 
 
 def other_end(connection: str) -> str:
     """Return the connection that a simulated autopilot has to open for this one of ours."""
     kind, _, address = connection.partition(":")
-    if kind == "udpout":
-        return f"udpin:{address}"
-    return f"udpout:{address.replace('0.0.0.0', '127.0.0.1')}"  # noqa: S104  read, not bound
+    address = address.replace("0.0.0.0", "127.0.0.1")  # noqa: S104  read, not bound
+    others = {"udpin": "udpout", "udp": "udpout", "udpout": "udpin", "tcpin": "tcp"}
+    if kind not in others:
+        raise ConnectionFailedError(
+            f"{connection}: a simulated autopilot is reached by udpin:, udpout: or tcpin:; "
+            "use --autopilot external for one that runs elsewhere"
+        )
+    return f"{others[kind]}:{address}"
 
 
 def _fly(
@@ -153,7 +164,7 @@ def _fly(
     ):
         flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video, recorder)
         terminal = Terminal(console, world.scenario.title)
-        with terminal, StopOnInterrupt(flight.stop) as interrupt:
+        with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
 
             def show() -> None:
                 terminal.show(flight.status())
@@ -249,7 +260,8 @@ def _meta(
     flight: SimulatedFlight, options: SimulationOptions, remarks: tuple[str, ...]
 ) -> ReportMeta:
     how = "lockstep" if options.lockstep else "real time"
-    link = "through memory" if options.lockstep else f"over UDP, {options.connect}"
+    kind = flight.settings.link.kind
+    link = "through memory" if options.lockstep else f"by {kind}, {options.connect}"
     return ReportMeta(
         title=flight.scenario.title,
         subtitle=f"{flight.scenario.name} · {options.autopilot} · seed {flight.seed} · {how}",

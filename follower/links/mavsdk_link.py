@@ -28,6 +28,8 @@ from follower_vision.clock import Clock
 
 _PUMP_S = 0.005
 _MOST_MESSAGES = 5000
+_LONGEST_ANSWER_S = 5.0
+_COMMANDS = ("arm", "take-off height", "take-off", "a command")
 _LOGGER = logging.getLogger("mavsdk")
 _LEVELS = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 
@@ -67,6 +69,7 @@ class MavsdkLink(AutopilotLink):
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
         self._strangers: deque[Packet] = deque(maxlen=_MOST_MESSAGES)
         self._results: deque[str] = deque(maxlen=_MOST_MESSAGES)
+        self._waiting = dict.fromkeys(_COMMANDS, 0)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         log_subscribe(_log)
@@ -83,6 +86,7 @@ class MavsdkLink(AutopilotLink):
     def arm(self) -> None:
         """Ask the autopilot to arm."""
         if self._action is not None:
+            self._waiting["arm"] += 1
             self._action.arm_async(lambda result, _data: self._report("arm", result))
 
     def take_off(self, height_m: float) -> None:
@@ -92,22 +96,36 @@ class MavsdkLink(AutopilotLink):
             return
 
         def then_take_off(result: ActionResult, _data: object) -> None:
-            self._report("take-off height", result)
             if result == ActionResult.SUCCESS:
+                self._waiting["take-off"] += 1
                 action.takeoff_async(lambda result, _data: self._report("take-off", result))
+            self._report("take-off height", result)
 
+        self._waiting["take-off height"] += 1
         action.set_takeoff_altitude_async(height_m, then_take_off)
 
     def close(self) -> None:
         """End the stream, give MAVSDK back and close the transport."""
-        self._stop.set()
         if self._stream is not None:
             self._stream.end()
+        self._wait_for_answers()
+        self._stop.set()
         if self._thread is not None:
             self._thread.join()
         if self._mavsdk is not None:
             self._mavsdk.destroy()
         super().close()
+
+    def _wait_for_answers(self) -> None:
+        """Wait until MAVSDK has given up on all commands; see `MavsdkStream` for why."""
+        end_s = self._system_clock.now() + _LONGEST_ANSWER_S
+        while self._is_waiting and self._system_clock.now() < end_s:
+            self._system_clock.sleep_until(self._system_clock.now() + _PUMP_S)
+
+    @property
+    def _is_waiting(self) -> bool:
+        stopping = self._stream is not None and self._stream.busy
+        return stopping or any(self._waiting.values())
 
     @property
     def _sends_heartbeats(self) -> bool:
@@ -212,6 +230,7 @@ class MavsdkLink(AutopilotLink):
         addressed = {"target_system": target[0], "target_component": target[1], **fields}
         message = MavlinkMessage(name, vehicle.system, COMPONENT_ID, *target, json.dumps(addressed))
         if name == "COMMAND_LONG":
+            self._waiting["a command"] += 1
             direct.send_command_async(message, self._on_command_done)
         else:
             direct.send_message(message)
@@ -219,10 +238,12 @@ class MavsdkLink(AutopilotLink):
     def _on_command_done(
         self, result: MavlinkDirectResult, _message: MavlinkMessage, _data: object
     ) -> None:
+        self._waiting["a command"] -= 1
         if result != MavlinkDirectResult.SUCCESS:
             self._results.append(f"a command was not answered: {result.name}")
 
     def _report(self, what: str, result: ActionResult) -> None:
+        self._waiting[what] -= 1
         # What the autopilot refuses comes as a COMMAND_ACK as well and is noted there.
         if result == ActionResult.TIMEOUT:
             self._results.append(f"{what}: {result.name}")

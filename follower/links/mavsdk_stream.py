@@ -28,6 +28,9 @@ class MavsdkStream:
     leaves, lets no setpoint through that the control loop has not renewed in time, even while
     `watch` waits for the processor.
 
+    A plugin that still waits for an answer must not be destroyed: MAVSDK 4.1.0 then calls a
+    function that is gone, and the process crashes.
+
     Args:
         system: mavsdk's.
         clock: runs by itself.
@@ -49,7 +52,13 @@ class MavsdkStream:
         self._offboard: Offboard | None = None
         self._set_s = float("-inf")
         self._zeroed = False
+        self._stopping: list[Offboard] = []
         self.stalls = 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether a stop still waits for its answer."""
+        return bool(self._stopping)
 
     def set(self, setpoint: VelocitySetpoint) -> None:
         """Send a setpoint now; the stream goes on with it."""
@@ -94,9 +103,12 @@ class MavsdkStream:
             self._offboard.set_velocity_body(velocity)
 
     def _stop(self, offboard: Offboard) -> None:
-        if self._obeys():
-            offboard.stop_async(lambda _result, _data: None)
-        self._destroy()
+        if not self._obeys():
+            self._destroy()
+            return
+        self._offboard = None
+        self._stopping.append(offboard)
+        offboard.stop_async(lambda _result, _data: self._stopping.remove(offboard))
 
     def _destroy(self) -> None:
         offboard, self._offboard = self._offboard, None

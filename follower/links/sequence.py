@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 _MODULUS = 256
-_BACK = 32
-"""A number that is so little behind is a late or doubled packet, not a gap of 224 and more."""
+_BACK = 128
+"""A number that is less behind than ahead is a late packet, not a gap of half the numbers."""
 
 
 class SequenceCounter:

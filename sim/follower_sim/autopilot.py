@@ -60,6 +60,7 @@ class SimAutopilot:
         self._controller = _controller(flavour, start, wind)
         self._start_s = start.time_s
         self._steps = 0
+        self._now_s = start.time_s
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
         lots = np.random.default_rng(0) if rng is None else rng
         noise = lots.spawn(1)[0]
@@ -114,6 +115,7 @@ class SimAutopilot:
 
     def step(self, now_s: float) -> None:
         """Hear what has arrived, fly up to `now_s` and tell what is due on the way."""
+        self._now_s = now_s
         for message in self._link.receive():
             self._hear(message)
         self._say_texts()
@@ -198,7 +200,7 @@ class SimAutopilot:
 
     def _on_timesync(self, m: Any) -> None:
         if m.tc1 == 0:
-            boot_ns = round((self.state.time_s - self._boot_s) * 1e9)
+            boot_ns = round((self._now_s - self._boot_s) * 1e9)
             self._link.send(mavlink.MAVLink_timesync_message(boot_ns, m.ts1))
 
 

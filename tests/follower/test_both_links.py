@@ -1,0 +1,364 @@
+"""The same promises of both links, to both autopilots, over real UDP and in real time."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.links.autopilot_link import AutopilotLink
+from follower.links.link_settings import LinkSettings
+from follower.links.opening import open_link
+from follower.links.packets import PacketReader
+from follower.links.signing import Signer
+from follower.links.signing_key import SigningKey
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.transport import Transport
+from follower_control.udp import UdpTransport
+from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower_sim.kinematics import BodyState
+from follower_vision.clock import MonotonicClock
+
+EPOCH_NS = 1_790_000_000 * 10**9
+SECRET = bytes(range(32))
+SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+_PATIENCE_S = 20.0
+
+pytestmark = [
+    pytest.mark.parametrize("kind", ["pymavlink", "mavsdk"]),
+    pytest.mark.parametrize("flavour", ["px4", "ardupilot"]),
+]
+
+
+class LossyTransport:
+    """Loses, doubles and reorders packets in both directions, and notes all that is sent."""
+
+    def __init__(self, inner: Transport, clock: MonotonicClock, trouble: float = 0.0) -> None:
+        self._inner = inner
+        self._clock = clock
+        self._trouble = trouble
+        self._lots = np.random.default_rng(3)
+        self._kept: deque[tuple[int, bytes]] = deque()
+        self._seen = 0
+        self._reader = PacketReader()
+        self.sent: list[tuple[float, Any]] = []
+
+    def send(self, data: bytes) -> None:
+        message = mavlink.MAVLink(None).decode(bytearray(data))
+        self.sent.append((self._clock.now(), message))
+        for packet in self._shaken([data]):
+            self._inner.send(packet)
+
+    def receive(self) -> bytes:
+        packets = [packet.data for packet in self._reader.feed(self._inner.receive())]
+        return b"".join(self._shaken(packets))
+
+    def close(self) -> None:
+        self._inner.close()
+
+    def of(self, message_id: int) -> list[tuple[float, Any]]:
+        return [(at, m) for at, m in list(self.sent) if m.get_msgId() == message_id]
+
+    def _shaken(self, packets: list[bytes]) -> Iterator[bytes]:
+        for packet in packets:
+            fate = float(self._lots.random()) / self._trouble if self._trouble else 9.0
+            if fate < 1.0:
+                pass  # lost
+            elif fate < 1.5:
+                self._kept.append((self._seen + 5, packet))  # comes after five others
+            else:
+                yield packet
+                yield from ([packet] if fate < 2.0 else [])  # doubled
+            self._seen += 1
+            while self._kept and self._kept[0][0] <= self._seen:
+                yield self._kept.popleft()[1]
+
+
+class SigningPeer:
+    """Makes a simulated autopilot one that signs, and obeys only what is signed."""
+
+    def __init__(self, inner: Transport, clock: MonotonicClock) -> None:
+        self._inner = inner
+        self._clock = clock
+        self._signer = Signer(SigningKey(SECRET), EPOCH_NS)
+        self._reader = PacketReader()
+        self.refused = 0
+
+    def send(self, data: bytes) -> None:
+        self._inner.send(self._signer.sign(data, self._clock.now()))
+
+    def receive(self) -> bytes:
+        good = b""
+        for packet in self._reader.feed(self._inner.receive()):
+            refusal = self._signer.refusal(packet, self._clock.now())
+            self.refused += refusal is not None
+            good += b"" if refusal is not None else packet.data
+        return good
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+class Rig:
+    """A simulated autopilot on one side of a UDP socket, a link on the other."""
+
+    def __init__(self, link: AutopilotLink, wire: LossyTransport, autopilot: SimAutopilot) -> None:
+        self.link = link
+        self.wire = wire
+        self.autopilot = autopilot
+        self.clock = wire._clock
+
+    def run(
+        self,
+        done: Callable[[], bool] | None = None,
+        setpoint: VelocitySetpoint | None = None,
+        for_s: float = _PATIENCE_S,
+    ) -> None:
+        """Be a control loop at 50 Hz until something is so, or for some time."""
+        end_s = self.clock.now() + for_s
+        while self.clock.now() < end_s:
+            now_s = self.clock.now()
+            self.link.poll(now_s)
+            if setpoint is not None:
+                self.link.send(setpoint)
+            if done is not None and done():
+                return
+            self.clock.sleep_until(now_s + 0.02)
+        assert done is None, f"waited in vain; {self.link.status(self.clock.now())}"
+
+    def connect(self) -> None:
+        self.run(lambda: self.link.state.attitude is not None)
+
+    def enter_setpoint_mode(self) -> None:
+        """Stream zeros, as PX4 wants, and ask for the mode until it is there."""
+        asked_s = -9.0
+
+        def entered() -> bool:
+            nonlocal asked_s
+            if self.clock.now() - asked_s > 1.0:
+                asked_s = self.clock.now()
+                self.link.enter_setpoint_mode()
+            return self.link.state.obeys_setpoints
+
+        self.run(setpoint=HOLD, for_s=0.1)
+        self.run(entered, HOLD)
+
+
+@contextmanager
+def rig(
+    kind: str,
+    flavour: str,
+    trouble: float = 0.0,
+    height_m: float = 20.0,
+    key: Path | None = None,
+) -> Iterator[Rig]:
+    clock, stop = MonotonicClock(), threading.Event()
+    ours = UdpTransport.listen("127.0.0.1", 0)
+    theirs: Transport = UdpTransport.connect("127.0.0.1", ours.port)
+    if key is not None:
+        theirs = SigningPeer(theirs, clock)
+    wire = LossyTransport(ours, clock, trouble)
+    start = BodyState(clock.now(), (0.0, 0.0, -height_m))
+    autopilot = SimAutopilot(flavour, theirs, start)
+    thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
+    thread.start()
+    key_file = None if key is None else str(key)
+    settings = LinkSettings(kind=kind, vehicle_id=1, signing_key_file=key_file)  # type: ignore[arg-type]
+    link = open_link(wire, settings, clock, EPOCH_NS)
+    try:
+        yield Rig(link, wire, autopilot)
+    finally:
+        link.close()
+        stop.set()
+        thread.join()
+        theirs.close()
+
+
+@pytest.mark.slow
+def test_it_arms_takes_off_flies_a_velocity_and_holds(kind: str, flavour: str) -> None:
+    with rig(kind, flavour, height_m=0.0) as flight:
+        link, autopilot = flight.link, flight.autopilot
+        flight.connect()
+        assert link.autopilot_name == flavour
+        if flavour == "ardupilot":
+            link.enter_setpoint_mode()
+            flight.run(lambda: link.state.obeys_setpoints)
+        flight.run(lambda: link.altitude_msl_m is not None)
+        link.arm()
+        flight.run(lambda: link.state.armed)
+        link.take_off(4.0)
+        flight.run(lambda: autopilot.state.position_m[2] < -3.8)
+        if flavour == "px4":
+            flight.run(lambda: link.state.mode == "LOITER")
+        flight.enter_setpoint_mode()
+        flight.run(lambda: autopilot.state.velocity_m_s[0] > 1.0, VelocitySetpoint(2.0))
+        assert abs(autopilot.state.velocity_m_s[1]) < 0.1
+        flight.run(lambda: autopilot.state.rates_rad_s[2] > 0.2, VelocitySetpoint(0, 0, 0, 0.4))
+        link.enter_hold_mode()
+        flight.run(lambda: autopilot.mode in ("LOITER", "BRAKE"))
+        assert link.state.landed is False
+
+
+def test_what_is_sent_is_frame_8_with_velocity_and_yaw_rate_from_component_191(
+    kind: str, flavour: str
+) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.run(lambda: len(flight.wire.of(SETPOINT)) > 10, VelocitySetpoint(1, -2, 0.5, 0.25))
+        _, sent = flight.wire.of(SETPOINT)[-1]
+        assert (sent.coordinate_frame, sent.type_mask) == (8, 0x5C7)
+        assert (sent.target_system, sent.target_component) == (1, 1)
+        assert (sent.vx, sent.vy, sent.vz) == (1.0, -2.0, 0.5)
+        assert sent.yaw_rate == pytest.approx(0.25, abs=1e-6)
+        assert (sent.get_srcSystem(), sent.get_srcComponent()) == (1, 191)
+
+
+def test_it_beats_once_a_second_as_an_onboard_controller(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.run(for_s=4.0)
+        beats = [m for at, m in flight.wire.of(0)][-3:]
+        assert {(m.type, m.autopilot, m.get_srcComponent()) for m in beats} == {
+            (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 191)
+        }
+        times = [at for at, _ in flight.wire.of(0)]
+        assert 4 <= len(times) <= 7
+
+
+def test_rates_are_asked_for_and_measured_and_clocks_compared(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.run(for_s=3.0)
+        status = flight.link.status(flight.clock.now())
+        measured = {rate.name: rate.measured_hz for rate in status.rates}
+        assert measured["ATTITUDE"] == pytest.approx(100, rel=0.3)
+        assert measured["LOCAL_POSITION_NED"] == pytest.approx(30, rel=0.3)
+        assert status.round_trip_s is not None
+        assert status.round_trip_s < 0.2
+        assert status.clock_error_s is not None
+        assert status.clock_error_s < 0.02
+        attitude = flight.link.state.attitude
+        assert attitude is not None
+        assert -0.1 < attitude.time_s - flight.clock.now() <= 0.0
+
+
+def test_messages_that_stop_are_asked_for_again(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.run(for_s=1.0)
+        flight.autopilot._telemetry.set_interval(mavlink.MAVLINK_MSG_ID_ATTITUDE, -1.0)
+        flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) > 0.5)
+        flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) < 0.1)
+
+
+def test_when_no_setpoint_is_sent_the_stream_ends_within_a_tenth(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(setpoint=VelocitySetpoint(2.0), for_s=0.5)
+        ended_s = flight.clock.now()
+        flight.run(for_s=1.0)
+        late = [at - ended_s for at, _ in flight.wire.of(SETPOINT) if at > ended_s]
+        assert max(late, default=0.0) < 0.1
+        assert flight.autopilot.mode in ("OFFBOARD", "GUIDED")  # nobody asked for another
+
+
+def test_a_stalled_loop_sends_no_old_velocity_and_mavsdk_stops_within_0_3_s(
+    kind: str, flavour: str
+) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(lambda: flight.autopilot.state.velocity_m_s[0] > 1.5, VelocitySetpoint(2.0))
+        stalled_s = flight.clock.now()
+        time.sleep(1.0)
+        after = [(at - stalled_s, m) for at, m in flight.wire.of(SETPOINT) if at > stalled_s]
+        assert [m.vx for at, m in after if m.vx != 0.0 and at > 0.2] == []
+        if kind == "pymavlink":
+            assert after == []
+            return
+        zeros = [at for at, m in after if m.vx == 0.0]
+        assert zeros[0] < 0.3
+        asked = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
+        modes = [at - stalled_s for at, m in flight.wire.of(asked) if m.command == 176]
+        assert min(at for at in modes if at > 0) < 0.3
+        assert flight.autopilot.mode == {"px4": "LOITER", "ardupilot": "BRAKE"}[flavour]
+        assert max(zeros) < 0.45
+
+
+def test_a_stall_does_not_take_the_mode_from_a_pilot_who_has_taken_over(
+    kind: str, flavour: str
+) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(setpoint=VelocitySetpoint(2.0), for_s=0.5)
+        flight.autopilot.switch_mode("RTL")
+        flight.run(lambda: flight.link.state.mode == "RTL", VelocitySetpoint(2.0))
+        flight.run(setpoint=HOLD, for_s=0.1)
+        time.sleep(0.8)
+        assert flight.autopilot.mode == "RTL"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", [0.05, 0.3])
+def test_loss_doubling_and_reordering_are_survived(kind: str, flavour: str, trouble: float) -> None:
+    with rig(kind, flavour, trouble) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(lambda: flight.autopilot.state.velocity_m_s[0] > 1.5, VelocitySetpoint(2.0))
+        flight.run(setpoint=VelocitySetpoint(2.0), for_s=1.0)
+        status = flight.link.status(flight.clock.now())
+        assert status.clock_restarts == 0
+        assert status.skipped_bytes == 0
+        assert 0.3 * trouble < status.lost_share < 2.0 * trouble + 0.05
+        attitude = flight.link.state.attitude
+        assert attitude is not None
+        assert attitude.time_s == pytest.approx(flight.clock.now(), abs=0.2)
+
+
+def test_strangers_change_nothing(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.run(for_s=0.5)
+        stranger = UdpTransport.connect("127.0.0.1", flight.wire._inner.port)  # type: ignore[attr-defined]
+        codec = mavlink.MAVLink(None, 66, 1)
+        beat = mavlink.MAVLink_heartbeat_message(2, 12, 129, 6 << 16, 4, 3).pack(codec)
+        tilted = mavlink.MAVLink_attitude_message(1000, 1.0, 0, 0, 0, 0, 0).pack(codec)
+        rolls = []
+        for _ in range(50):
+            stranger.send(b"\xfd\x00garbage" + beat + tilted)
+            flight.run(for_s=0.02)
+            attitude = flight.link.state.attitude
+            rolls.append(0.0 if attitude is None else attitude.roll_rad)
+        stranger.close()
+        assert max(map(abs, rolls)) < 0.5
+        assert flight.link.state.mode == "LOITER"
+        assert flight.link.status(flight.clock.now()).vehicle_id == 1
+
+
+def test_a_signed_link_flies_and_the_unsigned_word_of_others_counts_for_nothing(
+    kind: str, flavour: str, tmp_path: Path
+) -> None:
+    key = tmp_path / "key"
+    key.write_bytes(SECRET.hex().encode())
+    key.chmod(0o600)
+    with rig(kind, flavour, key=key) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(lambda: flight.autopilot.state.velocity_m_s[0] > 1.0, VelocitySetpoint(2.0))
+        stranger = UdpTransport.connect("127.0.0.1", flight.wire._inner.port)  # type: ignore[attr-defined]
+        landed = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+        stranger.send(landed.pack(mavlink.MAVLink(None, 1, 1)))
+        flight.run(setpoint=VelocitySetpoint(2.0), for_s=0.3)
+        stranger.close()
+        assert flight.link.state.obeys_setpoints
+        status = flight.link.status(flight.clock.now())
+        assert status.refused == {"not signed": 1}
+        assert status.signed

@@ -1,0 +1,255 @@
+"""Connection strings: TCP on loopback, serial over a pair of pseudo-terminals, and what fails."""
+
+import errno
+import os
+import socket
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from follower.links import connection
+from follower.links.connection import ConnectionFailedError, open_connection
+from follower.links.serial_port import SerialTransport
+from follower.links.tcp import TcpTransport
+from follower_control.transport import Transport
+from follower_control.udp import UdpTransport
+from follower_vision.clock import SimulatedClock
+
+
+def _receive(transport: Transport, wanted: int = 1) -> bytes:
+    data = b""
+    for _ in range(2000):
+        data += transport.receive()
+        if len(data) >= wanted:
+            break
+        time.sleep(0.001)
+    return data
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "udpin", "udpin:14540", "tcp:h:1:2", "COM3", "serial:ttyACM0:57600", "/dev/x:fast"]
+)
+def test_what_is_no_connection_is_answered_with_examples(text: str) -> None:
+    with pytest.raises(ConnectionFailedError, match=r"udpin:HOST:PORT.*/dev/ttyACM0:57600"):
+        open_connection(text)
+
+
+def test_tcp_carries_bytes_both_ways() -> None:
+    port = _free_port()
+    with (
+        closing(open_connection(f"tcpin:127.0.0.1:{port}")) as server,
+        closing(open_connection(f"tcp:127.0.0.1:{port}")) as client,
+    ):
+        server.send(b"nobody is there yet")
+        client.send(b"hello")
+        assert _receive(server, 5) == b"hello"
+        server.send(b"answer")
+        assert _receive(client, 6) == b"answer"
+
+
+def test_tcp_is_taken_up_again_after_it_broke() -> None:
+    clock = SimulatedClock()
+    server = TcpTransport.listen("127.0.0.1", 0)
+    client = TcpTransport.connect("127.0.0.1", server.port, clock)
+    client.send(b"first")
+    assert _receive(server, 5) == b"first"
+    assert server._socket is not None
+    server._socket.close()  # the autopilot is restarted
+    server._socket = None
+    for _ in range(100):
+        client.receive()
+        time.sleep(0.001)
+    client.send(b"lost")
+    clock.sleep_until(1.5)
+    client.receive()
+    time.sleep(0.05)
+    client.send(b"again")
+    assert _receive(server, 5) == b"again"
+    client.close()
+    server.close()
+
+
+def test_a_tcp_peer_that_does_not_read_loses_whole_packets_and_blocks_nobody() -> None:
+    server = TcpTransport.listen("127.0.0.1", 0)
+    client = TcpTransport.connect("127.0.0.1", server.port)
+    packet = bytes(range(250))
+    began = time.monotonic()
+    for _ in range(60_000):
+        client.send(packet)
+    assert time.monotonic() - began < 30.0
+    data = b""
+    for _ in range(3000):
+        client.receive()  # goes on with what waits
+        data += server.receive()
+    assert len(data) > 250 * 100
+    whole = len(data) // 250
+    assert data[: 250 * whole] == packet * whole
+    client.close()
+    server.close()
+
+
+def test_a_refused_connection_says_that_nobody_listens() -> None:
+    port = _free_port()
+    with pytest.raises(ConnectionFailedError, match=f"nobody listens on port {port} of 127.0.0.1"):
+        open_connection(f"tcp:127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
+def test_a_port_in_use_is_named(kind: str) -> None:
+    with closing(open_connection(f"{kind}:127.0.0.1:{(port := _free_port())}")):
+        pattern = f"{kind}:127.0.0.1:{port}.*in use.*--connect"
+        with pytest.raises(ConnectionFailedError, match=pattern):
+            open_connection(f"{kind}:127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("kind", ["udpout", "tcp"])
+def test_a_name_that_is_not_known_is_told(kind: str) -> None:
+    with pytest.raises(ConnectionFailedError, match=r"'drone\.invalid' is not known"):
+        open_connection(f"{kind}:drone.invalid:14550")
+
+
+def test_an_address_of_another_machine_is_told() -> None:
+    with pytest.raises(ConnectionFailedError, match=r"not this machine's address; 0\.0\.0\.0"):
+        open_connection("udpin:192.0.2.1:14540")
+
+
+def test_a_stranger_does_not_draw_the_stream_away_from_the_vehicle() -> None:
+    listener = UdpTransport.listen("127.0.0.1", 0)
+    vehicle = UdpTransport.connect("127.0.0.1", listener.port)
+    strangers = [UdpTransport.connect("127.0.0.1", listener.port) for _ in range(5)]
+    for speaker in (vehicle, *strangers):
+        speaker.send(b"here")
+    assert _receive(listener, 24) == b"here" * 6
+    listener.send(b"setpoint")
+    assert _receive(vehicle, 8) == b"setpoint"
+    for transport in (listener, vehicle, *strangers):
+        transport.close()
+
+
+@contextmanager
+def _pty() -> Iterator[tuple[int, str]]:
+    theirs, ours = os.openpty()
+    name = os.ttyname(ours)
+    tty.setraw(theirs)
+    os.set_blocking(theirs, False)
+    try:
+        yield theirs, name
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+@pytest.mark.parametrize(
+    "form", ["{}:57600", "{},57600", "serial:{}:921600", "serial:{}", "{}"], ids=str
+)
+def test_a_serial_port_carries_every_byte_both_ways(form: str) -> None:
+    every = bytes(range(256))  # also those that a terminal would take for commands
+    with _pty() as (theirs, name), closing(open_connection(form.format(name))) as port:
+        port.send(every)
+        assert _read(theirs, 256) == every
+        os.write(theirs, every)
+        assert _receive(port, 256) == every
+        assert port.receive() == b""
+
+
+def _read(file: int, wanted: int, patience_s: float = 2.0) -> bytes:
+    data = b""
+    for _ in range(round(1000 * patience_s)):
+        try:
+            data += os.read(file, 4096)
+        except BlockingIOError:
+            time.sleep(0.001)
+        if len(data) >= wanted:
+            break
+    return data
+
+
+def test_a_line_that_is_too_slow_loses_whole_packets_and_blocks_nobody() -> None:
+    packet = bytes(range(1, 101))
+    with _pty() as (theirs, name), closing(open_connection(name)) as port:
+        for _ in range(5000):
+            port.send(packet)
+        data = b""
+        while chunk := _read(theirs, 1, patience_s=0.05):
+            data += chunk
+            port.receive()  # goes on with what waits
+        whole = len(data) // 100
+        assert whole > 10
+        assert data[: 100 * whole] == packet * whole
+
+
+def test_a_port_that_was_pulled_out_is_looked_for_again(tmp_path: Path) -> None:
+    clock = SimulatedClock()
+    plug = tmp_path / "ttyACM0"
+    with _pty() as (theirs, name), _pty() as (other, new_name):
+        plug.symlink_to(name)
+        port = SerialTransport(str(plug), 57600, clock)
+        port.send(b"1")
+        assert _read(theirs, 1) == b"1"
+        port._drop()
+        plug.unlink()
+        port.send(b"2")
+        clock.sleep_until(1.5)
+        assert port.receive() == b""
+        plug.symlink_to(new_name)
+        clock.sleep_until(3.0)
+        port.receive()
+        port.send(b"3")
+        assert _read(other, 1) == b"3"
+        port.close()
+
+
+def test_a_baud_rate_that_there_is_not_is_answered_with_those_that_there_are() -> None:
+    with (
+        _pty() as (_, name),
+        pytest.raises(ConnectionFailedError, match=r"57601 is no baud rate.*57600.*921600"),
+    ):
+        open_connection(f"{name}:57601")
+
+
+def test_a_device_that_is_not_there_or_no_serial_port_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConnectionFailedError, match=r"/dev/ttyACM77: No such file.*plugged in"):
+        open_connection("/dev/ttyACM77:57600")
+    file = tmp_path / "ttyACM0"
+    file.write_bytes(b"")
+    with pytest.raises(ConnectionFailedError, match="it is no serial port"):
+        open_connection(f"{file}:57600")
+
+
+Refuse = Callable[[int], None]
+
+
+@pytest.fixture
+def refuse(monkeypatch: pytest.MonkeyPatch) -> Refuse:
+    """Return what makes every serial port fail with an error number."""
+
+    def refuse_with(number: int) -> None:
+        def fail(device: str, _baud: int) -> Transport:
+            raise OSError(number, os.strerror(number), device)
+
+        monkeypatch.setattr(connection, "SerialTransport", fail)
+
+    return refuse_with
+
+
+def test_a_missing_permission_names_the_group_to_join(refuse: Refuse) -> None:
+    refuse(errno.EACCES)
+    pattern = r"/dev/ttyACM0: Permission denied.*join the group dialout: sudo usermod -aG dialout"
+    with pytest.raises(ConnectionFailedError, match=pattern):
+        open_connection("/dev/ttyACM0:57600")
+
+
+def test_a_port_that_another_program_uses_is_told(refuse: Refuse) -> None:
+    refuse(errno.EBUSY)
+    with pytest.raises(ConnectionFailedError, match=r"another program uses it.*ModemManager"):
+        open_connection("/dev/ttyACM0")

@@ -1,0 +1,146 @@
+"""Packets are found in anything, and nothing that is none is taken for one."""
+
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.links.link_settings import LinkSettings
+from follower.links.mavlink import MavlinkLink
+from follower.links.packets import PacketReader, checksum
+from follower.links.sequence import SequenceCounter
+from follower_control.transport import MemoryTransport
+
+
+def _codec(system: int = 7, component: int = 1) -> Any:
+    return mavlink.MAVLink(None, system, component)
+
+
+def _beat(system: int = 7, component: int = 1, kind: int = 2, autopilot: int = 12) -> bytes:
+    message = mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, 6 << 16, 4, 3)
+    return bytes(message.pack(_codec(system, component)))
+
+
+def _attitude(roll: float, system: int = 7, component: int = 1) -> bytes:
+    message = mavlink.MAVLink_attitude_message(1000, roll, 0, 0, 0, 0, 0)
+    return bytes(message.pack(_codec(system, component)))
+
+
+@given(st.binary(max_size=60).filter(lambda data: not {0xFD, 0xFE} & set(data)), st.data())
+def test_a_packet_is_found_behind_garbage_whatever_pieces_it_comes_in(
+    garbage: bytes, draw: st.DataObject
+) -> None:
+    stream = garbage + _beat() + garbage + _attitude(0.1)
+    cut = draw.draw(st.integers(0, len(stream)))
+    reader = PacketReader()
+    packets = reader.feed(stream[:cut]) + reader.feed(stream[cut:])
+    assert [packet.data for packet in packets] == [_beat(), _attitude(0.1)]
+    assert reader.skipped_bytes == 2 * len(garbage)
+
+
+def test_a_truncated_packet_does_not_hide_the_next_ones() -> None:
+    reader = PacketReader()
+    packets = reader.feed(_attitude(0.1)[:15] + _beat() + _attitude(0.2) + _beat())
+    assert [packet.message_id for packet in packets] == [0, 30, 0]
+
+
+def test_headers_that_promise_too_much_do_not_hide_what_follows() -> None:
+    reader = PacketReader()
+    packets = reader.feed(b"\xfd" * 30 + b"\xfd\xff\x00\x00\x00\x07\x01\x1e\x00\x00" + 9 * _beat())
+    packets += reader.feed(20 * _beat())
+    assert len(packets) == 29
+
+
+@given(st.integers(0, 20 * 8 - 1))
+def test_a_flipped_bit_makes_a_packet_none(bit: int) -> None:
+    data = bytearray(_beat())
+    data[bit // 8] ^= 1 << bit % 8
+    found = PacketReader().feed(bytes(data) + b"\x00" * 300)
+    assert [packet.data for packet in found] != [bytes(data)]
+
+
+def test_another_dialects_message_is_passed_over_as_a_whole() -> None:
+    unknown = b"\xfd\x09\x00\x00\x00\x07\x01\x9a\x2b\x00" + b"\xfd" * 9 + b"ab"
+    packets = PacketReader().feed(unknown + _beat() + unknown)
+    assert [packet.message_id for packet in packets] == [0]
+
+
+def test_mavlink_1_is_understood() -> None:
+    message = mavlink.MAVLink_heartbeat_message(2, 12, 129, 6 << 16, 4, 3)
+    (packet,) = PacketReader().feed(bytes(message.pack(_codec(9), force_mavlink1=True)))
+    assert (packet.system, packet.component, packet.message_id, packet.signed) == (9, 1, 0, False)
+
+
+def test_lost_packets_are_counted_and_late_or_doubled_ones_are_not() -> None:
+    counter = SequenceCounter()
+    for sequence in (250, 251, 251, 255, 0, 2, 1, 3):
+        counter.count(sequence)
+    assert counter.lost == 3  # 252 to 254; number 1 was late only
+
+
+def _link(data: bytes, vehicle_id: int | None = 7) -> MavlinkLink:
+    ours, theirs = MemoryTransport.pair()
+    link = MavlinkLink(ours, LinkSettings(vehicle_id=vehicle_id, listen_s=0.0))
+    theirs.send(data)
+    link.poll(1.0)
+    return link
+
+
+@given(st.binary(max_size=400))
+def test_no_bytes_raise_or_change_the_state(data: bytes) -> None:
+    ours, theirs = MemoryTransport.pair()
+    link = MavlinkLink(ours, LinkSettings(vehicle_id=7))
+    theirs.send(_beat() + _attitude(0.25))
+    link.poll(1.0)
+    before = link.state
+    theirs.send(data)
+    link.poll(1.1)
+    assert link.state == before
+    theirs.send(20 * _beat())
+    link.poll(2.0)
+    assert link.state.heartbeat_s == 2.0
+
+
+@given(
+    st.sampled_from(sorted(mavlink.mavlink_map)),
+    st.binary(max_size=255),
+    st.integers(0, 255),
+    st.integers(0, 255),
+)
+def test_a_whole_packet_of_any_content_from_others_changes_nothing(
+    message_id: int, payload: bytes, system: int, component: int
+) -> None:
+    head = bytes((0xFD, len(payload), 0, 0, 0, system, component))
+    body = head + message_id.to_bytes(3, "little") + payload
+    packet = body + checksum(body, mavlink.mavlink_map[message_id].crc_extra)
+    link = _link(_beat() + _attitude(0.25))
+    before, height = link.state, link.altitude_msl_m
+    link._channel._transport._inbox.append(packet)  # type: ignore[attr-defined]
+    link.poll(1.01)  # never raises
+    if (system, component) != (7, 1):
+        assert (link.state, link.altitude_msl_m) == (before, height)
+        assert link.status(1.01).vehicle_id == 7
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_hostile_packets_of_the_vehicle_itself_raise_nothing() -> None:
+    lots = random.Random(1)
+    ours, theirs = MemoryTransport.pair()
+    link = MavlinkLink(ours, LinkSettings(vehicle_id=7))
+    theirs.send(_beat())
+    numbers = sorted(mavlink.mavlink_map)
+    known = [0, 30, 32, 33, 77, 111, 245, 253]
+    for step in range(100_000):
+        payload = lots.randbytes(lots.randrange(60))
+        number = lots.choice(known if step % 2 else numbers)
+        body = bytes((0xFD, len(payload), 0, 0, step % 256, 7, 1)) + number.to_bytes(3, "little")
+        body += payload
+        theirs.send(body + checksum(body, mavlink.mavlink_map[number].crc_extra))
+        if step % 50 == 0:
+            link.poll(1.0 + 1e-3 * step)
+            link.take_notes()
+            theirs.receive()
+    assert link.status(101.0).received > 99_000
