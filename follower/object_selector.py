@@ -55,7 +55,7 @@ class Wanted:
             name, number = ("", number) if number.isdecimal() else (number, "")
         empty = not name and not number
         if empty or ((separator or number) and not (number.isdecimal() and int(number) > 0)):
-            raise SettingsError(f"--select {text}: not of the form person, person:2 or 2, counted from 1")
+            raise SettingsError(f"--select {text}: write a class, person:2, or 2; the first is 1")
         known = {one.lower(): one for one in class_names}
         if name and name not in known:
             raise SettingsError(f"--select {text}: {_advice(name, class_names)}")
