@@ -160,7 +160,7 @@ def track_command(
 
     options = TrackOptions(
         source=source,
-        targets=tuple(_box(text) for text in target or ()),
+        targets=tuple(parse_box(text) for text in target or ()),
         select=tuple(select or ()),
         colour=colour,
         tracker=tracker,
@@ -184,7 +184,12 @@ def _names(texts: list[str]) -> tuple[str, ...]:
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
-def _box(text: str) -> Box:
+def parse_box(text: str) -> Box:
+    """Read a target's "x,y,w,h".
+
+    Raises:
+        SettingsError: it is none, or too small.
+    """
     try:
         x, y, width, height = (float(part) for part in text.split(","))
         box = Box.from_xywh(x, y, width, height)

@@ -185,7 +185,7 @@ class _Match:
         part = slice(max(0, best - 10), best + 11)
         bend, slope, _ = np.polyfit(lags[part] - lags[best], values[part], 2)
         moved_s = -slope / (2 * bend) if bend < 0 else 0.0
-        offset_s = float(lags[best]) + min(max(moved_s, -_FINE_S * 10), _FINE_S * 10)
+        offset_s = float(lags[best] + min(max(moved_s, -_FINE_S * 10), _FINE_S * 10))
         return offset_s, self.correlation(offset_s), max(-2 * float(bend), 1e-9)
 
 
@@ -206,7 +206,8 @@ def _coarse(camera: AngularRates, gyro: AngularRates, needed_s: float) -> tuple[
     enough = (overlap * _GRID_S >= needed_s) & (energy > 1e-12 * max(float(energy.max()), 1e-12))
     values[enough] = both[enough] / np.sqrt(energy[enough])
     first_s = float(gyro.start_s[0] - camera.start_s[0])
-    return first_s + _GRID_S * (np.arange(size) - (len(video) - 1)), values
+    lags = np.arange(size, dtype=np.float64) - (len(video) - 1)
+    return np.asarray(first_s + _GRID_S * lags, np.float64), values
 
 
 def _gridded(rates: AngularRates, width_s: float) -> tuple[Vector, Vector]:

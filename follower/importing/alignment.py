@@ -9,7 +9,6 @@ import numpy as np
 from follower.telemetry import TelemetryLog
 from follower_control.timeoffset import AngularRates, NoOverlapError, TimeOffset, find_offset
 from follower_vision.camera import CameraModel, Vector
-from follower_vision.frame import Frame
 from follower_vision.framesource import FrameSource, SourceError
 from follower_vision.imagerotation import CornerFlow, CornerFollower
 from follower_vision.lineofsight import CameraMount, rotation
@@ -46,11 +45,6 @@ def align(flows: Sequence[CornerFlow], telemetry: TelemetryLog, mount: CameraMou
     except NoOverlapError as error:
         raise SourceError(f"the time offset cannot be found: {error}; give --offset") from error
     return found
-
-
-def camera_of(frame: Frame, model: Callable[[int, int], CameraModel]) -> CameraModel:
-    """Return the intrinsics at a frame's size."""
-    return model(frame.width, frame.height)
 
 
 def _rates(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from follower.report import html, style
@@ -29,26 +31,32 @@ def offset_facts(found: TimeOffset) -> dict[str, float]:
 
 def offset_figure(found: TimeOffset) -> Figure:
     """Draw both recordings' turns on top of each other, and the correlation over the offset."""
-    length_s = float(found.time_s[-1] - found.time_s[0])
-    figure, axes = style.time_panels([1.1, 1.1, 1.1, 0.5, 1.3], length_s)
-    for panel in (axes[3], axes[4]):
-        panel.remove()
-    time = found.time_s - found.time_s[0]
-    camera, gyro = np.degrees(found.camera_rad_s), np.degrees(found.gyro_rad_s)
-    for column, name in enumerate(_AXES):
-        style.curve(axes[column], time, camera[:, column], ORANGE, "image", width=1.8)
-        style.curve(axes[column], time, gyro[:, column], INK, "gyro", width=0.9)
-        axes[column].set_ylabel(name)
-    axes[2].tick_params(labelbottom=True)
-    axes[2].set_xlabel("video's time [s]")
-    style.legend(axes[0])
-    below = figure.add_axes(axes[4].get_position().bounds)
+    figure = Figure(figsize=(style.WIDTH_IN, 6.6))
+    curves = figure.add_gridspec(3, 1, left=0.085, right=0.985, top=0.95, bottom=0.38, hspace=0.25)
+    below = figure.add_subplot(
+        figure.add_gridspec(1, 1, left=0.085, right=0.985, top=0.25, bottom=0.075)[0]
+    )
+    axes = [figure.add_subplot(curves[row]) for row in range(len(_AXES))]
+    _draw_turns(axes, found)
     style.curve(below, found.lags_s, found.correlation, BLUE)
     below.axvline(found.offset_s, color=ORANGE.light, linewidth=1.3, label="chosen")
     below.set_ylabel("correlation")
     below.set_xlabel("offset: log's time minus video's time [s]")
     style.legend(below)
+    figure.align_ylabels([*axes, below])
     return figure
+
+
+def _draw_turns(axes: Sequence[Axes], found: TimeOffset) -> None:
+    camera, gyro = np.degrees(found.camera_rad_s), np.degrees(found.gyro_rad_s)
+    for column, name in enumerate(_AXES):
+        style.curve(axes[column], found.time_s, camera[:, column], ORANGE, "image", width=2.2)
+        style.curve(axes[column], found.time_s, gyro[:, column], INK, "gyro", width=0.9)
+        axes[column].set_ylabel(name)
+        axes[column].set_xlim(found.time_s[0], found.time_s[-1])
+        axes[column].tick_params(labelbottom=column == len(_AXES) - 1)
+    axes[-1].set_xlabel("video's time [s]")
+    style.legend(axes[0])
 
 
 def write_offset_plot(path: Path, found: TimeOffset) -> None:
