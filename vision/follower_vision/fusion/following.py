@@ -182,8 +182,7 @@ class Following:
         """The motion tracker is confident, but its box does not look like the target.
 
         Either the target changed its looks, or something else came before it. In the first case
-        the tracker stays confident; in the second the target comes out again where it should be,
-        unless it has left the image.
+        the tracker stays confident; in the second the target comes out again where it should be.
         """
         weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
         if evidence.relative >= _CERTAIN:
@@ -191,8 +190,7 @@ class Following:
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
         belief.reference = self._drawn(belief.reference, evidence.box, interval_s)
-        there = expected.visible_share(frame.width, frame.height) >= _LEAST_VISIBLE
-        insistent = there and self._steady_s > self._settings.insist_s
+        insistent = self._steady_s > self._settings.insist_s
         if insistent:
             self._looks.accept(evidence.score)
         if insistent or self._alike(evidence):

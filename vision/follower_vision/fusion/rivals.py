@@ -13,8 +13,8 @@ from follower_vision.motion import MotionEstimate
 
 _LEAST_SHARE = 0.5
 _LEAST_SHARE_NEW = 0.8
-_SAME_IOU = 0.3
-_MOST_SIZE_RATIO = 1.6
+_MOST_COMMON = 0.45
+_MOST_SIZE_RATIO = 1.4
 _HITS_TO_COUNT = 5
 _HITS_KEPT = 15
 _KEPT_S = 0.6
@@ -97,6 +97,8 @@ class Rivals:
         fits = [self._fit(place, places, away) for place in places]
         fits[0] += _STAY
         target = places[fits.index(max(fits))]
+        if target is not estimate:
+            self._known = []
         self._share_out(target, [place for place in places if place is not target])
         self._notice_merging(target.box)
         return target
@@ -143,14 +145,19 @@ class Rivals:
 
 
 def _others(estimate: MotionEstimate, candidates: Sequence[MotionEstimate]) -> list[MotionEstimate]:
-    """The candidates that are something else, and of about the same size."""
+    """The candidates that are something else, no part of it, and of about the same size."""
     return [
         one
         for one in candidates
         if one.confidence >= _LEAST_SHARE * estimate.confidence
-        and one.box.iou(estimate.box) < _SAME_IOU
+        and _common(one.box, estimate.box) < _MOST_COMMON
         and 1 / _MOST_SIZE_RATIO < one.box.scale / estimate.box.scale < _MOST_SIZE_RATIO
     ]
+
+
+def _common(one: Box, other: Box) -> float:
+    """How much of the smaller box lies in the other."""
+    return one.intersection(other) / min(one.area, other.area)
 
 
 def _beside(box: Box, other: Box) -> tuple[float, float]:

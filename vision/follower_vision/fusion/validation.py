@@ -25,7 +25,7 @@ _AGREEMENT = 0.5
 _CLEAR = 0.4
 _ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
-_LEAST_LOOKS = 0.5
+_LEAST_LOOKS = 0.4
 _USUAL_LOOKS = 0.85
 
 
@@ -63,8 +63,6 @@ class Validation:
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
-        if belief.rivals.merged:
-            return
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
         chosen = self._choose(values, belief, sight)
         if self._settings.distractor_memory and self._ambiguous(values, chosen):
