@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEPS := pyproject.toml constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint types tests format coverage clean
+.PHONY: help demo test lint types tests golden format coverage clean
 
 help: ## List what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -38,6 +38,9 @@ tests: $(VENV)/dev.stamp
 
 coverage: $(VENV)/dev.stamp ## Tests with a coverage report
 	$(BIN)/pytest --cov --cov-report=term-missing
+
+golden: $(VENV)/core.stamp ## Fly the golden flights anew and show what has changed
+	$(BIN)/python tests/golden/renew.py
 
 format: $(VENV)/dev.stamp ## Format the sources
 	$(BIN)/ruff check --fix .

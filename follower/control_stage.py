@@ -19,6 +19,7 @@ from follower_control.liveness import Liveness
 from follower_control.servo import VisualServo
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighter import Sighter
+from follower_control.sound_telemetry import SoundTelemetry
 from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
@@ -50,6 +51,7 @@ class ControlStage:
         self._sighter = Sighter(camera, mount, settings.camera.latency_s)
         self._attitudes = AttitudeHistory()
         self._liveness = Liveness()
+        self._sound = SoundTelemetry()
         self._estimator = TargetEstimator(settings.estimator)
         self._servo = VisualServo(settings.servo, mount.pitch_rad)
         self._envelope = Envelope(settings.envelope)
@@ -105,6 +107,7 @@ class ControlStage:
             late_s: how far behind its schedule the step begins, for the log.
         """
         timer = Stopwatch()
+        vehicle, reported = self._sound.of(vehicle), vehicle
         for attitude in attitudes:
             if self._attitudes.add(attitude):
                 self._liveness.note(attitude, now_s)
@@ -121,7 +124,7 @@ class ControlStage:
             reason=self._supervisor.reason,
             estimate=estimate,
             track_captured_s=None if self._newest is None else self._newest.captured_s,
-            vehicle=vehicle,
+            vehicle=reported,
             asked=limited.asked,
             allowed=limited.allowed,
             limits=tuple(limited.limits),

@@ -27,17 +27,16 @@ def read_pictures(path: Path, frames: Sequence[FrameRecord], remarks: list[str])
     Raises:
         FlightFileError: there is no video, or it cannot be opened.
     """
-    wanted = [frame for frame in frames if frame.video_index is not None]
-    number = 0
-    for record, picture in zip(wanted, _decoded(path), strict=False):
-        number += 1
-        yield Frame(to_image(picture, record.width, record.height), *_stamp(record))
-    if number < len(wanted):
-        remarks.append(f"{path.name} ends after {number} of {len(wanted)} pictures.")
-
-
-def _stamp(record: FrameRecord) -> tuple[float, int]:
-    return record.captured_s, record.sequence
+    wanted = {frame.video_index: frame for frame in frames if frame.video_index is not None}
+    found = 0
+    for index, picture in enumerate(_decoded(path)):
+        record = wanted.get(index)
+        if record is not None:
+            found += 1
+            image = to_image(picture, record.width, record.height)
+            yield Frame(image, record.captured_s, record.sequence)
+    if found < len(wanted):
+        remarks.append(f"{path.name} ends after {found} of {len(wanted)} pictures.")
 
 
 def _decoded(path: Path) -> Iterator[av.VideoFrame]:

@@ -1,0 +1,51 @@
+"""What the vision stage promises whatever tracker it has."""
+
+import math
+
+import numpy as np
+import pytest
+
+from follower.vision_stage import OUT_OF_ORDER, VisionStage
+from follower_vision.box import Box
+from follower_vision.correlation import CorrelationTracker
+from follower_vision.frame import Frame
+from follower_vision.longterm import LongTermTracker
+from follower_vision.track import TrackState
+
+BOX = Box(80, 60, 20, 20)
+
+
+def frame(number: int, time_s: float) -> Frame:
+    image = np.random.default_rng(number).integers(0, 60, (120, 160, 3), np.uint8)
+    image[50:70, 70:90] = (20, 60, 220)
+    image[55:65, 75:85] = (220, 200, 20)
+    return Frame(image, time_s, number)
+
+
+@pytest.mark.parametrize("early_s", [0.35, 0.4, -60.0, math.nan])
+def test_a_frame_that_is_not_newer_is_no_sighting(early_s: float) -> None:
+    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    stage.select(lambda _: BOX)
+    for number in range(5):
+        seen = stage.step(frame(number, 0.1 * number))
+    assert seen is not None
+    assert seen.state is TrackState.TRACKING
+
+    track = stage.step(frame(5, early_s))
+    assert track is not None
+    assert (track.state, track.produced_by) == (TrackState.COASTING, OUT_OF_ORDER)
+    assert (track.box, track.confidence) == (seen.box, 0.0)
+
+    track = stage.step(frame(6, 0.6))
+    assert track is not None
+    assert track.state is TrackState.TRACKING
+
+
+def test_a_target_is_not_chosen_in_a_frame_from_the_past() -> None:
+    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    assert stage.step(frame(0, 1.0)) is None
+    stage.select(lambda _: BOX)
+    assert stage.step(frame(1, 0.5)) is None
+    assert stage.chosen is None
+    assert stage.step(frame(2, 1.1)) is not None
+    assert stage.chosen == BOX
