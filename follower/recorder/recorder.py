@@ -17,6 +17,7 @@ from follower.flightlog import (
 )
 from follower.recorder.config import FlightConfig
 from follower.recorder.log_writer import Bytes, Entry, LogWriter, messages_of
+from follower.recorder.priority import give_way
 from follower.recorder.records import FrameRecord
 from follower.recorder.tlog import Direction
 from follower.recorder.video_queue import VideoQueue
@@ -155,6 +156,7 @@ class Recorder(ClosesItself):
         self.log.note(self._clock.now(), "recorder", trouble)
 
     def _run(self) -> None:
+        give_way()
         since = Stopwatch()
         closing = False
         while not closing:

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+from follower.recorder.priority import give_way
 from follower.recorder.video_file import VideoFile, VideoFileError
 from follower.recorder_settings import RecorderSettings, VideoKind
 from follower.stopwatch import Stopwatch
@@ -108,6 +109,7 @@ class VideoQueue(ClosesItself):
             self._tell(f"frames are left out of the video: {why}")
 
     def _run(self) -> None:
+        give_way()
         while (frame := self._next()) is not None:
             self._write(frame)
 
