@@ -36,6 +36,7 @@ class LiveStatus:
         vision_s: vision's work on the newest frame.
         control_s: the control step's own work.
         late_s: how late that step began.
+        link: how the link to the autopilot is, in a line.
     """
 
     elapsed_s: float
@@ -55,6 +56,7 @@ class LiveStatus:
     vision_s: float | None = None
     control_s: float | None = None
     late_s: float | None = None
+    link: str = ""
 
     @classmethod
     def of(
@@ -64,6 +66,7 @@ class LiveStatus:
         total_s: float | None = None,
         errors: ServoErrors | None = None,
         phase: str = "",
+        link: str = "",
     ) -> LiveStatus:
         """Return the log's newest moment.
 
@@ -73,10 +76,11 @@ class LiveStatus:
             total_s: how long it is to last.
             errors: what the servo saw last; shown only while it steers.
             phase: see the class.
+            link: see the class.
         """
         track = log.tracks[-1] if log.tracks else None
         if not log.controls:
-            return cls(0.0, total_s, phase=phase, frame_rate_hz=_frame_rate(log))
+            return cls(0.0, total_s, phase=phase, frame_rate_hz=_frame_rate(log), link=link)
         record = log.controls[-1]
         seen = errors if record.state.steers else None
         return cls(
@@ -97,6 +101,7 @@ class LiveStatus:
             vision_s=None if track is None else track.busy_s,
             control_s=record.busy_s,
             late_s=record.late_s,
+            link=link,
         )
 
 

@@ -272,6 +272,7 @@ def _meta(
             ("Python", sys.version.split()[0]),
             ("Autopilot", options.autopilot),
             ("Link", f"MAVLink 2 {link}"),
+            ("Link at the end", flight.link_status.line()),
             ("Tracker", flight.settings.tracker),
             ("Seed", str(flight.seed)),
         ),

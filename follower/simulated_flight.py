@@ -14,6 +14,7 @@ from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.connection import ConnectionFailedError
 from follower.links.link_settings import LinkSettings
+from follower.links.link_status import LinkStatus
 from follower.links.opening import open_link
 from follower.live_status import LiveStatus
 from follower.realtime import VisionLoop
@@ -97,7 +98,7 @@ class SimulatedFlight:
         self.control = ControlLoop(
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
         )
-        self._stopped_s = math.inf
+        self._last_link: LinkStatus | None = None
 
     @property
     def phase(self) -> Phase:
@@ -121,10 +122,17 @@ class SimulatedFlight:
     def status(self) -> LiveStatus:
         """Return what a display shows of this moment."""
         errors, phase = self.stage.servo.errors, str(self.phase)
-        return LiveStatus.of(self.log, 0.0, self.scenario.duration_s, errors, phase)
+        duration_s, link = self.scenario.duration_s, self.link_status.line()
+        return LiveStatus.of(self.log, 0.0, duration_s, errors, phase, link)
+
+    @property
+    def link_status(self) -> LinkStatus:
+        """How the link is, or how it was when it was closed."""
+        return self._last_link or self._link.status(self._clock.now())
 
     def close(self) -> None:
         """Close the link, and with it the follower's transport."""
+        self._last_link = self.link_status
         self._link.close()
 
     def stop(self) -> None:

@@ -133,6 +133,8 @@ def status_table(status: LiveStatus, title: str = "") -> RenderableType:
     table.add_row("flown", _velocity(status.flown))
     table.add_row("vision", _vision(status))
     table.add_row("control", _control(status))
+    if status.link:
+        table.add_row("link", Text(status.link))
     heading = [Text(title, "bold")] if title else []
     return Group(*heading, table, _progress(status))
 

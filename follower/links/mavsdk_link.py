@@ -66,6 +66,7 @@ class MavsdkLink(AutopilotLink):
         self._stream: MavsdkStream | None = None
         self._sent_since_poll = False
         self._obeys_setpoints = False
+        self._stalls = 0
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
         self._strangers: deque[Packet] = deque(maxlen=_MOST_MESSAGES)
         self._results: deque[str] = deque(maxlen=_MOST_MESSAGES)
@@ -80,6 +81,7 @@ class MavsdkLink(AutopilotLink):
             self._stream.end()
         self._sent_since_poll = False
         super().poll(now_s)
+        self._tell_of_stalls()
         while self._results:
             self._note(self._results.popleft())
 
@@ -115,6 +117,12 @@ class MavsdkLink(AutopilotLink):
         if self._mavsdk is not None:
             self._mavsdk.destroy()
         super().close()
+
+    def _tell_of_stalls(self) -> None:
+        stalls = 0 if self._stream is None else self._stream.stalls
+        if stalls > self._stalls:
+            self._stalls = stalls
+            self._note("the control loop stood still: zero velocity was sent for it")
 
     def _wait_for_answers(self) -> None:
         """Wait until MAVSDK has given up on all commands; see `MavsdkStream` for why."""

@@ -290,6 +290,8 @@ def test_a_stalled_loop_sends_no_old_velocity_and_mavsdk_stops_within_0_3_s(
         assert min(at for at in modes if at > 0) < 0.3
         assert flight.autopilot.mode == {"px4": "LOITER", "ardupilot": "BRAKE"}[flavour]
         assert max(zeros) < 0.45
+        flight.run(for_s=0.1)
+        assert any("stood still" in note for note in flight.link.take_notes())
 
 
 def test_a_stall_does_not_take_the_mode_from_a_pilot_who_has_taken_over(

@@ -1,14 +1,18 @@
 """Which vehicle is ours, how often it speaks, and how we present ourselves."""
 
+import io
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from rich.console import Console
 
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
 from follower.links.mavlink import MavlinkLink
 from follower.links.message_rates import MessageRate, MessageRates
+from follower.live_status import LiveStatus
+from follower.terminal import status_table
 from follower_control.transport import MemoryTransport
 
 PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -202,3 +206,9 @@ def test_the_status_says_in_a_line_how_the_link_is() -> None:
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong)).split("_rate")[0] + "|rates lie"):
         LinkSettings(**wrong)
+
+
+def test_the_terminal_shows_the_link() -> None:
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(status_table(LiveStatus(1.0, link="pymavlink to px4 1, 21 ms and back")))
+    assert "link          pymavlink to px4 1, 21 ms and back" in console.export_text()
