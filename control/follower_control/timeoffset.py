@@ -87,10 +87,9 @@ class TimeOffset:
     @property
     def problems(self) -> list[str]:
         """Why the offset should not be believed, in words; empty if it may be."""
-        found = []
         if self.rate_rad_s < _LEAST_RATE_RAD_S:
-            degrees = math.degrees(self.rate_rad_s)
-            found.append(f"the vehicle hardly turns ({degrees:.1f} °/s)")
+            return [f"the vehicle hardly turns ({math.degrees(self.rate_rad_s):.1f} °/s)"]
+        found = []
         if self.peak < _LEAST_PEAK:
             found.append(f"image and gyro hardly agree (correlation {self.peak:.2f} of 1)")
         if 1 - self.second**2 < _CLEARLY_WORSE * (1 - self.peak**2):
@@ -203,8 +202,9 @@ def _coarse(camera: AngularRates, gyro: AngularRates, needed_s: float) -> tuple[
     energy = crossed(np.sum(video**2, axis=1), logged) * crossed(covered, np.sum(log**2, axis=1))
     overlap = crossed(covered, logged)
     values = np.full(size, np.nan)
-    enough = (overlap * _GRID_S >= needed_s) & (energy > 1e-12 * max(float(energy.max()), 1e-12))
-    values[enough] = both[enough] / np.sqrt(energy[enough])
+    enough = overlap * _GRID_S >= needed_s
+    floor = 1e-12 * max(float(energy.max()), 1e-12)
+    values[enough] = both[enough] / np.sqrt(np.maximum(energy[enough], floor))
     first_s = float(gyro.start_s[0] - camera.start_s[0])
     lags = np.arange(size, dtype=np.float64) - (len(video) - 1)
     return np.asarray(first_s + _GRID_S * lags, np.float64), values

@@ -15,6 +15,7 @@ from follower.report.style import BLUE, INK, MUTED, ORANGE, PAPER, Colour
 _STEPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600)
 _POINTS = 2000
 """At most this many points of a path are drawn."""
+_ROOM_FOR_FOUR_IN = 5.5
 _WILD = 4.0
 """Places this many times as far away as usual are not drawn."""
 
@@ -38,7 +39,8 @@ def path_map(flight: Flight) -> Figure | None:
         axes.plot(places[:, 1], places[:, 0], ".", color=ORANGE.light, markersize=3, label=label)
     _draw_path(axes, own[known], BLUE, "vehicle")
     _draw_times(axes, time[known], own[known], ticks)
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
+    columns = 4 if figure.get_figwidth() > _ROOM_FOR_FOUR_IN else 2
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, borderaxespad=0.2)
     return figure
 
 
@@ -61,7 +63,7 @@ def _sheet(points: Array) -> tuple[Figure, Axes]:
     shape = min(max(float(wide_m / tall_m), 0.6), 2.0)
     height_in = min(6.0, 8.0 / shape)
     width_in = shape * height_in
-    figure = Figure(figsize=(width_in + 0.9, height_in + 0.8))
+    figure = Figure(figsize=(width_in + 0.9, height_in + 1.0))
     wide, tall = figure.get_size_inches()
     axes = figure.add_axes((0.7 / wide, 0.5 / tall, width_in / wide, height_in / tall))
     axes.set_aspect("equal", adjustable="datalim")

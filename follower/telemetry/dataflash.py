@@ -13,6 +13,7 @@ from follower.links.modes import mode_name
 from follower.telemetry.log import ModeChange, Samples, TelemetryError
 
 _ARDUPILOT = 3
+_BEGINNING = b"\xa3\x95\x80"
 _KINDS = ["ATT", "IMU", "RATE", "XKF1", "NKF1", "MODE", "ARM"]
 
 
@@ -23,6 +24,10 @@ def read_dataflash(path: Path) -> Samples:
         TelemetryError: it is no such log.
         OSError: it cannot be read.
     """
+    with path.open("rb") as file:
+        # pymavlink searches megabytes of anything for a beginning, and leaves the file open.
+        if file.read(len(_BEGINNING)) != _BEGINNING:
+            raise TelemetryError(f"{path}: this is no ArduPilot log: it begins otherwise")
     try:
         log: Any = DFReader.DFReader_binary(str(path))
     except (ValueError, IndexError, KeyError, struct.error) as error:

@@ -70,7 +70,8 @@ def _topics(path: Path) -> dict[str, Any]:
         raise TelemetryError(f"{path}: PX4 logs need the package pyulog: {error}") from error
     broken = (TypeError, ValueError, KeyError, IndexError, AttributeError, struct.error)
     try:
-        log = pyulog.ULog(str(path), _TOPICS)
+        with path.open("rb") as file:
+            log = pyulog.ULog(file, _TOPICS)
     except (*broken, pyulog.ULogException) as error:
         raise TelemetryError(f"{path}: this is no PX4 log ({error})") from error
     return {one.name: one.data for one in log.data_list if one.multi_id == 0}

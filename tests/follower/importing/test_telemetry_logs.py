@@ -1,0 +1,160 @@
+"""All kinds of telemetry logs say the same about the same flight; broken ones say what is wrong."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.telemetry import TelemetryError, TelemetryLog, TelemetryPlayback, read_telemetry
+from follower.telemetry.log import Samples, body_rates
+
+KINDS = ("csv", "tlog", "bin", "ulg")
+BEGINS_S = 3.0
+"""Of the script's clock, the log's first attitude is this much before 0."""
+
+
+@pytest.fixture(scope="module")
+def logs(
+    writers: Any, script: Any, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, TelemetryLog]:
+    folder = tmp_path_factory.mktemp("logs")
+    return {kind: read_telemetry(writers[kind](folder / f"f.{kind}", script)) for kind in KINDS}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_attitudes_rates_and_places_are_the_flight_s(
+    kind: str, logs: dict[str, TelemetryLog], script: Any
+) -> None:
+    log = logs[kind]
+    assert log.start_s == 0.0
+    assert log.rate_hz == pytest.approx(50.0, rel=0.02)
+    for attitude in log.attitudes[::37]:
+        t = attitude.time_s - BEGINS_S
+        angles = (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
+        # A tlog's times are whole milliseconds, a .bin's angles whole hundredths of a degree.
+        assert angles == pytest.approx(script.angles(t), abs=2e-3)
+        rates = (attitude.roll_rate_rad_s, attitude.pitch_rate_rad_s, attitude.yaw_rate_rad_s)
+        assert rates == pytest.approx(script.rates(t), abs=5e-3)
+    for place in log.positions[::17]:
+        t = place.time_s - BEGINS_S
+        assert (place.north_m, place.east_m, place.down_m) == pytest.approx(
+            script.position(t), abs=0.01
+        )
+        assert (place.north_m_s, place.east_m_s, place.down_m_s) == pytest.approx(
+            script.velocity(t), abs=0.01
+        )
+
+
+def test_modes_are_read(logs: dict[str, TelemetryLog]) -> None:
+    found = {kind: [(one.mode, one.armed) for one in log.modes] for kind, log in logs.items()}
+    assert found == {
+        "csv": [("LOITER", True)],
+        "tlog": [("OFFBOARD", True)],
+        "bin": [("GUIDED", True)],
+        "ulg": [("OFFBOARD", True)],
+    }
+
+
+def test_rates_follow_from_angles_where_there_is_no_gyro(script: Any) -> None:
+    time_s = np.arange(0, 10, 0.02)
+    rows = np.array([(t, *script.angles(t)) for t in time_s])
+    wanted = np.array([script.rates(t) for t in time_s])
+    assert body_rates(rows)[1:-1] == pytest.approx(wanted[1:-1], abs=2e-3)
+
+
+def test_samples_that_are_not_finite_or_not_newer_are_left_out() -> None:
+    rows: list[tuple[float, ...]] = [
+        (0.0, 0.0, 0.0, 0.0),
+        (0.1, math.nan, 0.0, 0.0),
+        (0.2, 0.1, 0.0, 0.0),
+        (0.15, 9.0, 9.0, 9.0),
+        (0.2, 9.0, 9.0, 9.0),
+        (0.3, 0.2, 0.0, 0.0),
+    ]
+    log = Samples(attitudes=rows).log("test")
+    assert [one.time_s for one in log.attitudes] == [0.0, 0.2, 0.3]
+    assert log.attitudes[1].roll_rate_rad_s == pytest.approx(2 / 3, abs=0.2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("content", [b"", b"hello, I am something else\n", bytes(500)])
+def test_a_foreign_file_is_refused_in_one_line(kind: str, content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"log.{kind}"
+    path.write_bytes(content)
+    with pytest.raises(TelemetryError, match=rf"log\.{kind}"):
+        read_telemetry(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_that_is_cut_off_is_read_up_to_there(
+    kind: str, writers: Any, script: Any, tmp_path: Path
+) -> None:
+    path = writers[kind](tmp_path / f"log.{kind}", script)
+    data = path.read_bytes()
+    cut = data[: len(data) // 2]
+    # A table ends with a whole line; in the others the cut goes through a message.
+    path.write_bytes(cut[: cut.rfind(b"\n") + 1] if kind == "csv" else cut)
+    log = read_telemetry(path)
+    assert 5 < log.end_s < 15
+
+
+def test_a_missing_column_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time_s,roll_deg,pitch_deg\n0,0,0\n")
+    with pytest.raises(TelemetryError, match="yaw_deg is missing"):
+        read_telemetry(path)
+
+
+def test_a_cell_that_is_no_number_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,north,0\n")
+    with pytest.raises(TelemetryError, match="line 3: pitch_deg is no number, but 'north'"):
+        read_telemetry(path)
+
+
+def test_an_unknown_ending_and_a_missing_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TelemetryError, match="unknown kind"):
+        read_telemetry(tmp_path / "log.txt")
+    with pytest.raises(TelemetryError, match="no such file"):
+        read_telemetry(tmp_path / "log.tlog")
+
+
+def test_other_systems_in_a_tlog_are_not_mistaken_for_the_vehicle(
+    writers: Any, script: Any, tmp_path: Path
+) -> None:
+    from pymavlink.dialects.v20 import common as mavlink
+
+    path = writers["tlog"](tmp_path / "log.tlog", script)
+    ground = mavlink.MAVLink(None, 255, 190)
+    beat = mavlink.MAVLink_heartbeat_message(6, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    wrong = mavlink.MAVLink_attitude_message(1, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)
+    head = b"".join(
+        struct.pack(">Q", 1_789_999_999_000_000) + message.pack(ground) for message in (beat, wrong)
+    )
+    path.write_bytes(head + path.read_bytes())
+    assert max(abs(one.roll_rad) for one in read_telemetry(path).attitudes) < 1
+
+
+def test_playback_hands_out_each_attitude_once_and_never_early(
+    logs: dict[str, TelemetryLog],
+) -> None:
+    log = logs["csv"].moved(-BEGINS_S)
+    playback = TelemetryPlayback(log, 0.0)
+    handed = []
+    for step in range(300):
+        now_s = step * 0.02
+        state, attitudes = playback.until(now_s)
+        handed += [one.time_s for one in attitudes]
+        assert state.obeys_setpoints
+        assert state.attitude is not None
+        assert state.position is not None
+        assert 0 <= state.attitude_age_s(now_s) < 0.021
+        assert state.position_age_s(now_s) >= 0
+        assert state.mode == "LOITER"
+    wanted = [one.time_s for one in log.attitudes if -1.0 <= one.time_s <= 299 * 0.02]
+    assert handed == wanted
