@@ -21,14 +21,14 @@ def _approach(rivals: Rivals, frames: int, speed: float, pan: float = 0.0) -> No
         x = 300.0 + pan * number
         target, other = _place(x), _place(x + 40 + speed * (frames - 1 - number))
         rivals.advance(STEP_S)
-        assert rivals.settle(target, [target, other]) is target
+        assert rivals.settle(target.box, target, [target, other]) is target
 
 
 def _together(rivals: Rivals, frames: int, x: float) -> None:
     for _ in range(frames):
         one = _place(x)
         rivals.advance(STEP_S)
-        assert rivals.settle(one, [one]) is one
+        assert rivals.settle(one.box, one, [one]) is one
 
 
 @pytest.mark.parametrize("pan", [0.0, 25.0])
@@ -40,7 +40,7 @@ def test_a_look_alike_that_crosses_is_not_gone_with(pan: float) -> None:
     rivals.advance(STEP_S)
     behind, crossed = _place(340.0), _place(300.0)
     # The tracker went with the look-alike, which is to the left of the target now.
-    assert rivals.settle(crossed, [crossed, behind]) is behind
+    assert rivals.settle(crossed.box, crossed, [crossed, behind]) is behind
     assert not rivals.merged
 
 
@@ -50,7 +50,7 @@ def test_a_look_alike_that_crossed_is_left_alone() -> None:
     _together(rivals, 9, 300.0)
     rivals.advance(STEP_S)
     target, other = _place(300.0), _place(260.0)
-    assert rivals.settle(target, [target, other]) is target
+    assert rivals.settle(target.box, target, [target, other]) is target
 
 
 def test_a_neighbour_that_turns_back_is_no_reason_to_swap() -> None:
@@ -59,20 +59,30 @@ def test_a_neighbour_that_turns_back_is_no_reason_to_swap() -> None:
     _together(rivals, 5, 300.0)
     rivals.advance(STEP_S)
     target, other = _place(300.0), _place(342.0)
-    assert rivals.settle(target, [target, other]) is target
+    assert rivals.settle(target.box, target, [target, other]) is target
 
 
-def test_what_was_never_close_or_is_unlike_does_not_count() -> None:
+def test_a_jump_to_a_look_alikes_place_is_undone() -> None:
     rivals = Rivals()
-    far, weak = _place(420.0), _place(340.0, confidence=0.3)
     for _ in range(10):
         target = _place(300.0)
         rivals.advance(STEP_S)
-        assert rivals.settle(target, [target, far, weak]) is target
-    jumped = _place(420.0)
+        assert rivals.settle(target.box, target, [target, _place(420.0)]) is target
+    jumped, left = _place(420.0), _place(300.0)
     rivals.advance(STEP_S)
-    assert rivals.settle(jumped, [jumped, _place(300.0)]) is jumped
+    assert rivals.settle(left.box, jumped, [jumped, left]) is left
     assert not rivals.merged
+
+
+def test_a_jump_to_where_nobody_was_is_believed() -> None:
+    rivals = Rivals()
+    for _ in range(10):
+        target = _place(300.0)
+        rivals.advance(STEP_S)
+        rivals.settle(target.box, target, [target, _place(420.0), _place(360.0, confidence=0.3)])
+    jumped, left = _place(360.0), _place(300.0)
+    rivals.advance(STEP_S)
+    assert rivals.settle(left.box, jumped, [jumped, left]) is jumped
 
 
 def test_a_meeting_is_forgotten_when_it_lasts() -> None:

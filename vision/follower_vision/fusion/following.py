@@ -251,7 +251,7 @@ class Following:
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> _Evidence:
         estimate = self._estimate(frame, belief, expected)
         if belief.state is TrackState.TRACKING:
-            estimate = self._settled(belief, estimate)
+            estimate = self._settled(belief, expected, estimate)
         return self._judged(frame, estimate, blurred, self._known_score(frame, belief, estimate))
 
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
@@ -260,12 +260,12 @@ class Following:
         sure = plain and self._confidence.relative(estimate.confidence) >= _CERTAIN
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None
 
-    def _settled(self, belief: Belief, estimate: MotionEstimate) -> MotionEstimate:
+    def _settled(self, belief: Belief, expected: Box, estimate: MotionEstimate) -> MotionEstimate:
         """Go back to the target if the motion tracker went with a look-alike."""
         wanted = self._settings.distractor_memory
         if not wanted or self._rivalled is None or self._steerable is None:
             return estimate
-        settled = belief.rivals.settle(estimate, self._rivalled.candidates())
+        settled = belief.rivals.settle(expected, estimate, self._rivalled.candidates())
         if settled is not estimate:
             self._steerable.move_to(settled.box)
             belief.kinematics.restart(settled.box)

@@ -13,14 +13,15 @@ from follower_vision.motion import MotionEstimate
 
 _LEAST_SHARE = 0.5
 _LEAST_SHARE_NEW = 0.8
-_MOST_COMMON = 0.45
+_MOST_COMMON = 0.55
 _MOST_SIZE_RATIO = 1.4
+_HITS_TO_KNOW = 3
 _HITS_TO_COUNT = 5
 _HITS_KEPT = 15
 _KEPT_S = 0.6
 _MOST = 6
 _LEAST_FIT = 0.3
-_REACH_SIZES = 0.6
+_REACH_SIDES = 0.8
 _STAY = 0.3
 _MERGED_IOU = 0.1
 
@@ -84,11 +85,12 @@ class Rivals:
         self._known = [one for one in self._known if one.unseen_s(self._now_s) <= _KEPT_S]
 
     def settle(
-        self, estimate: MotionEstimate, candidates: Sequence[MotionEstimate]
+        self, expected: Box, estimate: MotionEstimate, candidates: Sequence[MotionEstimate]
     ) -> MotionEstimate:
         """Return the place that is the target.
 
         Args:
+            expected: where the target should be.
             estimate: what the motion tracker takes for it.
             candidates: every place like it that the tracker saw.
         """
@@ -97,6 +99,8 @@ class Rivals:
         fits = [self._fit(place, places, away) for place in places]
         fits[0] += _STAY
         target = places[fits.index(max(fits))]
+        if target is estimate and self._jumped(expected, estimate):
+            target = _nearest(expected, places)
         if target is not estimate:
             self._known = []
         self._share_out(target, [place for place in places if place is not target])
@@ -113,13 +117,22 @@ class Rivals:
         others = [_beside(target.box, place.box) for place in places if place is not target]
         if not others or not away:
             return 0.0
-        reach_px = _REACH_SIZES * target.box.scale
+        reach_px = _REACH_SIDES * min(target.box.width, target.box.height)
         best = [max(_likeness(one, other, reach_px) for other in others) for one in away]
         return sum(best) / len(best)
 
+    def _jumped(self, expected: Box, estimate: MotionEstimate) -> bool:
+        """Whether the tracker has gone over to a look-alike's place."""
+        reach_px = _REACH_SIDES * min(expected.width, expected.height)
+        here = _beside(expected, estimate.box)
+        if _likeness(here, (0.0, 0.0), reach_px) >= _LEAST_FIT:
+            return False
+        known = [one.expected(self._now_s) for one in self._known if one.hits >= _HITS_TO_KNOW]
+        return any(_likeness(here, one, reach_px) >= _LEAST_FIT for one in known)
+
     def _share_out(self, target: MotionEstimate, places: list[MotionEstimate]) -> None:
         """Give each look-alike its place; what is left and very likely is new."""
-        reach_px = _REACH_SIZES * target.box.scale
+        reach_px = _REACH_SIDES * min(target.box.width, target.box.height)
         for one in sorted(self._known, key=lambda rival: -rival.hits):
             expected = one.expected(self._now_s)
             beside = [_beside(target.box, place.box) for place in places]
@@ -153,6 +166,10 @@ def _others(estimate: MotionEstimate, candidates: Sequence[MotionEstimate]) -> l
         and _common(one.box, estimate.box) < _MOST_COMMON
         and 1 / _MOST_SIZE_RATIO < one.box.scale / estimate.box.scale < _MOST_SIZE_RATIO
     ]
+
+
+def _nearest(expected: Box, places: Sequence[MotionEstimate]) -> MotionEstimate:
+    return min(places, key=lambda place: place.box.distance(expected))
 
 
 def _common(one: Box, other: Box) -> float:
