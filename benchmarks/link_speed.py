@@ -110,7 +110,7 @@ def measure(kind: str) -> None:
         bench.engage()
         stalls.append(bench.stall())
     bench.close()
-    zeros = [zero for zero, _ in stalls]
+    zeros, left = [zero for zero, _ in stalls], sum(left for _, left in stalls)
     print(
         f"{kind}: poll and send {1e3 * statistics.median(took):.2f} ms median, "
         f"{1e3 * took[int(0.99 * len(took))]:.2f} ms 99th percentile; setpoints leave at "
@@ -119,7 +119,7 @@ def measure(kind: str) -> None:
     )
     print(
         f"  {STALLS} stalls: zero velocity left after {statistics.median(zeros):.3f} s, "
-        f"{max(zeros):.3f} s at worst; OFFBOARD left within 0.6 s: {sum(left for _, left in stalls)}"
+        f"{max(zeros):.3f} s at worst; OFFBOARD left within 0.6 s: {left}"
     )
 
 

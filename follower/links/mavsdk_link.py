@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import threading
@@ -153,8 +154,9 @@ class MavsdkLink(AutopilotLink):
         self._look_for_system()
         while self._messages:
             arrival_s, message = self._messages.popleft()
-            fields = json.loads(message.fields_json)
-            self._take(message.message_name, SimpleNamespace(**fields), arrival_s)
+            with contextlib.suppress(json.JSONDecodeError):
+                fields = json.loads(message.fields_json)
+                self._take(message.message_name, SimpleNamespace(**fields), arrival_s)
 
     def _on_found(self, vehicle: Vehicle) -> None:
         super()._on_found(vehicle)

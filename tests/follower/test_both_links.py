@@ -1,5 +1,6 @@
 """The same promises of both links, to both autopilots, over real UDP and in real time."""
 
+import random
 import threading
 import time
 from collections import deque
@@ -15,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links.autopilot_link import AutopilotLink
 from follower.links.link_settings import LinkSettings
 from follower.links.opening import open_link
-from follower.links.packets import PacketReader
+from follower.links.packets import PacketReader, checksum
 from follower.links.signing import Signer
 from follower.links.signing_key import SigningKey
 from follower_control.setpoint import HOLD, VelocitySetpoint
@@ -108,11 +109,28 @@ class SigningPeer:
 class Rig:
     """A simulated autopilot on one side of a UDP socket, a link on the other."""
 
-    def __init__(self, link: AutopilotLink, wire: LossyTransport, autopilot: SimAutopilot) -> None:
+    def __init__(
+        self, link: AutopilotLink, wire: LossyTransport, theirs: Transport, flavour: str
+    ) -> None:
         self.link = link
         self.wire = wire
-        self.autopilot = autopilot
         self.clock = wire._clock
+        self._theirs = theirs
+        self._flavour = flavour
+
+    def boot(self, height_m: float) -> None:
+        """Start an autopilot, which counts its time from twenty seconds ago."""
+        start = BodyState(self.clock.now(), (0.0, 0.0, -height_m))
+        self.autopilot = SimAutopilot(self._flavour, self._theirs, start)
+        self._stop = threading.Event()
+        arguments = (self.autopilot, self.clock, self._stop)
+        self._thread = threading.Thread(target=run_autopilot, args=arguments)
+        self._thread.start()
+
+    def cut_power(self) -> None:
+        """End the autopilot."""
+        self._stop.set()
+        self._thread.join()
 
     def run(
         self,
@@ -158,25 +176,21 @@ def rig(
     height_m: float = 20.0,
     key: Path | None = None,
 ) -> Iterator[Rig]:
-    clock, stop = MonotonicClock(), threading.Event()
+    clock = MonotonicClock()
     ours = UdpTransport.listen("127.0.0.1", 0)
     theirs: Transport = UdpTransport.connect("127.0.0.1", ours.port)
     if key is not None:
         theirs = SigningPeer(theirs, clock)
     wire = LossyTransport(ours, clock, trouble)
-    start = BodyState(clock.now(), (0.0, 0.0, -height_m))
-    autopilot = SimAutopilot(flavour, theirs, start)
-    thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
-    thread.start()
     key_file = None if key is None else str(key)
     settings = LinkSettings(kind=kind, vehicle_id=1, signing_key_file=key_file)  # type: ignore[arg-type]
-    link = open_link(wire, settings, clock, EPOCH_NS)
+    flight = Rig(open_link(wire, settings, clock, EPOCH_NS), wire, theirs, flavour)
+    flight.boot(height_m)
     try:
-        yield Rig(link, wire, autopilot)
+        yield flight
     finally:
-        link.close()
-        stop.set()
-        thread.join()
+        flight.link.close()
+        flight.cut_power()
         theirs.close()
 
 
@@ -255,6 +269,26 @@ def test_messages_that_stop_are_asked_for_again(kind: str, flavour: str) -> None
         flight.autopilot._telemetry.set_interval(mavlink.MAVLINK_MSG_ID_ATTITUDE, -1.0)
         flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) > 0.5)
         flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) < 0.1)
+
+
+@pytest.mark.slow
+def test_an_autopilot_that_was_restarted_is_heard_asked_and_flown_again(
+    kind: str, flavour: str
+) -> None:
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        flight.enter_setpoint_mode()
+        flight.run(setpoint=VelocitySetpoint(2.0), for_s=3.0)
+        flight.cut_power()
+        flight.run(for_s=6.0)
+        assert flight.link.state.heartbeat_age_s(flight.clock.now()) > 5.0
+        flight.boot(20.0)
+        flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) < 0.1)
+        flight.enter_setpoint_mode()
+        flight.run(lambda: flight.autopilot.state.velocity_m_s[0] > 1.0, VelocitySetpoint(2.0))
+        status = flight.link.status(flight.clock.now())
+        assert status.clock_restarts == 1
+        assert status.rates[0].measured_hz > 70
 
 
 def test_when_no_setpoint_is_sent_the_stream_ends_within_a_tenth(kind: str, flavour: str) -> None:
@@ -364,3 +398,25 @@ def test_a_signed_link_flies_and_the_unsigned_word_of_others_counts_for_nothing(
         status = flight.link.status(flight.clock.now())
         assert status.refused == {"not signed": 1}
         assert status.signed
+
+
+def test_nonsense_in_the_vehicles_own_name_raises_nothing(kind: str, flavour: str) -> None:
+    lots = random.Random(4)
+    numbers = [0, 30, 32, 33, 77, 111, 245, 253]
+    with rig(kind, flavour) as flight:
+        flight.connect()
+        stranger = UdpTransport.connect("127.0.0.1", flight.wire._inner.port)  # type: ignore[attr-defined]
+        before = flight.link.status(flight.clock.now()).received
+        for _ in range(100):
+            for number in numbers:
+                payload = lots.randbytes(lots.randrange(1, 60))
+                body = bytes((0xFD, len(payload), 0, 0, lots.randrange(256), 1, 1, number, 0, 0))
+                body += payload
+                crc_extra = mavlink.mavlink_map[number].crc_extra
+                stranger.send(body + checksum(body, crc_extra))
+            flight.run(for_s=0.02)
+            flight.link.take_notes()
+        stranger.close()
+        assert flight.link.status(flight.clock.now()).received > before + 700
+        flight.run(lambda: flight.link.state.mode == "LOITER")
+        flight.connect()

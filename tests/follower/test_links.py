@@ -12,7 +12,9 @@ from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
 from follower.links.modes import mode_name, set_mode_params
+from follower.simulate import SimulationOptions, other_end, simulate
 from follower_control.setpoint import VelocitySetpoint
+from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport
 from follower_control.udp import UdpTransport
 
@@ -166,3 +168,31 @@ def test_refusals_and_texts_are_told_once() -> None:
     notes = peer.link.take_notes()
     assert notes == ["MAV_CMD_DO_SET_MODE: MAV_RESULT_TEMPORARILY_REJECTED", "Failsafe activated"]
     assert peer.link.take_notes() == []
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ("udpin:0.0.0.0:14540", "udpout:127.0.0.1:14540"),
+        ("udp:127.0.0.1:14540", "udpout:127.0.0.1:14540"),
+        ("udpout:127.0.0.1:14540", "udpin:127.0.0.1:14540"),
+        ("tcpin:127.0.0.1:5760", "tcp:127.0.0.1:5760"),
+    ],
+)
+def test_a_simulated_autopilot_takes_the_other_end(ours: str, theirs: str) -> None:
+    assert other_end(ours) == theirs
+
+
+def test_a_simulated_autopilot_is_on_no_serial_port() -> None:
+    with pytest.raises(ConnectionFailedError, match="--autopilot external"):
+        other_end("/dev/ttyACM0:57600")
+
+
+def test_mavsdk_in_lockstep_is_refused() -> None:
+    with pytest.raises(SettingsError, match="--link pymavlink"):
+        simulate(SimulationOptions("demo", lockstep=True, link="mavsdk"))
+
+
+def test_a_link_that_there_is_not_is_refused_with_those_that_there_are() -> None:
+    with pytest.raises(SettingsError, match="'pymavlink' or 'mavsdk'"):
+        simulate(SimulationOptions("demo", link="dronekit"))
