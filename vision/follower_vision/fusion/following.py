@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief, towards
+from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
@@ -22,44 +22,16 @@ from follower_vision.track import TrackState
 
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
-_CERTAIN = 0.98
 _VERY_CERTAIN = 0.995
 _INSISTENCE = 2.0
 _RIVAL_FRAMES = 2
 _CALM_SIZES = 0.6
-_SURER = 0.01
 _RESUME_SIZES = 1.5
-_MARGIN = 0.1
 _STEADY_SIZES = 0.75
 _ANCHOR_LOOKS = 0.88
-_ALIKE = 0.8
-_VERY_ALIKE = 0.9
 _CONFIDENCE_MEMORY_S = 2.0
 _REFERENCE_MEMORY_S = 0.7
 _UNCONFIRMED_POWER = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Evidence:
-    """What speaks for the motion tracker's box.
-
-    Attributes:
-        box: the box.
-        confidence: the tracker's confidence.
-        relative: its confidence as a share of the usual one.
-        score: its re-identification score, 0 to 2.
-        looks: that score as a share of the usual one.
-        blurred: whether blur makes the score a weak witness.
-        fresh: whether the score is this frame's.
-    """
-
-    box: Box
-    confidence: float
-    relative: float
-    score: float
-    looks: float
-    blurred: bool = False
-    fresh: bool = True
 
 
 class Following:
@@ -74,6 +46,7 @@ class Following:
         self._ahead: tuple[Box, MotionEstimate] | None = None
         self._settings = settings
         self._looks = looks
+        self._judge = Judge(settings, looks.epsilon)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
         self._low = 0
         self._steady_s = 0.0
@@ -147,11 +120,11 @@ class Following:
             self._while_coasting(frame, belief, evidence, expected, interval_s)
 
     def _while_tracking(
-        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+        self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
     ) -> None:
         settings = self._settings
         unsure = settings.score_coasting and evidence.relative < settings.low_ratio
-        if not unsure and not self._unlike(evidence):
+        if not unsure and not self._judge.unlike(evidence):
             self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
@@ -168,7 +141,7 @@ class Following:
             self._rival_frames = 0
             self.coast(frame, belief, belief.box, "doubtful")
 
-    def _may_doubt(self, evidence: _Evidence, interval_s: float) -> bool:
+    def _may_doubt(self, evidence: Evidence, interval_s: float) -> bool:
         """Whether a box in doubt is still worth following."""
         if self._doubted_s is None:
             return False
@@ -177,7 +150,7 @@ class Following:
         return patient and evidence.relative >= self._settings.low_ratio
 
     def _while_doubting(
-        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+        self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
     ) -> None:
         """The motion tracker is confident, but its box does not look like the target.
 
@@ -185,7 +158,7 @@ class Following:
         the tracker stays confident; in the second the target comes out again where it should be.
         """
         weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
-        if evidence.relative >= _CERTAIN:
+        if evidence.relative >= CERTAIN:
             self._steady_s += weight * interval_s
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
@@ -193,11 +166,11 @@ class Following:
         insistent = self._steady_s > self._settings.insist_s
         if insistent:
             self._looks.accept(evidence.score)
-        if insistent or self._alike(evidence):
+        if insistent or self._judge.alike(evidence):
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._probe(frame, expected)
-        better = rival is not None and self._surpasses(rival, evidence)
+        better = rival is not None and self._judge.surpasses(rival, evidence)
         self._rival_frames = self._rival_frames + 1 if better else 0
         if rival is not None and self._rival_frames >= _RIVAL_FRAMES:
             self._see(frame, belief, rival, interval_s)
@@ -205,7 +178,7 @@ class Following:
         self.coast(frame, belief, self._clamped(evidence.box, belief), "doubtful")
 
     def _while_coasting(
-        self, frame: Frame, belief: Belief, evidence: _Evidence, expected: Box, interval_s: float
+        self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
     ) -> None:
         self._doubted_s = None
         away = expected.distance(evidence.box) / expected.scale
@@ -214,7 +187,7 @@ class Following:
         steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
         insistent = self._steady_s > self._settings.insist_s
-        known = belief.is_free(evidence.box) and (self._alike(evidence) or insistent)
+        known = belief.is_free(evidence.box) and (self._judge.alike(evidence) or insistent)
         if self._settings.score_coasting and sure and near and known:
             self._see(frame, belief, evidence, interval_s)
         else:
@@ -248,7 +221,7 @@ class Following:
         """Whether the target should be about where it was in the last image."""
         return expected.distance(belief.previous) < _CALM_SIZES * expected.scale
 
-    def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> _Evidence:
+    def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> Evidence:
         estimate = self._estimate(frame, belief, expected)
         if belief.state is TrackState.TRACKING:
             estimate = self._settled(belief, expected, estimate)
@@ -257,7 +230,7 @@ class Following:
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
         """The last look's score, if nothing speaks against the box: every frame need not be one."""
         plain = belief.state is TrackState.TRACKING and not self._low
-        sure = plain and self._confidence.relative(estimate.confidence) >= _CERTAIN
+        sure = plain and self._confidence.relative(estimate.confidence) >= CERTAIN
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None
 
     def _settled(self, belief: Belief, expected: Box, estimate: MotionEstimate) -> MotionEstimate:
@@ -283,15 +256,15 @@ class Following:
 
     def _judged(
         self, frame: Frame, estimate: MotionEstimate, blurred: bool, known: float | None = None
-    ) -> _Evidence:
+    ) -> Evidence:
         relative = self._confidence.relative(estimate.confidence)
         if not self._settings.appearance_check:
-            return _Evidence(estimate.box, estimate.confidence, relative, 2.0, 1.0)
+            return Evidence(estimate.box, estimate.confidence, relative, 2.0, 1.0)
         score = self._looks.score(frame.image, estimate.box) if known is None else known
         looks, fresh = self._looks.relative(score), known is None
-        return _Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred, fresh)
+        return Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred, fresh)
 
-    def _probe(self, frame: Frame, expected: Box) -> _Evidence | None:
+    def _probe(self, frame: Frame, expected: Box) -> Evidence | None:
         """Look for the target where it should be, without going there."""
         if self._probing is None:
             return None
@@ -300,22 +273,7 @@ class Following:
         near = [place for place in places if place.box.distance(expected) <= reach_px]
         return self._judged(frame, near[0], False) if near else None
 
-    def _surpasses(self, rival: _Evidence, evidence: _Evidence) -> bool:
-        surer = rival.relative >= evidence.relative - _SURER
-        return surer and self._alike(rival) and rival.score > evidence.score
-
-    def _unlike(self, evidence: _Evidence) -> bool:
-        certain = evidence.relative >= _CERTAIN or evidence.blurred
-        least = self._settings.doubt_ratio_sure if certain else self._settings.doubt_ratio
-        if evidence.looks >= least:
-            return False
-        return evidence.score < self._looks.epsilon - _MARGIN
-
-    def _alike(self, evidence: _Evidence) -> bool:
-        least = _ALIKE if evidence.score >= self._looks.epsilon else _VERY_ALIKE
-        return evidence.looks >= least
-
-    def _see(self, frame: Frame, belief: Belief, evidence: _Evidence, interval_s: float) -> None:
+    def _see(self, frame: Frame, belief: Belief, evidence: Evidence, interval_s: float) -> None:
         self._low, self._doubted_s, self._steady_s = 0, None, 0.0
         box = self._clamped(evidence.box, belief)
         belief.see(box, evidence.relative, self._motion.name)
