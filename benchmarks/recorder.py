@@ -7,6 +7,10 @@ correlation tracker, control at 50 Hz, a simulated autopilot reached by UDP. Eac
 SECONDS with recording and as long without, in turn, in one process: what else the machine does
 meets both alike. Frames are a textured picture with a camera's noise.
 
+On a machine that others use, run it by `chrt -f 5 python …`: the flight's threads then come before
+all else, and the recorder's, which give way to them, before what others run, as on a machine of
+one's own.
+
 The first table is the recorder's processor time by thread, as the kernel counts it, as a share of
 one core. "Encoder" is x264 alone, fed with the same pictures, already converted. The second is when
 a control step began and ended, after its due time.
@@ -14,6 +18,7 @@ a control step began and ended, after its due time.
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import threading
@@ -33,7 +38,7 @@ from follower.flightlog import ControlRecord, FlightLog
 from follower.links.connection import open_connection
 from follower.links.mavlink import MavlinkLink
 from follower.realtime import RealtimeRun, VisionLoop
-from follower.recorder import FlightConfig, Recorder, epoch_now_ns
+from follower.recorder import FlightConfig, Recorder, epoch_now_ns, recorder, video_queue
 from follower.recorder.pictures import to_picture
 from follower.recorder.video_file import VideoFile
 from follower.recorder_settings import RecorderSettings
@@ -99,12 +104,12 @@ def fly(
     """Fly, recorded into the folder if there is one; return the steps and threads' seconds."""
     settings, clock = Settings(), MonotonicClock()
     ours, theirs = ends
-    recorder = None
+    recording = None
     if folder is not None:
         config = FlightConfig.of("real", settings, epoch_ns=epoch_now_ns(clock))
-        recorder = Recorder(folder, config, clock, RecorderSettings(keep_free_mb=0))
-    log = FlightLog() if recorder is None else recorder.log
-    link = MavlinkLink(ours if recorder is None else recorder.transport(ours))
+        recording = Recorder(folder, config, clock, RecorderSettings(keep_free_mb=0))
+    log = FlightLog() if recording is None else recording.log
+    link = MavlinkLink(ours if recording is None else recording.transport(ours))
     autopilot = SimAutopilot("ardupilot", theirs, BodyState(0.0, (0.0, 0.0, -20.0)))
     autopilot.switch_mode("GUIDED")
     stop = threading.Event()
@@ -120,9 +125,9 @@ def fly(
     spent = {name: spent_s(name) for name in ("video", "recorder")}
     stop.set()
     thread.join()
-    if recorder is not None:
-        recorder.close()
-        print(*recorder.remarks, sep="\n", end="")
+    if recording is not None:
+        recording.close()
+        print(*recording.remarks, sep="\n", end="")
     return [record for record in log.controls if record.time_s > 1.0], spent
 
 
@@ -164,19 +169,27 @@ def handing_over_share(recorded: list[ControlRecord]) -> float:
     frame = Frame(np.zeros((HEIGHT, WIDTH, 3), np.uint8), 0.0, 0)
     with tempfile.TemporaryDirectory() as name:
         config = FlightConfig.of("real", Settings())
-        with Recorder(Path(name), config, MonotonicClock()) as recorder:
+        with Recorder(Path(name), config, MonotonicClock()) as recording:
             began = time.thread_time()
             for record in recorded[:100]:
-                recorder.add_control(record)
+                recording.add_control(record)
             for _ in range(20):
-                recorder.add_frame(frame, 0.0)
+                recording.add_frame(frame, 0.0)
             spent = time.thread_time() - began
     # A hundred control steps and twenty frames: about 1.4 s of flight.
     return spent / 2.0
 
 
+def give_way_to_the_flight_alone() -> None:
+    """Stand in for the recorder's own `give_way` under `chrt -f`."""
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+
+
 def main() -> None:
     """Measure and print."""
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        for module in (recorder, video_queue):
+            module.give_way = give_way_to_the_flight_alone
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
     seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
     cv2.setNumThreads(1)

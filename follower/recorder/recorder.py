@@ -31,8 +31,9 @@ from follower_vision.framesource import ClosesItself
 
 CONFIG = "config.yaml"
 _COMMIT_EVERY_S = 0.4
-_LOOK_EVERY_S = 0.05
-"""The log's thread is not woken by each message: it would compete with the step that sent it."""
+_LOOK_EVERY_S = 0.1
+"""The log's thread is woken by the end of each control step alone, and looks by itself if none
+comes: what it does in Python it does while control sleeps, not while control works."""
 _MOST_ENTRIES = 20_000
 _VIDEO_YIELDS_AT = _MOST_ENTRIES // 8
 
@@ -69,7 +70,8 @@ class Recorder(ClosesItself):
         self.log = FlightLog(sink=self)
         (folder / CONFIG).write_text(config.to_yaml(), "utf-8")
         self._entries: deque[Entry] = deque()
-        self._closing = threading.Event()
+        self._step_ended = threading.Event()
+        self._closing = False
         self._lost = 0
         self._writer = LogWriter(folder, config, self._tell)
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._tell, threaded)
@@ -92,7 +94,8 @@ class Recorder(ClosesItself):
         """Write what waits and finish the files."""
         self._video.close()
         if self._thread is not None:
-            self._closing.set()
+            self._closing = True
+            self._step_ended.set()
             self._thread.join()
             self._thread = None
         if self._lost:
@@ -125,6 +128,7 @@ class Recorder(ClosesItself):
     def add_control(self, record: ControlRecord) -> None:
         """Record a control step."""
         self._put(record, record.time_s)
+        self._step_ended.set()
 
     def add_event(self, event: Event) -> None:
         """Record an event."""
@@ -160,7 +164,9 @@ class Recorder(ClosesItself):
         since = Stopwatch()
         closing = False
         while not closing:
-            closing = self._closing.wait(_LOOK_EVERY_S)
+            self._step_ended.wait(_LOOK_EVERY_S)
+            self._step_ended.clear()
+            closing = self._closing
             self._drain()
             if since.elapsed_s() >= _COMMIT_EVERY_S:
                 self._writer.commit()
