@@ -164,6 +164,11 @@ def _record(
         _check_overlap(source, log)
         shown = _Shown(status)
         found = run_import(source, settings, selector, log, recorder.log, clock, shown)
+        if log is not None:
+            said = (
+                f"the log lasts from {log.start_s:.1f} s to {log.end_s:.1f} s of the video's time"
+            )
+            recorder.log.note(clock.now(), "telemetry", said)
         if source.problem is not None:
             recorder.log.note(clock.now(), "video", source.problem)
     if not found:
@@ -209,7 +214,7 @@ def _config(
     options: ImportOptions, settings: Settings, telemetry: _Telemetry | None
 ) -> FlightConfig:
     run: dict[str, Any] = {
-        "title": f"{Path(options.source).name}, imported",
+        "title": f"{_short_name(options.source)}, imported",
         "source": options.source,
         "target": options.wish,
         "command": options.command,
@@ -233,7 +238,7 @@ def _report(telemetry: _Telemetry | None, folder: Path, console: Console) -> Non
 
 def _tell(found: TimeOffset, console: Console) -> None:
     console.print(
-        f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.0f} ms, correlation "
+        f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms, correlation "
         f"{found.peak:.3f}, next best {found.second:.3f}; the image turns {found.scale:.2f} times "
         "as much as the gyro",
         highlight=False,
@@ -259,4 +264,5 @@ def _kept_if_whole(folder: Path) -> Iterator[None]:
 
 def _short_name(source: str) -> str:
     path = Path(source).resolve()
-    return re.sub(r"[^\w-]", "-", path.stem)
+    name = path.parent.name if path.name == "img" else path.stem
+    return re.sub(r"[^\w-]", "-", name)

@@ -79,8 +79,8 @@ def _headline(
 
 
 def _losses_section(recorded: RecordedFlight, flight: Flight, found: Sequence[Loss]) -> str:
-    if not flight.log.tracks:
-        return ""
+    if seen_share(recorded) is None:
+        return html.section("Losses", html.paragraph("No target was ever chosen."))
     pictures, remark, wanted = {}, "", wanted_frames(found)
     if wanted:
         try:
