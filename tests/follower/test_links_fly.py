@@ -1,0 +1,55 @@
+"""One whole pursuit, in real time over UDP, by both links and both autopilots."""
+
+import json
+import socket
+from pathlib import Path
+
+import pytest
+import yaml
+
+from follower.simulate import SimulationOptions, simulate
+
+SCENARIO = """
+name: small
+title: A car stands in a meadow.
+duration_s: 18
+seed: 5
+targets:
+  - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}
+camera: {width: 320, height: 240, exposure_s: 0.0}
+start: {at: [0, 0]}
+select: {colour: "#e0401c"}
+"""
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["pymavlink", "mavsdk"])
+@pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
+def test_a_pursuit_is_flown(kind: str, flavour: str, tmp_path: Path) -> None:
+    scenario = tmp_path / "small.yaml"
+    scenario.write_text(SCENARIO)
+    simulate(
+        SimulationOptions(
+            str(scenario),
+            autopilot=flavour,
+            out=tmp_path,
+            video=False,
+            connect=f"udpin:127.0.0.1:{_free_port()}",
+            link=kind,
+        )
+    )
+    score = json.loads((tmp_path / "small" / "score.json").read_text())["score"]
+    assert score["following_share"] > 0.8
+    assert score["in_frame_share"] > 0.9
+    assert score["range_error_median"] < 0.25
+    config = yaml.safe_load((tmp_path / "small" / "config.yaml").read_text())
+    assert config["settings"]["link"]["kind"] == kind
+    report = (tmp_path / "small" / "report.html").read_text()
+    assert f"{kind} to {flavour} 1, " in report
+    assert (tmp_path / "small" / "mavlink.tlog").stat().st_size > 100_000
