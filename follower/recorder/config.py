@@ -35,7 +35,7 @@ class FlightConfig:
     """What a flight was flown with.
 
     Attributes:
-        kind: "simulated", "real" or "recorded video".
+        kind: "simulated", "real" or "video": recorded or live video without a flight.
         settings: as resolved, in the form of the settings' YAML.
         run: what was run: scenario, autopilot, seed, source, command.
         camera: intrinsics, where they are not those of the settings.

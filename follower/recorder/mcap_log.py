@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from follower.recorder.append_file import AppendFile
 from follower.recorder.codec import encode
-from follower.recorder.messages import BY_RECORD, MESSAGES
+from follower.recorder.messages import MESSAGES
 from follower.recorder.schema import json_schema, schema_name
 from follower_vision.framesource import ClosesItself
 
@@ -82,8 +82,3 @@ class McapLog(ClosesItself):
                 message.topic, "json", schema_id, {"rate": message.rate}
             )
         return channels
-
-
-def is_message(record: object) -> bool:
-    """Tell whether the table of messages knows this kind of object."""
-    return type(record) in BY_RECORD

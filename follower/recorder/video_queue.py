@@ -64,15 +64,19 @@ class VideoQueue(ClosesItself):
                 self._waiting_bytes += frame.image.nbytes
                 self._changed.notify()
         if refused is not None:
-            self._leave_out(refused)
+            self.leave_out(refused)
             return None
         if self._thread is None:
             self._write(self._waiting.popleft())
         return index
 
     def leave_out(self, why: str) -> None:
-        """Count a frame that was not even offered."""
-        self._leave_out(why)
+        """Count a frame that is not in the video, and tell the first reason."""
+        if self._settings.video is VideoKind.NONE:
+            return
+        self.left_out += 1
+        if self.left_out == 1 and why:
+            self._tell(f"frames are left out of the video: {why}")
 
     def close(self) -> None:
         """Encode what waits and finish the video."""
@@ -100,13 +104,6 @@ class VideoQueue(ClosesItself):
             return "the disk or the encoder is too slow"
         self._size = size
         return None
-
-    def _leave_out(self, why: str) -> None:
-        if self._settings.video is VideoKind.NONE:
-            return
-        self.left_out += 1
-        if self.left_out == 1 and why:
-            self._tell(f"frames are left out of the video: {why}")
 
     def _run(self) -> None:
         give_way()
