@@ -1,0 +1,101 @@
+"""A flight in real time, a thread for each stage and the recorder's own, replays bit for bit."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.control_loop import ControlLoop
+from follower.control_stage import ControlStage
+from follower.realtime import RealtimeRun, VisionLoop
+from follower.recorder import FlightConfig, Recorder, open_flight
+from follower.replay import Replay, compare, replay_settings
+from follower.selecting import box_selector
+from follower.settings import Settings
+from follower.tracking import make_target_tracker
+from follower.vision_stage import VisionStage
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_vision.box import Box
+from follower_vision.clock import MonotonicClock
+from follower_vision.frame import Frame
+from follower_vision.framesource import ClosesItself
+
+SECONDS = 2.5
+
+
+class Camera(ClosesItself):
+    """Noise with a moving square, 60 times a second: more than vision may manage."""
+
+    nominal_rate_hz = 60.0
+    frame_count: int | None = None
+    problem: str | None = None
+
+    def __init__(self, clock: MonotonicClock) -> None:
+        self._clock = clock
+        self._rng = np.random.default_rng(3)
+        self._number = 0
+
+    def read(self) -> Frame:
+        self._number += 1
+        self._clock.sleep_until(self._number / 60)
+        image = self._rng.integers(60, 120, (120, 160, 3), dtype=np.uint8)
+        x = 60 + self._number // 3
+        image[50:70, x : x + 24] = (40, 40, 230)
+        image[50:70:4, x : x + 24] = (230, 230, 40)
+        return Frame(image, self._clock.now() - 0.01, self._number)
+
+
+class Link:
+    """A vehicle that hovers and trembles; telemetry comes when it comes."""
+
+    connected = True
+
+    def __init__(self) -> None:
+        self.state = VehicleState()
+        self.attitudes: list[Attitude] = []
+        self.sent: list[Any] = []
+        self._rng = np.random.default_rng(4)
+
+    def poll(self, now_s: float) -> None:
+        angles = self._rng.normal(0, 0.01, 6).tolist()
+        self.attitudes = [Attitude(*angles, now_s - 0.005)] if self._rng.random() < 0.8 else []
+        position = LocalPosition(0.0, 0.0, -10.0, 0.0, 0.0, 0.0, now_s)
+        attitude = self.attitudes[-1] if self.attitudes else self.state.attitude
+        self.state = VehicleState(attitude, position, "GUIDED", True, True, False, now_s)
+
+    def take_notes(self) -> list[str]:
+        return []
+
+    def send(self, setpoint: Any) -> None:
+        self.sent.append(setpoint)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> None:
+    settings = Settings.model_validate({"recorder": {"video": "lossless", "keep_free_mb": 0}})
+    clock, link = MonotonicClock(), Link()
+    config = FlightConfig.of("real", settings, run={"try": seed})
+    with Recorder(tmp_path, config, clock, settings.recorder) as recorder:
+        stage = VisionStage(make_target_tracker(settings))
+        stage.select(box_selector(Box(73.0, 60.0, 24.0, 20.0)))
+        vision = VisionLoop(stage, clock, recorder.log)
+        control = ControlStage(settings, settings.camera.model(160, 120), recorder.log)
+        loop: Any = ControlLoop(link, control, lambda: vision.tracks.newest, recorder.log)  # type: ignore[arg-type]
+        run = RealtimeRun(clock, Camera(clock), vision, loop, settings.control_rate_hz)
+
+        def watch() -> bool:
+            if clock.now() > SECONDS - 0.5:
+                control.request_stop()
+            return clock.now() < SECONDS
+
+        run.run(watch)
+    assert recorder.remarks == ()
+    flight = open_flight(tmp_path)
+    assert flight.remarks == []
+    assert len(flight.log.controls) == len(recorder.log.controls) > 50
+    assert any(record.state.steers for record in flight.log.controls)
+    replay = Replay(flight, replay_settings(flight))
+    compared = compare(flight.log, replay.run())
+    assert replay.missed == 0
+    assert compared.identical, [one.name for one in compared.differing]
