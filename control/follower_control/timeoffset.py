@@ -18,6 +18,7 @@ _LEAST_OVERLAP_S = 4.0
 _LEAST_SHARE = 0.5
 _LEAST_RATE_RAD_S = math.radians(1.5)
 _LEAST_PEAK = 0.5
+_LEAST_SCALE = 0.5
 _CLEARLY_WORSE = 1.25
 """At any other place so much more has to be left unexplained than at the best one."""
 _MOST_UNSURE_S = 0.05
@@ -92,6 +93,8 @@ class TimeOffset:
         found = []
         if self.peak < _LEAST_PEAK:
             found.append(f"image and gyro hardly agree (correlation {self.peak:.2f} of 1)")
+        if not _LEAST_SCALE < self.scale < 1 / _LEAST_SCALE:
+            found.append(f"the image turns {self.scale:.2f} times as much as the gyro")
         if 1 - self.second**2 < _CLEARLY_WORSE * (1 - self.peak**2):
             found.append(f"another offset fits nearly as well ({self.second:.2f})")
         if self.unsure_s > _MOST_UNSURE_S:
