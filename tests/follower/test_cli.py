@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from follower.cli import INTERRUPTED, SUCCESS, UNUSABLE
+from follower.recorder import open_flight
 from follower_vision.sources import open_source
 
 FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
@@ -165,6 +166,10 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     assert "The user ended this flight." in (folder / "report.html").read_text("utf-8")
     assert json.loads((folder / "score.json").read_text("utf-8"))["passed"] is False
     assert count_frames(folder / "overlay.mp4") > 20
+    flight = open_flight(folder)
+    assert flight.remarks == []
+    assert len(list(flight.pictures())) > 20
+    assert len(list(flight.packets())) > 100
     rows = rows_of(folder / "setpoints.csv")
     assert rows[-1]["state"] == "released"
     assert float(rows[-1]["forward_m_s"]) == pytest.approx(0.0, abs=0.01)
