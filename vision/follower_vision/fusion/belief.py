@@ -44,7 +44,6 @@ class Belief:
     Attributes:
         box: where the target is, or is taken to be.
         previous: the same in the last frame's pixels.
-        sighted: where the motion tracker took the target to be, believed or not.
         reference: a box of the last confirmed size.
         state: as in `Track`.
         confidence: as in `Track`.
@@ -59,7 +58,7 @@ class Belief:
     """
 
     def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
-        self.box = self.previous = self.sighted = self.reference = box
+        self.box = self.previous = self.reference = box
         self.state = TrackState.TRACKING
         self.confidence = 1.0
         self.produced_by = produced_by

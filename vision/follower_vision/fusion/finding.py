@@ -20,9 +20,6 @@ _ALIKE = 0.68
 _ALIKE_IF_STRANGE = 0.5
 _FAR = 0.25
 _SIZE_WEIGHT = 0.3
-_WITNESSED = 0.4
-_WITNESS_CONFIDENCE = 0.9
-_WITNESS_IOU = 0.3
 
 
 class Finding:
@@ -69,15 +66,13 @@ class Finding:
     ) -> tuple[Box, float] | None:
         """Return the box that is the target, and its score, if one is.
 
-        The further away and the more different in size, the better it has to look; less well,
-        where the motion tracker finds the target as well: it may have turned meanwhile.
+        The further away and the more different in size, the better it has to look.
         """
         best: tuple[float, Box, float] | None = None
         for box in boxes:
             score = self._looks.score(image, box)
             strange = self._strangeness(belief, moment, box)
             lenience = self._looks.kinship(image, box) if belief.familiar else 0.0
-            lenience += _WITNESSED if self._witnessed(belief, box) else 0.0
             least = _ALIKE + _ALIKE_IF_STRANGE * (strange - lenience)
             if self._looks.relative(score) < least:
                 continue
@@ -85,11 +80,6 @@ class Finding:
             if value >= self._looks.epsilon and (best is None or value > best[0]):
                 best = value, box, score
         return None if best is None else best[1:]
-
-    def _witnessed(self, belief: Belief, box: Box) -> bool:
-        """Whether the detector's box of the target's class is the motion tracker's place too."""
-        sure = belief.familiar and belief.confidence >= _WITNESS_CONFIDENCE
-        return sure and box.iou(belief.sighted) >= _WITNESS_IOU
 
     def _strangeness(self, belief: Belief, moment: Moment, box: Box) -> float:
         settings = self._settings

@@ -111,7 +111,7 @@ class Following:
             blurred: whether the target's neighbourhood is blurred.
         """
         evidence = self._evidence(frame, belief, expected, blurred)
-        belief.confidence, belief.sighted = evidence.relative, evidence.box
+        belief.confidence = evidence.relative
         if belief.state is TrackState.TRACKING:
             self._while_tracking(frame, belief, evidence, expected, interval_s)
         elif self._may_doubt(evidence, interval_s):
