@@ -63,16 +63,17 @@ class ImportOptions:
         """The target in words."""
         if self.select is not None:
             return self.select
-        return "the target" if self.colour is None else f"something of colour {self.colour}"
+        if self.target is not None:
+            return f"the box {_xywh(self.target)}"
+        return f"something of colour {self.colour}"
 
     @property
     def command(self) -> str:
         """The command line that does this again."""
-        box = self.target
         pairs = (
             ("--telemetry", self.telemetry),
             ("--offset", self.offset_s),
-            ("--target", None if box is None else ",".join(f"{v:g}" for v in box.xywh)),
+            ("--target", None if self.target is None else _xywh(self.target)),
             ("--select", self.select),
             ("--colour", self.colour),
             ("--at", self.at_s or None),
@@ -99,3 +100,7 @@ class ImportOptions:
             overrides=(*fov, *self.overrides),
             rate_hz=self.rate_hz,
         )
+
+
+def _xywh(box: Box) -> str:
+    return ",".join(f"{value:g}" for value in box.xywh)
