@@ -7,6 +7,8 @@ import json
 import logging
 import threading
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 
 from mavsdk import ComponentType, Configuration, Mavsdk
@@ -30,7 +32,7 @@ from follower_vision.clock import Clock
 _PUMP_S = 0.005
 _MOST_MESSAGES = 5000
 _LONGEST_ANSWER_S = 5.0
-_COMMANDS = ("arm", "take-off height", "take-off", "a command")
+_UNANSWERED = ("TIMEOUT", "CONNECTION_ERROR", "NO_SYSTEM")
 _LOGGER = logging.getLogger("mavsdk")
 _LEVELS = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 
@@ -71,7 +73,7 @@ class MavsdkLink(AutopilotLink):
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
         self._strangers: deque[Packet] = deque(maxlen=_MOST_MESSAGES)
         self._results: deque[str] = deque(maxlen=_MOST_MESSAGES)
-        self._waiting = dict.fromkeys(_COMMANDS, 0)
+        self._waiting: set[object] = set()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         log_subscribe(_log)
@@ -89,23 +91,16 @@ class MavsdkLink(AutopilotLink):
     def arm(self) -> None:
         """Ask the autopilot to arm."""
         if self._action is not None:
-            self._waiting["arm"] += 1
-            self._action.arm_async(lambda result, _data: self._report("arm", result))
+            self._action.arm_async(self._answer_to("arm"))
 
     def take_off(self, height_m: float) -> None:
         """Ask for a take-off to `height_m` above the ground the vehicle stands on."""
         action = self._action
-        if action is None:
-            return
-
-        def then_take_off(result: ActionResult, _data: object) -> None:
-            if result == ActionResult.SUCCESS:
-                self._waiting["take-off"] += 1
-                action.takeoff_async(lambda result, _data: self._report("take-off", result))
-            self._report("take-off height", result)
-
-        self._waiting["take-off height"] += 1
-        action.set_takeoff_altitude_async(height_m, then_take_off)
+        if action is not None:
+            take_off = partial(self._take_off_with, action)
+            action.set_takeoff_altitude_async(
+                height_m, self._answer_to("take-off height", take_off)
+            )
 
     def close(self) -> None:
         """End the stream, give MAVSDK back and close the transport."""
@@ -134,7 +129,7 @@ class MavsdkLink(AutopilotLink):
     @property
     def _is_waiting(self) -> bool:
         stopping = self._stream is not None and self._stream.busy
-        return stopping or any(self._waiting.values())
+        return stopping or bool(self._waiting)
 
     @property
     def _sends_heartbeats(self) -> bool:
@@ -240,23 +235,27 @@ class MavsdkLink(AutopilotLink):
         addressed = {"target_system": target[0], "target_component": target[1], **fields}
         message = MavlinkMessage(name, vehicle.system, COMPONENT_ID, *target, json.dumps(addressed))
         if name == "COMMAND_LONG":
-            self._waiting["a command"] += 1
-            direct.send_command_async(message, self._on_command_done)
+            direct.send_command_async(message, self._answer_to("a command"))
         else:
             direct.send_message(message)
 
-    def _on_command_done(
-        self, result: MavlinkDirectResult, _message: MavlinkMessage, _data: object
-    ) -> None:
-        self._waiting["a command"] -= 1
-        if result != MavlinkDirectResult.SUCCESS:
-            self._results.append(f"a command was not answered: {result.name}")
+    def _take_off_with(self, action: Action) -> None:
+        action.takeoff_async(self._answer_to("take-off"))
 
-    def _report(self, what: str, result: ActionResult) -> None:
-        self._waiting[what] -= 1
-        # What the autopilot refuses comes as a COMMAND_ACK as well and is noted there.
-        if result == ActionResult.TIMEOUT:
-            self._results.append(f"{what}: {result.name}")
+    def _answer_to(self, what: str, then: Callable[[], None] | None = None) -> Callable[..., None]:
+        """Return what MAVSDK is to call, on a thread of its own, when a command is answered."""
+        token = object()
+        self._waiting.add(token)
+
+        def take(result: ActionResult | MavlinkDirectResult, *_: object) -> None:
+            # What the autopilot refuses comes as a COMMAND_ACK as well and is noted there.
+            if result.name in _UNANSWERED:
+                self._results.append(f"{what}: not answered ({result.name})")
+            elif then is not None and result.name == "SUCCESS":
+                then()
+            self._waiting.discard(token)
+
+        return take
 
 
 def _log(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
