@@ -223,7 +223,8 @@ class FusionTracker:
         tracking = belief.state is TrackState.TRACKING
         if tracking and blurred:
             return True
-        sure = tracking and belief.confidence >= self._settings.resume_ratio
+        low = belief.confidence < self._settings.resume_ratio
+        sure = tracking and not (low and self._settings.score_coasting)
         return since >= (self._settings.validate_every if sure else self._settings.search_every)
 
     def _ask(self, frame: Frame, belief: Belief) -> None:
