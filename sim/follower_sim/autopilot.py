@@ -39,7 +39,7 @@ class SimAutopilot:
         transport: carries MAVLink to and from the companion.
         start: where it stands at the start and when; in the air it is armed and holds its place.
         wind: the air's velocity at a time; None is still air.
-        rng: makes the attitude's noise, and decides which packets are lost when faults ask for that.
+        rng: makes the attitude's noise and, when faults ask for it, chooses the lost packets.
 
     Attributes:
         faults: switches for what goes wrong.
