@@ -43,6 +43,7 @@ class SimAutopilot:
 
     Attributes:
         faults: switches for what goes wrong.
+        on_step: is called at the end of each `step`, if given.
 
     Raises:
         ValueError: there is no such flavour.
@@ -57,14 +58,15 @@ class SimAutopilot:
         rng: np.random.Generator | None = None,
     ) -> None:
         self.faults = Faults()
+        self.on_step: Callable[[float], None] | None = None
         self._controller = _controller(flavour, start, wind)
         self._start_s = start.time_s
         self._steps = 0
         self._now_s = start.time_s
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
         lots = np.random.default_rng(0) if rng is None else rng
-        noise = lots.spawn(1)[0]
-        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s, noise)
+        self._noise = lots.spawn(1)[0]
+        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s, self._noise)
         self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
         self._handlers: dict[str, Callable[[Any], None]] = {
@@ -113,9 +115,21 @@ class SimAutopilot:
             raise ValueError(f"no mode {name!r}; there are {', '.join(modes)}")
         return self._controller.set_mode(modes[name])
 
+    def restart(self) -> None:
+        """Begin anew as after a moment without power: the clock, the rates and the mode.
+
+        It stays in the air: what a real vehicle does meanwhile is not simulated.
+        """
+        controller = self._controller
+        self._boot_s = self._now_s
+        self._telemetry = Telemetry(controller, self.faults, self._boot_s, self._noise)
+        self._commands = Commands(controller, self._telemetry, self._link.send)
+        controller.set_mode(controller.firmware.modes[controller.firmware.hold_mode])
+
     def step(self, now_s: float) -> None:
         """Hear what has arrived, fly up to `now_s` and tell what is due on the way."""
         self._now_s = now_s
+        self._controller.refuses_setpoints = self.faults.refuses_setpoints
         for message in self._link.receive():
             self._hear(message)
         self._say_texts()
@@ -125,6 +139,8 @@ class SimAutopilot:
             for message in self._telemetry.due():
                 self._link.send(message)
             self._say_texts()
+        if self.on_step is not None:
+            self.on_step(now_s)
 
     def _hear(self, message: Any) -> None:
         handler = self._handlers.get(message.get_type())
@@ -200,7 +216,7 @@ class SimAutopilot:
 
     def _on_timesync(self, m: Any) -> None:
         if m.tc1 == 0:
-            boot_ns = round((self._now_s - self._boot_s) * 1e9)
+            boot_ns = round(self._telemetry.since_boot_s(self._now_s) * 1e9)
             self._link.send(mavlink.MAVLink_timesync_message(boot_ns, m.ts1))
 
 

@@ -34,6 +34,7 @@ class FlightController(ABC):
         armed: motors turn.
         texts: what it has to say, (severity, text), until somebody takes it.
         parameters: by name.
+        refuses_setpoints: the mode that flies set-points is not entered.
     """
 
     def __init__(self, firmware: Firmware, vehicle: Vehicle) -> None:
@@ -54,6 +55,7 @@ class FlightController(ABC):
         self._armed_s = vehicle.state.time_s
         self._grounded_s = vehicle.state.time_s
         self._flown = self.armed
+        self.refuses_setpoints = False
 
     @property
     def now_s(self) -> float:
@@ -87,7 +89,8 @@ class FlightController(ABC):
 
     def set_mode(self, mode: FlightMode) -> bool:
         """Change the mode because somebody asks for it; whether that is accepted."""
-        if not self._may_enter(mode):
+        refused = self.refuses_setpoints and mode.behaviour is Behaviour.SETPOINTS
+        if refused or not self._may_enter(mode):
             return False
         self._enter(mode)
         return True

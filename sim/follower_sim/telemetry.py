@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower_sim.angles import wrap
 from follower_sim.faults import Faults
 from follower_sim.flight_controller import FlightController
 from follower_sim.flight_modes import Behaviour
@@ -41,7 +42,7 @@ class Telemetry:
         self._faults = faults
         self._boot_s = boot_s
         self._rng = rng
-        self._frozen: tuple[float, ...] | None = None
+        self._frozen = _Frozen()
         self._builders: dict[str, Callable[[BodyState], Any]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -79,6 +80,8 @@ class Telemetry:
             self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
         if self._faults.telemetry_stopped:
             names = [name for name in names if name == "HEARTBEAT"]
+        if self._faults.position_stopped:
+            names = [name for name in names if name != "LOCAL_POSITION_NED"]
         return [self._build(name) for name in names]
 
     def on_request(self, message_id: int) -> Any | None:
@@ -88,7 +91,11 @@ class Telemetry:
 
     def boot_ms(self, time_s: float) -> int:
         """Return a time on the autopilot's clock, as messages carry it."""
-        return round((time_s - self._boot_s) * 1000.0) & 0xFFFFFFFF
+        return round(self.since_boot_s(time_s) * 1000.0) & 0xFFFFFFFF
+
+    def since_boot_s(self, time_s: float) -> float:
+        """Return a time on the autopilot's clock in seconds."""
+        return time_s - self._boot_s + self._faults.clock_jump_s
 
     def _build(self, name: str) -> Any:
         return self._builders[name](self._controller.vehicle.state)
@@ -128,19 +135,20 @@ class Telemetry:
         angles = np.add(state.attitude_rad, self._rng.normal(0.0, _ANGLE_NOISE_RAD, 3))
         rates = np.add(state.rates_rad_s, self._rng.normal(0.0, _RATE_NOISE_RAD_S, 3))
         numbers = (*angles.tolist(), *rates.tolist())
-        if not self._faults.attitude_frozen:
-            self._frozen = numbers
-        elif self._frozen is not None:
-            numbers = self._frozen
+        numbers = (*numbers[:2], wrap(numbers[2] + self._faults.yaw_jump_rad), *numbers[3:])
+        numbers = self._frozen.of("ATTITUDE", numbers, self._faults.attitude_frozen)
         if self._faults.attitude_nan:
             numbers = (math.nan,) * 6
         return mavlink.MAVLink_attitude_message(self.boot_ms(state.time_s), *numbers)
 
     def _local_position(self, state: BodyState) -> Any:
         local_m = [p - o for p, o in zip(state.position_m, self._controller.origin_m, strict=True)]
-        return mavlink.MAVLink_local_position_ned_message(
-            self.boot_ms(state.time_s), *local_m, *state.velocity_m_s
-        )
+        local_m[0] += self._faults.position_jump_m
+        numbers = (*local_m, *state.velocity_m_s)
+        numbers = self._frozen.of("POSITION", numbers, self._faults.position_frozen)
+        if self._faults.position_nan:
+            numbers = (math.nan,) * 6
+        return mavlink.MAVLink_local_position_ned_message(self.boot_ms(state.time_s), *numbers)
 
     def _global_position(self, state: BodyState) -> Any:
         latitude, longitude, height_m = self._position_deg(state)
@@ -187,6 +195,21 @@ class Telemetry:
         return mavlink.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
         )
+
+
+class _Frozen:
+    """Repeats the last numbers of a message while it is frozen."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[float, ...]] = {}
+
+    def of(self, name: str, numbers: tuple[float, ...], frozen: bool) -> tuple[float, ...]:
+        """Return what the message says: the numbers, or the last ones before it froze."""
+        return self._last.setdefault(name, numbers) if frozen else self._kept(name, numbers)
+
+    def _kept(self, name: str, numbers: tuple[float, ...]) -> tuple[float, ...]:
+        self._last[name] = numbers
+        return numbers
 
 
 def _int16(value: float) -> int:
