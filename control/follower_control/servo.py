@@ -9,7 +9,9 @@ from typing import Any, ClassVar
 
 from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
+from follower_control.nudge import Nudge
 from follower_control.pid import Pid, PidSettings
+from follower_control.reference import Reference
 from follower_control.servo_errors import ServoErrors
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
@@ -111,7 +113,8 @@ class VisualServo:
     def __init__(self, settings: ServoSettings, mount_pitch_rad: float = 0.0) -> None:
         self._settings = s = settings
         wanted = s.elevation_deg
-        self._elevation = mount_pitch_rad if wanted is None else math.radians(wanted)
+        elevation = mount_pitch_rad if wanted is None else math.radians(wanted)
+        self._reference = Reference(s.distance_m, elevation)
         self._centred, self._off_axis = math.radians(s.centred_deg), math.radians(s.off_axis_deg)
         turn = math.radians(s.max_yaw_rate_deg_s)
         self._azimuth_pid = Pid(s.azimuth, -turn, turn)
@@ -132,6 +135,7 @@ class VisualServo:
         if s.target_size_m is not None:
             self._wanted_log_scale = math.log(s.target_size_m / s.distance_m)
         self._errors: ServoErrors | None = None
+        self._reference.start()
         self.resume(present)
 
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
@@ -140,6 +144,10 @@ class VisualServo:
         self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
         self._target_speed.reset()
+
+    def nudge(self, nudge: Nudge) -> None:
+        """Shift what is wanted, smoothly, until another nudge comes."""
+        self._reference.nudge(nudge)
 
     @property
     def errors(self) -> ServoErrors | None:
@@ -170,6 +178,7 @@ class VisualServo:
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
             self._begin(estimate)
+        self._reference.step(interval_s)
         self._errors = self._see(estimate, yaw, vehicle, interval_s)
         if interval_s > 0:
             self._asked = self._steer(self._errors, estimate, allowed, interval_s)
@@ -190,8 +199,8 @@ class VisualServo:
         range_m = self._range(estimate)
         return ServoErrors(
             azimuth_rad=wrap_angle(estimate.azimuth_rad - yaw),
-            elevation_rad=estimate.elevation_rad - self._elevation,
-            log_range=math.log(range_m / self._settings.distance_m),
+            elevation_rad=estimate.elevation_rad - self._reference.elevation_rad,
+            log_range=math.log(range_m / self._reference.distance_m),
             range_m=range_m,
             target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
         )
@@ -223,8 +232,10 @@ class VisualServo:
         if self._settings.mode is Mode.WATCH:
             return VelocitySetpoint(yaw_rate_rad_s=yaw_rate)
         self._forward = self._close_in(errors, estimate, allowed, interval_s)
+        centred = self._centred_share(errors.azimuth_rad - self._reference.azimuth_rad)
         return VelocitySetpoint(
-            forward_m_s=self._forward * self._centred_share(errors.azimuth_rad),
+            forward_m_s=self._forward * centred,
+            right_m_s=self._reference.side_m_s * centred,
             down_m_s=self._sink(errors, estimate, allowed, interval_s),
             yaw_rate_rad_s=yaw_rate,
         )
@@ -238,8 +249,9 @@ class VisualServo:
     ) -> float:
         """Yaw rate; the target's own angular rate is known only in the world's frame."""
         in_world = estimate.frame is SightFrame.WORLD
+        error = errors.azimuth_rad - self._reference.azimuth_rad
         return self._azimuth_pid.update(
-            errors.azimuth_rad,
+            error,
             -errors.azimuth_rad,
             interval_s,
             feed_forward=estimate.azimuth_rate_rad_s if in_world else 0.0,

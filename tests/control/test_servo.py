@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from follower_control.estimate import TargetEstimate
+from follower_control.nudge import Nudge
 from follower_control.pid import PidSettings
 from follower_control.servo import Mode, ServoSettings, VisualServo
 from follower_control.setpoint import HOLD, VelocitySetpoint
@@ -291,3 +292,30 @@ def test_our_own_speeding_up_seen_late_is_not_the_target_s():
 def test_target_speed_refuses_nonsense(times):
     with pytest.raises(ValueError, match="time constants"):
         TargetSpeed(*times)
+
+
+def nudged(nudge):
+    servo = VisualServo(SETTINGS, MOUNT_PITCH)
+    servo.nudge(nudge)
+    asked = HOLD
+    for i in range(60):
+        asked = servo.update(replace(target(), time_s=i * DT), vehicle(i * DT), asked)
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("nudge", "index", "sign"),
+    [
+        (Nudge(distance_m=4), 0, -1),
+        (Nudge(distance_m=-4), 0, 1),
+        (Nudge(elevation_rad=0.2), 2, 1),
+        (Nudge(elevation_rad=-0.2), 2, -1),
+        (Nudge(azimuth_rad=-0.2), 3, 1),
+        (Nudge(side_m_s=1.0), 1, 1),
+    ],
+    ids=["back off", "come closer", "lower", "higher", "nose right", "go right"],
+)
+def test_a_nudge_moves_a_vehicle_that_stood_right(nudge, index, sign):
+    values = nudged(nudge).values
+    assert values[index] * sign > 0.1
+    assert [v for i, v in enumerate(values) if i != index] == pytest.approx([0] * 3, abs=1e-9)
