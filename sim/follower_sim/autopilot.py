@@ -15,8 +15,10 @@ from follower_sim.commands import Commands
 from follower_sim.faults import Faults
 from follower_sim.firmware import ARDUCOPTER, PX4
 from follower_sim.flight_controller import FlightController
+from follower_sim.health import Health
 from follower_sim.kinematics import BodyState
 from follower_sim.mavlink_endpoint import MavlinkEndpoint
+from follower_sim.parameter_protocol import ParameterProtocol
 from follower_sim.position_target import PositionTarget
 from follower_sim.px4 import Px4Controller
 from follower_sim.telemetry import Telemetry
@@ -43,6 +45,7 @@ class SimAutopilot:
 
     Attributes:
         faults: switches for what goes wrong.
+        health: what it says about its sensors, battery, GPS and estimator.
         on_step: is called at the end of each `step`, if given.
 
     Raises:
@@ -58,6 +61,7 @@ class SimAutopilot:
         rng: np.random.Generator | None = None,
     ) -> None:
         self.faults = Faults()
+        self.health = Health()
         self.on_step: Callable[[float], None] | None = None
         self._controller = _controller(flavour, start, wind)
         self._start_s = start.time_s
@@ -66,19 +70,29 @@ class SimAutopilot:
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
         lots = np.random.default_rng(0) if rng is None else rng
         self._noise = lots.spawn(1)[0]
-        self._telemetry = Telemetry(self._controller, self.faults, self._boot_s, self._noise)
+        self._telemetry = Telemetry(
+            self._controller, self.faults, self.health, self._boot_s, self._noise
+        )
         self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
+        parameters = ParameterProtocol(
+            self._controller.parameters, flavour == PX4.name, self._link.send
+        )
         self._handlers: dict[str, Callable[[Any], None]] = {
             "SET_POSITION_TARGET_LOCAL_NED": self._on_position_target,
             "COMMAND_LONG": self._on_command_long,
             "COMMAND_INT": self._on_command_int,
             "SET_MODE": self._on_set_mode,
-            "PARAM_REQUEST_READ": self._on_param_read,
-            "PARAM_REQUEST_LIST": self._on_param_list,
-            "PARAM_SET": self._on_param_set,
+            "PARAM_REQUEST_READ": parameters.read,
+            "PARAM_REQUEST_LIST": parameters.list,
+            "PARAM_SET": parameters.set,
             "TIMESYNC": self._on_timesync,
         }
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters by name; a new value counts at once."""
+        return self._controller.parameters
 
     @property
     def state(self) -> BodyState:
@@ -122,7 +136,7 @@ class SimAutopilot:
         """
         controller = self._controller
         self._boot_s = self._now_s
-        self._telemetry = Telemetry(controller, self.faults, self._boot_s, self._noise)
+        self._telemetry = Telemetry(controller, self.faults, self.health, self._boot_s, self._noise)
         self._commands = Commands(controller, self._telemetry, self._link.send)
         controller.set_mode(controller.firmware.modes[controller.firmware.hold_mode])
 
@@ -182,37 +196,6 @@ class SimAutopilot:
     def _on_set_mode(self, m: Any) -> None:
         if m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             self._commands.set_mode(m.custom_mode)
-
-    def _on_param_read(self, m: Any) -> None:
-        names = list(self._controller.parameters)
-        if 0 <= m.param_index < len(names):
-            self._send_parameter(names[m.param_index])
-        elif m.param_index == -1:
-            self._send_parameter(m.param_id)
-
-    def _on_param_list(self, _m: Any) -> None:
-        for name in self._controller.parameters:
-            self._send_parameter(name)
-
-    def _on_param_set(self, m: Any) -> None:
-        parameters = self._controller.parameters
-        if m.param_id in parameters and 0 <= m.param_value < 1e6:
-            parameters[m.param_id] = m.param_value
-        self._send_parameter(m.param_id)
-
-    def _send_parameter(self, name: str) -> None:
-        parameters = self._controller.parameters
-        if name in parameters:
-            index = list(parameters).index(name)
-            self._link.send(
-                mavlink.MAVLink_param_value_message(
-                    name.encode(),
-                    parameters[name],
-                    mavlink.MAV_PARAM_TYPE_REAL32,
-                    len(parameters),
-                    index,
-                )
-            )
 
     def _on_timesync(self, m: Any) -> None:
         if m.tc1 == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from follower_sim.firmware_parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
 from follower_sim.flight_modes import ARDUCOPTER_MODES, PX4_MODES, FlightMode
 from follower_sim.response import ARDUCOPTER_RESPONSE, PX4_RESPONSE, VehicleResponse
 
@@ -91,15 +92,7 @@ PX4 = Firmware(
     spool_up_s=1.0,
     disarm_landed_s=2.0,
     disarm_idle_s=10.0,
-    parameters={
-        "COM_OF_LOSS_T": 1.0,
-        "COM_OBL_RC_ACT": 0.0,
-        "MPC_XY_VEL_MAX": 12.0,
-        "MPC_Z_VEL_MAX_UP": 3.0,
-        "MPC_Z_VEL_MAX_DN": 1.5,
-        "MIS_TAKEOFF_ALT": 2.5,
-        "MAV_SYS_ID": 1.0,
-    },
+    parameters=PX4_PARAMETERS,
     message_rates_hz={
         "HEARTBEAT": 1.0,
         "SYS_STATUS": 1.0,
@@ -129,15 +122,7 @@ ARDUCOPTER = Firmware(
     spool_up_s=2.0,
     disarm_landed_s=1.0,
     disarm_idle_s=10.0,
-    parameters={
-        "GUID_TIMEOUT": 3.0,
-        "GUID_OPTIONS": 0.0,
-        "WPNAV_SPEED": 1000.0,
-        "WPNAV_ACCEL": 250.0,
-        "PSC_JERK_XY": 5.0,
-        "SYSID_THISMAV": 1.0,
-        "SYSID_MYGCS": 255.0,
-    },
+    parameters=ARDUCOPTER_PARAMETERS,
     message_rates_hz={
         "HEARTBEAT": 1.0,
         "SYS_STATUS": 1.0,

@@ -7,12 +7,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower_sim.angles import wrap
 from follower_sim.faults import Faults
 from follower_sim.flight_controller import FlightController
 from follower_sim.flight_modes import Behaviour
+from follower_sim.health import Health
 from follower_sim.kinematics import BodyState
 
 _EARTH_RADIUS_M = 6378137.0
@@ -27,6 +28,7 @@ class Telemetry:
     Args:
         controller: whose state is told.
         faults: what to falsify.
+        health: what to say about sensors, battery, GPS and estimator.
         boot_s: the simulation's time at which the autopilot's own clock was 0.
         rng: makes the attitude's noise.
     """
@@ -35,23 +37,30 @@ class Telemetry:
         self,
         controller: FlightController,
         faults: Faults,
+        health: Health,
         boot_s: float,
         rng: np.random.Generator,
     ) -> None:
         self._controller = controller
         self._faults = faults
+        self._health = health
         self._boot_s = boot_s
         self._rng = rng
         self._frozen = _Frozen()
         self._builders: dict[str, Callable[[BodyState], Any]] = {
             "HEARTBEAT": self._heartbeat,
-            "SYS_STATUS": self._sys_status,
+            "SYS_STATUS": lambda _: health.sys_status(),
             "ATTITUDE": self._attitude,
             "LOCAL_POSITION_NED": self._local_position,
             "GLOBAL_POSITION_INT": self._global_position,
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "AUTOPILOT_VERSION": self._autopilot_version,
+            "GPS_RAW_INT": self._gps_raw_int,
         }
+        if controller.firmware.name == "px4":
+            self._builders["ESTIMATOR_STATUS"] = self._estimator_status
+        else:
+            self._builders["EKF_STATUS_REPORT"] = lambda _: health.ekf_status_report()
         self._names = {getattr(mavlink, f"MAVLINK_MSG_ID_{n}"): n for n in self._builders}
         rates = controller.firmware.message_rates_hz
         now_s = controller.now_s
@@ -118,18 +127,13 @@ class Telemetry:
             3,
         )
 
-    def _sys_status(self, _state: BodyState) -> Any:
-        sensors = (
-            mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
-            | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-            | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
-            | mavlink.MAV_SYS_STATUS_SENSOR_GPS
-            | mavlink.MAV_SYS_STATUS_AHRS
-        )
-        battery = (15800, -1, 90)
-        return mavlink.MAVLink_sys_status_message(
-            *(sensors, sensors, sensors), 300, *battery, *(0, 0, 0, 0, 0, 0)
-        )
+    def _gps_raw_int(self, state: BodyState) -> Any:
+        latitude, longitude, height_m = self._position_deg(state)
+        place = latitude, longitude, self._controller.firmware.home[2] + height_m
+        return self._health.gps_raw_int(1000 * self.boot_ms(state.time_s), place)
+
+    def _estimator_status(self, state: BodyState) -> Any:
+        return self._health.estimator_status(1000 * self.boot_ms(state.time_s))
 
     def _attitude(self, state: BodyState) -> Any:
         angles = np.add(state.attitude_rad, self._rng.normal(0.0, _ANGLE_NOISE_RAD, 3))
@@ -190,6 +194,10 @@ class Telemetry:
             | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
             | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         )
+        if self._controller.firmware.name == "px4":
+            capabilities |= mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        else:
+            capabilities |= mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         major, minor, patch = self._controller.firmware.version
         version = major << 24 | minor << 16 | patch << 8 | 255
         return mavlink.MAVLink_autopilot_version_message(
