@@ -16,7 +16,7 @@ from follower.recorder_settings import RecorderSettings
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
-from follower_control.servo import ServoSettings
+from follower_control.servo_settings import ServoSettings
 from follower_control.strict_yaml import SettingsError, parse, read_mapping
 from follower_vision.camera import CameraModel
 from follower_vision.fusion import FusionSettings
@@ -88,6 +88,9 @@ class Settings(BaseModel):
     detector: str | None = None
     """The object detector that validates the motion tracker, one of `follower models list` or a
     file; None does without one."""
+    appearance: str | None = None
+    """The appearance network that helps to tell the target among its kind, with a detector: one of
+    `follower models list` or a file; None does without one."""
     fusion: FusionSettings = FusionSettings()
     """Used with a detector."""
     longterm: LongTermSettings = LongTermSettings()

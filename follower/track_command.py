@@ -75,7 +75,15 @@ Detector: TypeAlias = Annotated[
     str | None,
     typer.Option(
         help="The detector that validates it (Fusion), e.g. yolox-nano, or an .onnx file. "
-        "--select, --paper and --without take the usual one if none is named.",
+        "--select, --appearance, --paper and --without take the usual one if none is named.",
+        rich_help_panel=_HOW,
+    ),
+]
+Appearance: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        help="An appearance network that helps to tell persons apart, e.g. osnet-x0.25, or an "
+        ".onnx file.",
         rich_help_panel=_HOW,
     ),
 ]
@@ -138,6 +146,7 @@ def track_command(
     colour: Colour = None,
     tracker: Tracker = None,
     detector: Detector = None,
+    appearance: Appearance = None,
     paper: Paper = False,
     without: Without = None,
     realtime: Realtime = False,
@@ -165,6 +174,7 @@ def track_command(
         colour=colour,
         tracker=tracker,
         detector=detector,
+        appearance=appearance,
         paper=paper,
         without=_names(without or []),
         realtime=realtime,

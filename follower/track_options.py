@@ -37,6 +37,7 @@ class TrackOptions:
     colour: str | None = None
     tracker: str | None = None
     detector: str | None = None
+    appearance: str | None = None
     paper: bool = False
     without: tuple[str, ...] = ()
     realtime: bool = False
@@ -90,14 +91,15 @@ class TrackOptions:
     def settings(self) -> Settings:
         """Return the settings: file, then what the options stand for, then each `--set`.
 
-        Choosing by class, `--paper` and `--without` need a detector: the usual one, if none is
-        named.
+        Choosing by class, `--appearance`, `--paper` and `--without` need a detector: the usual
+        one, if none is named.
 
         Raises:
             SettingsError: a file, key or value cannot be used.
         """
         settings = load_settings(self.config, overrides=(*self._implied(), *self.overrides))
-        if settings.detector is None and (self.select or self.paper or self.without):
+        wanted = self.select or self.paper or self.without or settings.appearance
+        if settings.detector is None and wanted:
             return settings.model_copy(update={"detector": usual_detector()})
         return settings
 
@@ -105,7 +107,7 @@ class TrackOptions:
         if self.paper:
             yield from _changes("fusion", FusionSettings.paper(), FusionSettings())
         yield from (f"fusion.{name}=false" for name in self.without)
-        for key in ("tracker", "detector"):
+        for key in ("tracker", "detector", "appearance"):
             value = getattr(self, key)
             if value is not None:
                 yield f"{key}={json.dumps(value)}"

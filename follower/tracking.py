@@ -6,6 +6,7 @@ import os
 
 from follower.settings import Settings
 from follower_vision.detection import Detector, make_detector
+from follower_vision.embedding import Embedder, make_embedder
 from follower_vision.fusion import FusionTracker, InlineDetection, MultiFusion
 from follower_vision.fusion.detection_service import DetectionMode
 from follower_vision.longterm import LongTermTracker
@@ -25,7 +26,8 @@ def make_target_tracker(settings: Settings) -> TargetTracker:
     detector = make_settings_detector(settings)
     if detector is None:
         return LongTermTracker(_motion_tracker(settings), settings.longterm)
-    return FusionTracker(_motion_tracker(settings), detector, settings.fusion)
+    embedder = _embedder(settings)
+    return FusionTracker(_motion_tracker(settings), detector, settings.fusion, embedder=embedder)
 
 
 def make_multi_tracker(
@@ -46,10 +48,12 @@ def make_multi_tracker(
             LongTermTracker(_motion_tracker(settings), settings.longterm) for _ in range(count)
         ]
         return SeparateTrackers(longterm)
+    fusion, embedder = settings.fusion, _embedder(settings)
     if count > 1:
-        return MultiFusion(lambda: _motion_tracker(settings), detector, settings.fusion, mode)
-    fusion = FusionTracker(_motion_tracker(settings), detector, settings.fusion, mode)
-    return SeparateTrackers([fusion], fusion.close)
+        return MultiFusion(lambda: _motion_tracker(settings), detector, fusion, mode, embedder)
+    motion = _motion_tracker(settings)
+    tracker = FusionTracker(motion, detector, fusion, mode, embedder=embedder)
+    return SeparateTrackers([tracker], tracker.close)
 
 
 def make_settings_detector(settings: Settings) -> Detector | None:
@@ -59,6 +63,10 @@ def make_settings_detector(settings: Settings) -> Detector | None:
         ModelError: its network is missing or broken; the message says how to get it.
     """
     return None if settings.detector is None else make_detector(settings.detector, _store())
+
+
+def _embedder(settings: Settings) -> Embedder | None:
+    return None if settings.appearance is None else make_embedder(settings.appearance, _store())
 
 
 def _motion_tracker(settings: Settings) -> MotionTracker:

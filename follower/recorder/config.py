@@ -135,12 +135,11 @@ def running_versions() -> dict[str, str]:
 def model_hashes(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each network's file that the settings use."""
     store = ModelStore(default_folder(os.environ))
-    names = {settings.tracker, settings.detector}
+    names = {settings.tracker, settings.detector, settings.appearance}
     files = [file for model in store.models if model.name in names for file in model.files]
     paths = {file.name: store.folder / file.name for file in files}
-    if settings.detector is not None:
-        own = Path(settings.detector)
-        paths[own.name] = own
+    owned = (Path(name) for name in (settings.detector, settings.appearance) if name is not None)
+    paths.update({own.name: own for own in owned})
     return {name: sha256_of(path) for name, path in paths.items() if path.is_file()}
 
 

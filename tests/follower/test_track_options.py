@@ -42,7 +42,12 @@ def test_what_is_set_by_hand_comes_last_and_the_file_first(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     "wanted",
-    [{"targets": (), "select": ("person",)}, {"paper": True}, {"without": ("size_clamp",)}],
+    [
+        {"targets": (), "select": ("person",)},
+        {"paper": True},
+        {"without": ("size_clamp",)},
+        {"appearance": "osnet-x0.25"},
+    ],
 )
 def test_what_needs_a_detector_takes_the_usual_one_unless_another_is_named(
     wanted: dict[str, object],
@@ -50,6 +55,14 @@ def test_what_needs_a_detector_takes_the_usual_one_unless_another_is_named(
     assert options(**wanted).settings().detector == usual_detector() == "yolox-nano"
     assert options(**wanted, detector="fastestdet").settings().detector == "fastestdet"
     assert options().settings().detector is None
+
+
+def test_an_appearance_network_is_asked_only_if_one_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("{detector: fastestdet, appearance: of_mine.onnx}\n", "utf-8")
+    assert options().settings().appearance is None
+    assert options(config=file).settings().appearance == "of_mine.onnx"
+    assert options(config=file, appearance="osnet-x0.25").settings().appearance == "osnet-x0.25"
 
 
 @pytest.mark.parametrize(

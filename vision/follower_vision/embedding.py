@@ -10,6 +10,8 @@ import numpy as np
 from follower_vision.box import Box
 from follower_vision.crop import crop
 from follower_vision.frame import Image
+from follower_vision.models.model import Purpose
+from follower_vision.models.store import ModelStore
 from follower_vision.network import ModelError, Network, Tensor
 
 _MEAN_RGB = np.array([0.485, 0.456, 0.406], np.float32)
@@ -53,6 +55,26 @@ class OnnxEmbedder:
         tensor = np.ascontiguousarray(normal.transpose(2, 0, 1)[None], dtype=np.float32)
         vector = self._network.run(tensor)[0].ravel()
         return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12), np.float32)
+
+
+def make_embedder(name: str, store: ModelStore) -> OnnxEmbedder:
+    """Return an appearance network from the table, or from the user's own ONNX file.
+
+    Args:
+        name: of a model in the table, or a path that ends in .onnx.
+        store: where the networks lie.
+
+    Raises:
+        ModelError: there is no such network, or its file is missing or broken.
+    """
+    path = Path(name).expanduser()
+    if path.suffix == ".onnx":
+        return OnnxEmbedder(path)
+    model = store.model(name)
+    if model.purpose is not Purpose.APPEARANCE:
+        names = [one.name for one in store.models if one.purpose is Purpose.APPEARANCE]
+        raise ModelError(f"{name} is no appearance network; there are {', '.join(names)}")
+    return OnnxEmbedder(store.paths(model)[0])
 
 
 class Gallery:
