@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from follower_control.sighting import SightFrame
+from follower_control.sighting import SightFrame, from_sight
 from follower_vision.camera import Vector
+from follower_vision.lineofsight import LineOfSight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -14,8 +15,9 @@ class TargetEstimate:
 
     Attributes:
         time_s: the moment for which this holds.
-        azimuth_rad: in [-pi, pi), from north (world) or from the nose (body), right is positive.
-        elevation_rad: up is positive.
+        azimuth_rad: in [-pi, pi), from north (world) or from the nose (body), right is positive;
+            see `SightFrame` for what it is from straight down.
+        elevation_rad: up is positive, or north from straight down.
         log_scale: natural logarithm of the angular size in radians.
         azimuth_rate_rad_s: how fast the azimuth changes.
         elevation_rate_rad_s: how fast the elevation changes.
@@ -35,6 +37,18 @@ class TargetEstimate:
     covariance: Vector
     last_seen_s: float
     frame: SightFrame
+
+    @property
+    def direction(self) -> Vector:
+        """Unit vector: north, east, down, or in the body's frame forward, right, down."""
+        return from_sight(LineOfSight(self.azimuth_rad, self.elevation_rad), self.frame)
+
+    @property
+    def height_angle_rad(self) -> float:
+        """The target's elevation from the horizontal, or from the body's plane; up is positive."""
+        if self.frame is not SightFrame.DOWN:
+            return self.elevation_rad
+        return LineOfSight.from_vector(self.direction).elevation_rad
 
     @property
     def age_s(self) -> float:

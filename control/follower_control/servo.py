@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import cmath
 import math
-from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import Any, ClassVar
 
 from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
+from follower_control.fade import Fade
 from follower_control.nudge import Nudge
-from follower_control.pid import Pid, PidSettings
+from follower_control.overhead import Overhead
+from follower_control.pid import Pid
 from follower_control.reference import Reference
+from follower_control.relative_motion import offset, offset_rate, own_velocity
 from follower_control.servo_errors import ServoErrors
+from follower_control.servo_settings import Mode, ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.sideways import Sideways
 from follower_control.sighting import SightFrame
+from follower_control.target_motion import TargetMotion
 from follower_control.target_speed import TargetSpeed
 from follower_control.vehicle import VehicleState
 from follower_vision.lineofsight import wrap_angle
@@ -26,83 +30,14 @@ LOG_TEN = math.log(10)
 _STEEPEST_RAD = math.radians(60)
 
 
-class Mode(StrEnum):
-    """What the servo does about the target."""
-
-    CHASE = "chase"
-    """Turn towards it, go up or down with it, and keep its distance."""
-    WATCH = "watch"
-    """Only turn towards it."""
-
-
-@dataclass(frozen=True, slots=True)
-class ServoSettings:
-    """What is wanted of the pursuit, and the gains.
-
-    The loops' outputs are, per radian of error: yaw rate for azimuth, vertical velocity over range
-    for elevation; and per unit of log scale: forward velocity over `distance_m` for range.
-
-    Attributes:
-        mode: whether to chase or only to watch.
-        distance_m: wanted distance to the target.
-        target_size_m: the square root of the target's width times its height as seen. None holds
-            the size that the target has in the image at the start; `distance_m` then says about
-            how far that is, and scales the gains.
-        elevation_deg: at which elevation to keep the target; None: at the image's centre.
-        hold_height: never go up or down.
-        centred_deg: up to this azimuth error the forward speed is as the range loop wants it.
-        off_axis_deg: from this azimuth error on there is none.
-        max_forward_m_s: largest forward velocity.
-        max_backward_m_s: largest backward velocity.
-        max_vertical_m_s: largest velocity up or down.
-        max_yaw_rate_deg_s: largest yaw rate.
-        target_speed_filter_s: time constant of the target's estimated speed, which is fed forward.
-        own_speed_lag_s: how late the estimate's rates are, against our own velocity.
-        azimuth: loop from azimuth error to yaw rate.
-        elevation: loop from elevation error to vertical velocity over range.
-        range: loop from the logarithm of range over wanted range to forward velocity.
-    """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    mode: Mode = Mode.CHASE
-    distance_m: float = 15.0
-    target_size_m: float | None = None
-    elevation_deg: float | None = None
-    hold_height: bool = False
-    centred_deg: float = 10.0
-    off_axis_deg: float = 35.0
-    max_forward_m_s: float = 10.0
-    max_backward_m_s: float = 3.0
-    max_vertical_m_s: float = 2.0
-    max_yaw_rate_deg_s: float = 60.0
-    target_speed_filter_s: float = 0.4
-    own_speed_lag_s: float = 0.5
-    azimuth: PidSettings = field(default_factory=lambda: PidSettings(kp=1.5))
-    elevation: PidSettings = field(default_factory=lambda: PidSettings(kp=0.8, ki=0.1))
-    range: PidSettings = field(
-        default_factory=lambda: PidSettings(kp=0.5, ki=0.05, kd=0.3, cut_tolerance=0.03)
-    )
-
-    def __post_init__(self) -> None:
-        positive = (
-            self.distance_m,
-            self.max_forward_m_s,
-            self.max_backward_m_s,
-            self.max_vertical_m_s,
-            self.max_yaw_rate_deg_s,
-            1.0 if self.target_size_m is None else self.target_size_m,
-        )
-        if not all(0 < value < math.inf for value in positive):
-            raise ValueError(f"distances, sizes and speeds are positive, not {self}")
-        if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
-            raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
-        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
-            raise ValueError(f"elevation_deg lies within ±90, not {self.elevation_deg}")
+_STRAIGHT_DOWN_RAD = -math.pi / 2
+_AROUND = (Mode.SIDE, Mode.ORBIT)
 
 
 class VisualServo:
     """Turns to the target, rises and sinks with it and holds its size in the image.
+
+    What else it does depends on the mode, which may change in flight; see `Mode`.
 
     Args:
         settings: what is wanted, and the gains.
@@ -112,6 +47,7 @@ class VisualServo:
 
     def __init__(self, settings: ServoSettings, mount_pitch_rad: float = 0.0) -> None:
         self._settings = s = settings
+        self._mode = s.mode
         wanted = s.elevation_deg
         elevation = mount_pitch_rad if wanted is None else math.radians(wanted)
         self._reference = Reference(s.distance_m, elevation)
@@ -123,6 +59,10 @@ class VisualServo:
             s.range, -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
         )
         self._target_speed = TargetSpeed(s.target_speed_filter_s, s.own_speed_lag_s)
+        self._target = TargetMotion(s.course_filter_s, s.own_speed_lag_s)
+        self._sideways = Sideways(s)
+        self._overhead = Overhead(s)
+        self._fade = Fade(s.range.bumpless_s)
         self.start()
 
     def start(self, present: VelocitySetpoint = HOLD) -> None:
@@ -136,6 +76,7 @@ class VisualServo:
             self._wanted_log_scale = math.log(s.target_size_m / s.distance_m)
         self._errors: ServoErrors | None = None
         self._reference.start()
+        self._target.start()
         self.resume(present)
 
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
@@ -143,7 +84,21 @@ class VisualServo:
         self._asked = present if present.is_finite else HOLD
         self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
+        self._fade.start()
         self._target_speed.reset()
+        self._target.reset()
+
+    @property
+    def mode(self) -> Mode:
+        """Which way to follow."""
+        return self._mode
+
+    def change_mode(self, mode: Mode, present: VelocitySetpoint) -> None:
+        """Follow another way from now on; continues from `present`, the last setpoint flown."""
+        if mode is not self._mode:
+            self._mode = mode
+            self.resume(present)
+            self._fade.start(self._asked)
 
     def nudge(self, nudge: Nudge) -> None:
         """Shift what is wanted, smoothly, until another nudge comes."""
@@ -177,33 +132,57 @@ class VisualServo:
             self.resume(allowed)
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
-            self._begin(estimate)
+            self._begin(estimate, yaw)
         self._reference.step(interval_s)
         self._errors = self._see(estimate, yaw, vehicle, interval_s)
         if interval_s > 0:
-            self._asked = self._steer(self._errors, estimate, allowed, interval_s)
+            self._last_s = estimate.time_s
+            steered = self._steer(self._errors, estimate, yaw, allowed, interval_s)
+            self._asked = self._fade.update(steered, interval_s)
         return self._asked
 
-    def _begin(self, estimate: TargetEstimate) -> None:
+    def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
         if self._wanted_log_scale is None:
             self._wanted_log_scale = estimate.log_scale
-        range_m = self._range(estimate)
+        range_m, distance_m = self._range(estimate), self._settings.distance_m
+        present = complex(self._asked.forward_m_s, self._asked.right_m_s)
+        ahead, rise = self._asked.forward_m_s, self._climb / range_m
+        if self._mode in _AROUND:
+            azimuth = cmath.phase(offset(estimate, range_m)) - yaw
+            ahead = (present * cmath.rect(1.0, -azimuth)).real
+            self._sideways.start(self._mode, (present * cmath.rect(1.0, -azimuth)).imag)
+            self._forward = ahead
+        if self._mode is Mode.OVERHEAD:
+            self._overhead.start(present * cmath.rect(1.0, yaw))
+            ahead = -self._climb
         self._azimuth_pid.start(self._asked.yaw_rate_rad_s)
-        self._elevation_pid.start(-self._asked.down_m_s / range_m)
-        self._range_pid.start(self._asked.forward_m_s / self._settings.distance_m)
+        self._elevation_pid.start(rise)
+        self._range_pid.start(ahead / distance_m)
 
     def _see(
         self, estimate: TargetEstimate, yaw: float, vehicle: VehicleState, interval_s: float
     ) -> ServoErrors:
         range_m = self._range(estimate)
+        self._watch_motion(estimate, vehicle, range_m, interval_s)
+        wanted = self._reference.elevation_rad
+        wanted = _STRAIGHT_DOWN_RAD if self._mode is Mode.OVERHEAD else wanted
         return ServoErrors(
-            azimuth_rad=wrap_angle(estimate.azimuth_rad - yaw),
-            elevation_rad=estimate.elevation_rad - self._reference.elevation_rad,
+            azimuth_rad=wrap_angle(_azimuth(estimate) - yaw),
+            elevation_rad=estimate.height_angle_rad - wanted,
             log_range=math.log(range_m / self._reference.distance_m),
             range_m=range_m,
             target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
         )
+
+    def _watch_motion(
+        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
+    ) -> None:
+        own = own_velocity(estimate, vehicle, PAUSE_S)
+        if own is None:
+            self._target.reset()
+        else:
+            self._target.update(own, offset_rate(estimate, range_m), interval_s)
 
     def _seen_speed(
         self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
@@ -224,20 +203,58 @@ class VisualServo:
         self,
         errors: ServoErrors,
         estimate: TargetEstimate,
+        yaw: float,
         allowed: VelocitySetpoint,
         interval_s: float,
     ) -> VelocitySetpoint:
-        self._last_s = estimate.time_s
+        if self._mode is Mode.OVERHEAD:
+            return self._stay_above(errors, estimate, yaw, allowed, interval_s)
         yaw_rate = self._turn(errors, estimate, allowed, interval_s)
-        if self._settings.mode is Mode.WATCH:
+        if self._mode is Mode.WATCH:
             return VelocitySetpoint(yaw_rate_rad_s=yaw_rate)
-        self._forward = self._close_in(errors, estimate, allowed, interval_s)
+        # Chasing is along the nose; what goes round the target is along the line of sight.
+        along = cmath.rect(1.0, errors.azimuth_rad) if self._mode in _AROUND else complex(1.0)
+        let_through = complex(allowed.forward_m_s, allowed.right_m_s) / along
+        self._forward = self._close_in(errors, estimate, let_through.real, interval_s)
+        right = self._reference.side_m_s
+        if self._mode in _AROUND:
+            place = offset(estimate, errors.range_m)
+            right = self._sideways.update(place, self._target, right, let_through.imag, interval_s)
         centred = self._centred_share(errors.azimuth_rad - self._reference.azimuth_rad)
+        velocity = complex(self._forward * centred, right * centred) * along
         return VelocitySetpoint(
-            forward_m_s=self._forward * centred,
-            right_m_s=self._reference.side_m_s * centred,
+            forward_m_s=velocity.real,
+            right_m_s=velocity.imag,
             down_m_s=self._sink(errors, estimate, allowed, interval_s),
             yaw_rate_rad_s=yaw_rate,
+        )
+
+    def _stay_above(
+        self,
+        errors: ServoErrors,
+        estimate: TargetEstimate,
+        yaw: float,
+        allowed: VelocitySetpoint,
+        interval_s: float,
+    ) -> VelocitySetpoint:
+        """Go with the target, keep the height above it, turn the nose if that is wanted."""
+        heading = cmath.rect(1.0, yaw)
+        place = offset(estimate, errors.range_m)
+        let_through = complex(allowed.forward_m_s, allowed.right_m_s) * heading
+        velocity = self._overhead.update(
+            place, errors.range_m, self._target, let_through, interval_s
+        )
+        velocity /= heading
+        # Closing in is sinking here.
+        sink = self._close_in(errors, estimate, allowed.down_m_s, interval_s)
+        self._forward = sink
+        error = self._overhead.heading_error(self._target, yaw)
+        cut = self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s
+        return VelocitySetpoint(
+            forward_m_s=velocity.real,
+            right_m_s=velocity.imag,
+            down_m_s=_clip(sink, self._settings.max_vertical_m_s),
+            yaw_rate_rad_s=self._azimuth_pid.update(error, -error, interval_s, cut=cut),
         )
 
     def _turn(
@@ -273,7 +290,7 @@ class VisualServo:
         """
         if self._settings.hold_height:
             return 0.0
-        slope = math.tan(_clip(estimate.elevation_rad, _STEEPEST_RAD))
+        slope = math.tan(_clip(estimate.height_angle_rad, _STEEPEST_RAD))
         climb = errors.range_m * self._elevation_pid.update(
             errors.elevation_rad,
             -errors.elevation_rad,
@@ -288,17 +305,17 @@ class VisualServo:
         self,
         errors: ServoErrors,
         estimate: TargetEstimate,
-        allowed: VelocitySetpoint,
+        allowed_m_s: float,
         interval_s: float,
     ) -> float:
-        """Forward velocity before it is slowed for a target off-axis."""
+        """Velocity towards the target, before it is slowed for one off-axis."""
         distance = self._settings.distance_m
         return distance * self._range_pid.update(
             errors.log_range,
             estimate.log_scale,
             interval_s,
             feed_forward=errors.target_speed_m_s / distance,
-            cut=(self._forward - allowed.forward_m_s) / distance,
+            cut=(self._forward - allowed_m_s) / distance,
         )
 
     def _centred_share(self, azimuth_rad: float) -> float:
@@ -306,6 +323,12 @@ class VisualServo:
         width = self._off_axis - self._centred
         x = min(max((self._off_axis - abs(azimuth_rad)) / width, 0.0), 1.0)
         return x * x * (3 - 2 * x)
+
+
+def _azimuth(estimate: TargetEstimate) -> float:
+    if estimate.frame is SightFrame.DOWN:
+        return cmath.phase(offset(estimate, 1.0))
+    return estimate.azimuth_rad
 
 
 def _yaw(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
@@ -322,7 +345,7 @@ def _speed_towards(estimate: TargetEstimate, vehicle: VehicleState) -> float | N
     """Return our own speed towards the target, None if it is not known."""
     position = vehicle.position
     fresh = vehicle.position_age_s(estimate.time_s) <= PAUSE_S
-    if position is None or not fresh or estimate.frame is SightFrame.BODY:
+    if position is None or not fresh or estimate.frame is not SightFrame.WORLD:
         return None
     north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
     return position.north_m_s * north + position.east_m_s * east

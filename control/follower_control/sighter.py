@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 
 from follower_control.attitude_history import AttitudeHistory
-from follower_control.sighting import SightFrame, Sighting
+from follower_control.sighting import SightFrame, Sighting, to_sight
 from follower_control.vehicle import Attitude
 from follower_vision.box import Box
 from follower_vision.camera import CameraModel, Vector
-from follower_vision.lineofsight import CameraMount, LineOfSight, rotation
+from follower_vision.lineofsight import CameraMount, rotation
 from follower_vision.track import Track
 
 BORDER_PX = 1.0
@@ -25,6 +25,9 @@ class Sighter:
         mount: how the camera is turned against the body.
         latency_s: how much later than the exposure a frame's time stamp is.
 
+    Attributes:
+        looks_down: whether sightings are told from straight down, for targets below.
+
     Raises:
         ValueError: the latency is not finite.
     """
@@ -35,6 +38,7 @@ class Sighter:
         self._camera = camera
         self._camera_to_body = mount.camera_to_body
         self._latency_s = latency_s
+        self.looks_down = False
 
     def sight(self, track: Track, attitudes: AttitudeHistory) -> Sighting | None:
         """Return what a track says about the target, None if nothing can be said.
@@ -48,8 +52,9 @@ class Sighter:
         if attitude is None and len(attitudes) > 0:
             return None
         ray, log_scale = self._look(track.box)
-        sight = LineOfSight.from_vector(_body_to_frame(attitude, self._camera_to_body @ ray))
-        frame = SightFrame.BODY if attitude is None else SightFrame.WORLD
+        frame = SightFrame.DOWN if self.looks_down else SightFrame.WORLD
+        frame = SightFrame.BODY if attitude is None else frame
+        sight = to_sight(_body_to_frame(attitude, self._camera_to_body @ ray), frame)
         sighting = Sighting(sight, log_scale, time_s, frame, self._cuts(track.box))
         return sighting if sighting.is_finite else None
 

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
+from follower_vision.camera import Vector
 from follower_vision.lineofsight import LineOfSight
 
 
@@ -14,6 +17,9 @@ class SightFrame(StrEnum):
 
     WORLD = "world"
     """Level; azimuth from north. The vehicle's own turning and tilting are taken out."""
+    DOWN = "down"
+    """The same turned over, for targets below, where an azimuth from north says nothing: azimuth
+    from straight down to the east, elevation from there to the north."""
     BODY = "body"
     """Azimuth from the nose, elevation from the body's plane: all that an image alone says."""
 
@@ -47,3 +53,20 @@ class Sighting:
     def is_finite(self) -> bool:
         """Whether direction, size and time are all finite."""
         return all(map(math.isfinite, (*self.values, self.time_s)))
+
+
+def to_sight(vector: Vector, frame: SightFrame) -> LineOfSight:
+    """Return the direction of a vector (north, east, down) or (forward, right, down)."""
+    if frame is SightFrame.DOWN:
+        north, east, down = vector
+        vector = np.array([down, east, -north])
+    return LineOfSight.from_vector(vector)
+
+
+def from_sight(sight: LineOfSight, frame: SightFrame) -> Vector:
+    """Return the unit vector whose direction this is: the inverse of `to_sight`."""
+    vector = sight.vector
+    if frame is not SightFrame.DOWN:
+        return vector
+    down, east, south = vector
+    return np.array([-south, east, down])

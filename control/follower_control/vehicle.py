@@ -66,6 +66,24 @@ class LocalPosition:
 
 
 @dataclass(frozen=True, slots=True)
+class RcChannels:
+    """What the pilot's transmitter sends, as the autopilot passes it on.
+
+    Attributes:
+        pulses_us: each channel's pulse, the first one first; 0 where there is none.
+        time_s: when they arrived.
+    """
+
+    pulses_us: tuple[int, ...]
+    time_s: float
+
+    def pulse_us(self, channel: int) -> int | None:
+        """Return a channel's pulse, counted from 1; None if it has none that can be one."""
+        pulse = self.pulses_us[channel - 1] if 1 <= channel <= len(self.pulses_us) else 0
+        return pulse if 800 <= pulse <= 2200 else None
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleState:
     """The newest of everything; a part never heard of is None.
 
@@ -77,6 +95,10 @@ class VehicleState:
         armed: motors may turn.
         landed: on the ground, None if the autopilot does not say.
         heartbeat_s: when the last heartbeat arrived, None before the first.
+        failsafe: the autopilot says that it is in a failsafe or worse.
+        entries: how often it was seen to enter that mode.
+        entered_by_itself: it did so out of a failsafe the last time: nobody chose the mode.
+        rc: the pilot's sticks and switches, None where the autopilot does not show them.
     """
 
     attitude: Attitude | None = None
@@ -86,6 +108,10 @@ class VehicleState:
     armed: bool = False
     landed: bool | None = None
     heartbeat_s: float | None = None
+    failsafe: bool = False
+    entries: int = 0
+    entered_by_itself: bool = False
+    rc: RcChannels | None = None
 
     def attitude_age_s(self, now_s: float) -> float:
         """Age of the attitude; infinite if there is none."""
@@ -98,3 +124,8 @@ class VehicleState:
     def heartbeat_age_s(self, now_s: float) -> float:
         """Age of the last heartbeat; infinite if there was none."""
         return math.inf if self.heartbeat_s is None else now_s - self.heartbeat_s
+
+    def fresh_rc(self, now_s: float, within_s: float) -> RcChannels | None:
+        """Return the pilot's channels unless they are older than that."""
+        fresh = self.rc is not None and 0 <= now_s - self.rc.time_s <= within_s
+        return self.rc if fresh else None

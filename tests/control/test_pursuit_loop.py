@@ -17,7 +17,8 @@ import pytest
 from follower_control.envelope import Envelope, EnvelopeSettings
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
-from follower_control.servo import ServoSettings, VisualServo
+from follower_control.servo import VisualServo
+from follower_control.servo_settings import ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import Sighting
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState

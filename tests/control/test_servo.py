@@ -10,7 +10,8 @@ import pytest
 from follower_control.estimate import TargetEstimate
 from follower_control.nudge import Nudge
 from follower_control.pid import PidSettings
-from follower_control.servo import Mode, ServoSettings, VisualServo
+from follower_control.servo import VisualServo
+from follower_control.servo_settings import Mode, ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
 from follower_control.target_speed import TargetSpeed

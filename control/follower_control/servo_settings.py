@@ -1,0 +1,134 @@
+"""What is wanted of a pursuit, and the gains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, ClassVar
+
+from follower_control.pid import PidSettings
+
+
+class Mode(StrEnum):
+    """What the servo does about the target."""
+
+    CHASE = "chase"
+    """Turn towards it, go up or down with it, and keep its distance."""
+    WATCH = "watch"
+    """Only turn towards it."""
+    SIDE = "side"
+    """Like `chase`, and stay on one side of its course."""
+    ORBIT = "orbit"
+    """Like `chase`, and go round it."""
+    OVERHEAD = "overhead"
+    """Stay above it, with a camera that looks down."""
+
+
+class OverheadYaw(StrEnum):
+    """What the nose does while the vehicle stays above the target."""
+
+    FREE = "free"
+    """It stays as it is."""
+    COURSE = "course"
+    """It turns to the target's course."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSettings:
+    """What is wanted of the pursuit, and the gains.
+
+    The loops' outputs are, per radian of error: yaw rate for azimuth, vertical velocity over range
+    for elevation; and per unit of log scale: forward velocity over `distance_m` for range.
+
+    Attributes:
+        mode: which way to follow; see `Mode`.
+        distance_m: wanted distance to the target.
+        target_size_m: the square root of the target's width times its height as seen. None holds
+            the size that the target has in the image at the start; `distance_m` then says about
+            how far that is, and scales the gains.
+        elevation_deg: at which elevation to keep the target; None: at the image's centre.
+        hold_height: never go up or down.
+        centred_deg: up to this azimuth error the forward speed is as the range loop wants it.
+        off_axis_deg: from this azimuth error on there is none.
+        max_forward_m_s: largest forward velocity.
+        max_backward_m_s: largest backward velocity.
+        max_vertical_m_s: largest velocity up or down.
+        max_yaw_rate_deg_s: largest yaw rate.
+        target_speed_filter_s: time constant of the target's estimated speed, which is fed forward.
+        own_speed_lag_s: how late the estimate's rates are, against our own velocity.
+        side_deg: for `side`: where to stay, from the target's course, clockwise seen from above:
+            0 is ahead of it, 90 on its right, 180 behind it.
+        orbit_m_s: for `orbit`: speed round the target; positive is clockwise seen from above.
+        orbit_deg_s: for `orbit`: rate instead of speed; None takes the speed.
+        max_sideways_m_s: largest velocity across the line of sight, beside the target's own.
+        overhead_yaw: for `overhead`: what the nose does.
+        course_filter_s: time constant of the target's velocity, for its course.
+        azimuth: loop from azimuth error to yaw rate.
+        elevation: loop from elevation error to vertical velocity over range.
+        range: loop from the logarithm of range over wanted range to forward velocity.
+        bearing: for `side`: loop from bearing error to the rate of going round.
+        overhead: for `overhead`: loop from the angle off the vertical to horizontal velocity over
+            height above the target.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    mode: Mode = Mode.CHASE
+    distance_m: float = 15.0
+    target_size_m: float | None = None
+    elevation_deg: float | None = None
+    hold_height: bool = False
+    centred_deg: float = 10.0
+    off_axis_deg: float = 35.0
+    max_forward_m_s: float = 10.0
+    max_backward_m_s: float = 3.0
+    max_vertical_m_s: float = 2.0
+    max_yaw_rate_deg_s: float = 60.0
+    target_speed_filter_s: float = 0.4
+    own_speed_lag_s: float = 0.5
+    side_deg: float = 90.0
+    orbit_m_s: float = 3.0
+    orbit_deg_s: float | None = None
+    max_sideways_m_s: float = 5.0
+    overhead_yaw: OverheadYaw = OverheadYaw.FREE
+    course_filter_s: float = 1.0
+    azimuth: PidSettings = field(default_factory=lambda: PidSettings(kp=1.5))
+    elevation: PidSettings = field(default_factory=lambda: PidSettings(kp=0.8, ki=0.1))
+    range: PidSettings = field(
+        default_factory=lambda: PidSettings(kp=0.5, ki=0.05, kd=0.3, cut_tolerance=0.03)
+    )
+    bearing: PidSettings = field(
+        default_factory=lambda: PidSettings(kp=0.4, ki=0.03, cut_tolerance=0.03)
+    )
+    overhead: PidSettings = field(
+        default_factory=lambda: PidSettings(kp=0.6, ki=0.06, kd=0.2, cut_tolerance=0.03)
+    )
+
+    def __post_init__(self) -> None:
+        positive = (
+            self.distance_m,
+            self.max_forward_m_s,
+            self.max_backward_m_s,
+            self.max_vertical_m_s,
+            self.max_yaw_rate_deg_s,
+            self.max_sideways_m_s,
+            1.0 if self.target_size_m is None else self.target_size_m,
+        )
+        if not all(0 < value < math.inf for value in positive):
+            raise ValueError(f"distances, sizes and speeds are positive, not {self}")
+        if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
+            raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
+        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
+            raise ValueError(f"elevation_deg lies within ±90, not {self.elevation_deg}")
+        self._check_modes()
+
+    def _check_modes(self) -> None:
+        if not abs(self.side_deg) <= 360:
+            raise ValueError(f"side_deg lies within ±360, not {self.side_deg}")
+        if not abs(self.orbit_m_s) <= self.max_sideways_m_s:
+            raise ValueError(f"orbit_m_s lies within max_sideways_m_s, not {self.orbit_m_s}")
+        if self.orbit_deg_s is not None and not abs(self.orbit_deg_s) <= 90:
+            raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
+        if not 0 <= self.course_filter_s < math.inf:
+            raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
