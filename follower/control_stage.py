@@ -17,6 +17,7 @@ from follower_control.flight_context import FlightContext
 from follower_control.ground_range import range_to_ground
 from follower_control.liveness import Liveness
 from follower_control.servo import VisualServo
+from follower_control.servo_settings import Mode
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighter import Sighter
 from follower_control.sound_telemetry import SoundTelemetry
@@ -49,6 +50,7 @@ class ControlStage:
     ) -> None:
         mount = settings.camera.mount
         self._sighter = Sighter(camera, mount, settings.camera.latency_s)
+        self._sighter.looks_down = settings.servo.mode is Mode.OVERHEAD
         self._attitudes = AttitudeHistory()
         self._liveness = Liveness()
         self._sound = SoundTelemetry()
