@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.links import ekf_status_report
 from follower.links.autopilot_clock import AutopilotClock
 from follower.links.channel import PacketChannel
+from follower.links.health_monitor import HealthMonitor
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
 from follower.links.message_rates import MessageRates
 from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
 from follower.links.packets import Packet
+from follower.links.parameter_reader import ParameterReader
 from follower.links.sequence import SequenceCounter
 from follower.links.signing import Signer
 from follower.links.timesync import TimeSync, time_ns
 from follower.links.vehicle_finder import Vehicle, VehicleFinder
+from follower.links.vehicle_health import VehicleHealth
 from follower.links.vehicle_monitor import VehicleMonitor
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.transport import Transport
@@ -27,6 +31,8 @@ from follower_control.vehicle import Attitude, VehicleState
 COMPONENT_ID = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 _HEARTBEAT_S = 1.0
 _SILENCE_S = 3.0
+_HEALTH_HZ = 1.0
+_ASK_VERSION_S = 1.0
 
 
 class AutopilotLink(ABC):
@@ -64,6 +70,9 @@ class AutopilotLink(ABC):
         self._sequence = SequenceCounter()
         self._vehicle: Vehicle | None = None
         self._monitor: VehicleMonitor | None = None
+        self._health: HealthMonitor | None = None
+        self._watches_health = False
+        self._version_asked_s = float("-inf")
         self._heartbeat_sent_s = float("-inf")
         self._others: set[int] = set()
 
@@ -91,6 +100,26 @@ class AutopilotLink(ABC):
     def autopilot_name(self) -> str:
         """What kind of autopilot answers: "px4", "ardupilot", or "unknown" before it does."""
         return "unknown" if self._vehicle is None else self._vehicle.autopilot_name
+
+    @property
+    def health(self) -> VehicleHealth:
+        """What the vehicle said about its health; little before `watch_health`."""
+        return VehicleHealth() if self._health is None else self._health.health
+
+    @property
+    def parameters(self) -> ParameterReader | None:
+        """The parameters asked for, None before the vehicle is found."""
+        return None if self._health is None else self._health.parameters
+
+    def watch_health(self) -> None:
+        """From now on have the vehicle tell its firmware and, once a second, its health."""
+        self._watches_health = True
+        self._want_health()
+
+    def read_parameters(self, names: Iterable[str]) -> None:
+        """Have these parameters read, once the vehicle is found."""
+        if self._health is not None:
+            self._health.parameters.want(names)
 
     def status(self, now_s: float) -> LinkStatus:
         """Return how well the link works."""
@@ -181,6 +210,10 @@ class AutopilotLink(ABC):
         """Send a command to the autopilot."""
 
     @abstractmethod
+    def _send_parameter_request(self, name: str) -> None:
+        """Send PARAM_REQUEST_READ."""
+
+    @abstractmethod
     def _send_timesync(self, tc1: int, ts1: int) -> None:
         """Send a TIMESYNC message."""
 
@@ -189,6 +222,23 @@ class AutopilotLink(ABC):
         self._vehicle = vehicle
         self._codec.srcSystem = vehicle.system
         self._monitor = VehicleMonitor(vehicle, self._clock)
+        self._health = HealthMonitor(vehicle)
+        self._want_health()
+
+    def _want_health(self) -> None:
+        if self._watches_health and self._vehicle is not None:
+            px4 = self._vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4
+            estimator = "ESTIMATOR_STATUS" if px4 else ekf_status_report.NAME
+            for name in ("SYS_STATUS", "GPS_RAW_INT", estimator):
+                self._rates.want(name, _HEALTH_HZ)
+
+    def _take_health(self, packet: Packet, now_s: float) -> bool:
+        """Take a packet of the vehicle's if it is about health; whether it is nothing else."""
+        name = None if self._health is None else self._health.take(packet, now_s)
+        if name is None or name == "HEARTBEAT":
+            return False
+        self._rates.count(name, now_s)
+        return True
 
     def _is_vehicles(self, packet: Packet) -> bool:
         vehicle = self._vehicle
@@ -247,8 +297,19 @@ class AutopilotLink(ABC):
         for text in self._rates.changes(now_s):
             self._note(text)
         for rate in self._rates.due(now_s):
-            number = float(getattr(mavlink, f"MAVLINK_MSG_ID_{rate.name}"))
+            number = float(_message_id(rate.name))
             self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
+        if self._health is not None:
+            self._ask_about_health(self._health, now_s)
+
+    def _ask_about_health(self, health: HealthMonitor, now_s: float) -> None:
+        for name in health.parameters.due(now_s):
+            self._send_parameter_request(name)
+        unknown = self._watches_health and health.health.firmware is None
+        if unknown and now_s - self._version_asked_s >= _ASK_VERSION_S:
+            self._version_asked_s = now_s
+            number = float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
 
     def _set_mode(self, name: str) -> None:
         if self._vehicle is not None:
@@ -272,3 +333,9 @@ class AutopilotLink(ABC):
         data = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
         self._channel.send(data)
+
+
+def _message_id(name: str) -> int:
+    if name == ekf_status_report.NAME:
+        return ekf_status_report.MESSAGE_ID
+    return int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from follower.links.link_status import LinkStatus
+from follower.links.parameter_reader import ParameterReader
+from follower.links.vehicle_health import VehicleHealth
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.vehicle import Attitude, VehicleState
 
@@ -40,6 +42,24 @@ class Link(Protocol):
     @property
     def autopilot_name(self) -> str:
         """What kind of autopilot answers: "px4", "ardupilot", or "unknown" before it does."""
+        ...
+
+    @property
+    def health(self) -> VehicleHealth:
+        """What the vehicle said about its health; little before `watch_health`."""
+        ...
+
+    @property
+    def parameters(self) -> ParameterReader | None:
+        """The parameters asked for, None before the vehicle is found."""
+        ...
+
+    def watch_health(self) -> None:
+        """From now on have the vehicle tell its firmware and, once a second, its health."""
+        ...
+
+    def read_parameters(self, names: Iterable[str]) -> None:
+        """Have these parameters read; nothing happens before the vehicle is found."""
         ...
 
     def status(self, now_s: float) -> LinkStatus:

@@ -17,6 +17,9 @@ class LinkSettings:
         listen_s: how long to listen for others before the only one is taken.
         attitude_rate_hz: how often ATTITUDE is asked for.
         position_rate_hz: how often LOCAL_POSITION_NED is asked for.
+        rc_rate_hz: how often RC_CHANNELS is asked for, the pilot's sticks and switches; 0 never.
+        mode_rate_hz: how often the mode is asked after while it is the one that flies setpoints:
+            of themselves autopilots tell it once a second; 0 leaves it at that.
         timesync_rate_hz: how often the clocks are compared.
         signing_key_file: file of the MAVLink 2 signing key; None signs nothing and takes all.
         stall_s: a control loop that gives no setpoint for so long is taken to stand still, and
@@ -30,6 +33,8 @@ class LinkSettings:
     listen_s: float = 2.5
     attitude_rate_hz: float = 100.0
     position_rate_hz: float = 30.0
+    rc_rate_hz: float = 10.0
+    mode_rate_hz: float = 25.0
     timesync_rate_hz: float = 5.0
     signing_key_file: str | None = None
     stall_s: float = 0.15
@@ -42,5 +47,10 @@ class LinkSettings:
         rates = (self.attitude_rate_hz, self.position_rate_hz, self.timesync_rate_hz)
         if not all(math.isfinite(rate) and 0.1 <= rate <= 500 for rate in rates):
             raise ValueError(f"rates lie between 0.1 and 500 Hz, not {rates}")
+        if not all(0 <= rate <= 50 for rate in (self.rc_rate_hz, self.mode_rate_hz)):
+            raise ValueError(
+                f"rc_rate_hz and mode_rate_hz lie between 0 and 50 Hz, "
+                f"not {self.rc_rate_hz} and {self.mode_rate_hz}"
+            )
         if not 0.05 <= self.stall_s <= 0.2:
             raise ValueError(f"stall_s lies between 0.05 and 0.2 s, not {self.stall_s}")

@@ -43,6 +43,8 @@ class MavlinkLink(AutopilotLink):
         for packet in self._channel.receive(now_s):
             if self._is_vehicles(packet):
                 self._sequence.count(packet.sequence)
+                if self._take_health(packet, now_s):
+                    continue
                 message = self._decoded(packet)
                 self._take(message.get_type(), message, now_s)
             else:
@@ -77,6 +79,13 @@ class MavlinkLink(AutopilotLink):
                 self._vehicle.system, mavlink.MAV_COMP_ID_AUTOPILOT1, command, 0, *padded
             )
         )
+
+    def _send_parameter_request(self, name: str) -> None:
+        if self._vehicle is not None:
+            target = self._vehicle.system, mavlink.MAV_COMP_ID_AUTOPILOT1
+            self._send_message(
+                mavlink.MAVLink_param_request_read_message(*target, name.encode(), -1)
+            )
 
     def _send_timesync(self, tc1: int, ts1: int) -> None:
         self._send_message(mavlink.MAVLink_timesync_message(tc1, ts1))

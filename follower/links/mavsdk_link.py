@@ -7,7 +7,7 @@ import json
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import SimpleNamespace
 
@@ -72,6 +72,7 @@ class MavsdkLink(AutopilotLink):
         self._stalls = 0
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
         self._strangers: deque[Packet] = deque(maxlen=_MOST_MESSAGES)
+        self._own: deque[tuple[float, Packet]] = deque(maxlen=_MOST_MESSAGES)
         self._results: deque[str] = deque(maxlen=_MOST_MESSAGES)
         self._waiting: set[object] = set()
         self._stop = threading.Event()
@@ -147,6 +148,9 @@ class MavsdkLink(AutopilotLink):
         while self._strangers:
             self._hear_stranger(self._strangers.popleft(), now_s)
         self._look_for_system()
+        while self._own:
+            came_s, packet = self._own.popleft()
+            self._take_health(packet, came_s)
         while self._messages:
             arrival_s, message = self._messages.popleft()
             with contextlib.suppress(json.JSONDecodeError):
@@ -200,6 +204,7 @@ class MavsdkLink(AutopilotLink):
     def _look_at(self, packet: Packet) -> None:
         """Keep the mode in view also while the control loop stands still."""
         self._sequence.count(packet.sequence)
+        self._own.append((self._system_clock.now(), packet))
         if packet.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and self._vehicle is not None:
             beat = mavlink.MAVLink(None).decode(bytearray(packet.data))
             mode = mode_name(self._vehicle.autopilot, beat.custom_mode)
@@ -224,10 +229,13 @@ class MavsdkLink(AutopilotLink):
         fields |= {"command": command, "confirmation": 0}
         self._send_direct("COMMAND_LONG", fields)
 
+    def _send_parameter_request(self, name: str) -> None:
+        self._send_direct("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
+
     def _send_timesync(self, tc1: int, ts1: int) -> None:
         self._send_direct("TIMESYNC", {"tc1": tc1, "ts1": ts1})
 
-    def _send_direct(self, name: str, fields: dict[str, float]) -> None:
+    def _send_direct(self, name: str, fields: Mapping[str, float | str]) -> None:
         direct, vehicle = self._direct, self._vehicle
         if direct is None or vehicle is None:
             return

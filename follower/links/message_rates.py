@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 _WINDOW_S = 2.0
@@ -34,15 +34,25 @@ class MessageRates:
 
     Args:
         wanted_hz: by message name.
+        optional: names of messages that not every vehicle has: nothing is said if they are slow.
     """
 
-    def __init__(self, wanted_hz: Mapping[str, float]) -> None:
+    def __init__(self, wanted_hz: Mapping[str, float], optional: Collection[str] = ()) -> None:
         self._wanted_hz = dict(wanted_hz)
+        self._optional = frozenset(optional)
         self._arrivals: dict[str, deque[float]] = {name: deque() for name in wanted_hz}
         self._ask_s = dict.fromkeys(wanted_hz, float("-inf"))
         self._wait_s = dict.fromkeys(wanted_hz, _FIRST_WAIT_S)
         self._asked: set[str] = set()
         self._slow: set[str] = set()
+
+    def want(self, name: str, rate_hz: float) -> None:
+        """Have one more message asked for."""
+        if name not in self._wanted_hz:
+            self._arrivals[name] = deque()
+            self._ask_s[name] = float("-inf")
+            self._wait_s[name] = _FIRST_WAIT_S
+            self._wanted_hz[name] = rate_hz
 
     def ask_anew(self) -> None:
         """Have everything asked for at once: the autopilot may have been restarted."""
@@ -62,7 +72,7 @@ class MessageRates:
         """Return all rates over the last two seconds."""
         return tuple(
             MessageRate(name, wanted, self._rate_hz(name, now_s))
-            for name, wanted in self._wanted_hz.items()
+            for name, wanted in tuple(self._wanted_hz.items())
         )
 
     def due(self, now_s: float) -> tuple[MessageRate, ...]:
@@ -81,6 +91,8 @@ class MessageRates:
         """Return in words which messages became too slow or well again since the last call."""
         said: list[str] = []
         for rate in self.measured(now_s):
+            if rate.name in self._optional:
+                continue
             ripe = rate.name in self._asked and now_s > self._ask_s[rate.name] - _WINDOW_S / 2
             if not rate.is_enough and ripe and rate.name not in self._slow:
                 self._slow.add(rate.name)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
+from follower.links import ekf_status_report
+
 _V1, _V2 = 0xFE, 0xFD
 _V1_HEAD, _V2_HEAD, _CRC, SIGNATURE = 6, 10, 2, 13
 SIGNED_FLAG = 0x01
@@ -81,6 +83,8 @@ def checksum(unsigned: bytes, crc_extra: int) -> bytes:
 
 def crc_extra_of(message_id: int) -> int | None:
     """Return the seed of a message's checksum, None if the dialect does not know it."""
+    if message_id == ekf_status_report.MESSAGE_ID:
+        return ekf_status_report.CRC_EXTRA
     message = mavlink.mavlink_map.get(message_id)
     return None if message is None else int(message.crc_extra)
 

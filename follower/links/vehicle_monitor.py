@@ -12,11 +12,17 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links.autopilot_clock import AutopilotClock
 from follower.links.modes import mode_name, setpoint_mode
 from follower.links.vehicle_finder import Vehicle
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
 
 _T = TypeVar("_T")
 _Six = tuple[_T, _T, _T, _T, _T, _T]
 _MOST_NOTES = 100
+_FAILSAFES = (
+    mavlink.MAV_STATE_CRITICAL,
+    mavlink.MAV_STATE_EMERGENCY,
+    mavlink.MAV_STATE_FLIGHT_TERMINATION,
+)
+_MOST_CHANNELS = 18
 _DONE = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
@@ -46,6 +52,7 @@ class VehicleMonitor:
             "EXTENDED_SYS_STATE": self._on_landed_state,
             "COMMAND_ACK": self._on_ack,
             "STATUSTEXT": self._on_text,
+            "RC_CHANNELS": self._on_rc,
         }
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
@@ -78,13 +85,20 @@ class VehicleMonitor:
         return notes
 
     def _on_heartbeat(self, message: Any, now_s: float) -> None:
+        before = self.state
         mode = mode_name(self._autopilot, message.custom_mode)
+        obeys = mode == setpoint_mode(self._autopilot)
+        enters = obeys and not before.obeys_setpoints
         self.state = replace(
-            self.state,
+            before,
             mode=mode,
-            obeys_setpoints=mode == setpoint_mode(self._autopilot),
+            obeys_setpoints=obeys,
             armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
             heartbeat_s=now_s,
+            failsafe=message.system_status in _FAILSAFES,
+            entries=before.entries + enters,
+            # PX4 returns into OFFBOARD out of its failsafe alone, as soon as the stream is back.
+            entered_by_itself=before.failsafe if enters else before.entered_by_itself,
         )
 
     def _on_attitude(self, message: Any, now_s: float) -> None:
@@ -118,6 +132,12 @@ class VehicleMonitor:
 
     def _on_text(self, message: Any, _now_s: float) -> None:
         self.note(str(message.text))
+
+    def _on_rc(self, message: Any, now_s: float) -> None:
+        count = min(max(int(message.chancount), 0), _MOST_CHANNELS)
+        pulses = [int(getattr(message, f"chan{number}_raw")) for number in range(1, count + 1)]
+        if pulses:
+            self.state = replace(self.state, rc=RcChannels(tuple(pulses), now_s))
 
     def _time_of(self, message: Any, now_s: float) -> float:
         self.boot_ms = message.time_boot_ms
