@@ -8,9 +8,12 @@ from follower.autonomy import Autonomy
 from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.link import Link
-from follower.supervisor import State
+from follower.links.operator_commands import CONSENT_COMMAND, OperatorCommand
+from follower.release import Release
+from follower.supervisor import Order, State
 from follower_control.setpoint import HOLD
 
+_ORDERS = {1.0: Order.GIVE, 0.0: Order.WITHDRAW}
 OnStep = Callable[[ControlRecord], None]
 
 
@@ -41,6 +44,7 @@ class ControlLoop:
         self._log = log
         self._autonomy = autonomy
         self._on_step = on_step
+        self._release = Release(stage.settings.release)
         self._before = State.IDLE
 
     def step(self, now_s: float, late_s: float = 0.0) -> None:
@@ -48,10 +52,13 @@ class ControlLoop:
         self._link.poll(now_s)
         for note in self._link.take_notes():
             self._log.note(now_s, "autopilot", note)
+        for command in self._link.take_commands():
+            self._obey(command, now_s)
         record = self._stage.step(
             now_s, self._newest(), self._link.state, self._link.attitudes, late_s
         )
         self._send(record)
+        self._let_go(record)
         if self._autonomy is not None:
             self._fly(self._autonomy, now_s, record.state)
         if self._on_step is not None:
@@ -68,6 +75,28 @@ class ControlLoop:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
         self._before = record.state
+
+    def _obey(self, command: OperatorCommand, now_s: float) -> None:
+        """Take an operator's consent or its withdrawal, and answer."""
+        order = _ORDERS.get(command.value) if command.command == CONSENT_COMMAND else None
+        consent = self._stage.settings.consent
+        welcome = consent.takes_orders_by("command") and command.system == consent.command_system
+        accepted = order is Order.WITHDRAW or (order is Order.GIVE and welcome)
+        self._link.answer(command, accepted)
+        if order is not None and command.is_new:
+            verdict = "" if accepted else ", refused"
+            self._log.note(now_s, "operator", f"consent: {order} by {command.system}{verdict}")
+        if order is not None and accepted and command.is_new:
+            self._stage.order(order)
+
+    def _let_go(self, record: ControlRecord) -> None:
+        """Have the autopilot take its own mode after a release, if that is wanted."""
+        vehicle, name = self._link.state, self._link.autopilot_name
+        mode = self._release.step(record.time_s, record.state, vehicle, name)
+        for note in self._release.take_notes():
+            self._log.note(record.time_s, "release", note)
+        if mode is not None:
+            self._link.enter_mode(mode)
 
     def _fly(self, autonomy: Autonomy, now_s: float, state: State) -> None:
         before = autonomy.phase

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
+from follower.consent import Consent
 from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
+from follower.release import ReleaseAction, is_resting
 from follower.settings import Settings
+from follower.sticks import Sticks
 from follower.stopwatch import Stopwatch
-from follower.supervisor import Situation, State, Supervisor
+from follower.supervisor import Order, Situation, State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.envelope import Envelope, LimitedSetpoint
 from follower_control.estimate import TargetEstimate
@@ -16,6 +21,7 @@ from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
 from follower_control.ground_range import range_to_ground
 from follower_control.liveness import Liveness
+from follower_control.search import Search
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
 from follower_control.setpoint import HOLD, VelocitySetpoint
@@ -25,6 +31,8 @@ from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
 
+_NEEDS_STREAM = "OFFBOARD"
+_HELD_S = 1.0
 _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
 
@@ -57,15 +65,22 @@ class ControlStage:
         self._estimator = TargetEstimator(settings.estimator)
         self._servo = VisualServo(settings.servo, mount.pitch_rad)
         self._envelope = Envelope(settings.envelope)
+        self._search = Search(settings.search)
+        self._sticks = Sticks(settings.sticks)
+        self._consent = Consent(settings.consent)
         self._supervisor = Supervisor(settings.supervisor)
+        self.settings = settings
         self._log = log
         self._needs_telemetry = needs_telemetry
         self._allowed = HOLD
         self._last_step_s: float | None = None
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
+        self._believed: TargetEstimate | None = None
+        self._entry = 0
+        self._sent = self._handed_back = False
         self._stop_requested = False
-        self._consent_renewed = False
+        self._orders: deque[Order] = deque()
 
     @property
     def supervisor(self) -> Supervisor:
@@ -81,15 +96,20 @@ class ControlStage:
         """Let go at the next step, whatever the state; may be called from any thread."""
         self._stop_requested = True
 
+    def order(self, order: Order) -> None:
+        """Take an operator's order for the next step; may be called from any thread."""
+        if order in (Order.RENEW, Order.GIVE):
+            self._stop_requested = False
+        self._orders.append(order)
+
     def renew_consent(self) -> None:
         """Allow following again after a release; may be called from any thread."""
-        self._stop_requested = False
-        self._consent_renewed = True
+        self.order(Order.RENEW)
 
     def repeat_requests(self, recorded: Situation) -> None:
         """Ask for what was asked for in a recorded situation, before its step is replayed."""
         self._stop_requested = recorded.stop_requested
-        self._consent_renewed = recorded.consent_renewed
+        self._orders.append(recorded.order)
 
     def step(
         self,
@@ -117,7 +137,9 @@ class ControlStage:
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
         state = self._decide(now_s, situation, vehicle)
+        self._remember(state, estimate, vehicle, now_s)
         limited = self._steer(state, now_s, estimate, vehicle)
+        self._sent = self._sends(state, vehicle)
         record = ControlRecord(
             time_s=now_s,
             late_s=late_s,
@@ -130,7 +152,7 @@ class ControlStage:
             asked=limited.asked,
             allowed=limited.allowed,
             limits=tuple(limited.limits),
-            sent=self._sends(state, vehicle),
+            sent=self._sent,
             track_sequence=None if self._newest is None else self._newest.sequence,
             situation=situation,
             attitudes=tuple(attitudes),
@@ -161,15 +183,29 @@ class ControlStage:
             self._log.note(now_s, "supervisor", f"{state}: {self._supervisor.reason}")
         if state.engaged and not before.engaged:
             self._begin(vehicle, now_s)
-        if state is not State.RELEASED:
-            self._consent_renewed = False
+        if state is State.SEARCHING and before is not state:
+            self._search.start(self._believed, vehicle)
         return state
+
+    def _remember(
+        self, state: State, estimate: TargetEstimate | None, vehicle: VehicleState, now_s: float
+    ) -> None:
+        """Keep where the target was last believed to be, and whether the vehicle is handed back."""
+        if state.steers and estimate is not None:
+            self._believed = estimate
+        released_s = self._supervisor.in_state_s(now_s) if state is State.RELEASED else -math.inf
+        rests = released_s >= _HELD_S and is_resting(vehicle, now_s)
+        wanted = self.settings.release.action is ReleaseAction.HAND_BACK
+        self._handed_back = wanted and state is State.RELEASED and (self._handed_back or rests)
 
     def _situation(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
     ) -> Situation:
-        newest = self._newest
+        newest, state = self._newest, self._supervisor.state
         track = None if newest is None else newest.track
+        order = self._take_order()
+        self._consent.step(order, vehicle, state, now_s)
+        self._sticks.step(vehicle, state.engaged, now_s)
         telemetry_age_s = max(
             vehicle.attitude_age_s(now_s),
             vehicle.position_age_s(now_s),
@@ -183,12 +219,29 @@ class ControlStage:
             telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
             control_gap_s=0.0 if self._last_step_s is None else now_s - self._last_step_s,
-            mode_allows=vehicle.obeys_setpoints,
+            mode_allows=self._mode_allows(vehicle),
             flying=vehicle.armed and vehicle.landed is not True,
             stop_requested=self._stop_requested,
-            consent_renewed=self._consent_renewed,
+            consent_renewed=self._consent.renewed,
             in_state_s=self._supervisor.in_state_s(now_s),
+            consent_given=self._consent.given,
+            failsafe=vehicle.failsafe,
+            sticks_moved=self._sticks.taken_over,
+            order=order,
         )
+
+    def _take_order(self) -> Order:
+        """Return the newest order; a withdrawal is not overruled by what came with it."""
+        orders = [self._orders.popleft() for _ in range(len(self._orders))]
+        return Order.WITHDRAW if Order.WITHDRAW in orders else next(reversed(orders), Order.NONE)
+
+    def _mode_allows(self, vehicle: VehicleState) -> bool:
+        """Whether somebody chose our mode and it was not left since following began.
+
+        It may have been left and entered again between two steps.
+        """
+        left = self._supervisor.state.engaged and vehicle.entries != self._entry
+        return vehicle.obeys_setpoints and not vehicle.entered_by_itself and not left
 
     def _unseen_s(self, track: Track | None, now_s: float) -> float:
         if track is not None and track.state is TrackState.TRACKING:
@@ -200,6 +253,7 @@ class ControlStage:
         self._servo.start(present)
         self._envelope.start(present, now_s)
         self._allowed = present
+        self._entry = vehicle.entries
 
     def _steer(
         self,
@@ -209,15 +263,27 @@ class ControlStage:
         vehicle: VehicleState,
     ) -> LimitedSetpoint:
         if state is not State.READY and self._sends(state, vehicle):
-            asked = HOLD
-            if state.steers and estimate is not None:
-                asked = self._servo.update(estimate, vehicle, self._allowed)
+            asked = self._ask(state, now_s, estimate, vehicle)
             limited = self._envelope.limit(asked, now_s, self._context(now_s, estimate, vehicle))
         else:
             self._envelope.start(HOLD, now_s)
             limited = LimitedSetpoint(HOLD, HOLD, ())
         self._allowed = limited.allowed
         return limited
+
+    def _ask(
+        self, state: State, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> VelocitySetpoint:
+        """Return what is wanted, before the envelope."""
+        if state is State.SEARCHING:
+            return self._search.update(vehicle, now_s)
+        if not state.steers or estimate is None:
+            return HOLD
+        self._servo.nudge(self._sticks.nudge)
+        asked = self._servo.update(estimate, vehicle, self._allowed)
+        if state is State.COASTING:
+            return _slowed(asked, (now_s - self._seen_s) / self.settings.supervisor.coast_s)
+        return asked
 
     def _context(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
@@ -232,11 +298,17 @@ class ControlStage:
             vehicle, now_s, range_m, errors.azimuth_rad, errors.target_speed_m_s
         )
 
-    @staticmethod
-    def _sends(state: State, vehicle: VehicleState) -> bool:
-        # Having let go, we hold for as long as the autopilot still listens to us: silence would
-        # send PX4 home. Once the pilot has another mode, nothing is sent.
-        return state.streams or (state is State.RELEASED and vehicle.obeys_setpoints)
+    def _sends(self, state: State, vehicle: VehicleState) -> bool:
+        """Whether a setpoint is to be sent.
+
+        A stream that the autopilot flies by is not broken off, whatever the state: silence would
+        send PX4 home. Once the pilot has another mode, nothing is sent, and ArduCopter's GUIDED is
+        somebody else's when it comes back; OFFBOARD needs a stream from whom it had one.
+        """
+        if self._handed_back:
+            return False
+        comes_back = state is State.RELEASED and vehicle.mode == _NEEDS_STREAM
+        return state.streams or (vehicle.obeys_setpoints and (self._sent or comes_back))
 
 
 def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
@@ -250,6 +322,18 @@ def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
         c * position.east_m_s - s * position.north_m_s,
         position.down_m_s,
         attitude.yaw_rate_rad_s,
+    )
+
+
+def _slowed(asked: VelocitySetpoint, share: float) -> VelocitySetpoint:
+    """Return the setpoint with a velocity that falls smoothly to 0 as `share` rises to 1."""
+    x = min(max(share, 0.0), 1.0)
+    left = 1 - x * x * (3 - 2 * x)
+    return replace(
+        asked,
+        forward_m_s=left * asked.forward_m_s,
+        right_m_s=left * asked.right_m_s,
+        down_m_s=left * asked.down_m_s,
     )
 
 

@@ -6,16 +6,20 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from follower.consent import ConsentSettings
 from follower.links.link_settings import LinkSettings
 from follower.recorder_settings import RecorderSettings
+from follower.release import ReleaseSettings
+from follower.sticks import StickSettings
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
+from follower_control.search import SearchSettings
 from follower_control.servo_settings import ServoSettings
 from follower_control.strict_yaml import SettingsError, parse, read_mapping
 from follower_vision.camera import CameraModel
@@ -38,6 +42,8 @@ class CameraSettings:
         pitch_deg: how it is pitched; looking down is negative.
         yaw_deg: how it is turned; to the right is positive.
         latency_s: how much later than the exposure a frame's time stamp is.
+        frame_size: width and height in pixels of the frames for which all this holds; frames of
+            another size are then refused. None takes any.
     """
 
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
@@ -50,6 +56,7 @@ class CameraSettings:
     pitch_deg: float = 0.0
     yaw_deg: float = 0.0
     latency_s: float = 0.0
+    frame_size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         if not 1 < self.fov_deg < 179:
@@ -61,6 +68,8 @@ class CameraSettings:
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
         if not all(abs(angle) <= 180 for angle in angles):
             raise ValueError(f"the mount's angles are degrees within ±180, not {angles}")
+        if self.frame_size is not None and not min(self.frame_size) > 0:
+            raise ValueError(f"frame_size is [width, height] in pixels, not {self.frame_size}")
 
     @property
     def mount(self) -> CameraMount:
@@ -99,9 +108,18 @@ class Settings(BaseModel):
     servo: ServoSettings = ServoSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
+    consent: ConsentSettings = ConsentSettings()
+    sticks: StickSettings = StickSettings()
+    search: SearchSettings = SearchSettings()
+    release: ReleaseSettings = ReleaseSettings()
     link: LinkSettings = LinkSettings()
     recorder: RecorderSettings = RecorderSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
+    autonomy: Literal["pilot", "full"] = "pilot"
+    """Who arms, takes off and changes the mode in `follower fly`: "pilot" is a person; "full" is
+    the program, for SITL alone."""
+    takeoff_height_m: float = Field(default=10.0, gt=0, le=100)
+    """How high to take off with `autonomy: full`."""
 
     @field_validator("tracker")
     @classmethod
@@ -125,13 +143,27 @@ def load_settings(
     Raises:
         SettingsError: a file, key or value cannot be used; one line says which and why.
     """
+    data, source = settings_data(path, base, overrides)
+    return parse(Settings, data, source)
+
+
+def settings_data(
+    path: str | Path | None = None,
+    base: Mapping[str, Any] | None = None,
+    overrides: Iterable[str] = (),
+) -> tuple[dict[str, Any], str]:
+    """Return what was really said, without the defaults, and where it was said last.
+
+    Raises:
+        SettingsError: a file or an override cannot be read.
+    """
     data: dict[str, Any] = merged({}, base or {})
     source = "settings"
     if path is not None:
         data, source = merged(data, read_mapping(path)), str(path)
     for override in overrides:
         data, source = merged(data, _override(override)), f"--set {override}"
-    return parse(Settings, data, source)
+    return data, source
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

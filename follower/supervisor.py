@@ -1,37 +1,66 @@
 """Who may move the vehicle, and when: one pure function of the state and the situation.
 
-| state     | meaning                                             | setpoints          |
-|-----------|-----------------------------------------------------|--------------------|
-| IDLE      | no target is chosen                                 | none               |
-| TRACKING  | a target is chosen; something else is not yet good  | none               |
-| READY     | target, estimate and link are good; the pilot's turn| hold               |
-| FOLLOWING | the pilot's mode allows it and all is good          | servo              |
-| COASTING  | the target was not seen for a moment                | servo, predicted   |
-| SEARCHING | the target is lost                                  | hold               |
-| HOLDING   | something is wrong, or the search took too long     | hold               |
-| RELEASED  | let go; only a new consent begins again             | hold, while heard  |
+| state     | meaning                                              | setpoints          |
+|-----------|------------------------------------------------------|--------------------|
+| IDLE      | no target is chosen                                  | none               |
+| TRACKING  | a target is chosen; something else is not yet good   | none               |
+| READY     | all is good but the mode or the consent              | hold               |
+| FOLLOWING | the pilot's mode and consent allow it, all is good   | servo              |
+| COASTING  | the target was not seen for a moment                 | servo, slowing down|
+| SEARCHING | the target is lost                                   | turn after it      |
+| HOLDING   | something is wrong, or the search took too long      | hold               |
+| RELEASED  | let go; only a new consent begins again              | hold, while heard  |
 
-From every following state the first row that applies decides:
+In IDLE, TRACKING and READY, and in RELEASED once consent is renewed, the first row that applies
+decides; in RELEASED without that, none does and it stays:
 
-| situation                                   | next state | reason               |
-|---------------------------------------------|------------|----------------------|
-| stop was asked for                          | RELEASED   | stop requested       |
-| the pilot's mode no longer allows following | RELEASED   | pilot took over      |
-| disarmed or landed                          | RELEASED   | not flying           |
-| no heartbeat for `link_timeout_s`           | HOLDING    | link silent          |
-| attitude or position older than allowed     | HOLDING    | telemetry stale      |
-| no frame for `frame_timeout_s`              | HOLDING    | frames stale         |
-| the control loop itself came late           | HOLDING    | control late         |
-| target seen, estimate good                  | FOLLOWING  | target seen          |
-| unseen, but less than `coast_s`             | COASTING   | target unseen        |
-| unseen for longer                           | SEARCHING  | target lost          |
-| SEARCHING for `search_s`                    | HOLDING    | search failed        |
-| HOLDING for `hold_s`                        | RELEASED   | hold timed out       |
+| situation                                   | next state | reason                    |
+|---------------------------------------------|------------|---------------------------|
+| stop was asked for                          | RELEASED   | stop requested            |
+| no target is chosen                         | IDLE       | no target                 |
+| one of the troubles below                   | TRACKING   | its own                   |
+| the target is not seen, or the estimate bad | TRACKING   | target unseen             |
+| disarmed or landed                          | TRACKING   | not flying                |
+| the autopilot is in a failsafe              | TRACKING   | autopilot's failsafe      |
+| the pilot's mode does not allow following   | READY      | waiting for the mode      |
+| the second consent is not given             | READY      | waiting for consent       |
+| none of these                               | FOLLOWING  | target seen               |
 
-HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent,
-the mode, still stands. RELEASED never returns by itself. It holds for as long as the autopilot
-still flies our setpoints, because silence would send PX4 home; once the pilot has taken another
-mode, nothing is sent.
+In FOLLOWING, COASTING, SEARCHING and HOLDING:
+
+| situation                                   | next state | reason                    |
+|---------------------------------------------|------------|---------------------------|
+| stop was asked for                          | RELEASED   | stop requested            |
+| not the mode any more, in a failsafe        | RELEASED   | autopilot's failsafe      |
+| not the mode any more                       | RELEASED   | pilot took over           |
+| a stick was moved far                       | RELEASED   | pilot moved the sticks    |
+| the second consent was withdrawn            | RELEASED   | consent withdrawn         |
+| disarmed or landed                          | RELEASED   | not flying                |
+| nothing at all heard for `alone_s`          | RELEASED   | link lost                 |
+| the control loop stood still for `alone_s`  | RELEASED   | control stalled           |
+| a trouble, in HOLDING for `hold_s`          | RELEASED   | hold timed out            |
+| a trouble                                   | HOLDING    | its own                   |
+| target seen, estimate good                  | FOLLOWING  | target seen               |
+| HOLDING for `hold_s`                        | RELEASED   | hold timed out            |
+| HOLDING, unseen for `search_s`              | HOLDING    | search failed             |
+| HOLDING                                     | HOLDING    | target unseen             |
+| SEARCHING for `search_s`                    | HOLDING    | search failed             |
+| not SEARCHING, estimate good, unseen for    | COASTING   | target unseen             |
+| less than `coast_s`                         |            |                           |
+| none of these                               | SEARCHING  | target lost               |
+
+The troubles, in their order:
+
+| trouble                                     | reason                    |
+|---------------------------------------------|---------------------------|
+| no heartbeat for `link_timeout_s`           | link silent               |
+| attitude or position older than allowed     | telemetry stale           |
+| no frame for `frame_timeout_s`              | frames stale              |
+| the control loop itself came late           | control late              |
+
+HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent
+still stands. RELEASED never returns by itself. After `alone_s` without any word, or without a step
+of ours, the autopilot may have gone home and come back into our mode by itself: that is no consent.
 """
 
 from __future__ import annotations
@@ -72,6 +101,18 @@ class State(StrEnum):
 ENGAGED = frozenset({State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING})
 
 
+class Order(StrEnum):
+    """What an operator asked for since the last step."""
+
+    NONE = "none"
+    RENEW = "renew"
+    """Begin again after a release: a target was chosen anew."""
+    GIVE = "give"
+    """Consent, and begin again after a release."""
+    WITHDRAW = "withdraw"
+    """Consent no longer."""
+
+
 class Reason(StrEnum):
     """Why the supervisor is where it is."""
 
@@ -84,11 +125,17 @@ class Reason(StrEnum):
     NOT_FLYING = "not flying"
     TARGET_UNSEEN = "target unseen"
     TARGET_LOST = "target lost"
+    AUTOPILOT_FAILSAFE = "autopilot's failsafe"
     WAITING_FOR_PILOT = "waiting for the pilot's mode"
+    WAITING_FOR_CONSENT = "waiting for consent"
     TARGET_SEEN = "target seen"
     SEARCH_FAILED = "search failed"
     HOLD_TIMED_OUT = "hold timed out"
     PILOT_TOOK_OVER = "pilot took over"
+    STICKS_MOVED = "pilot moved the sticks"
+    CONSENT_WITHDRAWN = "consent withdrawn"
+    LINK_LOST = "link lost"
+    CONTROL_STALLED = "control stalled"
     STOP_REQUESTED = "stop requested"
     AWAITING_CONSENT = "let go, waiting for consent"
 
@@ -103,8 +150,10 @@ class SupervisorSettings:
         frame_timeout_s: age of the newest frame that vision has answered for.
         control_timeout_s: time between two control steps.
         coast_s: how long to fly on the predicted target.
-        search_s: how long to hold and look for a lost target.
+        search_s: how long to look for a lost target.
         hold_s: how long to hold before letting go.
+        alone_s: without a word from us for so long the autopilot may act by itself; below PX4's
+            COM_OF_LOSS_T and ArduCopter's GUID_TIMEOUT.
     """
 
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
@@ -116,6 +165,7 @@ class SupervisorSettings:
     coast_s: float = 0.8
     search_s: float = 10.0
     hold_s: float = 3.0
+    alone_s: float = 1.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -136,11 +186,16 @@ class Situation:
             repeats itself grows old.
         frame_age_s: since the capture of the newest frame that vision answered for.
         control_gap_s: since the previous control step.
-        mode_allows: the autopilot is in the mode that flies setpoints.
+        mode_allows: the autopilot is in the mode that flies setpoints, because somebody chose it
+            and nobody left it since following began.
         flying: armed and not landed.
         stop_requested: the operator pressed stop.
         consent_renewed: after letting go, the operator chose a target or consented anew.
         in_state_s: since the present state was entered.
+        consent_given: the second consent stands; always so where none is asked for.
+        failsafe: the autopilot says that it is in a failsafe.
+        sticks_moved: a stick is so far out that the pilot wants the vehicle back.
+        order: what the operator asked for; the consents above follow from it and from telemetry.
     """
 
     target_chosen: bool
@@ -155,6 +210,10 @@ class Situation:
     stop_requested: bool
     consent_renewed: bool
     in_state_s: float
+    consent_given: bool = True
+    failsafe: bool = False
+    sticks_moved: bool = False
+    order: Order = Order.NONE
 
 
 def next_state(
@@ -180,24 +239,40 @@ def _before_engaged(situation: Situation, settings: SupervisorSettings) -> tuple
         return State.TRACKING, Reason.TARGET_UNSEEN
     if not situation.flying:
         return State.TRACKING, Reason.NOT_FLYING
+    if situation.failsafe:
+        return State.TRACKING, Reason.AUTOPILOT_FAILSAFE
     if not situation.mode_allows:
         return State.READY, Reason.WAITING_FOR_PILOT
+    if not situation.consent_given:
+        return State.READY, Reason.WAITING_FOR_CONSENT
     return State.FOLLOWING, Reason.TARGET_SEEN
 
 
 def _while_engaged(
     state: State, situation: Situation, settings: SupervisorSettings
 ) -> tuple[State, Reason]:
-    if situation.stop_requested:
-        return State.RELEASED, Reason.STOP_REQUESTED
-    if not situation.mode_allows:
-        return State.RELEASED, Reason.PILOT_TOOK_OVER
-    if not situation.flying:
-        return State.RELEASED, Reason.NOT_FLYING
+    way_out = _way_out(situation, settings)
+    if way_out is not None:
+        return State.RELEASED, way_out
     wanted, reason = _wanted_when_engaged(state, situation, settings)
     if wanted is state is State.HOLDING and situation.in_state_s >= settings.hold_s:
         return State.RELEASED, Reason.HOLD_TIMED_OUT
     return wanted, reason
+
+
+def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | None:
+    silent_s = min(situation.heartbeat_age_s, situation.telemetry_age_s)
+    ways = (
+        (situation.stop_requested, Reason.STOP_REQUESTED),
+        (not situation.mode_allows and situation.failsafe, Reason.AUTOPILOT_FAILSAFE),
+        (not situation.mode_allows, Reason.PILOT_TOOK_OVER),
+        (situation.sticks_moved, Reason.STICKS_MOVED),
+        (not situation.consent_given, Reason.CONSENT_WITHDRAWN),
+        (not situation.flying, Reason.NOT_FLYING),
+        (silent_s >= settings.alone_s, Reason.LINK_LOST),
+        (situation.control_gap_s >= settings.alone_s, Reason.CONTROL_STALLED),
+    )
+    return next((reason for applies, reason in ways if applies), None)
 
 
 def _wanted_when_engaged(

@@ -16,6 +16,7 @@ from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
 from follower.links.message_rates import MessageRates
 from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
+from follower.links.operator_commands import OperatorCommand, OperatorCommands
 from follower.links.packets import Packet
 from follower.links.parameter_reader import ParameterReader
 from follower.links.sequence import SequenceCounter
@@ -31,8 +32,11 @@ from follower_control.vehicle import Attitude, VehicleState
 COMPONENT_ID = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 _HEARTBEAT_S = 1.0
 _SILENCE_S = 3.0
+_RC = "RC_CHANNELS"
+_SLACK_S = 1e-6
 _HEALTH_HZ = 1.0
 _ASK_VERSION_S = 1.0
+_COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 
 class AutopilotLink(ABC):
@@ -59,14 +63,17 @@ class AutopilotLink(ABC):
         self._codec = mavlink.MAVLink(None, settings.vehicle_id or 1, COMPONENT_ID)
         self._clock = AutopilotClock()
         self._timesync = TimeSync(self._clock, settings.timesync_rate_hz)
-        self._rates = MessageRates(
-            {
-                "ATTITUDE": settings.attitude_rate_hz,
-                "LOCAL_POSITION_NED": settings.position_rate_hz,
-                "GLOBAL_POSITION_INT": 2.0,
-                "EXTENDED_SYS_STATE": 5.0,
-            }
-        )
+        rates = {
+            "ATTITUDE": settings.attitude_rate_hz,
+            "LOCAL_POSITION_NED": settings.position_rate_hz,
+            "GLOBAL_POSITION_INT": 2.0,
+            "EXTENDED_SYS_STATE": 5.0,
+            _RC: settings.rc_rate_hz,
+        }
+        wanted = {name: rate for name, rate in rates.items() if rate > 0}
+        self._rates = MessageRates(wanted, optional=(_RC,))
+        self._operators = OperatorCommands()
+        self._mode_asked_s = float("-inf")
         self._sequence = SequenceCounter()
         self._vehicle: Vehicle | None = None
         self._monitor: VehicleMonitor | None = None
@@ -165,6 +172,25 @@ class AutopilotLink(ABC):
         if self._vehicle is not None:
             self._send_setpoint(setpoint, self._vehicle)
 
+    def take_commands(self) -> Sequence[OperatorCommand]:
+        """Return the commands addressed to us since last time."""
+        return self._operators.take()
+
+    def answer(self, command: OperatorCommand, accepted: bool) -> None:
+        """Acknowledge a command to us."""
+        result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_DENIED
+        target = command.system, command.component
+        message = mavlink.MAVLink_command_ack_message(command.command, result, 0, 0, *target)
+        self._send_message(message)
+
+    def enter_mode(self, name: str) -> None:
+        """Ask for a mode by the autopilot's own name.
+
+        Raises:
+            ValueError: the autopilot has no mode of that name.
+        """
+        self._set_mode(name)
+
     def enter_setpoint_mode(self) -> None:
         """Ask for OFFBOARD or GUIDED."""
         if self._vehicle is not None:
@@ -260,6 +286,8 @@ class AutopilotLink(ABC):
 
     def _hear_stranger(self, packet: Packet, now_s: float) -> None:
         """Take a packet that is not, or not yet, known to be the vehicle's."""
+        if packet.message_id in _COMMANDS:
+            self._hear_command(packet, now_s)
         if packet.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
         beat = self._codec.decode(bytearray(packet.data))
@@ -272,6 +300,12 @@ class AutopilotLink(ABC):
             self._on_found(vehicle)
             if self._is_vehicles(packet):
                 self._take("HEARTBEAT", beat, now_s)
+
+    def _hear_command(self, packet: Packet, now_s: float) -> None:
+        message = self._codec.decode(bytearray(packet.data))
+        target = message.target_system, message.target_component
+        if self._vehicle is not None and target == (self._vehicle.system, COMPONENT_ID):
+            self._operators.hear(message, now_s)
 
     def _tell_of_another(self, system: int, now_s: float) -> None:
         others = {v.system for v in self._finder.vehicles(now_s) if v != self._vehicle}
@@ -296,6 +330,8 @@ class AutopilotLink(ABC):
             self._send_timesync(0, stamp)
         for text in self._rates.changes(now_s):
             self._note(text)
+        if self.state.obeys_setpoints:
+            self._ask_for_mode(now_s)
         for rate in self._rates.due(now_s):
             number = float(_message_id(rate.name))
             self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
@@ -310,6 +346,20 @@ class AutopilotLink(ABC):
             self._version_asked_s = now_s
             number = float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
             self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
+
+    def _ask_for_mode(self, now_s: float) -> None:
+        """Ask for a heartbeat out of turn, to see soon when the pilot takes another mode.
+
+        PX4 refuses to send heartbeats at another rate than 1 Hz.
+        """
+        rate_hz = self._settings.mode_rate_hz
+        if rate_hz > 0 and now_s - self._mode_asked_s >= 1 / rate_hz - _SLACK_S:
+            self._mode_asked_s = now_s
+            self._request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+
+    def _request(self, message_id: int) -> None:
+        """Ask for one message, once; nobody waits for an answer."""
+        self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
 
     def _set_mode(self, name: str) -> None:
         if self._vehicle is not None:

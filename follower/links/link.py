@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from follower.links.link_status import LinkStatus
+from follower.links.operator_commands import OperatorCommand
 from follower.links.parameter_reader import ParameterReader
 from follower.links.vehicle_health import VehicleHealth
 from follower_control.setpoint import VelocitySetpoint
@@ -91,6 +92,22 @@ class Link(Protocol):
 
     def take_off(self, height_m: float) -> None:
         """Ask for a take-off to `height_m` above the ground the vehicle stands on."""
+        ...
+
+    def take_commands(self) -> Sequence[OperatorCommand]:
+        """Return the commands addressed to us since last time."""
+        ...
+
+    def answer(self, command: OperatorCommand, accepted: bool) -> None:
+        """Acknowledge a command to us."""
+        ...
+
+    def enter_mode(self, name: str) -> None:
+        """Ask for a mode by the autopilot's own name.
+
+        Raises:
+            ValueError: the autopilot has no mode of that name.
+        """
         ...
 
     def enter_setpoint_mode(self) -> None:

@@ -232,17 +232,25 @@ class MavsdkLink(AutopilotLink):
     def _send_parameter_request(self, name: str) -> None:
         self._send_direct("PARAM_REQUEST_READ", {"param_id": name, "param_index": -1})
 
+    def _request(self, message_id: int) -> None:
+        # As a message: MAVSDK would wait for the answer to one command before it sends another.
+        fields: dict[str, float] = {f"param{i}": 0.0 for i in range(1, 8)}
+        fields |= {"command": mavlink.MAV_CMD_REQUEST_MESSAGE, "confirmation": 0}
+        self._send_direct("COMMAND_LONG", fields | {"param1": message_id}, is_awaited=False)
+
     def _send_timesync(self, tc1: int, ts1: int) -> None:
         self._send_direct("TIMESYNC", {"tc1": tc1, "ts1": ts1})
 
-    def _send_direct(self, name: str, fields: Mapping[str, float | str]) -> None:
+    def _send_direct(
+        self, name: str, fields: Mapping[str, float | str], is_awaited: bool = True
+    ) -> None:
         direct, vehicle = self._direct, self._vehicle
         if direct is None or vehicle is None:
             return
         target = (vehicle.system, int(mavlink.MAV_COMP_ID_AUTOPILOT1))
         addressed = {"target_system": target[0], "target_component": target[1], **fields}
         message = MavlinkMessage(name, vehicle.system, COMPONENT_ID, *target, json.dumps(addressed))
-        if name == "COMMAND_LONG":
+        if name == "COMMAND_LONG" and is_awaited:
             direct.send_command_async(message, self._answer_to("a command"))
         else:
             direct.send_message(message)

@@ -1,0 +1,124 @@
+"""Looking for a target that was lost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from follower_control.estimate import TargetEstimate
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.sighting import SightFrame
+from follower_control.vehicle import VehicleState
+from follower_vision.lineofsight import wrap_angle
+
+_GAIN_PER_S = 1.5
+_REACHED_RAD = math.radians(3)
+_AHEAD_S = 1.0
+_FARTHEST_AHEAD_RAD = math.radians(30)
+_STALE_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSettings:
+    """How to look for a lost target.
+
+    Attributes:
+        turn: whether to turn at all; else the vehicle stands still.
+        turn_rate_deg_s: largest yaw rate.
+        look_s: how long to look at where the target left before looking elsewhere.
+        sweep_deg: then look so far to the side where it left, as far to the other one, twice as
+            far, and so on; 0 stays.
+        climb_m: climb by so much meanwhile, to see more.
+        climb_m_s: and so fast.
+    """
+
+    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
+
+    turn: bool = True
+    turn_rate_deg_s: float = 20.0
+    look_s: float = 2.0
+    sweep_deg: float = 20.0
+    climb_m: float = 0.0
+    climb_m_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.turn_rate_deg_s <= 90:
+            raise ValueError(f"turn_rate_deg_s lies between 0 and 90, not {self.turn_rate_deg_s}")
+        if not 0 <= self.look_s < 3600:
+            raise ValueError(f"look_s is a time in seconds, not {self.look_s}")
+        if not 0 <= self.sweep_deg <= 180:
+            raise ValueError(f"sweep_deg lies between 0 and 180, not {self.sweep_deg}")
+        if not 0 <= self.climb_m <= 100:
+            raise ValueError(f"climb_m lies between 0 and 100 m, not {self.climb_m}")
+        if not 0 < self.climb_m_s <= 5:
+            raise ValueError(f"climb_m_s lies between 0 and 5 m/s, not {self.climb_m_s}")
+
+
+class Search:
+    """Turns to where the target left, then looks ever farther to both sides of that.
+
+    Needs headings: with an estimate in the body's frame, or without fresh telemetry, it holds.
+    """
+
+    def __init__(self, settings: SearchSettings) -> None:
+        self._settings = settings
+        self._rate = math.radians(settings.turn_rate_deg_s)
+        self._sweep = math.radians(settings.sweep_deg)
+        self._centre_rad: float | None = None
+        self._side = 1.0
+        self._leg = 0
+        self._looked_s: float | None = None
+        self._top_m: float | None = None
+
+    def start(self, last: TargetEstimate | None, vehicle: VehicleState) -> None:
+        """Begin where the target was last believed to be."""
+        self._centre_rad, self._leg, self._looked_s = None, 0, None
+        position = vehicle.position
+        self._top_m = None if position is None else position.height_m + self._settings.climb_m
+        if last is None or last.frame is SightFrame.BODY or vehicle.attitude is None:
+            return
+        ahead = _AHEAD_S * last.azimuth_rate_rad_s
+        ahead = min(max(ahead, -_FARTHEST_AHEAD_RAD), _FARTHEST_AHEAD_RAD)
+        self._centre_rad = wrap_angle(last.azimuth_rad + ahead)
+        off = wrap_angle(self._centre_rad - vehicle.attitude.yaw_rad)
+        self._side = math.copysign(1.0, off)
+
+    def update(self, vehicle: VehicleState, now_s: float) -> VelocitySetpoint:
+        """Return the setpoint for now; whatever is not known is not moved by."""
+        return VelocitySetpoint(
+            down_m_s=-self._climb(vehicle, now_s), yaw_rate_rad_s=self._turn(vehicle, now_s)
+        )
+
+    def _turn(self, vehicle: VehicleState, now_s: float) -> float:
+        stale = vehicle.attitude_age_s(now_s) > _STALE_S
+        if self._centre_rad is None or vehicle.attitude is None or stale or not self._settings.turn:
+            return HOLD.yaw_rate_rad_s
+        error = wrap_angle(self._wanted_rad - vehicle.attitude.yaw_rad)
+        if abs(error) <= _REACHED_RAD:
+            self._arrive(now_s)
+        return min(max(_GAIN_PER_S * error, -self._rate), self._rate)
+
+    def _arrive(self, now_s: float) -> None:
+        """Go on to the next side, from the middle only after a look."""
+        if self._looked_s is None:
+            self._looked_s = now_s
+        if self._sweep > 0 and now_s - self._looked_s >= self._settings.look_s:
+            self._leg += 1
+
+    @property
+    def _wanted_rad(self) -> float:
+        if self._leg == 0 or self._centre_rad is None:
+            return self._centre_rad or 0.0
+        side = self._side if self._leg % 2 else -self._side
+        far = min(self._sweep * ((self._leg + 1) // 2), math.pi)
+        return wrap_angle(self._centre_rad + side * far)
+
+    def _climb(self, vehicle: VehicleState, now_s: float) -> float:
+        position = vehicle.position
+        if position is None or self._top_m is None or vehicle.position_age_s(now_s) > _STALE_S:
+            return 0.0
+        left_m = self._top_m - position.height_m
+        if self._settings.climb_m == 0 or left_m <= 0:
+            return 0.0
+        return min(self._settings.climb_m_s, left_m)
