@@ -42,6 +42,8 @@ def fly_lockstep(flight: SimulatedFlight, clock: SimulatedClock, show: Callable[
         lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
 
     def see(frame: Frame) -> None:
+        if not flight.vision.is_free:
+            return
         record = flight.vision.step(frame, VISION_DELAY_S)
         lockstep.at(record.done_s, lambda: flight.vision.tracks.put(record))
 

@@ -43,6 +43,11 @@ class VisionLoop:
         self._on_record = on_record
         self.tracks: Mailbox[TrackRecord] = Mailbox()
 
+    @property
+    def is_free(self) -> bool:
+        """Whether it takes a frame now, on a clock that stands still."""
+        return True
+
     def step(self, frame: Frame, delay_s: float = 0.0) -> TrackRecord:
         """Answer for one frame.
 

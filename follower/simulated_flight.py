@@ -10,6 +10,7 @@ from typing import Any
 from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
+from follower.faults.injector import FaultInjector
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.connection import ConnectionFailedError
@@ -58,6 +59,7 @@ class SimulatedFlight:
         ends: the transports of the follower and of the simulated autopilot.
         video: takes every frame with its track, if given.
         recorder: records the flight, if given.
+        faults: what is made to go wrong, if anything.
     """
 
     def __init__(
@@ -69,20 +71,24 @@ class SimulatedFlight:
         ends: tuple[Transport, Transport],
         video: FlightVideo | None = None,
         recorder: Recorder | None = None,
+        faults: FaultInjector | None = None,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
         self.settings = settings
         start = start_state(scenario)
         self._recorder = recorder
-        ours = ends[0] if recorder is None else recorder.transport(ends[0])
+        self._faults = faults
+        ours = ends[0] if faults is None else faults.transport(ends[0])
+        ours = ours if recorder is None else recorder.transport(ours)
         self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
         if flavour != EXTERNAL:
             self.autopilot = SimAutopilot(flavour, ends[1], start, world.wind.velocity_m_s)
             self.vehicle = self.autopilot
-        self.camera = SimCamera(world, self.vehicle.state_at)
+        make_camera = SimCamera if faults is None else faults.camera
+        self.camera = make_camera(world, self.vehicle.state_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
@@ -90,14 +96,18 @@ class SimulatedFlight:
         self._teller = TruthTeller(world)
         self._clock = clock
         self._vision_stage = VisionStage(make_target_tracker(settings))
-        self.vision = VisionLoop(
+        make_vision = VisionLoop if faults is None else faults.vision
+        self.vision = make_vision(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
         )
         self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
         self.stage = ControlStage(settings, scenario.camera.model, self.log)
-        self.control = ControlLoop(
+        make_control = ControlLoop if faults is None else faults.control
+        self.control = make_control(
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
         )
+        if faults is not None:
+            faults.attach(self.autopilot, self.stop)
         self._last_link: LinkStatus | None = None
 
     @property
@@ -134,6 +144,8 @@ class SimulatedFlight:
         """Close the link, and with it the follower's transport."""
         self._last_link = self.link_status
         self._link.close()
+        if self._faults is not None:
+            self._faults.end()
 
     def stop(self) -> None:
         """Let go, from any thread: hold, then release."""
@@ -143,6 +155,8 @@ class SimulatedFlight:
     def finished(self) -> bool:
         """Whether the vehicle was let go and stands still, or has had time enough for it."""
         if self.stage.supervisor.state is not State.RELEASED:
+            return False
+        if self._faults is not None and not self._faults.is_over(self._clock.now()):
             return False
         waited_s = self.stage.supervisor.in_state_s(self._clock.now())
         speed = math.hypot(*self.vehicle.state.velocity_m_s)
@@ -155,6 +169,9 @@ class SimulatedFlight:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
         self._take_truth(now_s)
+        if self._faults is not None:
+            supervisor = self.stage.supervisor
+            self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
         if self.chosen_s is None and self.phase is Phase.AIRBORNE:
             self.chosen_s = now_s
             select = self.scenario.select

@@ -9,6 +9,9 @@ from follower_vision.framesource import ClosesItself
 
 _MOST_PENDING = 16_000_000
 
+write_some = os.write
+"""Writes to a descriptor what it can and returns how much; a simulated full disk replaces it."""
+
 
 class BacklogError(OSError):
     """The disk has been full for so long that what waits for it is given up."""
@@ -77,4 +80,4 @@ class AppendFile(ClosesItself):
     def _write_all(self, data: bytes) -> None:
         rest = memoryview(data)
         while rest:
-            rest = rest[os.write(self._descriptor, rest) :]
+            rest = rest[write_some(self._descriptor, rest) :]

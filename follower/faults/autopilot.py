@@ -1,0 +1,63 @@
+"""Puts the autopilot's and the pilot's part of the faults into a simulated autopilot."""
+
+from __future__ import annotations
+
+from follower.faults.fault import Kind
+from follower.faults.schedule import FaultSchedule
+from follower_sim.autopilot import SimAutopilot
+from follower_sim.firmware import ARDUCOPTER, PX4
+
+PILOTS_MODE = {"px4": "POSCTL", "ardupilot": "LOITER"}
+_FAILSAFE_MODE = {"px4": "LAND", "ardupilot": "LAND"}
+_SETPOINT_MODE = {"px4": PX4.setpoint_mode, "ardupilot": ARDUCOPTER.setpoint_mode}
+
+
+class AutopilotFaults:
+    """Throws a simulated autopilot's switches.
+
+    Args:
+        autopilot: whose.
+        flavour: "px4" or "ardupilot".
+        schedule: says what is on.
+    """
+
+    def __init__(self, autopilot: SimAutopilot, flavour: str, schedule: FaultSchedule) -> None:
+        self._autopilot = autopilot
+        self._flavour = flavour
+        self._schedule = schedule
+        self._done: set[Kind] = set()
+
+    def apply(self, now_s: float) -> None:
+        """Bring the switches to where they belong now."""
+        faults = self._autopilot.faults
+        faults.attitude_frozen = self._on(Kind.ATTITUDE_FROZEN, now_s)
+        faults.position_frozen = self._on(Kind.POSITION_FROZEN, now_s)
+        faults.telemetry_stopped = self._on(Kind.TELEMETRY_STOPPED, now_s)
+        faults.attitude_nan = self._on(Kind.ATTITUDE_NAN, now_s)
+        faults.position_nan = self._on(Kind.POSITION_NAN, now_s)
+        faults.position_stopped = self._on(Kind.POSITION_STOPPED, now_s)
+        faults.position_jump_m = self._amount(Kind.POSITION_JUMPS, now_s)
+        faults.yaw_jump_rad = self._amount(Kind.YAW_JUMPS, now_s)
+        faults.clock_jump_s = self._amount(Kind.CLOCK_JUMPS, now_s)
+        faults.refuses_setpoints = self._on(Kind.MODE_REFUSED, now_s)
+        if self._begins(Kind.AUTOPILOT_RESTARTS, now_s):
+            self._autopilot.restart()
+        if self._begins(Kind.PILOT_SWITCHES, now_s):
+            self._autopilot.switch_mode(PILOTS_MODE[self._flavour])
+        if self._begins(Kind.PILOT_RETURNS, now_s):
+            self._autopilot.switch_mode(_SETPOINT_MODE[self._flavour])
+        if self._begins(Kind.ESTIMATOR_FAILSAFE, now_s):
+            self._autopilot.switch_mode(_FAILSAFE_MODE[self._flavour])
+
+    def _on(self, kind: Kind, now_s: float) -> bool:
+        return self._schedule.active(kind, now_s) is not None
+
+    def _amount(self, kind: Kind, now_s: float) -> float:
+        action = self._schedule.active(kind, now_s)
+        return 0.0 if action is None else action.amount
+
+    def _begins(self, kind: Kind, now_s: float) -> bool:
+        if kind in self._done or self._schedule.begun(kind, now_s) is None:
+            return False
+        self._done.add(kind)
+        return True

@@ -1,0 +1,140 @@
+"""Flies the scene with one fault and judges it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from follower.faults.injector import FaultInjector
+from follower.faults.judge import Case, judge
+from follower.faults.planned import PlannedFault
+from follower.faults.scene import scene
+from follower.faults.signing_peer import SigningPeer, write_key
+from follower.faults.stages import InjectedDeathError
+from follower.faults.verdict import Verdict
+from follower.flying import fly_lockstep, fly_realtime
+from follower.links.connection import open_connection
+from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
+from follower.settings import Settings, load_settings
+from follower.simulated_flight import SimulatedFlight, camera_settings
+from follower_control.transport import MemoryTransport, Transport
+from follower_sim.world import World
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """How a fault is flown.
+
+    Attributes:
+        flavour: "px4" or "ardupilot".
+        link: "pymavlink" or "mavsdk".
+        connection: what the follower opens in real time; None flies in lockstep.
+    """
+
+    flavour: str
+    link: str = "pymavlink"
+    connection: str | None = None
+
+
+def fly_fault(planned: PlannedFault, setup: Setup, seed: int = 0) -> Verdict:
+    """Fly the scene with one fault in it and return what came of it."""
+    clock = SimulatedClock() if setup.connection is None else MonotonicClock()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        signed = planned.fault.signed
+        settings = _settings(setup, write_key(folder) if signed else None)
+        ours, theirs = stack.enter_context(_ends(setup))
+        if signed:
+            theirs = SigningPeer(theirs, clock, _epoch_ns(clock))
+        injector = stack.enter_context(FaultInjector([planned], clock, setup.flavour, seed))
+        recorder = stack.enter_context(_recorder(settings, clock, folder))
+        flight = SimulatedFlight(
+            World(scene(), None),
+            settings,
+            setup.flavour,
+            clock,
+            (ours, theirs),
+            None,
+            recorder,
+            injector,
+        )
+        error = _fly(flight, clock)
+    return judge(case_of(planned, flight, injector, setup.connection is not None, error))
+
+
+def case_of(
+    planned: PlannedFault,
+    flight: SimulatedFlight,
+    injector: FaultInjector,
+    realtime: bool = False,
+    error: str = "",
+) -> Case:
+    """Return all that the judge needs about a flight that is over."""
+    spans = {one: (from_s, until_s) for one, from_s, until_s in injector.schedule.spans}
+    from_s, until_s = spans.get(planned, (None, 0.0))
+    return Case(
+        planned,
+        from_s,
+        until_s,
+        injector.evidence,
+        flight.log.controls,
+        flight.truth,
+        flight.settings.envelope,
+        realtime,
+        error,
+    )
+
+
+def _fly(flight: SimulatedFlight, clock: Clock) -> str:
+    """Fly to the end; return what was raised, "" if nothing but what was meant to be."""
+    fly: Callable[..., None] = fly_lockstep if isinstance(clock, SimulatedClock) else fly_realtime
+    with closing(flight):
+        try:
+            fly(flight, clock, lambda: None)
+        except InjectedDeathError:
+            return ""
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+    return ""
+
+
+def _settings(setup: Setup, key: Path | None) -> Settings:
+    scenario = scene()
+    link = {"kind": setup.link, "signing_key_file": None if key is None else str(key)}
+    return load_settings(
+        base={"camera": camera_settings(scenario), "link": link, **scenario.follow}
+    )
+
+
+@contextmanager
+def _ends(setup: Setup) -> Iterator[tuple[Transport, Transport]]:
+    if setup.connection is None:
+        yield MemoryTransport.pair()
+        return
+    from follower.simulate import other_end
+
+    with (
+        closing(open_connection(setup.connection)) as ours,
+        closing(open_connection(other_end(setup.connection))) as theirs,
+    ):
+        yield ours, theirs
+
+
+def _recorder(settings: Settings, clock: Clock, folder: Path) -> Recorder:
+    config = FlightConfig.of(
+        "simulated",
+        settings,
+        run={"scenario": "fault"},
+        camera=scene().camera.model,
+        epoch_ns=_epoch_ns(clock),
+    )
+    threaded = not isinstance(clock, SimulatedClock)
+    return Recorder(folder, config, clock, settings.recorder, threaded)
+
+
+def _epoch_ns(clock: Clock) -> int:
+    return LOCKSTEP_EPOCH_NS if isinstance(clock, SimulatedClock) else epoch_now_ns(clock)

@@ -1,0 +1,146 @@
+"""What holds for everything that goes over the wire, whatever the fault."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+from follower.faults.evidence import Evidence, Motion, WireSetpoint
+from follower.flightlog import ControlRecord
+from follower.supervisor import State
+from follower_control.envelope import EnvelopeSettings
+
+BODY_FRAME, VELOCITY_AND_YAW_RATE = 8, 0x5C7
+LET_GO_WITHIN_S = 0.1
+OLDEST_S = 0.25
+_SLACK = 1e-3
+_FLOAT32 = 1e-4
+
+
+def envelope_failures(setpoints: Sequence[WireSetpoint], limits: EnvelopeSettings) -> Iterator[str]:
+    """Yield where a set-point lies outside the limits, or changes faster than they allow."""
+    for setpoint in setpoints:
+        if fault := _outside(setpoint, limits):
+            yield f"{setpoint.time_s:.2f} s: {fault}"
+            return
+    for before, after in pairwise(setpoints):
+        if fault := _jumps(before, after, limits):
+            yield f"{after.time_s:.2f} s: {fault}"
+            return
+
+
+def _outside(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
+    forward, right, down, yaw_rate = setpoint.values
+    if not all(map(math.isfinite, setpoint.values)):
+        return "a set-point is not finite"
+    if (setpoint.frame, setpoint.mask) != (BODY_FRAME, VELOCITY_AND_YAW_RATE):
+        return f"frame {setpoint.frame}, mask {setpoint.mask:#x} are not flown by both autopilots"
+    speed = math.hypot(forward, right)
+    within = (
+        speed <= limits.max_speed_m_s + _SLACK
+        and -limits.max_climb_m_s - _SLACK <= down <= limits.max_descent_m_s + _SLACK
+        and abs(yaw_rate) <= math.radians(limits.max_yaw_rate_deg_s) + _SLACK
+    )
+    return "" if within else f"the set-point {setpoint.values} is outside the envelope"
+
+
+def _jumps(before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings) -> str:
+    """Say how one set-point differs too much from the last.
+
+    A zero may come at any time: nothing is safer. And the first one after a zero may be the
+    vehicle's own velocity, with which following begins.
+    """
+    if after.is_zero or before.is_zero:
+        return ""
+    interval_s = min(after.time_s - before.time_s + 0.02, limits.max_interval_s)
+    most = limits.max_acceleration_m_s2 * interval_s + 0.02
+    level = math.dist(before.values[:2], after.values[:2])
+    upright = abs(before.values[2] - after.values[2])
+    if max(level, upright) <= most:
+        return ""
+    return f"the velocity changes by {max(level, upright):.2f} m/s within {interval_s:.3f} s"
+
+
+def pilot_failures(evidence: Evidence, consents_s: Sequence[float]) -> Iterator[str]:
+    """Yield where set-points went on after the pilot, or the autopilot, had taken another mode.
+
+    Zeros are allowed while the follower has been told that its mode is flown; anything else only
+    after a new consent.
+    """
+    for left_s in left_mode(evidence.motion):
+        until_s = min((c for c in consents_s if c > left_s), default=math.inf)
+        told_s = told_of_leaving(evidence, left_s)
+        for setpoint in evidence.setpoints:
+            if not told_s + LET_GO_WITHIN_S < setpoint.time_s < until_s:
+                continue
+            if not setpoint.is_zero:
+                yield f"{setpoint.time_s:.2f} s: a velocity after the mode was left"
+                return
+            if not _told_to_obey(evidence, setpoint.time_s):
+                yield f"{setpoint.time_s:.2f} s: a set-point in somebody else's mode"
+                return
+
+
+def left_mode(motion: Sequence[Motion]) -> list[float]:
+    """Return when the autopilot left the mode that flies set-points."""
+    return [after.time_s for before, after in pairwise(motion) if before.obeys and not after.obeys]
+
+
+def told_of_leaving(evidence: Evidence, left_s: float) -> float:
+    """Return when a heartbeat first told the follower of it; infinity if none did."""
+    return next((t for t, obeys in evidence.told_s if t >= left_s and not obeys), math.inf)
+
+
+def _told_to_obey(evidence: Evidence, time_s: float) -> bool:
+    told = [obeys for t, obeys in evidence.told_s if t <= time_s - LET_GO_WITHIN_S]
+    return bool(told) and told[-1]
+
+
+def age_failures(
+    setpoints: Sequence[WireSetpoint], controls: Sequence[ControlRecord]
+) -> Iterator[str]:
+    """Yield where a velocity went out that the control loop had not asked for just before."""
+    start = 0
+    for setpoint in setpoints:
+        while start < len(controls) and controls[start].time_s < setpoint.time_s - OLDEST_S:
+            start += 1
+        recent = (c for c in controls[start:] if c.time_s <= setpoint.time_s + _SLACK)
+        if not setpoint.is_zero and not any(_same(setpoint, record) for record in recent):
+            yield f"{setpoint.time_s:.2f} s: a velocity older than {OLDEST_S} s"
+            return
+
+
+def _same(setpoint: WireSetpoint, record: ControlRecord) -> bool:
+    pairs = zip(setpoint.values, record.allowed.values, strict=True)
+    return all(abs(a - b) < _FLOAT32 for a, b in pairs)
+
+
+def input_failures(
+    controls: Sequence[ControlRecord], setpoints: Sequence[WireSetpoint]
+) -> Iterator[str]:
+    """Yield where the servo steered by something older than the supervisor may bear.
+
+    From 0.1 s after the last good step on, the speed on the wire may not grow, and 4 s later it is
+    zero.
+    """
+    for began_s, ended_s in _unsteered(controls):
+        within = [s for s in setpoints if began_s + 0.1 < s.time_s < ended_s]
+        for setpoint in within:
+            if setpoint.time_s > began_s + 5.0 and setpoint.speed_m_s > 0.05:
+                yield f"{setpoint.time_s:.2f} s: still {setpoint.speed_m_s:.2f} m/s after a hold"
+                return
+
+
+def _unsteered(controls: Sequence[ControlRecord]) -> Iterator[tuple[float, float]]:
+    """Yield the spans in which the vehicle is held: (from, to)."""
+    began_s: float | None = None
+    for record in controls:
+        held = record.state in (State.HOLDING, State.RELEASED)
+        if held and began_s is None:
+            began_s = record.time_s
+        elif not held and began_s is not None:
+            yield began_s, record.time_s
+            began_s = None
+    if began_s is not None:
+        yield began_s, math.inf
