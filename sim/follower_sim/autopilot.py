@@ -129,6 +129,10 @@ class SimAutopilot:
             raise ValueError(f"no mode {name!r}; there are {', '.join(modes)}")
         return self._controller.set_mode(modes[name])
 
+    def move_sticks(self, *pulses_us: int) -> None:
+        """Have the pilot's receiver give these pulses, channel by channel; none takes it away."""
+        self._controller.pulses_us = pulses_us
+
     def restart(self) -> None:
         """Begin anew as after a moment without power: the clock, the rates and the mode.
 
@@ -144,6 +148,7 @@ class SimAutopilot:
         """Hear what has arrived, fly up to `now_s` and tell what is due on the way."""
         self._now_s = now_s
         self._controller.refuses_setpoints = self.faults.refuses_setpoints
+        self._controller.refused_modes = self.faults.refused_modes
         for message in self._link.receive():
             self._hear(message)
         self._say_texts()

@@ -21,6 +21,7 @@ class Faults:
         yaw_jump_rad: ATTITUDE's heading is wrong by so much.
         clock_jump_s: the autopilot's clock is ahead of what it was by so much.
         refuses_setpoints: the mode that flies set-points is not entered.
+        refused_modes: names of modes that are not entered.
         deaf: nothing that arrives is heard.
         drop_sent, drop_received: probability that a packet is lost.
     """
@@ -36,6 +37,7 @@ class Faults:
     yaw_jump_rad: float = 0.0
     clock_jump_s: float = 0.0
     refuses_setpoints: bool = False
+    refused_modes: tuple[str, ...] = ()
     deaf: bool = False
     drop_sent: float = 0.0
     drop_received: float = 0.0

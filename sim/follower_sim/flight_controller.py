@@ -35,6 +35,8 @@ class FlightController(ABC):
         texts: what it has to say, (severity, text), until somebody takes it.
         parameters: by name.
         refuses_setpoints: the mode that flies set-points is not entered.
+        refused_modes: names of others that are not.
+        pulses_us: what the pilot's receiver gives, channel by channel; empty without one.
     """
 
     def __init__(self, firmware: Firmware, vehicle: Vehicle) -> None:
@@ -56,6 +58,8 @@ class FlightController(ABC):
         self._grounded_s = vehicle.state.time_s
         self._flown = self.armed
         self.refuses_setpoints = False
+        self.refused_modes: tuple[str, ...] = ()
+        self.pulses_us: tuple[int, ...] = ()
 
     @property
     def now_s(self) -> float:
@@ -66,6 +70,11 @@ class FlightController(ABC):
     def landed(self) -> bool:
         """Whether it stands on the ground."""
         return self.vehicle.on_ground
+
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether it does what nobody chose."""
+        return False
 
     @abstractmethod
     def take_setpoint(self, target: PositionTarget) -> None:
@@ -90,7 +99,7 @@ class FlightController(ABC):
     def set_mode(self, mode: FlightMode) -> bool:
         """Change the mode because somebody asks for it; whether that is accepted."""
         refused = self.refuses_setpoints and mode.behaviour is Behaviour.SETPOINTS
-        if refused or not self._may_enter(mode):
+        if refused or mode.name in self.refused_modes or not self._may_enter(mode):
             return False
         self._enter(mode)
         return True

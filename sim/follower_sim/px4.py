@@ -23,6 +23,11 @@ class Px4Controller(FlightController):
         super().__init__(PX4, vehicle)
         self._in_failsafe = False
 
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether it does what nobody chose."""
+        return self._in_failsafe
+
     def take_setpoint(self, target: PositionTarget) -> None:
         """Take in a SET_POSITION_TARGET_LOCAL_NED; in any mode it keeps the stream alive."""
         result = px4_setpoint(target, self.vehicle.state.yaw_rad)

@@ -18,6 +18,7 @@ from follower_sim.kinematics import BodyState
 
 _EARTH_RADIUS_M = 6378137.0
 _SLACK_S = 1e-9
+_CHANNELS, _NO_CHANNEL = 18, 65535
 _ANGLE_NOISE_RAD, _RATE_NOISE_RAD_S = 2e-4, 2e-3
 """What an estimator's attitude trembles by: a living one never says the same twice."""
 
@@ -56,6 +57,7 @@ class Telemetry:
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "AUTOPILOT_VERSION": self._autopilot_version,
             "GPS_RAW_INT": self._gps_raw_int,
+            "RC_CHANNELS": self._rc_channels,
         }
         if controller.firmware.name == "px4":
             self._builders["ESTIMATOR_STATUS"] = self._estimator_status
@@ -72,6 +74,8 @@ class Telemetry:
         name = self._names.get(message_id)
         if name is None or not math.isfinite(interval_us):
             return False
+        if name == "HEARTBEAT" and self._controller.firmware.name == "px4":
+            return False  # PX4 keeps 1 Hz
         if interval_us < 0:
             self._due_s.pop(name, None)
             return True
@@ -91,6 +95,8 @@ class Telemetry:
             names = [name for name in names if name == "HEARTBEAT"]
         if self._faults.position_stopped:
             names = [name for name in names if name != "LOCAL_POSITION_NED"]
+        if not self._controller.pulses_us:
+            names = [name for name in names if name != "RC_CHANNELS"]
         return [self._build(name) for name in names]
 
     def on_request(self, message_id: int) -> Any | None:
@@ -117,7 +123,8 @@ class Telemetry:
         status = mavlink.MAV_STATE_STANDBY
         if controller.armed:
             flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-            status = mavlink.MAV_STATE_ACTIVE
+            failsafe = controller.in_failsafe
+            status = mavlink.MAV_STATE_CRITICAL if failsafe else mavlink.MAV_STATE_ACTIVE
         return mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR,
             controller.firmware.mav_autopilot,
@@ -174,6 +181,13 @@ class Telemetry:
         per_metre = math.degrees(1.0 / _EARTH_RADIUS_M)
         shrunk = math.cos(math.radians(latitude))
         return latitude + north * per_metre, longitude + east * per_metre / shrunk, -down
+
+    def _rc_channels(self, state: BodyState) -> Any:
+        pulses = self._controller.pulses_us[:_CHANNELS]
+        unused = (_NO_CHANNEL,) * (_CHANNELS - len(pulses))
+        return mavlink.MAVLink_rc_channels_message(
+            self.boot_ms(state.time_s), len(pulses), *pulses, *unused, 200
+        )
 
     def _extended_sys_state(self, _state: BodyState) -> Any:
         return mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())
