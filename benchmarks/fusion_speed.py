@@ -92,10 +92,10 @@ class TimedTracker:
         self._spent.motion_s += time.perf_counter() - began
         return estimate
 
-    def candidates(self) -> list[MotionEstimate]:
+    def candidates(self, least: float = 0.0) -> list[MotionEstimate]:
         """Return all places of the last update."""
         began = time.perf_counter()
-        places = self._tracker.candidates()
+        places = self._tracker.candidates(least)
         self._spent.motion_s += time.perf_counter() - began
         return places
 

@@ -254,10 +254,50 @@ def test_unfamiliar_target_is_followed_by_the_motion_tracker_alone() -> None:
     assert {track.produced_by for track, _ in answers} == {"template"}
 
 
+def _steady(number: int) -> tuple[Image, tuple[float, float]]:
+    image, place = _ground(), (150.0 + number, 180.0)
+    _paint(image, *place, 7)
+    return image, place
+
+
+def test_a_steady_target_is_validated_less_often() -> None:
+    often, steady = ColourDetector(), ColourDetector()
+    _run(_fusion(often, validate_steady_every=4), _steady, 120)
+    _run(_fusion(steady, validate_steady_every=12), _steady, 120)
+    assert len(often.regions) == 30
+    assert len(steady.regions) <= 14
+
+
+def test_a_target_that_the_detector_never_knew_is_not_asked_for_again() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        image[160:196, 132 + number : 168 + number] = _texture(99, 36, 36) // 2 + 90
+        return image, (150.0 + number, 178.0)
+
+    detector = ColourDetector()
+    _run(_fusion(detector), scene, 120)
+    assert len(detector.regions) < 12
+
+
+def test_a_sure_tracker_is_not_believed_where_the_detector_sees_nothing() -> None:
+    """From frame 60 on a grey thing of the same pattern stands for the ball."""
+
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image, place = _steady(number)
+        if number >= 60:
+            image = np.repeat(image.max(axis=2, keepdims=True), 3, axis=2)
+        return image, place
+
+    answers = _run(_fusion(), scene, 110)
+    assert {track.state for track, _ in answers[:55]} == {TrackState.TRACKING}
+    assert TrackState.TRACKING not in {track.state for track, _ in answers[64:]}
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
         {"validate_every": 0},
+        {"validate_steady_every": 0},
         {"match_iou": 1.5},
         {"coast_s": 0.0},
         {"size_least": 1.5},

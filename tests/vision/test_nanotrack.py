@@ -181,6 +181,28 @@ def test_probe_looks_elsewhere_and_changes_nothing(network: NanoTrackNetwork) ->
     assert nano.update(image) == undisturbed.update(image)
 
 
+def test_probe_of_what_was_seen_anyway_asks_the_network_nothing(
+    network: NanoTrackNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nano, image = tracker(network), scene((300, 200), (330, 215))
+    nano.start(image, Box(300, 200, 40, 40))
+    nano.update(image)
+    monkeypatch.setattr(network, "compare", lambda *_: pytest.fail("the network was asked"))
+    assert nano.probe(image, Box(325, 210, 44, 38)) == nano.candidates()
+    for other, box in ((image.copy(), Box(325, 210, 44, 38)), (image, Box(345, 200, 40, 40))):
+        with pytest.raises(pytest.fail.Exception):
+            nano.probe(other, box)
+
+
+def test_candidates_may_be_asked_for_by_confidence(network: NanoTrackNetwork) -> None:
+    nano = tracker(network)
+    nano.start(scene((300, 200)), Box(300, 200, 40, 40))
+    nano.update(scene((300, 200), (355, 200)))
+    every = nano.candidates()
+    assert nano.candidates(every[0].confidence) == every[:1]
+    assert nano.candidates(1.0) == []
+
+
 def test_starting_again_forgets(network: NanoTrackNetwork) -> None:
     nano, fresh = tracker(network), tracker(network)
     nano.start(scene((100, 100)), Box(100, 100, 20, 60))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -15,6 +16,25 @@ from follower_vision.nanotrack_network import TEMPLATE_SIDE, NanoTrackNetwork, N
 from follower_vision.nanotrack_settings import NanoTrackSettings
 from follower_vision.network import Tensor
 from follower_vision.nms import keep_best
+
+_SAME_SIZE = 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """What the network said.
+
+    Attributes:
+        image: in which.
+        box: about which it looked.
+        response: its answer, in the crop's pixels.
+        zoom: crop pixels per image pixel.
+    """
+
+    image: Image
+    box: Box
+    response: NanoTrackResponse
+    zoom: float
 
 
 class NanoTracker:
@@ -41,7 +61,7 @@ class NanoTracker:
         self._template: Tensor | None = None
         self._fill: tuple[float, ...] = ()
         self._box: Box | None = None
-        self._answer: tuple[NanoTrackResponse, Box, float] | None = None
+        self._answer: _Answer | None = None
 
     @property
     def name(self) -> str:
@@ -75,36 +95,49 @@ class NanoTracker:
         """
         box = self._started()
         response, zoom = self._look(image, box)
-        self._answer = response, box, zoom
+        self._answer = _Answer(image, box, response, zoom)
         penalty = self._penalty(response, box.width * zoom, box.height * zoom)
         best = self._best(penalty * response.scores)
         trust = float(penalty[best] * response.scores[best])
         self._box = self._bounded(self._smoothed(box, response, best, zoom, trust), image)
         return MotionEstimate(self._box, float(response.scores[best]))
 
-    def candidates(self) -> list[MotionEstimate]:
+    def candidates(self, least: float = 0.0) -> list[MotionEstimate]:
         """Return every place like the target that the last `update` saw, the likest first.
 
         The boxes are as the network sees them, not smoothed over time, and nearness to the last
         place does not count: a look-alike beside the target is among them.
+
+        Args:
+            least: only those with this confidence, 0 to 1.
         """
         if self._answer is None:
             return []
-        response, box, zoom = self._answer
-        return self._places(response, box, zoom)
+        return self._places(self._answer, least)
 
     def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
         """Look for the target about another box, and tell the places without going there.
 
         The window is about four times the box's size; the likest place comes first, and the list
-        is empty where nothing is like the target.
+        is empty where nothing is like the target. Where the last `update` saw the same place in
+        the same image, its answer serves.
 
         Raises:
             RuntimeError: `start` was not called.
         """
         self._started()
-        response, zoom = self._look(image, box)
-        return self._places(response, box, zoom)
+        answer = self._answer
+        if answer is None or answer.image is not image or not self._covers(answer, box):
+            response, zoom = self._look(image, box)
+            answer = _Answer(image, box, response, zoom)
+        return self._places(answer)
+
+    def _covers(self, answer: _Answer, box: Box) -> bool:
+        """Whether a box, as large as the one looked for, lies in the inner half of the window."""
+        reach = self._network.search_side / answer.zoom / 4
+        across, down = abs(box.cx - answer.box.cx), abs(box.cy - answer.box.cy)
+        alike = 1 / _SAME_SIZE < box.scale / answer.box.scale < _SAME_SIZE
+        return alike and max(across, down) <= reach
 
     def _started(self) -> Box:
         if self._box is None:
@@ -161,13 +194,14 @@ class NanoTracker:
             min(box.height, height),
         )
 
-    def _places(self, response: NanoTrackResponse, box: Box, zoom: float) -> list[MotionEstimate]:
-        settings = self._settings
-        likely = np.flatnonzero(response.scores >= settings.candidate_score)
-        corners, scores = response.corners[likely] / zoom, response.scores[likely]
+    def _places(self, answer: _Answer, least: float = 0.0) -> list[MotionEstimate]:
+        settings, response = self._settings, answer.response
+        likely = np.flatnonzero(response.scores >= max(settings.candidate_score, least))
+        corners, scores = response.corners[likely] / answer.zoom, response.scores[likely]
         kept = keep_best(corners, scores, settings.candidate_overlap, settings.candidates)
         return [
-            MotionEstimate(_box_about(box, corners[index]), float(scores[index])) for index in kept
+            MotionEstimate(_box_about(answer.box, corners[index]), float(scores[index]))
+            for index in kept
         ]
 
 

@@ -18,9 +18,11 @@ def pairwise_iou(corners: Floats, others: Floats) -> Floats:
     first, second = corners[:, None, :], others[None, :, :]
     low = np.maximum(first[..., :2], second[..., :2])
     high = np.minimum(first[..., 2:], second[..., 2:])
-    intersection = np.prod(np.maximum(high - low, 0.0), axis=-1)
-    areas = np.prod(first[..., 2:] - first[..., :2], axis=-1)
-    other_areas = np.prod(second[..., 2:] - second[..., :2], axis=-1)
+    common = np.maximum(high - low, 0.0)
+    sides, other_sides = first[..., 2:] - first[..., :2], second[..., 2:] - second[..., :2]
+    # Written out: for two factors numpy's product takes several times as long.
+    intersection = common[..., 0] * common[..., 1]
+    areas, other_areas = sides[..., 0] * sides[..., 1], other_sides[..., 0] * other_sides[..., 1]
     union = areas + other_areas - intersection
     return np.asarray(np.divide(intersection, union, out=np.zeros_like(union), where=union > 0))
 

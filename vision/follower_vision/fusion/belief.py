@@ -11,6 +11,7 @@ from follower_vision.fusion.history import History, Moment
 from follower_vision.fusion.kinematics import Kinematics
 from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.warp import Warp
+from follower_vision.fusion.witness import Witness
 from follower_vision.track import Track, TrackState
 
 SAME_IOU = 0.5
@@ -53,6 +54,7 @@ class Belief:
         kinematics: where the target goes.
         taken: where the other targets are that are followed as well.
         rivals: look-alikes in the motion tracker's window.
+        witness: what the detector says of the motion tracker's places.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
     """
@@ -68,6 +70,7 @@ class Belief:
         self.kinematics = Kinematics(box)
         self.taken: Sequence[Box] = ()
         self.rivals = Rivals()
+        self.witness = Witness()
         moment = self.history.add(frame.captured_s, Warp(), box)
         self.confirmation = Confirmation(moment, box, (0.0, 0.0))
         self._anchor = self.confirmation

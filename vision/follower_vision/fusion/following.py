@@ -9,6 +9,7 @@ from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief, towards
 from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
 from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.rivals import LEAST_SHARE
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.steering import (
@@ -23,7 +24,9 @@ from follower_vision.track import TrackState
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
 _VERY_CERTAIN = 0.995
-_INSISTENCE = 2.0
+_LESS_CERTAIN = 0.5
+_OBJECTED = 4.0
+_USUAL_LOOKS = 0.85
 _RIVAL_FRAMES = 2
 _CALM_SIZES = 0.6
 _RESUME_SIZES = 1.5
@@ -93,8 +96,8 @@ class Following:
             belief: still that of the last frame.
         """
         self._ahead = None
-        settled = belief.state is TrackState.TRACKING and not self._low and not self.doubting
-        if self._steerable is not None and settled:
+        followed = belief.state is TrackState.TRACKING or self.doubting
+        if self._steerable is not None and followed:
             self._steerable.move_to(belief.box)
             self._ahead = belief.box, self._steerable.update(frame.image)
 
@@ -114,7 +117,7 @@ class Following:
         belief.confidence = evidence.relative
         if belief.state is TrackState.TRACKING:
             self._while_tracking(frame, belief, evidence, expected, interval_s)
-        elif self._may_doubt(evidence, interval_s):
+        elif self._may_doubt(belief, evidence, interval_s):
             self._while_doubting(frame, belief, evidence, expected, interval_s)
         else:
             self._while_coasting(frame, belief, evidence, expected, interval_s)
@@ -124,7 +127,8 @@ class Following:
     ) -> None:
         settings = self._settings
         unsure = settings.score_coasting and evidence.relative < settings.low_ratio
-        if not unsure and not self._judge.unlike(evidence):
+        denied = belief.witness.denies and evidence.looks < _USUAL_LOOKS
+        if not unsure and not denied and not self._judge.unlike(evidence):
             self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
@@ -141,12 +145,13 @@ class Following:
             self._rival_frames = 0
             self.coast(frame, belief, belief.box, "doubtful")
 
-    def _may_doubt(self, evidence: Evidence, interval_s: float) -> bool:
+    def _may_doubt(self, belief: Belief, evidence: Evidence, interval_s: float) -> bool:
         """Whether a box in doubt is still worth following."""
         if self._doubted_s is None:
             return False
         self._doubted_s += interval_s
-        patient = self._doubted_s <= self._settings.doubt_s
+        longer = _OBJECTED if belief.witness.objects else 1.0
+        patient = self._doubted_s <= self._settings.doubt_s * longer
         return patient and evidence.relative >= self._settings.low_ratio
 
     def _while_doubting(
@@ -157,16 +162,17 @@ class Following:
         Either the target changed its looks, or something else came before it. In the first case
         the tracker stays confident; in the second the target comes out again where it should be.
         """
-        weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
+        weight = 1.0 if evidence.relative >= _VERY_CERTAIN else _LESS_CERTAIN
         if evidence.relative >= CERTAIN:
             self._steady_s += weight * interval_s
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
         belief.reference = self._drawn(belief.reference, evidence.box, interval_s)
-        insistent = self._steady_s > self._settings.insist_s
+        insistent = self._insistent(belief)
         if insistent:
-            self._looks.accept(evidence.score)
-        if insistent or self._judge.alike(evidence):
+            self._looks.accept(frame, evidence.box)
+            belief.witness.overrule()
+        if insistent or self._recognised(belief, evidence):
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._probe(frame, expected)
@@ -186,12 +192,22 @@ class Following:
         sure = evidence.relative >= self._settings.resume_ratio
         steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
-        insistent = self._steady_s > self._settings.insist_s
-        known = belief.is_free(evidence.box) and (self._judge.alike(evidence) or insistent)
+        alike = self._recognised(belief, evidence) or self._insistent(belief)
+        known = belief.is_free(evidence.box) and alike
         if self._settings.score_coasting and sure and near and known:
             self._see(frame, belief, evidence, interval_s)
         else:
             self.coast(frame, belief, expected, "coasting")
+
+    def _insistent(self, belief: Belief) -> bool:
+        """Whether the tracker has been certain for long; longer if the detector objects."""
+        longer = _OBJECTED if belief.witness.objects else 1.0
+        return self._steady_s > self._settings.insist_s * longer
+
+    def _recognised(self, belief: Belief, evidence: Evidence) -> bool:
+        """Whether a box looks so much like the target that doubt ends."""
+        denied = belief.witness.denies and evidence.looks < _ANCHOR_LOOKS
+        return self._judge.alike(evidence) and not denied
 
     def coast(self, frame: Frame, belief: Belief, expected: Box, why: str) -> None:
         """The target is not seen: extrapolate for a while, then it is lost."""
@@ -208,18 +224,14 @@ class Following:
     def _place(self, frame: Frame, belief: Belief, expected: Box) -> Box:
         """Where the motion tracker looks; all around, once the target is lost."""
         if self._low == 1 or self._doubted_s is not None:
-            return belief.box
+            return _about_last(belief, belief.box)
         if belief.state is TrackState.TRACKING:
-            return belief.previous if self._calm(belief, expected) else expected
+            return _about_last(belief, expected)
         self._turns = self._turns + 1 if belief.state is TrackState.LOST else 0
         stay = belief.familiar or not self._settings.growing_search
         if stay or self._turns % 2 == 0:
             return expected
         return around(expected, self._turns // 2, frame.width, frame.height)
-
-    def _calm(self, belief: Belief, expected: Box) -> bool:
-        """Whether the target should be about where it was in the last image."""
-        return expected.distance(belief.previous) < _CALM_SIZES * expected.scale
 
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> Evidence:
         estimate = self._estimate(frame, belief, expected)
@@ -238,7 +250,8 @@ class Following:
         wanted = self._settings.distractor_memory
         if not wanted or self._rivalled is None or self._steerable is None:
             return estimate
-        settled = belief.rivals.settle(expected, estimate, self._rivalled.candidates())
+        others = self._rivalled.candidates(LEAST_SHARE * estimate.confidence)
+        settled = belief.rivals.settle(expected, estimate, others)
         if settled is not estimate:
             self._steerable.move_to(settled.box)
             belief.kinematics.restart(settled.box)
@@ -302,6 +315,12 @@ class Following:
         most = belief.reference.scaled(settings.size_most**power)
         width = min(max(box.width, least.width), most.width)
         return Box(box.cx, box.cy, width, min(max(box.height, least.height), most.height))
+
+
+def _about_last(belief: Belief, place: Box) -> Box:
+    """The place in the last image, where the tracker looked ahead, if that is about the same."""
+    calm = place.distance(belief.previous) < _CALM_SIZES * place.scale
+    return belief.previous if calm else place
 
 
 def _inside(box: Box, frame: Frame) -> Box:

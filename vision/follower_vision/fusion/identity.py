@@ -117,6 +117,11 @@ class Identity:
         """Whether the detector knows the target."""
         return bool(self._lock.classes)
 
+    @property
+    def strange(self) -> bool:
+        """Whether the detector has looked often enough to say that it will never know it."""
+        return self._lock.looks >= self._settings.vote_looks and not self.familiar
+
     def meet(self, detections: Sequence[Detection], moment: Moment) -> None:
         """Learn from a look at the target, while it is new."""
         if self._lock.looks >= self._settings.vote_looks:

@@ -66,9 +66,11 @@ class Looks:
         again = captured_s - seen_s >= _LOOK_EVERY_S or box.iou(seen) < _SAME_PLACE_IOU
         return None if again else score
 
-    def accept(self, score: float) -> None:
-        """Take a new look of the target as the usual one."""
-        self._usual.reset(score)
+    def accept(self, frame: Frame, box: Box) -> None:
+        """Take what a box shows as the target's new look, and as usual from now on."""
+        if self._settings.max_recent:
+            self._reidentifier.refresh(frame.image, box)
+        self._usual.reset(self.score(frame.image, box))
 
     def learn(self, frame: Frame, box: Box, score: float, familiar: bool) -> None:
         """Take a view of the target: the first second's for good, later ones for a while.

@@ -11,7 +11,9 @@ import numpy as np
 from follower_vision.box import Box
 from follower_vision.motion import MotionEstimate
 
-_LEAST_SHARE = 0.5
+LEAST_SHARE = 0.5
+"""A look-alike has at least this share of the target's confidence."""
+
 _LEAST_SHARE_NEW = 0.8
 _MOST_COMMON = 0.55
 _MOST_SIZE_RATIO = 1.4
@@ -162,7 +164,7 @@ def _others(estimate: MotionEstimate, candidates: Sequence[MotionEstimate]) -> l
     return [
         one
         for one in candidates
-        if one.confidence >= _LEAST_SHARE * estimate.confidence
+        if one.confidence >= LEAST_SHARE * estimate.confidence
         and _common(one.box, estimate.box) < _MOST_COMMON
         and 1 / _MOST_SIZE_RATIO < one.box.scale / estimate.box.scale < _MOST_SIZE_RATIO
     ]

@@ -29,6 +29,8 @@ class FusionSettings:
         growing_search: search a growing region first after a loss, the whole image in between.
         keep_template: correct the motion tracker without teaching it anew at each validation.
         validate_every: frames between two validations.
+        validate_steady_every: the same while the motion tracker is certain, the detector has
+            agreed with it lately, and nobody like the target is about.
         search_every: frames between two searches while the target is lost.
         crop_sizes: side of the validated crop in target sizes.
         crop_least_px: the crop's smallest side.
@@ -68,6 +70,7 @@ class FusionSettings:
     keep_template: bool = True
 
     validate_every: int = 4
+    validate_steady_every: int = 8
     search_every: int = 2
     crop_sizes: float = 5.0
     crop_least_px: float = 128.0
@@ -95,7 +98,8 @@ class FusionSettings:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
-        for name in ("validate_every", "search_every", "misses_to_lose", "low_frames"):
+        counts = ("validate_every", "validate_steady_every", "search_every")
+        for name in (*counts, "misses_to_lose", "low_frames"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fusion: {name} is at least 1")
         for name in ("match_iou", "position_share", "size_share", "low_ratio", "resume_ratio"):
@@ -112,7 +116,7 @@ class FusionSettings:
     @classmethod
     def paper(cls) -> FusionSettings:
         """Return the paper's algorithm, its slips corrected, without any improvement."""
-        settings = cls(validate_every=10)
+        settings = cls(validate_every=10, validate_steady_every=10)
         for name in IMPROVEMENTS:
             settings = settings.without(name)
         return settings.without_recent()

@@ -35,6 +35,6 @@ class ProbingTracker(MotionTracker, Protocol):
 class CandidateTracker(SteerableTracker, Protocol):
     """A motion tracker that tells every place like the target that it saw in its last update."""
 
-    def candidates(self) -> list[MotionEstimate]:
-        """Return the places like the target, the likest first."""
+    def candidates(self, least: float = 0.0) -> list[MotionEstimate]:
+        """Return the places like the target, the likest first; `least` is their confidence."""
         ...

@@ -22,6 +22,7 @@ from follower_vision.fusion.detection_service import (
     DetectionService,
     InlineDetection,
 )
+from follower_vision.fusion.evidence import CERTAIN
 from follower_vision.fusion.finding import Finding
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
@@ -219,13 +220,23 @@ class FusionTracker:
             self._ask(frame, belief)
 
     def _is_due(self, belief: Belief, blurred: bool) -> bool:
-        since = belief.now.index - self._asked
+        if self._identity.strange:
+            return False
         tracking = belief.state is TrackState.TRACKING
         if tracking and blurred:
             return True
-        low = belief.confidence < self._settings.resume_ratio
-        sure = tracking and not (low and self._settings.score_coasting)
-        return since >= (self._settings.validate_every if sure else self._settings.search_every)
+        return belief.now.index - self._asked >= self._pause(belief, tracking)
+
+    def _pause(self, belief: Belief, tracking: bool) -> int:
+        """How many frames lie between two looks."""
+        settings = self._settings
+        low = settings.score_coasting and belief.confidence < settings.resume_ratio
+        odd = settings.appearance_check and belief.witness.wonders
+        if not tracking or low or odd:
+            return settings.search_every
+        if belief.confidence >= CERTAIN and self._validation.steady:
+            return settings.validate_steady_every
+        return settings.validate_every
 
     def _ask(self, frame: Frame, belief: Belief) -> None:
         if self._service is None or not self._service.ready():
@@ -263,6 +274,8 @@ class FusionTracker:
         if not belief.familiar:
             return
         sight = self._identity.sight(answer.detections, moment)
+        seen = any(box.iou(moment.box) >= self._settings.match_iou for box in sight.boxes)
+        belief.witness.testify(seen, certain)
         if belief.state is TrackState.LOST:
             self._finding.among(frame, belief, sight, answer.request.image)
         else:

@@ -23,6 +23,8 @@ _TRAJECTORY_S = 1.0
 _LEAST_NEARNESS = 0.4
 _AGREEMENT = 0.5
 _CLEAR = 0.4
+_CLOSE = 0.7
+_STEADY_LOOKS = 2
 _ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
 _LEAST_LOOKS = 0.4
@@ -54,17 +56,26 @@ class Validation:
         self.neighbours = Neighbours()
         self._misses = 0
         self._estranged = 0
+        self._agreed = 0
+
+    @property
+    def steady(self) -> bool:
+        """Whether detector and motion tracker have agreed lately, with nobody else about."""
+        return self._agreed >= _STEADY_LOOKS and not self.neighbours.known
 
     def start(self) -> None:
         """Forget the look-alikes and the failures: another target, or the same found again."""
         self.neighbours = Neighbours()
         self._misses = 0
         self._estranged = 0
+        self._agreed = 0
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
         chosen = self._choose(values, belief, sight)
+        agreed = chosen is not None and sight.boxes[chosen].iou(sight.moment.box) >= _CLOSE
+        self._agreed = self._agreed + 1 if agreed else 0
         if self._settings.distractor_memory and self._ambiguous(values, chosen):
             return
         if self._settings.distractor_memory:
