@@ -1,7 +1,9 @@
-"""The supervisor's two tables, row by row."""
+"""The supervisor's tables: every row from every state, and what comes first where two apply."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from math import inf
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from follower.supervisor import (
     ENGAGED,
+    Order,
     Reason,
     Situation,
     State,
@@ -32,131 +35,239 @@ GOOD = Situation(
     consent_renewed=False,
     in_state_s=0.0,
 )
-TROUBLES = [
-    ({"heartbeat_age_s": 3.1}, Reason.LINK_SILENT),
-    ({"heartbeat_age_s": inf}, Reason.LINK_SILENT),
-    ({"telemetry_age_s": 0.51}, Reason.TELEMETRY_STALE),
-    ({"frame_age_s": 0.51}, Reason.FRAMES_STALE),
-    ({"control_gap_s": 0.21}, Reason.CONTROL_LATE),
-]
-WAYS_OUT = [
-    ({"stop_requested": True}, Reason.STOP_REQUESTED),
-    ({"mode_allows": False}, Reason.PILOT_TOOK_OVER),
-    ({"flying": False}, Reason.NOT_FLYING),
-]
-BEFORE = [State.IDLE, State.TRACKING, State.READY]
+NOT_YET, COAST, SEARCH = 0.79, 0.8, 10.0
+Next = tuple[State, Reason]
+F, C, S, H = State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING
 
 
-def decide(state: State, **changes: object) -> tuple[State, Reason]:
+@dataclass(frozen=True)
+class Row:
+    """One row of the tables: a situation, and what follows on each state."""
+
+    name: str
+    changes: dict[str, Any]
+    before: Next
+    engaged: Next | dict[State, Next] = field(default_factory=dict)
+
+    def expected(self, state: State) -> Next:
+        if state not in ENGAGED:
+            return self.before
+        return self.engaged[state] if isinstance(self.engaged, dict) else self.engaged
+
+
+def let_go(reason: Reason) -> Next:
+    return State.RELEASED, reason
+
+
+def trouble(name: str, reason: Reason, **changes: float) -> Row:
+    return Row(name, changes, (State.TRACKING, reason), (H, reason))
+
+
+FOLLOW = (F, Reason.TARGET_SEEN)
+UNSEEN_BEFORE = (State.TRACKING, Reason.TARGET_UNSEEN)
+LOST = (S, Reason.TARGET_LOST)
+STILL_HELD = (H, Reason.TARGET_UNSEEN)
+ROWS = [
+    Row("all is good", {}, FOLLOW, FOLLOW),
+    Row(
+        "stop",
+        {"stop_requested": True},
+        let_go(Reason.STOP_REQUESTED),
+        let_go(Reason.STOP_REQUESTED),
+    ),
+    # A target that is dropped while we follow is an unseen one: the track is gone.
+    Row("no target", {"target_chosen": False}, (State.IDLE, Reason.NO_TARGET), FOLLOW),
+    trouble("no heartbeat", Reason.LINK_SILENT, heartbeat_age_s=3.01),
+    trouble("stale telemetry", Reason.TELEMETRY_STALE, telemetry_age_s=0.51),
+    trouble("no telemetry but heartbeats", Reason.TELEMETRY_STALE, telemetry_age_s=inf),
+    trouble("no heartbeat ever", Reason.LINK_SILENT, heartbeat_age_s=inf),
+    trouble("stale frames", Reason.FRAMES_STALE, frame_age_s=0.51),
+    trouble("late control", Reason.CONTROL_LATE, control_gap_s=0.21),
+    Row(
+        "silence of all",
+        {"heartbeat_age_s": 1.0, "telemetry_age_s": 1.0},
+        (State.TRACKING, Reason.TELEMETRY_STALE),
+        let_go(Reason.LINK_LOST),
+    ),
+    Row(
+        "control stood still",
+        {"control_gap_s": 1.0},
+        (State.TRACKING, Reason.CONTROL_LATE),
+        let_go(Reason.CONTROL_STALLED),
+    ),
+    Row(
+        "on the ground",
+        {"flying": False},
+        (State.TRACKING, Reason.NOT_FLYING),
+        let_go(Reason.NOT_FLYING),
+    ),
+    Row(
+        "a failsafe without another mode",
+        {"failsafe": True},
+        (State.TRACKING, Reason.AUTOPILOT_FAILSAFE),
+        FOLLOW,
+    ),
+    Row(
+        "a failsafe with another mode",
+        {"failsafe": True, "mode_allows": False},
+        (State.TRACKING, Reason.AUTOPILOT_FAILSAFE),
+        let_go(Reason.AUTOPILOT_FAILSAFE),
+    ),
+    Row(
+        "another mode",
+        {"mode_allows": False},
+        (State.READY, Reason.WAITING_FOR_PILOT),
+        let_go(Reason.PILOT_TOOK_OVER),
+    ),
+    Row(
+        "no consent",
+        {"consent_given": False},
+        (State.READY, Reason.WAITING_FOR_CONSENT),
+        let_go(Reason.CONSENT_WITHDRAWN),
+    ),
+    Row("sticks", {"sticks_moved": True}, FOLLOW, let_go(Reason.STICKS_MOVED)),
+    Row(
+        "unseen for a moment",
+        {"unseen_s": NOT_YET},
+        UNSEEN_BEFORE,
+        {F: (C, Reason.TARGET_UNSEEN), C: (C, Reason.TARGET_UNSEEN), S: LOST, H: STILL_HELD},
+    ),
+    Row(
+        "unseen for longer",
+        {"unseen_s": COAST},
+        UNSEEN_BEFORE,
+        {F: LOST, C: LOST, S: LOST, H: STILL_HELD},
+    ),
+    Row(
+        "a bad estimate",
+        {"estimate_good": False},
+        UNSEEN_BEFORE,
+        {F: LOST, C: LOST, S: LOST, H: STILL_HELD},
+    ),
+    Row(
+        "unseen for as long as a search",
+        {"unseen_s": SEARCH},
+        UNSEEN_BEFORE,
+        {F: LOST, C: LOST, S: LOST, H: (H, Reason.SEARCH_FAILED)},
+    ),
+    Row(
+        "searched for long enough",
+        {"unseen_s": SEARCH, "in_state_s": SEARCH},
+        UNSEEN_BEFORE,
+        {F: LOST, C: LOST, S: (H, Reason.SEARCH_FAILED), H: let_go(Reason.HOLD_TIMED_OUT)},
+    ),
+    Row(
+        "held for long enough, unseen",
+        {"unseen_s": 5.0, "in_state_s": 3.0},
+        UNSEEN_BEFORE,
+        {F: LOST, C: LOST, S: LOST, H: let_go(Reason.HOLD_TIMED_OUT)},
+    ),
+    Row("held for long enough, seen at last", {"in_state_s": 3.0}, FOLLOW, FOLLOW),
+    Row(
+        "held for long enough in trouble",
+        {"frame_age_s": 9.0, "in_state_s": 3.0},
+        (State.TRACKING, Reason.FRAMES_STALE),
+        {
+            F: (H, Reason.FRAMES_STALE),
+            C: (H, Reason.FRAMES_STALE),
+            S: (H, Reason.FRAMES_STALE),
+            H: let_go(Reason.HOLD_TIMED_OUT),
+        },
+    ),
+]
+"""Consent renewed is no row: it makes RELEASED one of the states before following."""
+
+
+def decide(state: State, **changes: object) -> Next:
     return next_state(state, replace(GOOD, **changes), SETTINGS)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("state", BEFORE)
-def test_nothing_is_followed_without_a_chosen_target(state: State) -> None:
-    assert decide(state, target_chosen=False) == (State.IDLE, Reason.NO_TARGET)
+def in_words(row: Row) -> str:
+    return row.name
 
 
-@pytest.mark.parametrize("state", BEFORE)
-def test_a_good_target_waits_for_the_pilots_mode(state: State) -> None:
-    assert decide(state, mode_allows=False) == (State.READY, Reason.WAITING_FOR_PILOT)
+@pytest.mark.parametrize("row", ROWS, ids=in_words)
+@pytest.mark.parametrize("state", [state for state in State if state is not State.RELEASED])
+def test_every_row_from_every_state(state: State, row: Row) -> None:
+    assert decide(state, **row.changes) == row.expected(state)
 
 
-@pytest.mark.parametrize("state", BEFORE)
-def test_following_starts_when_all_is_good(state: State) -> None:
-    assert decide(state) == (State.FOLLOWING, Reason.TARGET_SEEN)
+@pytest.mark.parametrize("row", ROWS, ids=in_words)
+def test_released_stays_released_whatever_is_so(row: Row) -> None:
+    assert decide(State.RELEASED, **row.changes) == let_go(Reason.AWAITING_CONSENT)
 
 
-@pytest.mark.parametrize("state", BEFORE)
-@pytest.mark.parametrize(("changes", "reason"), TROUBLES)
-def test_trouble_before_following_keeps_it_from_starting(
-    state: State, changes: dict[str, object], reason: Reason
-) -> None:
-    assert decide(state, **changes) == (State.TRACKING, reason)
+@pytest.mark.parametrize("row", ROWS, ids=in_words)
+def test_a_new_consent_begins_as_from_the_start(row: Row) -> None:
+    assert decide(State.RELEASED, consent_renewed=True, **row.changes) == row.before
 
 
-@pytest.mark.parametrize("state", BEFORE)
-def test_an_unseen_target_or_a_vehicle_on_the_ground_is_not_followed(state: State) -> None:
-    assert decide(state, unseen_s=0.1) == (State.TRACKING, Reason.TARGET_UNSEEN)
-    assert decide(state, estimate_good=False) == (State.TRACKING, Reason.TARGET_UNSEEN)
-    assert decide(state, flying=False) == (State.TRACKING, Reason.NOT_FLYING)
+BEFORE_ORDER = [
+    "stop",
+    "no target",
+    "no heartbeat",
+    "stale telemetry",
+    "stale frames",
+    "late control",
+    "a bad estimate",
+    "on the ground",
+    "a failsafe without another mode",
+    "another mode",
+    "no consent",
+]
+ENGAGED_ORDER = [
+    "stop",
+    "a failsafe with another mode",
+    "another mode",
+    "sticks",
+    "no consent",
+    "on the ground",
+    "silence of all",
+    "control stood still",
+    "no heartbeat",
+    "stale frames",
+    "unseen for longer",
+]
+NAMED = {row.name: row for row in ROWS}
 
 
+def orders(names: list[str]) -> list[tuple[str, str]]:
+    return [(first, second) for i, first in enumerate(names) for second in names[i + 1 :]]
+
+
+def both(first: str, second: str) -> dict[str, Any]:
+    return NAMED[second].changes | NAMED[first].changes
+
+
+@pytest.mark.parametrize("pair", orders(BEFORE_ORDER), ids=" before ".join)
+@pytest.mark.parametrize("state", [State.IDLE, State.TRACKING, State.READY])
+def test_the_higher_row_decides_before_following(state: State, pair: tuple[str, str]) -> None:
+    assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
+
+
+@pytest.mark.parametrize("pair", orders(ENGAGED_ORDER), ids=" before ".join)
 @pytest.mark.parametrize("state", sorted(ENGAGED))
-@pytest.mark.parametrize(("changes", "reason"), WAYS_OUT)
-def test_every_way_out_releases_at_once(
-    state: State, changes: dict[str, object], reason: Reason
-) -> None:
-    assert decide(state, **changes) == (State.RELEASED, reason)
-
-
-@pytest.mark.parametrize("state", sorted(ENGAGED))
-@pytest.mark.parametrize(("changes", "reason"), TROUBLES)
-def test_trouble_while_following_holds(
-    state: State, changes: dict[str, object], reason: Reason
-) -> None:
-    assert decide(state, **changes) == (State.HOLDING, reason)
-
-
-@pytest.mark.parametrize("state", sorted(ENGAGED))
-def test_a_target_seen_again_is_followed(state: State) -> None:
-    assert decide(state) == (State.FOLLOWING, Reason.TARGET_SEEN)
-
-
-@pytest.mark.parametrize("state", [State.FOLLOWING, State.COASTING])
-def test_an_unseen_target_is_coasted_then_searched(state: State) -> None:
-    assert decide(state, unseen_s=0.4) == (State.COASTING, Reason.TARGET_UNSEEN)
-    assert decide(state, unseen_s=0.8) == (State.SEARCHING, Reason.TARGET_LOST)
-    assert decide(state, unseen_s=0.4, estimate_good=False) == (
-        State.SEARCHING,
-        Reason.TARGET_LOST,
-    )
-
-
-def test_a_search_never_coasts_and_ends_in_a_hold() -> None:
-    assert decide(State.SEARCHING, unseen_s=0.4) == (State.SEARCHING, Reason.TARGET_LOST)
-    assert decide(State.SEARCHING, unseen_s=15.0, in_state_s=10.0) == (
-        State.HOLDING,
-        Reason.SEARCH_FAILED,
-    )
-
-
-def test_a_hold_without_a_target_does_not_search_again() -> None:
-    assert decide(State.HOLDING, unseen_s=12.0, in_state_s=1.0)[0] is State.HOLDING
-
-
-@pytest.mark.parametrize("changes", [{"unseen_s": 12.0}, {"frame_age_s": 9.0}])
-def test_a_hold_that_lasts_lets_go(changes: dict[str, object]) -> None:
-    assert decide(State.HOLDING, in_state_s=3.0, **changes) == (
-        State.RELEASED,
-        Reason.HOLD_TIMED_OUT,
-    )
-
-
-def test_released_stays_released_whatever_becomes_good() -> None:
-    assert decide(State.RELEASED)[0] is State.RELEASED
-
-
-def test_released_begins_again_by_a_new_consent_alone() -> None:
-    assert decide(State.RELEASED, consent_renewed=True, mode_allows=False)[0] is State.READY
+def test_the_higher_row_decides_while_following(state: State, pair: tuple[str, str]) -> None:
+    assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
 
 
 ages = st.floats(0, 20) | st.just(inf)
-
-
-@given(
-    st.sampled_from(State),
-    st.builds(
-        Situation,
-        *[st.booleans(), ages, st.booleans(), ages, ages, ages, ages],
-        *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages],
-    ),
+situations = st.builds(
+    Situation,
+    *[st.booleans(), ages, st.booleans(), ages, ages, ages, ages],
+    *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages],
+    *[st.booleans(), st.booleans(), st.booleans(), st.sampled_from(Order)],
 )
+
+
+@given(st.sampled_from(State), situations)
 def test_the_servo_steers_only_with_consent_link_frames_and_a_target(
     state: State, situation: Situation
 ) -> None:
     following, _ = next_state(state, situation, SETTINGS)
     if following.steers:
         assert situation.mode_allows
+        assert situation.consent_given
         assert situation.flying
         assert not situation.stop_requested
         assert situation.heartbeat_age_s <= SETTINGS.link_timeout_s
@@ -165,6 +276,61 @@ def test_the_servo_steers_only_with_consent_link_frames_and_a_target(
         assert situation.control_gap_s <= SETTINGS.control_timeout_s
         assert situation.estimate_good
         assert situation.unseen_s < SETTINGS.coast_s
+
+
+@given(st.sampled_from(State), situations)
+def test_nothing_flies_by_us_without_mode_and_consent(state: State, situation: Situation) -> None:
+    following, _ = next_state(state, situation, SETTINGS)
+    if following.engaged:
+        assert situation.mode_allows
+        assert situation.consent_given
+        assert state is not State.RELEASED or situation.consent_renewed
+
+
+@given(st.sampled_from(sorted(ENGAGED)), situations)
+def test_every_way_out_of_following_is_a_hold_or_a_release(
+    state: State, situation: Situation
+) -> None:
+    assert next_state(state, situation, SETTINGS)[0] in ENGAGED | {State.RELEASED}
+
+
+def climb_down(supervisor: Supervisor, see: Callable[[float], bool]) -> list[tuple[float, State]]:
+    """Fly for 30 s with a target that is seen as `see` says; return the changes of state."""
+    seen_s, changes = 0.0, []
+    for step in range(1500):
+        now_s = step * 0.02
+        seen_s = now_s if see(now_s) else seen_s
+        before = supervisor.state
+        situation = replace(GOOD, unseen_s=now_s - seen_s, in_state_s=supervisor.in_state_s(now_s))
+        if supervisor.step(situation, now_s) is not before:
+            changes.append((now_s, supervisor.state))
+    return changes
+
+
+def test_the_ladder_takes_its_rungs_at_their_times() -> None:
+    changes = climb_down(Supervisor(SETTINGS), lambda now_s: now_s < 1.0)
+    assert [state for _, state in changes] == [F, C, S, H, State.RELEASED]
+    seen_last_s = 0.98
+    assert [time_s for time_s, _ in changes[1:]] == pytest.approx(
+        [
+            seen_last_s + 0.02,
+            seen_last_s + SETTINGS.coast_s,
+            seen_last_s + SETTINGS.coast_s + SETTINGS.search_s,
+            seen_last_s + SETTINGS.coast_s + SETTINGS.search_s + SETTINGS.hold_s,
+        ],
+        abs=0.021,
+    )
+
+
+@pytest.mark.parametrize("back_s", [1.5, 8.0, 13.0])
+def test_a_target_that_returns_on_any_rung_is_followed_again(back_s: float) -> None:
+    changes = climb_down(Supervisor(SETTINGS), lambda now_s: not 1.0 <= now_s < back_s)
+    assert changes[-1] == (pytest.approx(back_s, abs=0.021), F)
+
+
+def test_a_target_that_returns_after_the_ladder_is_not() -> None:
+    changes = climb_down(Supervisor(SETTINGS), lambda now_s: not 1.0 <= now_s < 15.0)
+    assert changes[-1][1] is State.RELEASED
 
 
 def test_the_shell_counts_the_time_in_a_state_and_keeps_the_reason_of_the_release() -> None:
