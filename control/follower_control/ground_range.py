@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+from follower_control.estimate import TargetEstimate
+from follower_control.sighting import SightFrame
 
 _LOWEST_M = 1.0
 """Below this height, its error is too large a share of it for a range."""
@@ -26,3 +30,26 @@ def range_to_ground(height_m: float, elevation_rad: float) -> float:
     if height_m < _LOWEST_M or elevation_rad > -_FLATTEST_RAD:
         return math.inf
     return _MARGIN * height_m / math.sin(-elevation_rad)
+
+
+def ranged_by_ground(
+    estimate: TargetEstimate, size_m: float, above_m: float, climb_m_s: float
+) -> TargetEstimate:
+    """Return the estimate with the size that fits to where its line of sight meets the ground.
+
+    Unchanged where nothing can be said: too low, too flat a line of sight, or no telemetry.
+
+    Args:
+        estimate: of a target on the ground.
+        size_m: the size in metres that stands for the target.
+        above_m: our height above the target's middle.
+        climb_m_s: how fast that grows.
+    """
+    elevation = estimate.height_angle_rad
+    if above_m < _LOWEST_M or elevation > -_FLATTEST_RAD or estimate.frame is SightFrame.BODY:
+        return estimate
+    range_m = above_m / math.sin(-elevation)
+    growth = climb_m_s / above_m
+    if estimate.frame is SightFrame.WORLD:
+        growth -= estimate.elevation_rate_rad_s / math.tan(elevation)
+    return replace(estimate, log_scale=math.log(size_m / range_m), log_scale_rate_s=-growth)

@@ -8,13 +8,14 @@ import math
 from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
 from follower_control.fade import Fade
+from follower_control.ground_range import ranged_by_ground
 from follower_control.nudge import Nudge
 from follower_control.overhead import Overhead
 from follower_control.pid import Pid
 from follower_control.reference import Reference
 from follower_control.relative_motion import offset, offset_rate, own_velocity
 from follower_control.servo_errors import ServoErrors
-from follower_control.servo_settings import Mode, ServoSettings
+from follower_control.servo_settings import Mode, RangeFrom, ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sideways import Sideways
 from follower_control.sighting import SightFrame
@@ -25,6 +26,9 @@ from follower_vision.lineofsight import wrap_angle
 
 PAUSE_S = 0.5
 """Older telemetry is not used; after a longer pause the loops begin anew."""
+
+TURN_LAG_S = 0.6
+"""By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
 
 LOG_TEN = math.log(10)
 _STEEPEST_RAD = math.radians(60)
@@ -124,6 +128,7 @@ class VisualServo:
                 forward.
             allowed: what the envelope let through of the last setpoint.
         """
+        estimate = self._ranged(estimate, vehicle)
         yaw = _yaw(estimate, vehicle)
         if yaw is None:
             self.resume()
@@ -140,6 +145,17 @@ class VisualServo:
             steered = self._steer(self._errors, estimate, yaw, allowed, interval_s)
             self._asked = self._fade.update(steered, interval_s)
         return self._asked
+
+    def _ranged(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
+        """Put the range by the ground into the place of the one by size, if that is wanted."""
+        position = vehicle.position
+        fresh = vehicle.position_age_s(estimate.time_s) <= PAUSE_S
+        if self._settings.range_from is RangeFrom.SIZE or position is None or not fresh:
+            return estimate
+        size_m = self._settings.target_size_m or self._settings.distance_m
+        self._wanted_log_scale = math.log(size_m / self._settings.distance_m)
+        above_m = position.height_m - self._settings.target_middle_m
+        return ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
 
     def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
@@ -218,8 +234,13 @@ class VisualServo:
         self._forward = self._close_in(errors, estimate, let_through.real, interval_s)
         right = self._reference.side_m_s
         if self._mode in _AROUND:
-            place = offset(estimate, errors.range_m)
-            right = self._sideways.update(place, self._target, right, let_through.imag, interval_s)
+            place, drift = (f(estimate, errors.range_m) for f in (offset, offset_rate))
+            right = self._sideways.update(
+                place, drift, self._target, right, let_through.imag, interval_s
+            )
+            # The velocity comes later than the nose turns.
+            turning = _clip((drift / place).imag if place else 0.0, 1.0)
+            along *= cmath.rect(1.0, turning * TURN_LAG_S)
         centred = self._centred_share(errors.azimuth_rad - self._reference.azimuth_rad)
         velocity = complex(self._forward * centred, right * centred) * along
         return VelocitySetpoint(

@@ -25,6 +25,16 @@ class Mode(StrEnum):
     """Stay above it, with a camera that looks down."""
 
 
+class RangeFrom(StrEnum):
+    """What the distance to the target is taken from."""
+
+    SIZE = "size"
+    """Its size in the image."""
+    GROUND = "ground"
+    """Where the line of sight meets level ground, if telemetry tells our height; else its size.
+    For a target that stands on the ground and looks larger or smaller from other sides."""
+
+
 class OverheadYaw(StrEnum):
     """What the nose does while the vehicle stays above the target."""
 
@@ -47,6 +57,8 @@ class ServoSettings:
         target_size_m: the square root of the target's width times its height as seen. None holds
             the size that the target has in the image at the start; `distance_m` then says about
             how far that is, and scales the gains.
+        range_from: what the distance is taken from.
+        target_middle_m: with `range_from: ground`: how high the target's middle is above ground.
         elevation_deg: at which elevation to keep the target; None: at the image's centre.
         hold_height: never go up or down.
         centred_deg: up to this azimuth error the forward speed is as the range loop wants it.
@@ -68,6 +80,7 @@ class ServoSettings:
         elevation: loop from elevation error to vertical velocity over range.
         range: loop from the logarithm of range over wanted range to forward velocity.
         bearing: for `side`: loop from bearing error to the rate of going round.
+        orbit_rate: for `orbit`: loop from the error of the rate of going round to that rate.
         overhead: for `overhead`: loop from the angle off the vertical to horizontal velocity over
             height above the target.
     """
@@ -77,6 +90,8 @@ class ServoSettings:
     mode: Mode = Mode.CHASE
     distance_m: float = 15.0
     target_size_m: float | None = None
+    range_from: RangeFrom = RangeFrom.SIZE
+    target_middle_m: float = 0.0
     elevation_deg: float | None = None
     hold_height: bool = False
     centred_deg: float = 10.0
@@ -101,6 +116,7 @@ class ServoSettings:
     bearing: PidSettings = field(
         default_factory=lambda: PidSettings(kp=0.4, ki=0.03, cut_tolerance=0.03)
     )
+    orbit_rate: PidSettings = field(default_factory=lambda: PidSettings(kp=0.0, ki=0.3))
     overhead: PidSettings = field(
         default_factory=lambda: PidSettings(kp=0.6, ki=0.06, kd=0.2, cut_tolerance=0.03)
     )
@@ -124,6 +140,8 @@ class ServoSettings:
         self._check_modes()
 
     def _check_modes(self) -> None:
+        if not 0 <= self.target_middle_m < math.inf:
+            raise ValueError(f"target_middle_m is not negative, not {self.target_middle_m}")
         if not abs(self.side_deg) <= 360:
             raise ValueError(f"side_deg lies within ±360, not {self.side_deg}")
         if not abs(self.orbit_m_s) <= self.max_sideways_m_s:

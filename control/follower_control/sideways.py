@@ -22,6 +22,7 @@ class Sideways:
         self._settings = settings
         most = settings.max_sideways_m_s / settings.distance_m
         self._bearing_pid = Pid(settings.bearing, -most, most)
+        self._rate_pid = Pid(settings.orbit_rate, -most, most)
         self.start(Mode.CHASE)
 
     def start(self, mode: Mode, right_m_s: float = 0.0) -> None:
@@ -32,10 +33,12 @@ class Sideways:
         self._bump = 0.0
         self._asked = right_m_s
         self._bearing_pid.start()
+        self._rate_pid.start()
 
     def update(
         self,
         offset: complex,
+        offset_rate: complex,
         target: TargetMotion,
         nudge_m_s: float,
         allowed_m_s: float,
@@ -45,6 +48,7 @@ class Sideways:
 
         Args:
             offset: horizontal vector to the target; north + 1j * east.
+            offset_rate: its rate, m/s.
             target: how it moves.
             nudge_m_s: added; `side` moves its side by it.
             allowed_m_s: what was let through of the last answer.
@@ -52,31 +56,31 @@ class Sideways:
         """
         reach = max(abs(offset), 1.0)
         azimuth = cmath.phase(offset)
-        round_rad_s = self._round(azimuth, target, nudge_m_s, reach, allowed_m_s, interval_s)
+        cut = -(self._asked - allowed_m_s) / reach
+        if self._mode is Mode.ORBIT:
+            turning = (offset_rate * cmath.rect(1.0, -azimuth)).imag / reach
+            round_rad_s = self._orbit(turning, reach, cut, interval_s)
+        else:
+            round_rad_s = self._stay(azimuth, target, nudge_m_s / reach, cut, interval_s)
         # Going to the right takes us round the target against the clock.
         wanted = _across(target.velocity_m_s, azimuth) - round_rad_s * reach + nudge_m_s
         self._asked = self._faded(wanted, interval_s)
         return self._asked
 
-    def _round(
-        self,
-        azimuth: float,
-        target: TargetMotion,
-        nudge_m_s: float,
-        reach: float,
-        allowed_m_s: float,
-        interval_s: float,
+    def _stay(
+        self, azimuth: float, target: TargetMotion, nudge: float, cut: float, interval_s: float
     ) -> float:
         """Return the rate of going round the target, positive is clockwise from above."""
-        if self._mode is Mode.ORBIT:
-            return self._orbit_rate(reach)
         if target.course_rad is None:
             return 0.0
-        self._side_rad -= nudge_m_s * interval_s / reach
-        bearing = azimuth + math.pi
-        error = wrap_angle(target.course_rad + self._side_rad - bearing)
-        cut = -(self._asked - allowed_m_s) / reach
+        self._side_rad -= nudge * interval_s
+        error = wrap_angle(target.course_rad + self._side_rad - azimuth - math.pi)
         return self._bearing_pid.update(error, -error, interval_s, cut=cut)
+
+    def _orbit(self, turning: float, reach: float, cut: float, interval_s: float) -> float:
+        """Return the rate likewise; an autopilot that flies too slowly is asked for more."""
+        wanted = self._orbit_rate(reach)
+        return self._rate_pid.update(wanted - turning, turning, interval_s, wanted, cut)
 
     def _orbit_rate(self, reach: float) -> float:
         s = self._settings

@@ -9,7 +9,7 @@ import cmath
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -18,9 +18,9 @@ from follower_control.envelope import Envelope, EnvelopeSettings
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
 from follower_control.servo import VisualServo
-from follower_control.servo_settings import ServoSettings
+from follower_control.servo_settings import Mode, ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import Sighting
+from follower_control.sighting import SightFrame, Sighting, to_sight
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_vision.lineofsight import LineOfSight, wrap_angle
 
@@ -116,6 +116,10 @@ class Flight:
     elevation_deg: list[float] = field(default_factory=list)
     range: list[float] = field(default_factory=list)
     height: list[float] = field(default_factory=list)
+    bearing_deg: list[float] = field(default_factory=list)
+    beside: list[float] = field(default_factory=list)
+    asked: list[VelocitySetpoint] = field(default_factory=list)
+    flown: list[VelocitySetpoint] = field(default_factory=list)
 
     def of(self, name: str, start_s: float = 0.0, end_s: float = math.inf) -> np.ndarray:
         time = np.array(self.time)
@@ -128,9 +132,12 @@ def fly(
     seconds: float,
     servo_settings: ServoSettings | None = None,
     telemetry: bool = True,
+    changes: dict[float, Mode] | None = None,
 ) -> Flight:
+    """Fly and measure; `changes` says at which times the mode changes, and to which one."""
     rng = np.random.default_rng(0)
     servo = VisualServo(servo_settings or ServoSettings(target_size_m=SIZE), PITCH)
+    waiting = dict(changes or {})
     envelope, estimator, flight = Envelope(EnvelopeSettings()), TargetEstimator(), Flight()
     envelope.start(HOLD, 0.0)
     allowed, seen = HOLD, deque()
@@ -140,13 +147,16 @@ def fly(
         north, east, up = path(now_s)
         relative = np.array([north - vehicle.place.real, east - vehicle.place.imag])
         distance = math.hypot(*relative, up - vehicle.height)
-        sight = LineOfSight.from_vector(np.array([*relative, vehicle.height - up]))
+        away = np.array([*relative, vehicle.height - up])
+        sight = LineOfSight.from_vector(away)
+        down = SightFrame.DOWN if servo.mode is Mode.OVERHEAD else SightFrame.WORLD
         if tick % SIGHT_EVERY == 0:
             noise = rng.normal(0, (0.005, 0.005, 0.03))
+            true = to_sight(away, down)
             noisy = LineOfSight(
-                wrap_angle(sight.azimuth_rad + noise[0]), sight.elevation_rad + noise[1]
+                wrap_angle(true.azimuth_rad + noise[0]), true.elevation_rad + noise[1]
             )
-            seen.append(Sighting(noisy, math.log(SIZE / distance) + noise[2], now_s))
+            seen.append(Sighting(noisy, math.log(SIZE / distance) + noise[2], now_s, down))
         if tick % CONTROL_EVERY:
             continue
         while seen and seen[0].time_s <= now_s - DELAY:
@@ -156,11 +166,15 @@ def fly(
             continue
         state = vehicle.state(now_s)
         told = state if telemetry else VehicleState(attitude=state.attitude)
+        if waiting and now_s >= min(waiting):
+            servo.change_mode(waiting.pop(min(waiting)), allowed)
         asked = servo.update(estimate, told, allowed)
         errors = servo.errors
         context = FlightContext.of(
             state, now_s, errors.range_m, errors.azimuth_rad, errors.target_speed_m_s
         )
+        if servo.mode is Mode.OVERHEAD:
+            context = replace(context, target_range_m=100.0)
         allowed = envelope.limit(asked, now_s, context).allowed
         vehicle.sent.append((now_s, allowed))
         flight.time.append(now_s)
@@ -168,6 +182,10 @@ def fly(
         flight.elevation_deg.append(math.degrees(sight.elevation_rad - PITCH))
         flight.range.append(distance)
         flight.height.append(vehicle.height)
+        flight.bearing_deg.append(math.degrees(cmath.phase(complex(*-relative))))
+        flight.beside.append(math.hypot(*relative))
+        flight.asked.append(asked)
+        flight.flown.append(allowed)
     return flight
 
 
@@ -255,3 +273,54 @@ def test_an_unknown_target_is_kept_at_the_size_it_had(vehicle):
     held = math.hypot(14.0, 6.0)
     assert np.abs(flight.of("range", 20, 25) / held - 1).max() < 0.15
     assert np.abs(flight.of("range", 36) / held - 1).max() < 0.15
+
+
+def modal(mode: Mode, **others: object) -> ServoSettings:
+    return ServoSettings(mode=mode, target_size_m=SIZE, distance_m=DISTANCE, **others)
+
+
+@vehicles
+@pytest.mark.parametrize("side_deg", [90, -120])
+def test_beside_a_car_it_takes_its_side_and_stays_there(vehicle, side_deg):
+    """The car drives north, so that the bearing from it is the side itself."""
+    settings = modal(Mode.SIDE, side_deg=side_deg)
+    flight = fly(vehicle(), drive(4.0, 3.0, 60.0), 30, servo_settings=settings)
+    off = (flight.of("bearing_deg", 20) - side_deg + 180) % 360 - 180
+    assert np.abs(off).max() < 8
+    assert np.abs(flight.of("range", 20) / DISTANCE - 1).max() < 0.15
+    assert np.abs(flight.of("azimuth_deg", 3)).max() < 8
+
+
+@vehicles
+@pytest.mark.parametrize("speed", [3.0, -3.0])
+def test_it_circles_a_standing_target_at_its_speed_and_distance(vehicle, speed):
+    settings = modal(Mode.ORBIT, orbit_m_s=speed, hold_height=True)
+    flight = fly(vehicle(), standing(15.0), 40, servo_settings=settings)
+    rate = np.degrees(np.gradient(np.unwrap(np.radians(flight.bearing_deg)), flight.time))
+    wanted = math.degrees(speed / math.sqrt(DISTANCE**2 - 36))
+    assert np.median(rate[len(rate) // 2 :]) == pytest.approx(wanted, rel=0.2)
+    assert np.abs(flight.of("range", 20) / DISTANCE - 1).max() < 0.12
+    assert np.abs(flight.of("azimuth_deg", 5)).max() < 5
+
+
+@vehicles
+def test_above_a_car_it_stays_above(vehicle):
+    start = vehicle(height=12.0)
+    flight = fly(start, drive(4.0, 8.0, 60.0), 30, servo_settings=modal(Mode.OVERHEAD))
+    assert flight.of("beside", 18).max() < 1.5
+    assert np.abs(flight.of("height", 18) / DISTANCE - 1).max() < 0.15
+
+
+@vehicles
+def test_a_change_of_mode_in_flight_begins_with_the_setpoint_that_was_flown(vehicle):
+    """The law's answer may go anywhere from there, but not at once."""
+    modes = (Mode.ORBIT, Mode.WATCH, Mode.SIDE, Mode.OVERHEAD, Mode.CHASE)
+    changes = {9.0 + 1.5 * i: mode for i, mode in enumerate(modes)}
+    flight = fly(vehicle(), drive(5.0), 17, servo_settings=modal(Mode.CHASE), changes=changes)
+    for time_s in changes:
+        now = next(i for i, time in enumerate(flight.time) if time >= time_s)
+        a, b = flight.flown[now - 1], flight.asked[now]
+        assert a.forward_m_s > 1.0 or time_s > 10.0
+        assert math.hypot(b.forward_m_s - a.forward_m_s, b.right_m_s - a.right_m_s) < 0.5
+        assert abs(b.down_m_s - a.down_m_s) < 0.4
+        assert abs(b.yaw_rate_rad_s - a.yaw_rate_rad_s) < 0.1
