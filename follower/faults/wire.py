@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
-from follower.faults.fault import Kind
+from follower.faults.fault import Action, Kind
 from follower.faults.hostile import HostilePackets
-from follower.faults.schedule import FaultSchedule
 from follower.links.packets import PacketReader
 from follower_control.transport import Transport
 from follower_vision.clock import Clock
@@ -19,10 +19,18 @@ _OTHERS = 5
 """A packet that is reordered comes behind so many others."""
 
 
+class FaultSource(Protocol):
+    """Knows which fault is on."""
+
+    def active(self, kind: Kind, now_s: float) -> Action | None:
+        """Return the action of this kind that is on, None if none is."""
+        ...
+
+
 class _Way:
     """One direction: loses, doubles, reorders and delays packets."""
 
-    def __init__(self, schedule: FaultSchedule, rng: np.random.Generator, delays: bool) -> None:
+    def __init__(self, schedule: FaultSource, rng: np.random.Generator, delays: bool) -> None:
         self._schedule = schedule
         self._rng = rng
         self._delays = delays
@@ -74,7 +82,7 @@ class FaultyTransport:
     """
 
     def __init__(
-        self, inner: Transport, schedule: FaultSchedule, clock: Clock, rng: np.random.Generator
+        self, inner: Transport, schedule: FaultSource, clock: Clock, rng: np.random.Generator
     ) -> None:
         self._inner = inner
         self._schedule = schedule

@@ -21,16 +21,17 @@ _FLOAT32 = 1e-4
 def envelope_failures(setpoints: Sequence[WireSetpoint], limits: EnvelopeSettings) -> Iterator[str]:
     """Yield where a set-point lies outside the limits, or changes faster than they allow."""
     for setpoint in setpoints:
-        if fault := _outside(setpoint, limits):
+        if fault := envelope_failure(setpoint, limits):
             yield f"{setpoint.time_s:.2f} s: {fault}"
             return
     for before, after in pairwise(setpoints):
-        if fault := _jumps(before, after, limits):
+        if fault := jump_failure(before, after, limits):
             yield f"{after.time_s:.2f} s: {fault}"
             return
 
 
-def _outside(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
+def envelope_failure(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
+    """Say how a set-point lies outside the limits; "" if it does not."""
     forward, right, down, yaw_rate = setpoint.values
     if not all(map(math.isfinite, setpoint.values)):
         return "a set-point is not finite"
@@ -45,8 +46,8 @@ def _outside(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
     return "" if within else f"the set-point {setpoint.values} is outside the envelope"
 
 
-def _jumps(before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings) -> str:
-    """Say how one set-point differs too much from the last.
+def jump_failure(before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings) -> str:
+    """Say how one set-point differs too much from the last; "" if it does not.
 
     A zero may come at any time: nothing is safer. And the first one after a zero may be the
     vehicle's own velocity, with which following begins.

@@ -1,0 +1,1 @@
+"""Many random flights with a cheap vehicle: the real control stage and link, no pixels."""

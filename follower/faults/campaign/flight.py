@@ -1,0 +1,230 @@
+"""One random flight, from a seed: drawn, flown, watched."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from follower.control_loop import ControlLoop
+from follower.control_stage import ControlStage
+from follower.faults.campaign.invariants import Inputs, InvariantError, Invariants
+from follower.faults.campaign.sight import RandomSight
+from follower.faults.campaign.vehicle import CheapVehicle
+from follower.faults.campaign.weather import Distortion, Weather
+from follower.faults.campaign.wire_watch import WireWatch
+from follower.faults.fault import Kind
+from follower.faults.wire import FaultyTransport
+from follower.flightlog import ControlRecord, FlightLog
+from follower.links.link_settings import LinkSettings
+from follower.links.mavlink import MavlinkLink
+from follower.settings import Settings, load_settings
+from follower.supervisor import State
+from follower_control.transport import MemoryTransport
+from follower_vision.clock import SimulatedClock
+
+STEP_S = 0.02
+_CALM_S = 3.0
+_CLOSING_S = 10.0
+_STANDING_M_S = 0.5
+_PITCH_DEG = -20.0
+_PILOT = {"leaves": 0.02, "returns": 0.2, "stops": 0.003, "renews": 0.1, "disarms": 0.001}
+"""What people do, times a second."""
+
+
+@dataclass(slots=True)
+class FlightResult:
+    """What came of one random flight.
+
+    Attributes:
+        seed: that makes it again.
+        steps: of control.
+        engaged_steps: of them, with setpoints by which the vehicle flies.
+        setpoints: that went over the wire.
+        failure: what was not as it must be, "" if all was.
+        after_pilot_s: longest time from a heartbeat of another mode to the last set-point.
+        faults: how often each kind began.
+        states: how many steps each state had.
+    """
+
+    seed: tuple[int, int]
+    steps: int = 0
+    engaged_steps: int = 0
+    setpoints: int = 0
+    failure: str = ""
+    after_pilot_s: float = 0.0
+    faults: dict[str, int] = field(default_factory=dict)
+    states: dict[str, int] = field(default_factory=dict)
+
+
+def fly_random(seed: tuple[int, int]) -> FlightResult:
+    """Draw a flight from a seed, fly it, and return what came of it."""
+    return _RandomFlight(seed).fly()
+
+
+class _RandomFlight:
+    """The parts of one flight and the people around it."""
+
+    def __init__(self, seed: tuple[int, int]) -> None:
+        self._result = FlightResult(seed)
+        lots, vehicle_lots, weather_lots, sight_lots, wire_lots = np.random.default_rng(seed).spawn(
+            5
+        )
+        self._lots = lots
+        self._flavour = str(lots.choice(["px4", "ardupilot"]))
+        self._settings = _random_settings(lots)
+        self._clock = SimulatedClock()
+        self._weather = Weather(weather_lots, _CALM_S, float(lots.choice([0.3, 1.0, 3.0])))
+        ours, theirs = MemoryTransport.pair()
+        start = (0.0, 0.0, -float(lots.uniform(4.0, 30.0)))
+        self._vehicle = CheapVehicle(self._flavour, theirs, vehicle_lots, start, 0.0)
+        self._vehicle.distort = Distortion(self._weather)
+        faulty = FaultyTransport(ours, self._weather, self._clock, wire_lots)
+        self._watch = WireWatch(faulty)
+        link = MavlinkLink(self._watch, LinkSettings(vehicle_id=1))
+        camera = self._settings.camera.model(640, 480)
+        self._sight = self._make_sight(camera, sight_lots)
+        self._stage = ControlStage(self._settings, camera, FlightLog())
+        self._loop = ControlLoop(
+            link, self._stage, lambda: self._sight.newest, FlightLog(), None, self._note
+        )
+        firmware = self._vehicle.firmware
+        own = firmware.modes[firmware.setpoint_mode].custom_mode
+        by_mode = self._settings.consent.again == "mode"
+        self._invariants = Invariants(self._settings, own, by_mode)
+        self._record: ControlRecord | None = None
+
+    def fly(self) -> FlightResult:
+        """Fly to the end."""
+        result, duration_s = self._result, float(self._lots.uniform(15.0, 60.0))
+        try:
+            self._until(duration_s)
+            self._stage.request_stop()
+            self._until(duration_s + _CLOSING_S, closing=True)
+            self._at_rest()
+        except InvariantError as error:
+            result.failure = f"{self._clock.now():.2f} s: {error}"
+        except Exception as error:
+            result.failure = f"{self._clock.now():.2f} s: {type(error).__name__}: {error}"
+        result.setpoints = self._invariants.setpoints
+        result.after_pilot_s = self._invariants.longest_after_pilot_s
+        result.faults = self._weather.counts
+        return result
+
+    def _make_sight(self, camera: Any, lots: np.random.Generator) -> RandomSight:
+        bearing = self._vehicle.yaw_rad + float(self._lots.uniform(-0.4, 0.4))
+        away = float(self._lots.uniform(6.0, 40.0))
+        target = (away * math.cos(bearing), away * math.sin(bearing))
+        pitch = math.radians(_PITCH_DEG)
+        return RandomSight(camera, pitch, self._weather, lots, target)
+
+    def _until(self, end_s: float, closing: bool = False) -> None:
+        while self._clock.now() < end_s:
+            interval_s = self._interval()
+            now_s = self._clock.now() + interval_s
+            self._clock.sleep_until(now_s)
+            self._weather.step(now_s, interval_s)
+            if not closing:
+                self._people(interval_s)
+            self._fly_vehicle(now_s, interval_s)
+            self._sight.step(now_s, interval_s, self._vehicle)
+            self._control(now_s, interval_s)
+
+    def _interval(self) -> float:
+        """Return the time to the next control step: 20 ms, or what is left of the computer."""
+        now_s = self._clock.now()
+        stalled = self._weather.active(Kind.CONTROL_STALLS, now_s)
+        if stalled is not None:
+            return max(STEP_S, self._weather.end_of(Kind.CONTROL_STALLS, now_s) - now_s)
+        starved = self._weather.active(Kind.CONTROL_STARVED, now_s)
+        late_s = 0.0 if starved is None else float(self._lots.uniform(0.0, starved.amount))
+        return STEP_S + late_s
+
+    def _fly_vehicle(self, now_s: float, interval_s: float) -> None:
+        """Step the vehicle; in a long pause of ours it flies on by itself."""
+        before_s = now_s - interval_s
+        parts = max(1, round(interval_s / STEP_S))
+        for part in range(1, parts + 1):
+            self._vehicle.step(before_s + interval_s * part / parts, interval_s / parts)
+
+    def _control(self, now_s: float, interval_s: float) -> None:
+        self._watch.now_s = now_s
+        self._loop.step(now_s)
+        for mode in self._watch.modes:
+            self._invariants.tell(mode, now_s)
+        newest = self._sight.newest
+        captured_s = -math.inf if newest is None else newest.captured_s
+        inputs = Inputs(
+            now_s - captured_s,
+            now_s - self._sight.shows_s,
+            self._invariants.heartbeat_age_s(now_s),
+            interval_s,
+        )
+        self._invariants.look(self._watch.setpoints, now_s, inputs)
+        self._watch.setpoints, self._watch.modes = [], []
+
+    def _note(self, record: ControlRecord) -> None:
+        result = self._result
+        self._record = record
+        result.steps += 1
+        result.engaged_steps += record.state.engaged
+        result.states[record.state.value] = result.states.get(record.state.value, 0) + 1
+
+    def _people(self, interval_s: float) -> None:
+        """Let the pilot and the operator do what they do."""
+        does = {name: self._lots.random() < rate * interval_s for name, rate in _PILOT.items()}
+        vehicle, firmware = self._vehicle, self._vehicle.firmware
+        if does["leaves"] and vehicle.obeys:
+            vehicle.enter(str(self._lots.choice(["RTL", "LAND", firmware.hold_mode])))
+        ready = self._record is not None and self._record.state is State.READY
+        if (does["returns"] or ready) and not vehicle.obeys:
+            vehicle.enter(firmware.setpoint_mode)
+        if does["stops"]:
+            self._stage.request_stop()
+        if does["renews"] and self._record is not None and self._record.state is State.RELEASED:
+            self._stage.renew_consent()
+            self._invariants.consent()
+        if does["disarms"]:
+            vehicle.landed = not vehicle.landed
+        vehicle.refuses = bool(self._lots.random() < 0.001) or (
+            vehicle.refuses and self._lots.random() < 0.99
+        )
+
+    def _at_rest(self) -> None:
+        vehicle = self._vehicle
+        if vehicle.obeys and vehicle.speed_m_s > _STANDING_M_S:
+            raise InvariantError(
+                f"at the end it flies on at {vehicle.speed_m_s:.1f} m/s, in nobody's hands"
+            )
+
+
+def _random_settings(lots: np.random.Generator) -> Settings:
+    """Return settings drawn from what somebody might choose."""
+    envelope = {
+        "max_speed_m_s": float(lots.uniform(2.0, 15.0)),
+        "max_acceleration_m_s2": float(lots.uniform(2.0, 5.0)),
+        "max_jerk_m_s3": float(lots.uniform(5.0, 30.0)),
+        "min_distance_m": float(lots.uniform(2.0, 6.0)),
+        "fence_radius_m": float(lots.choice([40.0, 200.0])),
+    }
+    servo = {
+        "distance_m": float(lots.uniform(8.0, 25.0)),
+        "target_size_m": 2.0,
+        "mode": str(lots.choice(["chase", "chase", "watch"])),
+    }
+    supervisor = {
+        "search_s": float(lots.uniform(1.0, 10.0)),
+        "hold_s": float(lots.uniform(0.5, 5.0)),
+    }
+    consent = {"again": str(lots.choice(["operator", "operator", "mode"]))}
+    return load_settings(
+        base={
+            "camera": {"pitch_deg": _PITCH_DEG},
+            "envelope": envelope,
+            "servo": servo,
+            "supervisor": supervisor,
+            "consent": consent,
+        }
+    )

@@ -1,0 +1,141 @@
+"""What has to hold in every step of every flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from follower.faults.evidence import WireSetpoint
+from follower.faults.wire_rules import envelope_failure, jump_failure
+from follower.settings import Settings
+
+LET_GO_WITHIN_S = 0.1
+_GRACE_S = 0.1
+_GROWS_M_S = 0.7
+"""What jerk-limited braking may still add when it begins in full acceleration, and a little."""
+
+
+class InvariantError(AssertionError):
+    """Something happened that never may."""
+
+
+@dataclass(slots=True)
+class Inputs:
+    """The ages of what the follower steers by, as the watcher knows them, in seconds.
+
+    Attributes:
+        frame_age_s: since the capture of the newest frame that was handed to control.
+        shown_age_s: since the capture of the newest one that shows the target.
+        heartbeat_age_s: since the newest heartbeat that reached it.
+        step_gap_s: since the control step before.
+    """
+
+    frame_age_s: float
+    shown_age_s: float
+    heartbeat_age_s: float
+    step_gap_s: float
+
+
+class Invariants:
+    """Watches the set-points of one flight.
+
+    Args:
+        settings: the follower's; their limits are what is held against.
+        own_mode: `custom_mode` of the mode that flies set-points.
+        begun_anew_by_mode: the pilot's mode alone may renew consent.
+
+    Raises:
+        InvariantError: by `look`: something is not as it must be.
+    """
+
+    def __init__(self, settings: Settings, own_mode: int, begun_anew_by_mode: bool) -> None:
+        self._limits = settings.envelope
+        self._patience = settings.supervisor
+        self._own_mode = own_mode
+        self._by_mode = begun_anew_by_mode
+        self._before: WireSetpoint | None = None
+        self._told_obeys = False
+        self._told_s = -math.inf
+        self._let_go_s = math.inf
+        self._flown = False
+        self._blind_since_s: float | None = None
+        self._blind_speed = 0.0
+        self.longest_after_pilot_s = 0.0
+        self.setpoints = 0
+
+    def tell(self, custom_mode: int, now_s: float) -> None:
+        """Note that a heartbeat reached the follower."""
+        obeys = custom_mode == self._own_mode
+        if self._told_obeys and not obeys:
+            self._let_go_s = min(self._let_go_s, now_s) if self._flown else math.inf
+        self._told_obeys, self._told_s = obeys, now_s
+
+    def consent(self) -> None:
+        """Note that the operator gave consent anew."""
+        self._let_go_s = math.inf
+        self._flown = False
+
+    def heartbeat_age_s(self, now_s: float) -> float:
+        """Return how long no heartbeat reached the follower."""
+        return now_s - self._told_s
+
+    def look(self, setpoints: list[WireSetpoint], now_s: float, inputs: Inputs) -> None:
+        """Hold what left in one step against the rules."""
+        self._note_blindness(now_s, inputs)
+        for setpoint in setpoints:
+            self.setpoints += 1
+            self._within_envelope(setpoint)
+            self._in_our_mode(setpoint)
+            self._not_blind(setpoint)
+            self._flown = self._flown or not setpoint.is_zero
+            self._before = setpoint
+
+    def _within_envelope(self, setpoint: WireSetpoint) -> None:
+        if failure := envelope_failure(setpoint, self._limits):
+            raise InvariantError(failure)
+        if self._before is not None and (
+            failure := jump_failure(self._before, setpoint, self._limits)
+        ):
+            raise InvariantError(failure)
+
+    def _in_our_mode(self, setpoint: WireSetpoint) -> None:
+        if setpoint.time_s > self._let_go_s + LET_GO_WITHIN_S:
+            if not setpoint.is_zero and not self._by_mode:
+                raise InvariantError("a velocity after the mode was left, without new consent")
+            if not self._told_obeys and not self._by_mode:
+                raise InvariantError("a set-point in somebody else's mode")
+        elif setpoint.time_s > self._let_go_s:
+            self.longest_after_pilot_s = max(
+                self.longest_after_pilot_s, setpoint.time_s - self._let_go_s
+            )
+        other_mode_s = setpoint.time_s - self._told_s
+        if not self._told_obeys and not setpoint.is_zero and other_mode_s > LET_GO_WITHIN_S:
+            raise InvariantError("a velocity while the newest heartbeat tells of another mode")
+
+    def _note_blindness(self, now_s: float, inputs: Inputs) -> None:
+        """Note since when the follower has been without something that it needs."""
+        p = self._patience
+        blind = (
+            inputs.frame_age_s > p.frame_timeout_s + _GRACE_S
+            or inputs.shown_age_s > p.coast_s + p.frame_timeout_s + _GRACE_S
+            or inputs.heartbeat_age_s > p.link_timeout_s + _GRACE_S
+        )
+        if not blind:
+            self._blind_since_s = None
+        elif self._blind_since_s is None:
+            self._blind_since_s = now_s
+            self._blind_speed = 0.0 if self._before is None else self._before.speed_m_s
+
+    def _not_blind(self, setpoint: WireSetpoint) -> None:
+        if self._blind_since_s is None:
+            return
+        speed, since_s = setpoint.speed_m_s, setpoint.time_s - self._blind_since_s
+        if speed > self._blind_speed + _GROWS_M_S:
+            raise InvariantError(
+                f"the speed grows to {speed:.2f} m/s, {since_s:.2f} s after the last good input"
+            )
+        longest_s = self._blind_speed / self._limits.braking_m_s2 + 2.0
+        if since_s > longest_s and speed > 0.05:
+            raise InvariantError(
+                f"still {speed:.2f} m/s, {since_s:.2f} s after the last good input"
+            )
