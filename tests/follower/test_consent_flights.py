@@ -1,0 +1,573 @@
+"""Consent, nudges and letting go, flown in lockstep against both simulated autopilots.
+
+No camera and no tracker: the target stands in the image where the test puts it.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.control_loop import ControlLoop
+from follower.control_stage import ControlStage
+from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.links.mavlink import MavlinkLink
+from follower.settings import load_settings
+from follower.supervisor import Order, Reason, State
+from follower_control.setpoint import HOLD
+from follower_control.transport import MemoryTransport
+from follower_sim.autopilot import SimAutopilot
+from follower_sim.kinematics import BodyState
+from follower_sim.vehicle import STEP_S
+from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
+from follower_vision.track import Track, TrackState
+
+WIDTH, HEIGHT, CONTROL_S = 640, 480, 0.02
+DISTANCE_M, SIZE_M = 15.0, 2.0
+OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
+PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
+SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+F, C, S, H, R = State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING, State.RELEASED
+
+flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
+
+
+class Wire:
+    """Notes what we send."""
+
+    def __init__(self, inner: MemoryTransport, clock: SimulatedClock) -> None:
+        self._inner = inner
+        self._clock = clock
+        self.sent: list[tuple[float, Any]] = []
+        self.cut = False
+
+    def send(self, data: bytes) -> None:
+        if not self.cut:
+            self.sent.append((self._clock.now(), mavlink.MAVLink(None).decode(bytearray(data))))
+            self._inner.send(data)
+
+    def receive(self) -> bytes:
+        data = self._inner.receive()
+        return b"" if self.cut else data
+
+    def close(self) -> None:
+        self._inner.close()
+
+    def setpoints(self, since_s: float) -> list[float]:
+        """Return when setpoints left, later than a time."""
+        return [at for at, m in self.sent if m.get_msgId() == SETPOINT and at > since_s]
+
+
+class Rig:
+    """A vehicle in the air, its pilot, and our link and control without vision."""
+
+    def __init__(self, flavour: str, *overrides: str) -> None:
+        wanted = {"distance_m": DISTANCE_M, "target_size_m": SIZE_M}
+        base = {"camera": {"pitch_deg": -20}, "servo": wanted}
+        settings = load_settings(base=base, overrides=overrides)
+        self.flavour = flavour
+        self.clock = SimulatedClock()
+        ours, self.theirs = MemoryTransport.pair()
+        self.wire = Wire(ours, self.clock)
+        self.autopilot = SimAutopilot(flavour, self.theirs, BodyState(0.0, (0.0, 0.0, -15.0)))
+        link = MavlinkLink(self.wire, replace(settings.link, vehicle_id=1))
+        self.log = FlightLog()
+        self.camera = settings.camera.model(WIDTH, HEIGHT)
+        self.stage = ControlStage(settings, self.camera, self.log)
+        self.loop = ControlLoop(link, self.stage, self._newest, self.log)
+        self.seen = True
+        self.right_px = 0.0
+        self.frames_come = True
+        self._newest_track: TrackRecord | None = None
+        self._ground_station = mavlink.MAVLink(None, 255, 190)
+        self._steps = 0
+
+    def fly(self, seconds: float) -> ControlRecord:
+        """Let time pass, control after physics."""
+        end = round((self.now_s + seconds) / STEP_S)
+        every = round(CONTROL_S / STEP_S)
+        while self._steps < end:
+            self._steps += 1
+            self.clock.sleep_until(self._steps * STEP_S)
+            self.autopilot.step(self.clock.now())
+            if self._steps % every == 0:
+                self.loop.step(self.clock.now())
+        return self.log.controls[-1]
+
+    def until(self, state: State, within_s: float = 5.0) -> ControlRecord:
+        end_s = self.now_s + within_s
+        while self.now_s < end_s:
+            record = self.fly(CONTROL_S)
+            if record.state is state:
+                return record
+        raise AssertionError(f"not {state} but {record.state}: {record.reason}")
+
+    def follow(self) -> None:
+        """Have the pilot hand over."""
+        self.until(State.READY)
+        self.fly(0.3)
+        assert self.autopilot.switch_mode(OURS[self.flavour])
+        self.until(State.FOLLOWING)
+
+    def reach(self, state: State) -> None:
+        self.follow()
+        if state is H:
+            self.frames_come = False
+        elif state is not F:
+            self.seen = False
+        self.until(state)
+
+    def command(self, value: float, system: int = 255, confirmation: int = 0) -> None:
+        """Send a ground station's command, which the autopilot passes on."""
+        codec = mavlink.MAVLink(None, system, 190)
+        codec.seq = self._ground_station.seq
+        self._ground_station.seq = (self._ground_station.seq + 1) % 256
+        message = mavlink.MAVLink_command_long_message(
+            1, 191, mavlink.MAV_CMD_USER_1, confirmation, value, *(0.0,) * 6
+        )
+        self.theirs.send(message.pack(codec))
+
+    def answers(self) -> list[int]:
+        return [m.result for _, m in self.wire.sent if m.get_type() == "COMMAND_ACK"]
+
+    def events(self, source: str) -> list[str]:
+        return [event.text for event in self.log.events if event.source == source]
+
+    @property
+    def now_s(self) -> float:
+        return self.clock.now()
+
+    def _newest(self) -> TrackRecord | None:
+        now = self.now_s
+        if self.frames_come:
+            side = self.camera.fx * SIZE_M / DISTANCE_M
+            box = Box(WIDTH / 2 + self.right_px, HEIGHT / 2, side, side)
+            state = TrackState.TRACKING if self.seen else TrackState.LOST
+            track = Track(box, state, 0.9, "test", now - 0.04, round(now / CONTROL_S))
+            self._newest_track = TrackRecord(track, track.sequence, now - 0.04, now, now, 0.001)
+        return self._newest_track
+
+
+@flavours
+@pytest.mark.parametrize("state", [State.READY, F, C, S, H])
+def test_the_pilot_leaves_the_mode_and_setpoints_end_within_a_tenth_of_a_second(
+    flavour: str, state: State
+) -> None:
+    rig = Rig(flavour, "consent.kind=terminal") if state is State.READY else Rig(flavour)
+    if state is State.READY:
+        rig.until(state)
+        rig.fly(0.3)
+        assert rig.autopilot.switch_mode(OURS[flavour])
+        rig.fly(1.5)
+        assert rig.log.controls[-1].reason is Reason.WAITING_FOR_CONSENT
+    else:
+        rig.reach(state)
+    left_s = rig.now_s
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    record = rig.fly(1.0)
+    if state is State.READY:
+        # Nobody consented yet: the stream that PX4 wants before OFFBOARD goes on.
+        assert record.reason is Reason.WAITING_FOR_PILOT
+        return
+    assert (record.state, record.reason) == (R, Reason.PILOT_TOOK_OVER)
+    rig.seen = rig.frames_come = True
+    assert rig.fly(5.0).state is R
+    assert rig.wire.setpoints(left_s + 0.1) == []
+    assert rig.autopilot.mode == PILOTS[flavour]
+
+
+@flavours
+def test_following_begins_anew_by_the_operator_and_the_pilot_alone(flavour: str) -> None:
+    rig = Rig(flavour)
+    rig.follow()
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    rig.until(R)
+    rig.fly(3.0)
+    rig.stage.order(Order.RENEW)
+    assert rig.fly(3.0).state is State.READY
+    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.until(F)
+
+
+def test_guided_taken_again_is_somebody_elses() -> None:
+    rig = Rig("ardupilot")
+    rig.follow()
+    rig.autopilot.switch_mode("LOITER")
+    rig.until(R)
+    back_s = rig.now_s
+    rig.autopilot.switch_mode("GUIDED")
+    assert rig.fly(3.0).state is R
+    assert rig.wire.setpoints(back_s) == []
+
+
+def test_offboard_taken_again_at_once_gets_its_stream_and_stands_still() -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.right_px = 60.0
+    rig.fly(0.5)
+    rig.autopilot.switch_mode("POSCTL")
+    rig.until(R)
+    assert rig.autopilot.switch_mode("OFFBOARD")
+    record = rig.fly(3.0)
+    assert (record.state, record.sent, rig.autopilot.mode) == (R, True, "OFFBOARD")
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+def test_a_switch_there_and_back_between_two_steps_ends_the_following() -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.autopilot.switch_mode("POSCTL")
+    # Both heartbeats come with the same poll.
+    for _ in range(2):
+        rig.theirs.send(_heartbeat("POSCTL"))
+        rig.theirs.send(_heartbeat("OFFBOARD"))
+    rig.autopilot.switch_mode("OFFBOARD")
+    record = rig.fly(CONTROL_S)
+    assert (record.state, record.reason) == (R, Reason.PILOT_TOOK_OVER)
+
+
+def _heartbeat(mode: str) -> bytes:
+    modes = {"POSCTL": 3 << 16, "OFFBOARD": 6 << 16}
+    message = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_AUTOPILOT_PX4,
+        mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
+        modes[mode],
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )
+    return bytes(message.pack(mavlink.MAVLink(None, 1, 1)))
+
+
+@pytest.mark.parametrize("gone_s", [0.3, 1.3, 2.0, 4.0])
+def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(gone_s: float) -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.wire.cut = True
+    rig.fly(gone_s)
+    assert rig.autopilot.mode == ("OFFBOARD" if gone_s < 1 else "RTL")
+    rig.wire.cut = False
+    record = rig.fly(3.0)
+    if gone_s < 1:
+        assert record.state is F
+    else:
+        assert record.state is R
+        assert record.reason in (Reason.LINK_LOST, Reason.AUTOPILOT_FAILSAFE)
+        assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows() -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.fly(0.5)
+    rig.wire.cut = True
+    rig.fly(2.5)
+    assert rig.autopilot.mode == "RTL"
+    again = Rig("px4")
+    again.theirs, rig_wire = rig.theirs, rig.wire
+    again.autopilot = rig.autopilot
+    again.clock, again._steps = rig.clock, rig._steps
+    again.wire = rig_wire
+    again.wire.cut = False
+    link = MavlinkLink(again.wire, replace(again.stage.settings.link, vehicle_id=1))
+    again.loop = ControlLoop(link, again.stage, again._newest, again.log)
+    record = again.fly(3.0)
+    assert (record.state, record.reason) == (State.TRACKING, Reason.AUTOPILOT_FAILSAFE)
+    assert rig.autopilot.mode == "RTL"
+    # The pilot takes the vehicle, and with it ends the failsafe.
+    rig.autopilot.switch_mode("POSCTL")
+    again.until(State.READY)
+    again.fly(0.3)
+    assert rig.autopilot.switch_mode("OFFBOARD")
+    again.until(F)
+
+
+@flavours
+def test_by_setting_the_pilots_own_mode_counts_but_a_failsafe_does_not(flavour: str) -> None:
+    rig = Rig(flavour, "consent.again=mode")
+    rig.follow()
+    left_s = rig.now_s
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    rig.until(R)
+    rig.fly(1.9)
+    assert rig.wire.setpoints(left_s + 0.1) == []
+    rig.until(State.READY, 1.5)
+    rig.fly(0.3)
+    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.until(F)
+
+
+def test_by_setting_a_failsafe_is_not_the_pilots_own_mode() -> None:
+    rig = Rig("px4", "consent.again=mode")
+    rig.follow()
+    rig.wire.cut = True
+    rig.fly(2.0)
+    # What we send is heard again only after PX4's next heartbeat has told of its failsafe.
+    rig.wire.cut = False
+    sends = rig.loop._link.send
+    rig.loop._link.send = lambda _: None  # type: ignore[method-assign]
+    rig.fly(2.0)
+    rig.loop._link.send = sends  # type: ignore[method-assign]
+    assert rig.autopilot.mode == "RTL"
+    record = rig.fly(4.0)
+    assert (record.state, record.sent, rig.autopilot.mode) == (R, False, "RTL")
+
+
+@flavours
+def test_a_command_gives_consent_and_takes_it_back(flavour: str) -> None:
+    rig = Rig(flavour, "consent.kind=command")
+    rig.until(State.READY)
+    rig.fly(0.3)
+    assert rig.autopilot.switch_mode(OURS[flavour])
+    assert rig.fly(2.0).reason is Reason.WAITING_FOR_CONSENT
+    assert rig.autopilot.mode == OURS[flavour]
+    rig.command(1.0)
+    rig.until(F, 0.1)
+    assert rig.answers() == [mavlink.MAV_RESULT_ACCEPTED]
+    rig.command(0.0)
+    record = rig.until(R, 0.1)
+    assert record.reason is Reason.CONSENT_WITHDRAWN
+    record = rig.fly(3.0)
+    assert (record.sent, rig.autopilot.mode) == (True, OURS[flavour])
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+    rig.command(1.0)
+    rig.until(F, 0.1)
+    assert set(rig.answers()) == {mavlink.MAV_RESULT_ACCEPTED}
+
+
+def test_a_command_from_anybody_else_or_for_another_consent_is_denied() -> None:
+    rig = Rig("ardupilot", "consent.kind=command")
+    rig.autopilot.switch_mode("GUIDED")
+    rig.until(State.READY)
+    rig.command(1.0, system=42)
+    rig.command(7.0)
+    rig.command(float("nan"))
+    assert rig.fly(2.0).reason is Reason.WAITING_FOR_CONSENT
+    other = Rig("ardupilot", "consent.kind=rc")
+    other.autopilot.switch_mode("GUIDED")
+    other.until(State.READY)
+    other.command(1.0)
+    assert other.fly(1.0).reason is Reason.WAITING_FOR_CONSENT
+    assert set(rig.answers() + other.answers()) == {mavlink.MAV_RESULT_DENIED}
+
+
+def test_a_command_repeated_after_the_pilot_took_over_is_no_new_consent() -> None:
+    rig = Rig("ardupilot", "consent.kind=command")
+    rig.autopilot.switch_mode("GUIDED")
+    rig.until(State.READY)
+    rig.command(1.0)
+    rig.until(F)
+    rig.autopilot.switch_mode("LOITER")
+    rig.until(R)
+    rig.command(1.0, confirmation=1)
+    assert rig.fly(1.5).state is R
+    assert rig.answers() == [mavlink.MAV_RESULT_ACCEPTED] * 2
+    rig.command(1.0)
+    rig.until(State.READY)
+
+
+@flavours
+def test_a_switch_gives_consent_when_it_is_turned_on(flavour: str) -> None:
+    rig = Rig(flavour, "consent.kind=rc", "consent.rc_channel=6")
+    on, off = ((1500, 1500, 1500, 1500, 1000, pulse) for pulse in (1900, 1100))
+    rig.autopilot.move_sticks(*on)
+    rig.until(State.READY)
+    rig.fly(0.3)
+    assert rig.autopilot.switch_mode(OURS[flavour])
+    # It is on from the start: nobody turned it.
+    assert rig.fly(2.0).reason is Reason.WAITING_FOR_CONSENT
+    rig.autopilot.move_sticks(*off)
+    rig.fly(0.5)
+    rig.autopilot.move_sticks(*on)
+    rig.until(F, 0.3)
+    off_s = rig.now_s
+    rig.autopilot.move_sticks(*off)
+    assert rig.until(R, 0.3).reason is Reason.CONSENT_WITHDRAWN
+    assert rig.now_s - off_s < 0.2
+    record = rig.fly(2.0)
+    assert (record.sent, rig.autopilot.mode) == (True, OURS[flavour])
+    rig.autopilot.move_sticks(*on)
+    rig.until(F, 0.3)
+    # The pilot takes over with the switch on: it has to be turned again.
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    rig.until(R)
+    assert rig.fly(2.0).state is R
+    rig.autopilot.move_sticks(*off)
+    rig.fly(0.3)
+    rig.autopilot.move_sticks(*on)
+    rig.until(State.READY, 0.3)
+
+
+def test_a_transmitter_that_falls_silent_withdraws_consent() -> None:
+    rig = Rig("ardupilot", "consent.kind=rc", "consent.rc_channel=5")
+    rig.autopilot.move_sticks(1500, 1500, 1500, 1500, 1000)
+    rig.autopilot.switch_mode("GUIDED")
+    rig.until(State.READY)
+    rig.fly(0.5)
+    rig.autopilot.move_sticks(1500, 1500, 1500, 1500, 2000)
+    rig.until(F, 0.3)
+    rig.autopilot.move_sticks()
+    assert rig.until(R, 1.3).reason is Reason.CONSENT_WITHDRAWN
+
+
+@flavours
+def test_the_terminal_gives_consent(flavour: str) -> None:
+    rig = Rig(flavour, "consent.kind=terminal")
+    rig.until(State.READY)
+    rig.fly(0.3)
+    rig.autopilot.switch_mode(OURS[flavour])
+    assert rig.fly(2.0).state is State.READY
+    rig.stage.order(Order.GIVE)
+    rig.until(F, 0.1)
+    rig.stage.order(Order.WITHDRAW)
+    assert rig.until(R, 0.1).reason is Reason.CONSENT_WITHDRAWN
+
+
+Right = Callable[[ControlRecord], float]
+MIDDLE = (1500, 1500, 1500, 1500)
+NUDGES: list[tuple[int, int, Right]] = [
+    (0, 1700, lambda record: record.asked.right_m_s),
+    (0, 1300, lambda record: -record.asked.right_m_s),
+    (1, 1300, lambda record: record.asked.forward_m_s),
+    (1, 1700, lambda record: -record.asked.forward_m_s),
+    (2, 1700, lambda record: -record.asked.down_m_s),
+    (2, 1300, lambda record: record.asked.down_m_s),
+    (3, 1700, lambda record: record.asked.yaw_rate_rad_s),
+    (3, 1300, lambda record: -record.asked.yaw_rate_rad_s),
+]
+
+
+@pytest.mark.parametrize(("channel", "pulse", "way"), NUDGES)
+def test_sticks_shift_what_is_wanted_the_way_they_are_moved(
+    channel: int, pulse: int, way: Right
+) -> None:
+    rig = Rig("ardupilot", "sticks.nudge=true")
+    rig.autopilot.move_sticks(*MIDDLE)
+    rig.follow()
+    before = way(rig.fly(1.0))
+    moved = list(MIDDLE)
+    moved[channel] = pulse
+    rig.autopilot.move_sticks(*moved)
+    record = rig.fly(0.5)
+    assert record.state is F
+    assert way(record) > before + 0.02
+
+
+def test_sticks_do_nothing_unless_asked_for() -> None:
+    rig, calm = Rig("ardupilot"), Rig("ardupilot")
+    for one in (rig, calm):
+        one.autopilot.move_sticks(*MIDDLE)
+        one.follow()
+    rig.autopilot.move_sticks(1700, 1300, 1700, 1300)
+    assert rig.fly(1.0).asked == calm.fly(1.0).asked
+
+
+@flavours
+def test_a_stick_moved_far_takes_over(flavour: str) -> None:
+    rig = Rig(flavour)
+    rig.autopilot.move_sticks(*MIDDLE)
+    rig.follow()
+    rig.fly(0.5)
+    moved_s = rig.now_s
+    rig.autopilot.move_sticks(1500, 1150, 1500, 1500)
+    record = rig.until(R, 0.3)
+    assert record.reason is Reason.STICKS_MOVED
+    assert rig.now_s - moved_s < 0.2
+    record = rig.fly(3.0)
+    assert (record.sent, rig.autopilot.mode) == (True, OURS[flavour])
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+RELEASES = [
+    ("px4", "loiter", "LOITER"),
+    ("px4", "rtl", "RTL"),
+    ("px4", "land", "LAND"),
+    ("ardupilot", "loiter", "BRAKE"),
+    ("ardupilot", "rtl", "RTL"),
+    ("ardupilot", "land", "LAND"),
+]
+SHORT = ("supervisor.search_s=1.0", "supervisor.hold_s=1.0")
+
+
+@pytest.mark.parametrize(("flavour", "action", "mode"), RELEASES)
+def test_the_ladder_ends_in_the_autopilots_own_mode(flavour: str, action: str, mode: str) -> None:
+    rig = Rig(flavour, f"release.action={action}", *SHORT)
+    rig.follow()
+    rig.right_px = 80.0
+    rig.fly(1.0)
+    rig.seen = False
+    for state in (C, S, H, R):
+        rig.until(state)
+    assert rig.log.controls[-1].reason is Reason.HOLD_TIMED_OUT
+    rig.fly(5.0)
+    assert rig.autopilot.mode == mode
+    assert not rig.log.controls[-1].sent
+    assert rig.events("release") == [f"asking for {mode}", f"the autopilot is in {mode}"]
+    rungs = [text for text in rig.events("supervisor") if not text.startswith(("idle", "tracking"))]
+    assert rungs[-5:] == [
+        "following: target seen",
+        "coasting: target unseen",
+        "searching: target lost",
+        "holding: search failed",
+        "released: hold timed out",
+    ]
+
+
+@flavours
+def test_a_mode_that_is_refused_keeps_the_hold(flavour: str) -> None:
+    rig = Rig(flavour, "release.action=land", *SHORT)
+    rig.autopilot.faults.refused_modes = ("LAND",)
+    rig.follow()
+    rig.stage.request_stop()
+    record = rig.fly(8.0)
+    assert (record.state, record.sent, rig.autopilot.mode) == (R, True, OURS[flavour])
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+    assert "LAND is not entered: holding, and asking again" in rig.events("release")
+    rig.autopilot.faults.refused_modes = ()
+    rig.fly(2.5)
+    assert rig.autopilot.mode == "LAND"
+
+
+@flavours
+def test_the_pilots_mode_is_not_taken_from_him(flavour: str) -> None:
+    rig = Rig(flavour, "release.action=rtl")
+    rig.follow()
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    rig.fly(6.0)
+    assert rig.autopilot.mode == PILOTS[flavour]
+    assert rig.events("release") == []
+
+
+def test_handed_back_ardupilot_stays_where_it_is() -> None:
+    rig = Rig("ardupilot", "release.action=hand_back")
+    rig.follow()
+    rig.stage.request_stop()
+    rig.fly(3.0)
+    quiet_s = rig.now_s
+    record = rig.fly(6.0)
+    assert (record.sent, rig.autopilot.mode) == (False, "GUIDED")
+    assert rig.wire.setpoints(quiet_s) == []
+    assert max(map(abs, rig.autopilot.state.velocity_m_s)) < 0.1
+
+
+def test_handed_back_px4_does_what_its_parameter_says() -> None:
+    rig = Rig("px4", "release.action=hand_back")
+    rig.follow()
+    rig.stage.request_stop()
+    rig.fly(6.0)
+    assert (rig.log.controls[-1].sent, rig.autopilot.mode) == (False, "RTL")
+
+
+@flavours
+def test_nothing_changes_the_mode_unless_the_release_is_set_to(flavour: str) -> None:
+    rig = Rig(flavour, *SHORT)
+    rig.follow()
+    rig.seen = False
+    rig.until(R)
+    rig.fly(5.0)
+    modes = [m for _, m in rig.wire.sent if m.get_type() == "COMMAND_LONG"]
+    assert mavlink.MAV_CMD_DO_SET_MODE not in {m.command for m in modes}
+    assert rig.autopilot.mode == OURS[flavour]
