@@ -1,0 +1,128 @@
+"""Where a lost target is looked for: in a world in which the vehicle turns as it is told."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from follower_control.estimate import TargetEstimate
+from follower_control.search import Search, SearchSettings
+from follower_control.setpoint import HOLD
+from follower_control.sighting import SightFrame
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+
+STEP_S = 0.05
+
+
+def estimate(
+    azimuth_deg: float, rate_deg_s: float = 0.0, frame: SightFrame = SightFrame.WORLD
+) -> TargetEstimate:
+    return TargetEstimate(
+        time_s=0.0,
+        azimuth_rad=math.radians(azimuth_deg),
+        elevation_rad=-0.3,
+        log_scale=-2.0,
+        azimuth_rate_rad_s=math.radians(rate_deg_s),
+        elevation_rate_rad_s=0.0,
+        log_scale_rate_s=0.0,
+        covariance=np.eye(6),
+        last_seen_s=0.0,
+        frame=frame,
+    )
+
+
+class Turntable:
+    """A vehicle that turns and climbs exactly as asked."""
+
+    def __init__(self, yaw_deg: float, **settings: float | bool) -> None:
+        self.search = Search(SearchSettings(**settings))  # type: ignore[arg-type]
+        self.yaw, self.height_m, self.now_s = math.radians(yaw_deg), 10.0, 0.0
+        self.yaws: list[float] = []
+
+    @property
+    def vehicle(self) -> VehicleState:
+        attitude = Attitude(0.0, 0.0, self.yaw, 0.0, 0.0, 0.0, self.now_s)
+        position = LocalPosition(0.0, 0.0, -self.height_m, 0.0, 0.0, 0.0, self.now_s)
+        return VehicleState(attitude=attitude, position=position)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            asked = self.search.update(self.vehicle, self.now_s)
+            assert (asked.forward_m_s, asked.right_m_s) == (0.0, 0.0)
+            assert abs(asked.yaw_rate_rad_s) <= math.radians(20) + 1e-12
+            self.yaw += asked.yaw_rate_rad_s * STEP_S
+            self.height_m -= asked.down_m_s * STEP_S
+            self.yaws.append(math.degrees(self.yaw))
+
+
+@pytest.mark.parametrize(("yaw_deg", "azimuth_deg"), [(0, 40), (0, -40), (170, -170), (-175, 160)])
+def test_it_turns_the_short_way_to_where_the_target_was(yaw_deg: int, azimuth_deg: int) -> None:
+    table = Turntable(yaw_deg, sweep_deg=0.0)
+    table.search.start(estimate(azimuth_deg), table.vehicle)
+    table.run(0.5)
+    short_way = (azimuth_deg - yaw_deg + 180) % 360 - 180
+    assert math.copysign(1, table.yaws[-1] - yaw_deg) == math.copysign(1, short_way)
+    table.run(6.0)
+    assert math.cos(table.yaw - math.radians(azimuth_deg)) > math.cos(math.radians(3))
+
+
+def test_it_looks_ahead_of_a_target_that_moved_but_not_far() -> None:
+    table = Turntable(0.0, sweep_deg=0.0)
+    table.search.start(estimate(10.0, rate_deg_s=15.0), table.vehicle)
+    table.run(6.0)
+    assert table.yaws[-1] == pytest.approx(25.0, abs=3.1)
+    table.search.start(estimate(10.0, rate_deg_s=500.0), table.vehicle)
+    table.run(8.0)
+    assert table.yaws[-1] == pytest.approx(40.0, abs=3.1)
+
+
+def test_it_then_looks_ever_farther_to_both_sides_first_to_where_the_target_left() -> None:
+    table = Turntable(0.0, look_s=1.0, sweep_deg=20.0)
+    table.search.start(estimate(-10.0), table.vehicle)
+    table.run(30.0)
+    turns = [
+        b
+        for a, b, c in zip(table.yaws, table.yaws[1:], table.yaws[2:], strict=False)
+        if (b - a) * (c - b) < 0
+    ]
+    assert turns[:4] == pytest.approx([-30.0, 10.0, -50.0, 30.0], abs=4.0)
+
+
+def test_it_climbs_by_so_much_and_no_higher() -> None:
+    table = Turntable(0.0, climb_m=4.0)
+    table.search.start(estimate(0.0), table.vehicle)
+    table.run(1.0)
+    assert table.height_m == pytest.approx(11.0, abs=0.1)
+    table.run(10.0)
+    assert table.height_m == pytest.approx(14.0, abs=0.1)
+
+
+def test_by_itself_it_keeps_its_height() -> None:
+    table = Turntable(0.0)
+    table.search.start(estimate(30.0), table.vehicle)
+    table.run(5.0)
+    assert table.height_m == 10.0
+
+
+def test_what_is_not_known_is_not_moved_by() -> None:
+    table = Turntable(0.0, climb_m=4.0)
+    for last in (None, estimate(30.0, frame=SightFrame.BODY)):
+        table.search.start(last, replace(table.vehicle, position=None))
+        assert table.search.update(table.vehicle, 0.0) == HOLD
+    table.search.start(estimate(30.0), table.vehicle)
+    assert table.search.update(table.vehicle, 5.0) == HOLD  # telemetry is old
+    still = Turntable(0.0, turn=False)
+    still.search.start(estimate(30.0), still.vehicle)
+    still.run(1.0)
+    assert still.yaw == 0.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"turn_rate_deg_s": 0.0}, {"look_s": -1.0}, {"sweep_deg": 200.0}, {"climb_m": math.nan}],
+)
+def test_settings_that_are_nonsense_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(settings))):
+        SearchSettings(**settings)  # type: ignore[arg-type]

@@ -1,0 +1,302 @@
+"""Consent, the switch, the sticks, the release's mode and commands, each by itself."""
+
+import io
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.consent import Consent, ConsentSettings
+from follower.consent_keys import ConsentKeys
+from follower.links.operator_commands import OperatorCommands
+from follower.release import Release, ReleaseAction, ReleaseSettings, release_mode
+from follower.sticks import Sticks, StickSettings
+from follower.supervisor import Order, State
+from follower_control.nudge import NO_NUDGE
+from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
+
+OURS = VehicleState(mode="GUIDED", obeys_setpoints=True, armed=True)
+THEIRS = replace(OURS, mode="LOITER", obeys_setpoints=False)
+
+
+def with_sticks(*pulses: int, at_s: float = 0.0) -> VehicleState:
+    return replace(OURS, rc=RcChannels(pulses, at_s))
+
+
+class Switch:
+    """A consent by the switch on channel 5, asked once every 0.1 s."""
+
+    def __init__(self, **settings: object) -> None:
+        wanted = {"kind": "rc", "rc_channel": 5} | settings
+        self.consent = Consent(ConsentSettings(**wanted))  # type: ignore[arg-type]
+        self.now_s = 0.0
+
+    def set(self, pulse: int, state: State = State.READY) -> tuple[bool, bool]:
+        self.now_s += 0.1
+        vehicle = with_sticks(1500, 1500, 1000, 1500, pulse, at_s=self.now_s)
+        self.consent.step(Order.NONE, vehicle, state, self.now_s)
+        return self.consent.given, self.consent.renewed
+
+
+def test_a_switch_counts_from_when_it_was_seen_off() -> None:
+    switch = Switch()
+    assert switch.set(1900) == (False, False)
+    assert switch.set(1100) == (False, False)
+    assert switch.set(1900) == (True, True)
+    assert switch.set(1900) == (True, False)
+
+
+def test_a_switch_that_trembles_about_its_threshold_stays_on() -> None:
+    switch = Switch()
+    switch.set(1100)
+    assert switch.set(1700)[0]
+    assert switch.set(1660)[0]
+    assert not switch.set(1640)[0]
+    assert not switch.set(1690)[0]
+
+
+def test_a_reversed_switch_is_on_below_its_threshold() -> None:
+    switch = Switch(rc_reversed=True)
+    assert switch.set(1900) == (False, False)
+    assert switch.set(1100) == (True, True)
+
+
+@pytest.mark.parametrize("pulse", [0, 65535, 700, 2300])
+def test_what_can_be_no_pulse_is_off(pulse: int) -> None:
+    switch = Switch()
+    switch.set(1100)
+    switch.set(1900)
+    assert switch.set(pulse) == (False, False)
+    assert switch.set(1900) == (False, False)
+
+
+def test_letting_go_wants_the_switch_turned_again() -> None:
+    switch = Switch()
+    switch.set(1100)
+    switch.set(1900)
+    assert switch.set(1900, State.RELEASED) == (False, False)
+    assert switch.set(1100, State.RELEASED) == (False, False)
+    assert switch.set(1900, State.RELEASED) == (True, True)
+
+
+@pytest.mark.parametrize("kind", ["command", "terminal"])
+def test_letting_go_takes_an_order_back(kind: str) -> None:
+    consent = Consent(ConsentSettings(kind=kind))  # type: ignore[arg-type]
+    consent.step(Order.GIVE, OURS, State.READY, 0.0)
+    consent.step(Order.NONE, OURS, State.FOLLOWING, 0.1)
+    assert consent.given
+    consent.step(Order.NONE, THEIRS, State.RELEASED, 0.2)
+    assert not consent.given
+    consent.step(Order.RENEW, THEIRS, State.RELEASED, 0.3)
+    assert (consent.given, consent.renewed) == (False, True)
+
+
+def test_an_order_that_comes_with_the_takeover_does_not_survive_it() -> None:
+    consent = Consent(ConsentSettings(kind="command"))
+    consent.step(Order.GIVE, THEIRS, State.FOLLOWING, 0.1)
+    consent.step(Order.NONE, THEIRS, State.RELEASED, 0.2)
+    assert (consent.given, consent.renewed) == (False, False)
+
+
+def test_consent_by_the_mode_alone_can_be_withdrawn_and_given_again() -> None:
+    consent = Consent(ConsentSettings())
+    assert consent.given
+    consent.step(Order.WITHDRAW, OURS, State.FOLLOWING, 0.1)
+    assert not consent.given
+    consent.step(Order.RENEW, OURS, State.READY, 0.2)
+    assert consent.given
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "counts"),
+    [(THEIRS, True), (replace(THEIRS, failsafe=True), False), (OURS, False)],
+)
+def test_the_pilots_own_mode_has_to_stand_without_a_failsafe(
+    vehicle: VehicleState, counts: bool
+) -> None:
+    consent = Consent(ConsentSettings(again="mode", own_mode_s=1.0))
+    renewed = []
+    for step in range(60):
+        consent.step(Order.NONE, vehicle, State.RELEASED, 0.02 * step)
+        renewed.append(consent.renewed)
+    assert not any(renewed[:50])
+    assert any(renewed) is counts
+
+
+WRONG = [
+    {"own_mode_s": 0.0},
+    {"command_system": 0},
+    {"rc_channel": 19},
+    {"rc_threshold_us": 100},
+    {"rc_timeout_s": math.nan},
+]
+
+
+@pytest.mark.parametrize("settings", WRONG)
+def test_settings_of_consent_that_are_nonsense_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(settings))):
+        ConsentSettings(**settings)  # type: ignore[arg-type]
+
+
+def steps(sticks: Sticks, *pulses: int, engaged: bool = True) -> Sticks:
+    sticks.step(with_sticks(*pulses), engaged, 0.1)
+    return sticks
+
+
+def test_sticks_count_from_when_they_were_in_their_middle() -> None:
+    sticks = Sticks(StickSettings(nudge=True))
+    steps(sticks, 1500, 1100, 1500, 1500)
+    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+    steps(sticks, 1500, 1500, 1500, 1500)
+    steps(sticks, 1500, 1100, 1500, 1500)
+    assert sticks.taken_over
+    assert steps(sticks, 1500, 1100, 1500, 1500, engaged=False).taken_over is False
+
+
+def test_a_throttle_has_its_middle_where_it_stands() -> None:
+    sticks = Sticks(StickSettings(nudge=True))
+    steps(sticks, 1500, 1500, 1100, 1500)
+    assert sticks.nudge == NO_NUDGE
+    steps(sticks, 1500, 1500, 1300, 1500)
+    assert sticks.nudge.elevation_rad < 0
+    assert not steps(sticks, 1500, 1500, 1900, 1500).taken_over
+
+
+def test_each_stick_shifts_one_thing_up_to_its_bound_and_no_farther() -> None:
+    sticks = Sticks(StickSettings(nudge=True, takeover=None))
+    steps(sticks, 1500, 1500, 1500, 1500)
+    assert steps(sticks, 1500, 900, 1500, 1500).nudge.distance_m == -5.0
+    assert steps(sticks, 1900, 1500, 1500, 1500).nudge.side_m_s == 1.5
+    assert steps(sticks, 1500, 1500, 1500, 1900).nudge.azimuth_rad == -math.radians(15)
+    assert steps(sticks, 1500, 1500, 1900, 1500).nudge.elevation_rad == -math.radians(15)
+    assert steps(sticks, 1540, 1460, 1540, 1460).nudge == NO_NUDGE
+
+
+pulses = st.integers(0, 65535) | st.integers(900, 2100)
+
+
+@given(st.lists(pulses, max_size=18), st.booleans())
+def test_no_pulses_whatever_shift_by_more_than_is_set(channels: list[int], engaged: bool) -> None:
+    sticks = Sticks(StickSettings(nudge=True))
+    steps(sticks, 1500, 1500, 1500, 1500)
+    steps(sticks, *channels, engaged=engaged)
+    nudge = sticks.nudge
+    assert abs(nudge.distance_m) <= 5.0
+    assert abs(nudge.side_m_s) <= 1.5
+    assert max(abs(nudge.azimuth_rad), abs(nudge.elevation_rad)) <= math.radians(15)
+    assert engaged or nudge == NO_NUDGE
+
+
+@pytest.mark.parametrize("vehicle", [OURS, with_sticks(1900, 1500, 1500), with_sticks()])
+def test_without_channels_nothing_happens(vehicle: VehicleState) -> None:
+    sticks = Sticks(StickSettings(nudge=True))
+    sticks.step(vehicle, True, 0.1)
+    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+
+
+def test_channels_that_grew_old_count_no_more() -> None:
+    sticks = Sticks(StickSettings(nudge=True))
+    steps(sticks, 1500, 1500, 1500, 1500)
+    steps(sticks, 1900, 1500, 1500, 1500)
+    sticks.step(with_sticks(1900, 1500, 1500, 1500), True, 0.7)
+    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"deadband": 0.0}, "deadband"),
+        ({"takeover": 0.05}, "takeover"),
+        ({"max_distance_m": -1.0}, "max_distance_m"),
+        ({"max_bearing_deg": 90.0}, "max_bearing_deg"),
+        ({"roll_channel": 2}, "four sticks"),
+        ({"throw_us": 0}, "throw_us"),
+    ],
+)
+def test_settings_of_sticks_that_are_nonsense_are_refused(
+    settings: dict[str, float], says: str
+) -> None:
+    with pytest.raises(ValueError, match=says):
+        StickSettings(**settings)  # type: ignore[arg-type]
+
+
+def flying_at(speed_m_s: float, now_s: float) -> VehicleState:
+    attitude = Attitude(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, now_s)
+    position = LocalPosition(0.0, 0.0, -10.0, speed_m_s, 0.0, 0.0, now_s)
+    return replace(OURS, attitude=attitude, position=position)
+
+
+def ask(release: Release, now_s: float, state: State, speed_m_s: float = 0.0) -> str | None:
+    return release.step(now_s, state, flying_at(speed_m_s, now_s), "px4")
+
+
+def test_the_vehicle_rests_before_a_mode_is_asked_for_and_not_for_ever() -> None:
+    release = Release(ReleaseSettings(action=ReleaseAction.LAND))
+    assert ask(release, 0.0, State.HOLDING, 3.0) is None
+    assert ask(release, 0.1, State.RELEASED, 3.0) is None
+    assert ask(release, 4.0, State.RELEASED, 3.0) is None
+    assert ask(release, 4.2, State.RELEASED, 3.0) == "LAND"
+    assert ask(release, 4.3, State.RELEASED, 0.0) is None
+    assert ask(release, 5.3, State.RELEASED, 0.0) == "LAND"
+
+
+def test_following_again_calls_the_release_off() -> None:
+    release = Release(ReleaseSettings(action=ReleaseAction.RTL))
+    ask(release, 0.0, State.HOLDING)
+    assert ask(release, 0.1, State.RELEASED) == "RTL"
+    assert ask(release, 0.2, State.FOLLOWING) is None
+    assert ask(release, 3.0, State.READY) is None
+
+
+def test_a_release_of_what_did_not_follow_changes_no_mode() -> None:
+    release = Release(ReleaseSettings(action=ReleaseAction.RTL))
+    ask(release, 0.0, State.READY)
+    assert ask(release, 0.1, State.RELEASED) is None
+    assert ask(release, 9.0, State.RELEASED) is None
+
+
+@pytest.mark.parametrize("action", [ReleaseAction.HOLD, ReleaseAction.HAND_BACK])
+def test_holding_and_handing_back_need_no_mode(action: ReleaseAction) -> None:
+    assert release_mode(action, "px4") is None
+    assert release_mode(action, "ardupilot") is None
+
+
+def test_a_retry_time_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="retry_s"):
+        ReleaseSettings(retry_s=0.0)
+
+
+def command(value: float, confirmation: int = 0) -> mavlink.MAVLink_message:
+    codec = mavlink.MAVLink(None, 255, 190)
+    packed = mavlink.MAVLink_command_long_message(
+        1, 191, mavlink.MAV_CMD_USER_1, confirmation, value, *(0.0,) * 6
+    ).pack(codec)
+    return codec.decode(bytearray(packed))
+
+
+def test_commands_that_the_network_doubled_or_the_sender_repeats_are_known() -> None:
+    commands = OperatorCommands()
+    times = [(0.0, 1.0, 0), (0.1, 1.0, 0), (0.5, 0.0, 0), (0.6, 1.0, 0), (5.0, 1.0, 1)]
+    for now_s, value, confirmation in [*times, (7.0, 1.0, 0), (30.0, 1.0, 2)]:
+        commands.hear(command(value, confirmation), now_s)
+    assert [one.is_new for one in commands.take()] == [True, False, True, True, False, True, True]
+    assert commands.take() == []
+
+
+def test_commands_that_nobody_takes_do_not_pile_up() -> None:
+    commands = OperatorCommands()
+    for number in range(1000):
+        commands.hear(command(float(number)), 0.0)
+    assert len(commands.take()) == 16
+
+
+def test_lines_of_the_terminal_are_orders() -> None:
+    orders: list[Order] = []
+    lines = io.StringIO("\nW\nwhat?\n\n")
+    keys = ConsentKeys(lines, orders.append)
+    keys.read()
+    assert orders == [Order.GIVE, Order.WITHDRAW, Order.GIVE]
+    assert not keys.start()  # what is no terminal is not read
