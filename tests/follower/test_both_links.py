@@ -271,6 +271,32 @@ def test_messages_that_stop_are_asked_for_again(kind: str, flavour: str) -> None
         flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) < 0.1)
 
 
+def test_the_pilots_sticks_and_modes_and_commands_to_us_are_heard(kind: str, flavour: str) -> None:
+    with rig(kind, flavour) as flight:
+        link, autopilot = flight.link, flight.autopilot
+        autopilot.move_sticks(1500, 1400, 1000, 1600)
+        flight.connect()
+        flight.run(lambda: link.state.rc is not None)
+        assert link.state.rc is not None
+        assert link.state.rc.pulses_us == (1500, 1400, 1000, 1600)
+        flight.enter_setpoint_mode()
+        flight.run(setpoint=HOLD, for_s=0.3)
+        autopilot.switch_mode("POSCTL" if flavour == "px4" else "LOITER")
+        switched_s = flight.clock.now()
+        flight.run(lambda: not link.state.obeys_setpoints, HOLD)
+        # Of itself it tells its mode once a second; a busy machine may take a while.
+        assert flight.clock.now() - switched_s < 0.4
+        order = mavlink.MAVLink_command_long_message(1, 191, mavlink.MAV_CMD_USER_1, 0, 1, *[0] * 6)
+        flight._theirs.send(order.pack(mavlink.MAVLink(None, 255, 190)))
+        heard: list[Any] = []
+        flight.run(lambda: bool(heard.extend(link.take_commands()) or heard))
+        assert [(one.command, one.value, one.system) for one in heard] == [(31010, 1.0, 255)]
+        link.answer(heard[0], True)
+        _, answer = flight.wire.of(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)[-1]
+        assert (answer.command, answer.result) == (31010, mavlink.MAV_RESULT_ACCEPTED)
+        assert (answer.target_system, answer.target_component) == (255, 190)
+
+
 @pytest.mark.slow
 def test_an_autopilot_that_was_restarted_is_heard_asked_and_flown_again(
     kind: str, flavour: str
