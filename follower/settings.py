@@ -17,7 +17,7 @@ from follower.recorder_settings import RecorderSettings
 from follower.release import ReleaseSettings
 from follower.sticks import StickSettings
 from follower.supervisor import SupervisorSettings
-from follower_control.envelope import EnvelopeSettings
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
 from follower_control.search import SearchSettings
 from follower_control.servo_settings import ServoSettings

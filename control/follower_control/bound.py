@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import cmath
+import math
 from dataclasses import dataclass
 
 from follower_control.limit import Limit
 
 ROUNDING = 1e-9
 """A velocity just brought to a bound may exceed it by this much, m/s."""
+
+
+_STRAIGHT_RAD = math.radians(1)
+_TURN_STEP_RAD = math.radians(20)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +34,17 @@ class Bound:
     def towards(cls, bearing_rad: float, max_speed_m_s: float, limit: Limit) -> Bound:
         """Make a bound on the speed towards a bearing from the nose, right is positive."""
         return cls(cmath.rect(1.0, bearing_rad), max_speed_m_s, limit)
+
+    def turned(self, angle_rad: float) -> Bound:
+        """Return the same bound for axes that are turned by minus this angle."""
+        return Bound(self.direction * cmath.rect(1.0, angle_rad), self.max_speed_m_s, self.limit)
+
+    def while_turning(self, turn_rad: float) -> tuple[Bound, ...]:
+        """Return bounds that keep this one also while the axes turn, with the velocity in them."""
+        if abs(turn_rad) < _STRAIGHT_RAD:
+            return (self,)
+        count = math.ceil(abs(turn_rad) / _TURN_STEP_RAD)
+        return (self, *(self.turned(-turn_rad * (i + 1) / count) for i in range(count)))
 
     def excess(self, velocity: complex) -> float:
         """Return by how much a velocity is too fast in this direction, 0 if it is not."""

@@ -8,10 +8,11 @@ turning heading is not counted.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
 
 from follower_control.bound import Bound
+from follower_control.envelope_settings import EnvelopeSettings
+from follower_control.fence import Fence
 from follower_control.flight_context import FlightContext
 from follower_control.jerklimit import JerkLimit
 from follower_control.limit import Limit
@@ -26,59 +27,15 @@ SHORTEST_S = 1e-6
 HUGE = 1e6
 """Larger components are cut to this before arithmetic that could overflow, m/s."""
 
+TURN_AHEAD_S = 1.0
+"""So far ahead it is looked where the velocity goes while the nose turns."""
+
 NOTICEABLE = 0.05
 """A smaller difference between asked and allowed velocity is not reported, m/s."""
 
 
-@dataclass(frozen=True, slots=True)
-class EnvelopeSettings:
-    """The limits. None switches off one that needs telemetry or a target.
-
-    Attributes:
-        max_speed_m_s: horizontally, in any direction.
-        max_climb_m_s: upwards.
-        max_descent_m_s: downwards.
-        max_acceleration_m_s2: horizontally, and vertically, each by itself.
-        max_jerk_m_s3: likewise.
-        max_yaw_rate_deg_s: either way.
-        max_yaw_acceleration_deg_s2: either way.
-        min_height_m: above home; no descent below it.
-        ceiling_m: above home; no climb above it.
-        fence_radius_m: around home; no motion away from home beyond it.
-        min_distance_m: to the target; no motion towards a standing target within that. A target
-            that moves away is taken to brake like us (Gipps, 1981), so that it can be followed.
-        braking_m_s2: with what deceleration speeds are reduced ahead of these four.
-        reaction_s: how long the vehicle takes to answer, counted before it brakes.
-        max_interval_s: longer pauses between two calls count as this long.
-    """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    max_speed_m_s: float = 10.0
-    max_climb_m_s: float = 2.0
-    max_descent_m_s: float = 1.5
-    max_acceleration_m_s2: float = 3.0
-    max_jerk_m_s3: float = 10.0
-    max_yaw_rate_deg_s: float = 60.0
-    max_yaw_acceleration_deg_s2: float = 120.0
-    min_height_m: float | None = 3.0
-    ceiling_m: float | None = 50.0
-    fence_radius_m: float | None = 200.0
-    min_distance_m: float | None = 4.0
-    braking_m_s2: float = 2.0
-    reaction_s: float = 1.0
-    max_interval_s: float = 0.1
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and not 0 < value < math.inf:
-                raise ValueError(f"{field.name} is finite and positive, not {value}")
-        if self.braking_m_s2 > self.max_acceleration_m_s2:
-            raise ValueError("braking_m_s2 is at most max_acceleration_m_s2")
-        low, high = self.min_height_m, self.ceiling_m
-        if low is not None and high is not None and low >= high:
-            raise ValueError(f"min_height_m lies below ceiling_m, not {low} and {high}")
+_LEVEL = math.cos(math.radians(45))
+_NO_WAY = tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +63,13 @@ class Envelope:
     velocity gets there within acceleration and jerk, ahead of time by `braking_m_s2` and
     `reaction_s`.
 
+    A fence is kept also while the nose turns, for the velocity turns with it: what would lead out
+    after `TURN_AHEAD_S` of turning counts already now.
+
     What is not known is taken for the worst: with a height limit set but no height, neither climb
     nor descent; with a fence but no position or heading, no horizontal motion; with a minimum
-    distance but no range to the target, no motion forward.
+    distance but no range to the target, no motion forward. Only a clearance that nobody measures
+    limits nothing.
     """
 
     def __init__(self, settings: EnvelopeSettings | None = None) -> None:
@@ -118,6 +79,8 @@ class Envelope:
         acceleration, jerk = s.max_acceleration_m_s2, s.max_jerk_m_s3
         self._horizontal = JerkLimit(acceleration, jerk, self._is_flyable)
         self._vertical = JerkLimit(acceleration, jerk, self._is_climbable)
+        self._polygon = None if s.fence_m is None else Fence(s.fence_m)
+        self._origin_deg: tuple[float, float] | None = None
         self._yaw_rate = 0.0
         self._last_s: float | None = None
         self._limits: list[Limit] = []
@@ -173,36 +136,82 @@ class Envelope:
         if abs(velocity) > top:
             self._limits.append(Limit.SPEED)
             velocity *= top / abs(velocity)
-        bounds = (*self._fence(context), *self._nearness(context))
+        (trust,) = context.known("trust") or (1.0,)
+        if abs(velocity) > (trusted := top * min(max(trust, 0.0), 1.0)):
+            self._limits.append(Limit.DOUBT)
+            velocity *= trusted / abs(velocity)
+        turn = self._turn_ahead(wanted.yaw_rate_rad_s)
+        bounds = (
+            *self._fence(context, turn),
+            *self._polygon_fence(context, turn),
+            *self._nearness(context),
+        )
         for bound in bounds:
             if bound.excess(velocity) > 0:
                 self._limits.append(bound.limit)
             velocity = bound.kept(velocity)
         return velocity * min((bound.share(velocity) for bound in bounds), default=1.0)
 
-    def _fence(self, context: FlightContext) -> tuple[Bound, ...]:
+    def _turn_ahead(self, wanted_rad_s: float) -> float:
+        """Return by how much the nose will have turned soon."""
+        wanted = _clip(wanted_rad_s, self._max_yaw_rate)
+        return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
+
+    def _fence(self, context: FlightContext, turn: float) -> tuple[Bound, ...]:
         radius = self._settings.fence_radius_m
         if radius is None:
             return ()
         known = context.known("yaw_rad", "north_m", "east_m")
         if known is None:
-            return tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
+            return _NO_WAY
         yaw, north, east = known
         speed = self._braking_speed(radius - math.hypot(north, east))
-        return (Bound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE),)
+        bound = Bound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE)
+        return bound.while_turning(turn)
+
+    def _polygon_fence(self, context: FlightContext, turn: float) -> tuple[Bound, ...]:
+        s = self._settings
+        if s.fence_m is None and s.fence_deg is None:
+            return ()
+        known, polygon = context.known("yaw_rad", "north_m", "east_m"), self._fence_at(context)
+        if known is None or polygon is None:
+            return _NO_WAY
+        yaw, north, east = known
+        top = s.max_speed_m_s
+        bounds = polygon.bounds(complex(north, east), s.fence_margin_m, self._braking_speed)
+        near = [bound.turned(-yaw) for bound in bounds if bound.max_speed_m_s < top]
+        return tuple(turned for bound in near for turned in bound.while_turning(turn))
+
+    def _fence_at(self, context: FlightContext) -> Fence | None:
+        """Return the polygon in metres; one in degrees needs to know where the origin is."""
+        corners, origin = self._settings.fence_deg, context.origin_deg
+        if corners is not None and origin is not None and origin != self._origin_deg:
+            self._polygon, self._origin_deg = Fence.around(origin, corners), origin
+        return self._polygon
 
     def _nearness(self, context: FlightContext) -> tuple[Bound, ...]:
-        nearest = self._settings.min_distance_m
-        if nearest is None:
-            return ()
         known = context.known("target_range_m", "target_bearing_rad")
+        speed = self._closing_speed(context)
+        if speed is None:
+            return ()
         if known is None:
             return (Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
-        target_range, bearing = known
+        (elevation,) = context.known("target_elevation_rad") or (0.0,)
+        # What goes past above a target comes no nearer to it.
+        level = min(math.cos(elevation) / _LEVEL, 1.0)
+        return (Bound.towards(known[1], speed / max(level, 1e-3), Limit.TARGET_NEAR),)
+
+    def _closing_speed(self, context: FlightContext) -> float | None:
+        """Return how fast the target may be come nearer to; None if that is not limited."""
+        nearest = self._settings.min_distance_m
+        if nearest is None:
+            return None
+        known = context.known("target_range_m")
+        if known is None:
+            return 0.0
         (target_speed,) = context.known("target_speed_m_s") or (0.0,)
         moves_on = min(max(target_speed, 0.0), HUGE) ** 2 / (2 * self._settings.braking_m_s2)
-        speed = self._braking_speed(target_range + moves_on - nearest)
-        return (Bound.towards(bearing, speed, Limit.TARGET_NEAR),)
+        return self._braking_speed(known[0] + moves_on - nearest)
 
     def _wanted_down(self, wanted: float, context: FlightContext) -> float:
         s = self._settings
@@ -213,7 +222,31 @@ class Envelope:
         if down < -s.max_climb_m_s:
             down = -s.max_climb_m_s
             self._limits.append(Limit.CLIMB)
-        return self._between_heights(down, context)
+        down = self._between_heights(down, context)
+        return self._off_the_target(self._off_the_ground(down, context), context)
+
+    def _off_the_ground(self, down: float, context: FlightContext) -> float:
+        lowest, known = self._settings.min_clearance_m, context.known("clearance_m")
+        if (
+            lowest is None
+            or known is None
+            or down <= (most := self._braking_speed(known[0] - lowest))
+        ):
+            return down
+        self._limits.append(Limit.MIN_CLEARANCE)
+        return most
+
+    def _off_the_target(self, down: float, context: FlightContext) -> float:
+        """Neither sink onto a target nor climb into it."""
+        known = context.known("target_elevation_rad", "target_range_m")
+        speed = self._closing_speed(context)
+        if known is None or speed is None:
+            return down
+        closing = -math.sin(known[0]) * down
+        if closing <= speed:
+            return down
+        self._limits.append(Limit.TARGET_NEAR)
+        return down * speed / closing
 
     def _between_heights(self, down: float, context: FlightContext) -> float:
         low, high = self._settings.min_height_m, self._settings.ceiling_m

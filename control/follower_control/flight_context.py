@@ -20,6 +20,10 @@ class FlightContext:
         target_range_m: distance to the target.
         target_bearing_rad: the target's azimuth from the nose, right is positive.
         target_speed_m_s: how fast the target itself moves away along the line of sight.
+        target_elevation_rad: the target's elevation from the horizontal; None counts as level.
+        clearance_m: height above what is below, by a rangefinder or a terrain map.
+        trust: what share of the largest speed may be flown on the estimate; None is all of it.
+        origin_deg: latitude and longitude of the origin of positions.
     """
 
     yaw_rad: float | None = None
@@ -29,6 +33,10 @@ class FlightContext:
     target_range_m: float | None = None
     target_bearing_rad: float | None = None
     target_speed_m_s: float | None = None
+    target_elevation_rad: float | None = None
+    clearance_m: float | None = None
+    trust: float | None = None
+    origin_deg: tuple[float, float] | None = None
 
     @classmethod
     def of(

@@ -10,10 +10,12 @@ class Limit(StrEnum):
 
     NOT_FINITE = "not finite"
     SPEED = "speed"
+    DOUBT = "doubtful estimate"
     CLIMB = "climb speed"
     DESCENT = "descent speed"
     YAW_RATE = "yaw rate"
     MIN_HEIGHT = "minimum height"
+    MIN_CLEARANCE = "minimum clearance"
     CEILING = "ceiling"
     HEIGHT_UNKNOWN = "height unknown"
     FENCE = "fence"

@@ -20,7 +20,7 @@ from follower.faults.wire_rules import (
 )
 from follower.flightlog import ControlRecord
 from follower.supervisor import State
-from follower_control.envelope import EnvelopeSettings
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_sim.score import TruthSample
 
 STANDING_M_S = 0.5

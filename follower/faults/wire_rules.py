@@ -9,7 +9,7 @@ from itertools import pairwise
 from follower.faults.evidence import Evidence, Motion, WireSetpoint
 from follower.flightlog import ControlRecord
 from follower.supervisor import State
-from follower_control.envelope import EnvelopeSettings
+from follower_control.envelope_settings import EnvelopeSettings
 
 BODY_FRAME, VELOCITY_AND_YAW_RATE = 8, 0x5C7
 LET_GO_WITHIN_S = 0.1

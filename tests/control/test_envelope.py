@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 
 from follower_control.bound import Bound
-from follower_control.envelope import Envelope, EnvelopeSettings
+from follower_control.envelope import Envelope
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.flight_context import FlightContext
 from follower_control.limit import Limit
 from follower_control.setpoint import HOLD, VelocitySetpoint

@@ -6,7 +6,8 @@ import hypothesis.strategies as st
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from follower_control.envelope import SHORTEST_S, Envelope, EnvelopeSettings
+from follower_control.envelope import SHORTEST_S, Envelope
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.flight_context import FlightContext
 from follower_control.setpoint import VelocitySetpoint
 

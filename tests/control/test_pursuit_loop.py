@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from follower_control.envelope import Envelope, EnvelopeSettings
+from follower_control.envelope import Envelope
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
 from follower_control.servo import VisualServo

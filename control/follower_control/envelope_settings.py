@@ -1,0 +1,77 @@
+"""The envelope's limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+from follower_control.estimate_trust import TrustSettings
+from follower_control.fence import check_corners
+
+
+@dataclass(frozen=True, slots=True)
+class EnvelopeSettings:
+    """The limits. None switches off one that needs telemetry or a target.
+
+    Attributes:
+        max_speed_m_s: horizontally, in any direction.
+        max_climb_m_s: upwards.
+        max_descent_m_s: downwards.
+        max_acceleration_m_s2: horizontally, and vertically, each by itself.
+        max_jerk_m_s3: likewise.
+        max_yaw_rate_deg_s: either way.
+        max_yaw_acceleration_deg_s2: either way.
+        min_height_m: above home; no descent below it.
+        ceiling_m: above home; no climb above it.
+        min_clearance_m: above what is below, where a rangefinder or a terrain map tells it.
+        fence_radius_m: around home; no motion away from home beyond it.
+        fence_m: corners (north, east) in metres from home of a polygon that is not left; outside
+            of it, there is only motion back.
+        fence_deg: the same by corners (latitude, longitude), in degrees.
+        fence_margin_m: how far from the polygon's sides the vehicle stops.
+        min_distance_m: to the target; no motion towards a standing target within that. A target
+            that moves away is taken to brake like us (Gipps, 1981), so that it can be followed.
+        braking_m_s2: with what deceleration speeds are reduced ahead of these four.
+        trust: how the largest speed falls with the quality of the estimate.
+        reaction_s: how long the vehicle takes to answer, counted before it brakes.
+        max_interval_s: longer pauses between two calls count as this long.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    max_speed_m_s: float = 10.0
+    max_climb_m_s: float = 2.0
+    max_descent_m_s: float = 1.5
+    max_acceleration_m_s2: float = 3.0
+    max_jerk_m_s3: float = 10.0
+    max_yaw_rate_deg_s: float = 60.0
+    max_yaw_acceleration_deg_s2: float = 120.0
+    min_height_m: float | None = 3.0
+    ceiling_m: float | None = 50.0
+    min_clearance_m: float | None = 2.0
+    fence_radius_m: float | None = 200.0
+    fence_m: tuple[tuple[float, float], ...] | None = None
+    fence_deg: tuple[tuple[float, float], ...] | None = None
+    fence_margin_m: float = 1.0
+    min_distance_m: float | None = 4.0
+    braking_m_s2: float = 2.0
+    reaction_s: float = 1.0
+    trust: TrustSettings = field(default_factory=TrustSettings)
+    max_interval_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, float | int) and not 0 < value < math.inf:
+                raise ValueError(f"{one.name} is finite and positive, not {value}")
+        if self.braking_m_s2 > self.max_acceleration_m_s2:
+            raise ValueError("braking_m_s2 is at most max_acceleration_m_s2")
+        low, high = self.min_height_m, self.ceiling_m
+        if low is not None and high is not None and low >= high:
+            raise ValueError(f"min_height_m lies below ceiling_m, not {low} and {high}")
+        if self.fence_m is not None and self.fence_deg is not None:
+            raise ValueError("a polygon is given by fence_m or by fence_deg, not by both")
+        for corners in (self.fence_m, self.fence_deg):
+            if corners is not None:
+                check_corners(corners)

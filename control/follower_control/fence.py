@@ -1,0 +1,138 @@
+"""A polygon that the vehicle never leaves by itself."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+from follower_control.bound import Bound
+from follower_control.limit import Limit
+
+_EARTH_RADIUS_M = 6378137.0
+_TOUCHING_M = 1e-6
+_BACK_RAD = math.radians(45)
+"""Outside, the way back may be off the shortest one by this much."""
+
+Corners = Sequence[tuple[float, float]]
+
+
+class Fence:
+    """A simple polygon, convex or not, and what speeds it allows at a place.
+
+    Horizontal vectors are complex numbers, north + 1j * east.
+
+    Args:
+        corners: (north, east) in metres, in either order of turning; the last one is joined to the
+            first.
+
+    Raises:
+        ValueError: it is no polygon, or its sides cross each other.
+    """
+
+    def __init__(self, corners: Corners) -> None:
+        check_corners(corners)
+        points = [complex(north, east) for north, east in corners]
+        if _area(points) < 0:
+            points.reverse()
+        self._sides = list(zip(points, [*points[1:], points[0]], strict=True))
+
+    @classmethod
+    def around(cls, origin_deg: tuple[float, float], corners_deg: Corners) -> Fence:
+        """Make a fence from (latitude, longitude) corners, seen from the origin of positions."""
+        latitude, longitude = origin_deg
+        north = math.radians(1.0) * _EARTH_RADIUS_M
+        east = north * math.cos(math.radians(latitude))
+        return cls([((la - latitude) * north, (lo - longitude) * east) for la, lo in corners_deg])
+
+    def contains(self, place: complex) -> bool:
+        """Whether a place lies inside, its sides not counted."""
+        crossings = 0
+        for a, b in self._sides:
+            if (a.imag > place.imag) != (b.imag > place.imag):
+                share = (place.imag - a.imag) / (b.imag - a.imag)
+                crossings += place.real < a.real + share * (b.real - a.real)
+        return crossings % 2 == 1 and self.distance_m(place) > _TOUCHING_M
+
+    def distance_m(self, place: complex) -> float:
+        """Return the distance to the nearest side."""
+        return min(abs(_nearest(side, place) - place) for side in self._sides)
+
+    def bounds(
+        self, place: complex, margin_m: float, speed_at: Callable[[float], float]
+    ) -> tuple[Bound, ...]:
+        """Return how fast the vehicle may move in which directions; in the world's axes.
+
+        Inside, towards each side only so fast that it stops before it. Outside, only back.
+
+        Args:
+            place: where the vehicle is.
+            margin_m: how far from the sides it stops.
+            speed_at: the speed from which it stops within a distance.
+        """
+        if self.contains(place):
+            ways = [_nearest(side, place) - place for side in self._sides]
+            return tuple(
+                Bound(way / abs(way), speed_at(abs(way) - margin_m), Limit.FENCE) for way in ways
+            )
+        back = self._way_back(place)
+        return tuple(
+            Bound(-back * cmath.rect(1.0, turn), 0.0, Limit.FENCE)
+            for turn in (0.0, _BACK_RAD, -_BACK_RAD)
+        )
+
+    def _way_back(self, place: complex) -> complex:
+        side = min(self._sides, key=lambda side: abs(_nearest(side, place) - place))
+        way = _nearest(side, place) - place
+        if abs(way) > _TOUCHING_M:
+            return way / abs(way)
+        along = side[1] - side[0]
+        return along * 1j / abs(along)
+
+
+def check_corners(corners: Corners) -> None:
+    """Refuse what is no simple polygon.
+
+    Raises:
+        ValueError: see the message.
+    """
+    if len(corners) < 3:
+        raise ValueError(f"a fence has at least three corners, not {len(corners)}")
+    if not all(math.isfinite(number) for corner in corners for number in corner):
+        raise ValueError("a fence's corners are finite numbers")
+    points = [complex(*corner) for corner in corners]
+    sides = list(zip(points, [*points[1:], points[0]], strict=True))
+    if min(abs(b - a) for a, b in sides) == 0:
+        raise ValueError("two neighbouring corners of the fence are the same")
+    if any(_cross(one, other) for one, other in combinations(sides, 2)):
+        raise ValueError("the fence's sides cross each other")
+    if _area(points) == 0:
+        raise ValueError("the fence encloses nothing")
+
+
+def _nearest(side: tuple[complex, complex], place: complex) -> complex:
+    """Return the point of a side that is nearest to a place."""
+    start, end = side
+    along = end - start
+    share = ((place - start) * along.conjugate()).real / abs(along) ** 2
+    return start + min(max(share, 0.0), 1.0) * along
+
+
+def _area(points: Sequence[complex]) -> float:
+    """Return the enclosed area, positive if the corners turn from north to east."""
+    following = [*points[1:], points[0]]
+    return sum((a.conjugate() * b).imag for a, b in zip(points, following, strict=True)) / 2
+
+
+def _cross(one: tuple[complex, complex], other: tuple[complex, complex]) -> bool:
+    """Whether two sides meet other than at a common corner."""
+    if set(one) & set(other):
+        return False
+    return _parts(one, *other) and _parts(other, *one)
+
+
+def _parts(side: tuple[complex, complex], a: complex, b: complex) -> bool:
+    """Whether two points lie on different sides of a line, or one of them on it."""
+    along = (side[1] - side[0]).conjugate()
+    return ((a - side[0]) * along).imag * ((b - side[0]) * along).imag <= 0
