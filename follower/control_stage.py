@@ -17,10 +17,11 @@ from follower.supervisor import Order, Situation, State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.envelope import Envelope, LimitedSetpoint
 from follower_control.estimate import TargetEstimate
+from follower_control.estimate_trust import trust_in
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
 from follower_control.ground_range import range_to_ground
-from follower_control.liveness import Liveness
+from follower_control.liveness import Liveness, PositionLiveness
 from follower_control.search import Search
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
@@ -61,6 +62,7 @@ class ControlStage:
         self._sighter.looks_down = settings.servo.mode is Mode.OVERHEAD
         self._attitudes = AttitudeHistory()
         self._liveness = Liveness()
+        self._place_liveness = PositionLiveness()
         self._sound = SoundTelemetry()
         self._estimator = TargetEstimator(settings.estimator)
         self._servo = VisualServo(settings.servo, mount.pitch_rad)
@@ -133,6 +135,7 @@ class ControlStage:
         for attitude in attitudes:
             if self._attitudes.add(attitude):
                 self._liveness.note(attitude, now_s)
+        self._place_liveness.note(vehicle.position, now_s)
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
@@ -210,6 +213,7 @@ class ControlStage:
             vehicle.attitude_age_s(now_s),
             vehicle.position_age_s(now_s),
             self._liveness.age_s(now_s),
+            self._place_liveness.age_s(now_s),
         )
         return Situation(
             target_chosen=track is not None,
@@ -288,14 +292,28 @@ class ControlStage:
     def _context(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
     ) -> FlightContext:
-        errors, position = self._servo.errors, vehicle.position
+        errors, context = self._servo.errors, FlightContext.of(vehicle, now_s)
         if errors is None:
-            return FlightContext.of(vehicle, now_s)
-        range_m = errors.range_m
-        if estimate is not None and position is not None:
-            range_m = min(range_m, range_to_ground(position.height_m, estimate.elevation_rad))
-        return FlightContext.of(
-            vehicle, now_s, range_m, errors.azimuth_rad, errors.target_speed_m_s
+            return context
+        context = replace(
+            context,
+            target_range_m=errors.range_m,
+            target_bearing_rad=errors.azimuth_rad,
+            target_speed_m_s=errors.target_speed_m_s,
+        )
+        return context if estimate is None else self._seen_from(context, estimate)
+
+    def _seen_from(self, context: FlightContext, estimate: TargetEstimate) -> FlightContext:
+        """Add what the estimate says; the target is no farther away than the ground behind it."""
+        elevation, range_m = estimate.height_angle_rad, context.target_range_m
+        height_m = context.height_m if context.clearance_m is None else context.clearance_m
+        if height_m is not None and range_m is not None:
+            range_m = min(range_m, range_to_ground(height_m, elevation))
+        return replace(
+            context,
+            target_range_m=range_m,
+            target_elevation_rad=elevation,
+            trust=trust_in(estimate, self.settings.envelope.trust),
         )
 
     def _sends(self, state: State, vehicle: VehicleState) -> bool:

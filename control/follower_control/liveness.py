@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from follower_control.vehicle import Attitude
+from follower_control.vehicle import Attitude, LocalPosition
+
+_MOVING_M_S = 0.3
 
 
 class Liveness:
@@ -26,3 +29,32 @@ class Liveness:
     def age_s(self, now_s: float) -> float:
         """Return how long the numbers have been the same, infinity before the first."""
         return now_s - self._changed_s
+
+
+class PositionLiveness:
+    """How long positions have contradicted themselves.
+
+    One that stays the same to the last bit while it tells of a velocity is fed by nobody. One that
+    tells of standing still may be the same for long: it may be measured coarsely.
+    """
+
+    def __init__(self) -> None:
+        self._last: LocalPosition | None = None
+        self._moved_s = -math.inf
+
+    def note(self, position: LocalPosition | None, now_s: float) -> None:
+        """Look at the newest position, the same one again if there is no newer."""
+        last, self._last = self._last, position
+        if position is None or position is last:
+            return
+        if last is None or not _is_stuck(last, position):
+            self._moved_s = now_s
+
+    def age_s(self, now_s: float) -> float:
+        """Return how long none has come that can be believed, infinity before the first."""
+        return now_s - self._moved_s
+
+
+def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:
+    moves = math.hypot(position.north_m_s, position.east_m_s, position.down_m_s) > _MOVING_M_S
+    return moves and replace(last, time_s=position.time_s) == position
