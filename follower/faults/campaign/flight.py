@@ -30,7 +30,7 @@ _CALM_S = 3.0
 _CLOSING_S = 10.0
 _STANDING_M_S = 0.5
 _PITCH_DEG = -20.0
-_PILOT = {"leaves": 0.02, "returns": 0.2, "stops": 0.003, "renews": 0.1, "disarms": 0.001}
+_PILOT = {"leaves": 0.02, "returns": 0.2, "stops": 0.003, "renews": 0.4, "disarms": 0.001}
 """What people do, times a second."""
 
 

@@ -1,0 +1,172 @@
+"""`follower faults`: the matrix of faults, and many random flights."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from follower.faults.catalogue import CATALOGUE, fault_named, in_groups
+from follower.faults.fault import Fault
+from follower.faults.page import write_into
+from follower.faults.planned import PlannedFault
+from follower.faults.results import Result, Results
+from follower.stopwatch import Stopwatch
+from follower_control.strict_yaml import SettingsError
+
+FLAVOURS = ("px4", "ardupilot")
+_CONNECTION = "udpin:127.0.0.1:14590"
+_NICE = 10
+_FAILED = 1
+RESULTS, TALLY = "results.json", "random.json"
+
+Names = Annotated[
+    list[str] | None,
+    typer.Argument(help="Faults of the catalogue, all by default; **list** shows them."),
+]
+Autopilot = Annotated[str, typer.Option(metavar="px4|ardupilot|both")]
+LinkKind = Annotated[
+    str, typer.Option("--link", metavar="pymavlink|mavsdk", help="mavsdk flies in real time alone.")
+]
+RealtimeFlag = Annotated[
+    bool, typer.Option("--realtime", help="Threads and UDP in place of lockstep.")
+]
+RandomFlights = Annotated[
+    int,
+    typer.Option("--random", min=0, help="Fly so many more random flights in place of the matrix."),
+]
+Seed = Annotated[int, typer.Option(help="Of the random flights.")]
+Only = Annotated[
+    int | None, typer.Option("--only", help="Fly the random flight of this number alone.")
+]
+Out = Annotated[Path, typer.Option(help="Where results are kept from run to run.")]
+Docs = Annotated[
+    Path | None, typer.Option(help="Put the tables of all results into this Markdown file.")
+]
+
+
+def faults_command(
+    names: Names = None,
+    autopilot: Autopilot = "both",
+    link: LinkKind = "pymavlink",
+    realtime: RealtimeFlag = False,
+    random: RandomFlights = 0,
+    seed: Seed = 0,
+    only: Only = None,
+    out: Out = Path("runs/faults"),
+    docs: Docs = None,
+) -> None:
+    """Put faults into simulated flights and judge what comes of them.
+
+    Without options: every fault of the catalogue, with both autopilots, on a simulated clock. An
+    independent watcher sees what goes over the wire and how the vehicle moves. The exit code is 1
+    if anything is not as it must be.
+    """
+    console = Console()
+    if names == ["list"]:
+        print_catalogue(console)
+        return
+    with suppress(OSError):
+        os.nice(_NICE)
+    if random or only is not None:
+        failed = _fly_random(console, random, seed, only, out / TALLY)
+    elif docs is not None and not names:
+        failed = False
+    else:
+        failed = _fly_matrix(console, list(names or ()), autopilot, link, realtime, out / RESULTS)
+    if docs is not None:
+        from follower.faults.campaign.tally import Tally
+
+        write_into(docs, Results(out / RESULTS), Tally.load(out / TALLY, seed))
+    raise typer.Exit(_FAILED if failed else 0)
+
+
+def print_catalogue(console: Console) -> None:
+    """Show all faults with what must come of them."""
+    table = Table(box=None)
+    for title in ("fault", "lasts", "what must happen"):
+        table.add_column(title, overflow="fold")
+    for group, faults in in_groups().items():
+        table.add_row(f"[bold]{group}[/bold]")
+        for fault in faults:
+            lasts = "on" if fault.for_s == float("inf") else f"{fault.for_s:g} s"
+            table.add_row(fault.name, lasts, fault.must)
+    console.print(table)
+
+
+def _fly_matrix(
+    console: Console, names: list[str], autopilot: str, link: str, realtime: bool, path: Path
+) -> bool:
+    """Fly the cases one after the other; return whether any failed."""
+    realtime = realtime or link == "mavsdk"
+    cases = list(_cases(names, autopilot, realtime))
+    results = Results(path)
+    failed = 0
+    for number, (fault, flavour) in enumerate(cases, 1):
+        result = _fly_one(fault, flavour, link, realtime)
+        results.add(result)
+        failed += not result.verdict.passed
+        mark = "[green]ok[/green]  " if result.verdict.passed else "[red]FAIL[/red]"
+        console.print(f"{number:3}/{len(cases)} {mark} {result.key}", highlight=False)
+        for failure in result.verdict.failures:
+            console.print(f"         {failure}", highlight=False, markup=False)
+    console.print(f"{len(cases)} cases, {failed} failed; all results are in {path}")
+    return failed > 0
+
+
+def _cases(names: list[str], autopilot: str, realtime: bool) -> Iterator[tuple[Fault, str]]:
+    if autopilot not in (*FLAVOURS, "both"):
+        raise SettingsError(f"--autopilot {autopilot}: choose px4, ardupilot or both")
+    try:
+        chosen = [fault_named(name) for name in names] or list(CATALOGUE)
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    for fault in chosen:
+        for flavour in FLAVOURS if autopilot == "both" else (autopilot,):
+            if fault.realtime if realtime else fault.lockstep:
+                yield fault, flavour
+
+
+def _fly_one(fault: Fault, flavour: str, link: str, realtime: bool) -> Result:
+    import cv2
+
+    from follower.faults.flight import Setup, fly_fault
+
+    cv2.setNumThreads(1)
+    connection = _CONNECTION if realtime else None
+    verdict = fly_fault(PlannedFault.of(fault), Setup(flavour, link, connection))
+    return Result(flavour, link, realtime, verdict)
+
+
+def _fly_random(console: Console, flights: int, seed: int, only: int | None, path: Path) -> bool:
+    """Fly random flights, or one of them again; return whether any failed."""
+    from follower.faults.campaign.flight import fly_random
+    from follower.faults.campaign.tally import Tally
+
+    if only is not None:
+        result = fly_random((seed, only))
+        console.print(result.failure or f"flight {only} is as it must be: {result.steps} steps")
+        return bool(result.failure)
+    tally = Tally.load(path, seed)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+        task = progress.add_task("flights", total=flights)
+        for _ in range(flights):
+            timer = Stopwatch()
+            tally.add(fly_random((seed, tally.flights)), timer.elapsed_s())
+            tally.save(path)
+            progress.update(task, advance=1, description=f"{tally.minutes:,.0f} minutes")
+    console.print(
+        f"{tally.flights} flights, {tally.minutes:.0f} minutes, {tally.steps} control steps, "
+        f"{len(tally.failures)} failures; all results are in {path}"
+    )
+    for number, failure in tally.failures.items():
+        console.print(f"flight {number}: {failure}", markup=False)
+    return bool(tally.failures)
