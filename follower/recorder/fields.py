@@ -30,6 +30,7 @@ _UNITS_BY_ENDING = (
     ("_px", "px"),
     ("_hz", "Hz"),
     ("_m", "m"),
+    ("_us", "µs"),
     ("_s", "s"),
 )
 SHAPES: Mapping[str, tuple[int, ...]] = {"covariance": (6, 6)}

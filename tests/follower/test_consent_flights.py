@@ -5,6 +5,7 @@ No camera and no tracker: the target stands in the image where the test puts it.
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,8 @@ from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.mavlink import MavlinkLink
+from follower.recorder import FlightConfig, Recorder, open_flight
+from follower.replay import Replay, compare, replay_settings
 from follower.settings import load_settings
 from follower.supervisor import Order, Reason, State
 from follower_control.setpoint import HOLD
@@ -67,23 +70,27 @@ class Rig:
     def __init__(self, flavour: str, *overrides: str) -> None:
         wanted = {"distance_m": DISTANCE_M, "target_size_m": SIZE_M}
         base = {"camera": {"pitch_deg": -20}, "servo": wanted}
-        settings = load_settings(base=base, overrides=overrides)
+        self.settings = settings = load_settings(base=base, overrides=overrides)
         self.flavour = flavour
         self.clock = SimulatedClock()
         ours, self.theirs = MemoryTransport.pair()
         self.wire = Wire(ours, self.clock)
         self.autopilot = SimAutopilot(flavour, self.theirs, BodyState(0.0, (0.0, 0.0, -15.0)))
-        link = MavlinkLink(self.wire, replace(settings.link, vehicle_id=1))
-        self.log = FlightLog()
         self.camera = settings.camera.model(WIDTH, HEIGHT)
-        self.stage = ControlStage(settings, self.camera, self.log)
-        self.loop = ControlLoop(link, self.stage, self._newest, self.log)
+        self.begin(FlightLog())
         self.seen = True
         self.right_px = 0.0
         self.frames_come = True
         self._newest_track: TrackRecord | None = None
         self._ground_station = mavlink.MAVLink(None, 255, 190)
         self._steps = 0
+
+    def begin(self, log: FlightLog) -> None:
+        """Start our program."""
+        link = MavlinkLink(self.wire, replace(self.settings.link, vehicle_id=1))
+        self.log = log
+        self.stage = ControlStage(self.settings, self.camera, log)
+        self.loop = ControlLoop(link, self.stage, self._newest, log)
 
     def fly(self, seconds: float) -> ControlRecord:
         """Let time pass, control after physics."""
@@ -148,6 +155,7 @@ class Rig:
             state = TrackState.TRACKING if self.seen else TrackState.LOST
             track = Track(box, state, 0.9, "test", now - 0.04, round(now / CONTROL_S))
             self._newest_track = TrackRecord(track, track.sequence, now - 0.04, now, now, 0.001)
+            self.log.add_track(self._newest_track)
         return self._newest_track
 
 
@@ -266,23 +274,17 @@ def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows() -> None:
     rig.wire.cut = True
     rig.fly(2.5)
     assert rig.autopilot.mode == "RTL"
-    again = Rig("px4")
-    again.theirs, rig_wire = rig.theirs, rig.wire
-    again.autopilot = rig.autopilot
-    again.clock, again._steps = rig.clock, rig._steps
-    again.wire = rig_wire
-    again.wire.cut = False
-    link = MavlinkLink(again.wire, replace(again.stage.settings.link, vehicle_id=1))
-    again.loop = ControlLoop(link, again.stage, again._newest, again.log)
-    record = again.fly(3.0)
+    rig.begin(FlightLog())
+    rig.wire.cut = False
+    record = rig.fly(3.0)
     assert (record.state, record.reason) == (State.TRACKING, Reason.AUTOPILOT_FAILSAFE)
     assert rig.autopilot.mode == "RTL"
     # The pilot takes the vehicle, and with it ends the failsafe.
     rig.autopilot.switch_mode("POSCTL")
-    again.until(State.READY)
-    again.fly(0.3)
+    rig.until(State.READY)
+    rig.fly(0.3)
     assert rig.autopilot.switch_mode("OFFBOARD")
-    again.until(F)
+    rig.until(F)
 
 
 @flavours
@@ -571,3 +573,44 @@ def test_nothing_changes_the_mode_unless_the_release_is_set_to(flavour: str) -> 
     modes = [m for _, m in rig.wire.sent if m.get_type() == "COMMAND_LONG"]
     assert mavlink.MAV_CMD_DO_SET_MODE not in {m.command for m in modes}
     assert rig.autopilot.mode == OURS[flavour]
+
+
+def test_a_flight_with_switch_sticks_orders_and_a_search_is_replayed_bit_for_bit(
+    tmp_path: Path,
+) -> None:
+    rig = Rig("px4", "consent.kind=rc", "consent.rc_channel=5", "sticks.nudge=true", *SHORT)
+    config = FlightConfig.of("simulated", rig.settings, camera=rig.camera)
+    recorder = Recorder(tmp_path, config, rig.clock, rig.settings.recorder, threaded=False)
+    with recorder:
+        rig.begin(recorder.log)
+        rig.autopilot.move_sticks(*MIDDLE, 1000)
+        rig.until(State.READY)
+        rig.fly(0.3)
+        rig.autopilot.switch_mode("OFFBOARD")
+        rig.autopilot.move_sticks(*MIDDLE, 2000)
+        rig.until(F)
+        rig.right_px = 40.0
+        rig.fly(0.5)
+        rig.autopilot.move_sticks(1650, 1400, 1600, 1400, 2000)
+        rig.fly(0.5)
+        rig.stage.order(Order.WITHDRAW)
+        rig.until(R)
+        rig.autopilot.move_sticks(*MIDDLE, 1000)
+        rig.fly(0.3)
+        rig.autopilot.move_sticks(*MIDDLE, 2000)
+        rig.until(F)
+        rig.seen = False
+        for state in (C, S, H, R):
+            rig.until(state)
+        rig.stage.request_stop()
+        rig.fly(0.2)
+    flight = open_flight(tmp_path)
+    # There are no pictures: control has the recorded tracks.
+    replay = Replay(flight, replay_settings(flight), tracks_recorded=True)
+    replay.run()
+    assert len(flight.log.controls) == len(rig.log.controls)
+    assert compare(flight.log, replay.log).identical
+    unsteered = Replay(
+        flight, replay_settings(flight, ["sticks.nudge=false"]), tracks_recorded=True
+    )
+    assert not compare(flight.log, unsteered.run()).identical
