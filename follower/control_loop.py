@@ -59,19 +59,20 @@ class ControlLoop:
         )
         self._send(record)
         self._let_go(record)
-        if self._autonomy is not None:
+        if self._autonomy is not None and not self._release.acts:
             self._fly(self._autonomy, now_s, record.state)
         if self._on_step is not None:
             self._on_step(record)
 
     def hold(self) -> None:
-        """Send one hold whatever else goes on: the last word of a program that ends."""
-        self._link.send(HOLD)
+        """Send one hold: the last word of a program that ends while the vehicle is in its hands."""
+        if self._before.engaged or self._link.state.obeys_setpoints:
+            self._link.send(HOLD)
 
     def _send(self, record: ControlRecord) -> None:
         if record.sent:
             self._link.send(record.allowed)
-        elif record.state is State.RELEASED and self._before is not State.RELEASED:
+        elif record.state is State.RELEASED and self._before.streams:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
         self._before = record.state

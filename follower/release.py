@@ -87,19 +87,26 @@ class Release:
         self._asked = 0
         self._notes: list[str] = []
 
+    @property
+    def acts(self) -> bool:
+        """Whether more than a hold follows on a release, and nobody has the vehicle yet."""
+        return self._since_s is not None and self._settings.action is not ReleaseAction.HOLD
+
     def step(
         self, now_s: float, state: State, vehicle: VehicleState, autopilot_name: str
     ) -> str | None:
         """Return the mode to ask for now, None for none."""
         begins = state is State.RELEASED and self._before.engaged and vehicle.obeys_setpoints
         self._before = state
-        mode = release_mode(self._settings.action, autopilot_name)
         if begins:
             self._since_s, self._asked_s, self._asked = now_s, -math.inf, 0
-        if mode is None or self._since_s is None:
+        if self._since_s is None:
             return None
         if state is not State.RELEASED or not vehicle.obeys_setpoints:
             self._end(vehicle.mode)
+            return None
+        mode = release_mode(self._settings.action, autopilot_name)
+        if mode is None:
             return None
         ready = is_resting(vehicle, now_s) or now_s - self._since_s >= _LONGEST_STOP_S
         due = now_s - self._asked_s >= self._settings.retry_s

@@ -1,6 +1,5 @@
 """Consent, the switch, the sticks, the release's mode and commands, each by itself."""
 
-import io
 import math
 from dataclasses import replace
 
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.consent import Consent, ConsentSettings
-from follower.consent_keys import ConsentKeys
 from follower.links.operator_commands import OperatorCommands
 from follower.release import Release, ReleaseAction, ReleaseSettings, release_mode
 from follower.sticks import Sticks, StickSettings
@@ -291,12 +289,3 @@ def test_commands_that_nobody_takes_do_not_pile_up() -> None:
     for number in range(1000):
         commands.hear(command(float(number)), 0.0)
     assert len(commands.take()) == 16
-
-
-def test_lines_of_the_terminal_are_orders() -> None:
-    orders: list[Order] = []
-    lines = io.StringIO("\nW\nwhat?\n\n")
-    keys = ConsentKeys(lines, orders.append)
-    keys.read()
-    assert orders == [Order.GIVE, Order.WITHDRAW, Order.GIVE]
-    assert not keys.start()  # what is no terminal is not read
