@@ -205,6 +205,18 @@ def test_the_motion_tracker_looks_once_a_frame_while_the_camera_is_calm() -> Non
     assert matcher.updates == len(calm) - 1
 
 
+def test_it_looks_once_a_frame_also_while_the_camera_pans_fast() -> None:
+    """Only in the first frame it cannot know that the target moves by 0.75 of its size."""
+    matcher = Matcher()
+    tracker = FusionTracker(matcher)
+    fast = [Frame(_seen(30.0 * number, 0), number / 30, number) for number in range(14)]
+    tracker.start(fast[0], Box(560, 180, 40, 40))
+    tracks = [tracker.step(frame) for frame in fast[1:]]
+    tracker.close()
+    assert tracks[-1].box.distance(Box(560 - 30 * 13, 180, 40, 40)) < 3
+    assert matcher.updates == len(fast)
+
+
 def test_a_step_without_camera_motion_starts_no_thread() -> None:
     before = threading.active_count()
     tracker = FusionTracker(Matcher(), settings=FusionSettings(camera_motion=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.warp import Warp
 from follower_vision.fusion.witness import Witness
 from follower_vision.track import Track, TrackState
+
+_CALM_SIZES = 0.6
 
 SAME_IOU = 0.5
 """Two boxes that overlap so much are the same object's."""
@@ -45,6 +48,7 @@ class Belief:
     Attributes:
         box: where the target is, or is taken to be.
         previous: the same in the last frame's pixels.
+        ahead: where it should be by that alone, before the camera's motion is known.
         reference: a box of the last confirmed size.
         state: as in `Track`.
         confidence: as in `Track`.
@@ -60,7 +64,7 @@ class Belief:
     """
 
     def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
-        self.box = self.previous = self.reference = box
+        self.box = self.previous = self.ahead = self.reference = box
         self.state = TrackState.TRACKING
         self.confidence = 1.0
         self.produced_by = produced_by
@@ -106,10 +110,27 @@ class Belief:
         interval_s = captured_s - self.now.captured_s
         expected = self.kinematics.advance(warp, interval_s)
         self.rivals.advance(interval_s)
+        self.ahead = self.place_ahead()
         self.previous = self.box
         self.box = warp.box(self.box)
         self.history.add(captured_s, warp, self.box)
         return expected if predict else self.box
+
+    def place_ahead(self) -> Box:
+        """Return where the target should be in the next image, by its places in the last two.
+
+        A target that hardly moves across the image should be where it is; one that moves fast, as
+        when the camera swings, should move on.
+        """
+        right, down = self.box.cx - self.previous.cx, self.box.cy - self.previous.cy
+        if math.hypot(right, down) < _CALM_SIZES * self.box.scale:
+            return self.box
+        return self.box.moved_to(self.box.cx + right, self.box.cy + down)
+
+    def about_ahead(self, place: Box) -> Box:
+        """Return the place where the motion tracker looked ahead, if a place is about the same."""
+        calm = place.distance(self.ahead) < _CALM_SIZES * place.scale
+        return self.ahead if calm else place
 
     def see(self, box: Box, confidence: float, produced_by: str) -> None:
         """The target is here."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 from follower_vision.box import Box
 from follower_vision.frame import Frame
-from follower_vision.fusion.belief import Belief, towards
+from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.rivals import LEAST_SHARE
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.sizes import clamped, drawn, inside
 from follower_vision.fusion.steering import (
     CandidateTracker,
     ProbingTracker,
@@ -27,14 +26,13 @@ _VERY_CERTAIN = 0.995
 _LESS_CERTAIN = 0.5
 _OBJECTED = 4.0
 _USUAL_LOOKS = 0.85
+_HESITANT = 0.92
+_JUMP_SIZES = 1.0
 _RIVAL_FRAMES = 2
-_CALM_SIZES = 0.6
 _RESUME_SIZES = 1.5
 _STEADY_SIZES = 0.75
 _ANCHOR_LOOKS = 0.88
 _CONFIDENCE_MEMORY_S = 2.0
-_REFERENCE_MEMORY_S = 0.7
-_UNCONFIRMED_POWER = 2.0
 
 
 class Following:
@@ -56,6 +54,8 @@ class Following:
         self._doubted_s: float | None = None
         self._turns = 0
         self._rival_frames = 0
+        self._doubts = 0
+        self._broken = False
 
     @property
     def doubting(self) -> bool:
@@ -70,7 +70,8 @@ class Following:
         self._low = 0
         self._doubted_s = None
         self._steady_s = 0.0
-        self._turns = self._rival_frames = 0
+        self._turns = self._rival_frames = self._doubts = 0
+        self._broken = False
 
     def relocate(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""
@@ -96,10 +97,10 @@ class Following:
             belief: still that of the last frame.
         """
         self._ahead = None
-        followed = belief.state is TrackState.TRACKING or self.doubting
-        if self._steerable is not None and followed:
-            self._steerable.move_to(belief.box)
-            self._ahead = belief.box, self._steerable.update(frame.image)
+        if self._steerable is not None and not self._searching(belief):
+            place = belief.place_ahead()
+            self._steerable.move_to(place)
+            self._ahead = place, self._steerable.update(frame.image)
 
     def follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
@@ -132,7 +133,8 @@ class Following:
             self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
-        belief.box = self._clamped(evidence.box, belief)
+        self._broken = self._broken or _breaks(belief, evidence)
+        belief.box = clamped(evidence.box, belief, self._settings)
         if self._low < settings.low_frames:
             return
         reference = belief.reference
@@ -142,7 +144,7 @@ class Following:
         else:
             belief.reference = reference
             self._doubted_s = self._steady_s = 0.0
-            self._rival_frames = 0
+            self._rival_frames = self._doubts = 0
             self.coast(frame, belief, belief.box, "doubtful")
 
     def _may_doubt(self, belief: Belief, evidence: Evidence, interval_s: float) -> bool:
@@ -167,7 +169,8 @@ class Following:
             self._steady_s += weight * interval_s
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
-        belief.reference = self._drawn(belief.reference, evidence.box, interval_s)
+        belief.reference = drawn(belief.reference, evidence.box, interval_s)
+        self._broken = self._broken or _breaks(belief, evidence)
         insistent = self._insistent(belief)
         if insistent:
             self._looks.accept(frame, evidence.box)
@@ -175,13 +178,21 @@ class Following:
         if insistent or self._recognised(belief, evidence):
             self._see(frame, belief, evidence, interval_s)
             return
-        rival = self._probe(frame, expected)
-        better = rival is not None and self._judge.surpasses(rival, evidence)
-        self._rival_frames = self._rival_frames + 1 if better else 0
+        rival = self._rival(frame, expected, evidence)
         if rival is not None and self._rival_frames >= _RIVAL_FRAMES:
             self._see(frame, belief, rival, interval_s)
             return
-        self.coast(frame, belief, self._clamped(evidence.box, belief), "doubtful")
+        self.coast(frame, belief, clamped(evidence.box, belief, self._settings), "doubtful")
+
+    def _rival(self, frame: Frame, expected: Box, evidence: Evidence) -> Evidence | None:
+        """Look for the target where it should be, every second time, until it is there."""
+        self._doubts += 1
+        if self._doubts % 2 == 0 and not self._rival_frames:
+            return None
+        rival = self._probe(frame, expected)
+        better = rival is not None and self._judge.surpasses(rival, evidence)
+        self._rival_frames = self._rival_frames + 1 if better else 0
+        return rival
 
     def _while_coasting(
         self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
@@ -200,8 +211,12 @@ class Following:
             self.coast(frame, belief, expected, "coasting")
 
     def _insistent(self, belief: Belief) -> bool:
-        """Whether the tracker has been certain for long; longer if the detector objects."""
-        longer = _OBJECTED if belief.witness.objects else 1.0
+        """Whether the tracker has been certain for long.
+
+        It takes longer if the detector objects, or if the tracker may have gone over to something
+        else meanwhile.
+        """
+        longer = _OBJECTED if belief.witness.objects or self._broken else 1.0
         return self._steady_s > self._settings.insist_s * longer
 
     def _recognised(self, belief: Belief, evidence: Evidence) -> bool:
@@ -211,7 +226,7 @@ class Following:
 
     def coast(self, frame: Frame, belief: Belief, expected: Box, why: str) -> None:
         """The target is not seen: extrapolate for a while, then it is lost."""
-        belief.box = _inside(expected, frame)
+        belief.box = inside(expected, frame)
         gone = expected.visible_share(frame.width, frame.height) < _LEAST_VISIBLE
         late = belief.unseen_s > self._settings.coast_s
         if belief.state is TrackState.LOST or gone or late:
@@ -224,14 +239,19 @@ class Following:
     def _place(self, frame: Frame, belief: Belief, expected: Box) -> Box:
         """Where the motion tracker looks; all around, once the target is lost."""
         if self._low == 1 or self._doubted_s is not None:
-            return _about_last(belief, belief.box)
-        if belief.state is TrackState.TRACKING:
-            return _about_last(belief, expected)
-        self._turns = self._turns + 1 if belief.state is TrackState.LOST else 0
-        stay = belief.familiar or not self._settings.growing_search
-        if stay or self._turns % 2 == 0:
+            return belief.about_ahead(belief.box)
+        if not self._searching(belief):
+            self._turns = 0
+            return belief.about_ahead(expected)
+        self._turns += 1
+        if self._turns % 2 == 0:
             return expected
         return around(expected, self._turns // 2, frame.width, frame.height)
+
+    def _searching(self, belief: Belief) -> bool:
+        """Whether the motion tracker looks all around, because no detector does."""
+        lost = belief.state is TrackState.LOST and not self.doubting
+        return lost and not belief.familiar and self._settings.growing_search
 
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> Evidence:
         estimate = self._estimate(frame, belief, expected)
@@ -288,7 +308,8 @@ class Following:
 
     def _see(self, frame: Frame, belief: Belief, evidence: Evidence, interval_s: float) -> None:
         self._low, self._doubted_s, self._steady_s = 0, None, 0.0
-        box = self._clamped(evidence.box, belief)
+        self._broken = False
+        box = clamped(evidence.box, belief, self._settings)
         belief.see(box, evidence.relative, self._motion.name)
         belief.kinematics.see(box)
         if evidence.fresh and evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
@@ -299,30 +320,10 @@ class Following:
         self._confidence.learn(evidence.confidence, interval_s)
         if self._settings.appearance_check:
             self._looks.get_used(evidence.score, interval_s)
-        belief.reference = self._drawn(belief.reference, box, interval_s)
-
-    def _drawn(self, reference: Box, box: Box, interval_s: float) -> Box:
-        """Let the reference's size follow a box's slowly."""
-        return towards(reference, box, 1 - math.exp(-interval_s / _REFERENCE_MEMORY_S))
-
-    def _clamped(self, box: Box, belief: Belief) -> Box:
-        """Keep the size near the reference's; nearer if the detector has confirmed that lately."""
-        settings = self._settings
-        if not settings.size_clamp:
-            return box
-        power = 1.0 if belief.unconfirmed_s <= _REFERENCE_MEMORY_S else _UNCONFIRMED_POWER
-        least = belief.reference.scaled(settings.size_least**power)
-        most = belief.reference.scaled(settings.size_most**power)
-        width = min(max(box.width, least.width), most.width)
-        return Box(box.cx, box.cy, width, min(max(box.height, least.height), most.height))
+        belief.reference = drawn(belief.reference, box, interval_s)
 
 
-def _about_last(belief: Belief, place: Box) -> Box:
-    """The place in the last image, where the tracker looked ahead, if that is about the same."""
-    calm = place.distance(belief.previous) < _CALM_SIZES * place.scale
-    return belief.previous if calm else place
-
-
-def _inside(box: Box, frame: Frame) -> Box:
-    """Keep the centre on the image."""
-    return box.moved_to(min(max(box.cx, 0.0), frame.width), min(max(box.cy, 0.0), frame.height))
+def _breaks(belief: Belief, evidence: Evidence) -> bool:
+    """Whether the tracker hesitated or jumped, so that this may be another thing than before."""
+    jumped = evidence.box.distance(belief.box) > _JUMP_SIZES * evidence.box.scale
+    return jumped or evidence.relative < _HESITANT
