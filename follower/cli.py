@@ -11,10 +11,14 @@ import typer
 from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
+from follower.fly_command import EPILOG as FLY_EPILOG
+from follower.fly_command import fly_command
 from follower.import_command import EPILOG as IMPORT_EPILOG
 from follower.import_command import import_command
 from follower.inspect_command import inspect_command
 from follower.models_command import models_app
+from follower.preflight_command import EPILOG as PREFLIGHT_EPILOG
+from follower.preflight_command import preflight_command
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
 from follower_control.strict_yaml import SettingsError
@@ -35,6 +39,8 @@ app = typer.Typer(
     ),
 )
 
+app.command("fly", epilog=FLY_EPILOG)(fly_command)
+app.command("preflight", epilog=PREFLIGHT_EPILOG)(preflight_command)
 app.command("track", epilog=EPILOG)(track_command)
 app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
 
 from follower.lockstep import Lockstep
 from follower.realtime import RealtimeRun
@@ -105,29 +103,3 @@ def _autopilot_thread(flight: SimulatedFlight, clock: Clock) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
-
-
-class StopOnInterrupt:
-    """While entered, the first Ctrl-C calls `stop` and the second one interrupts as usual."""
-
-    def __init__(self, stop: Callable[[], None]) -> None:
-        self._stop = stop
-        self.interrupted = False
-
-    def __enter__(self) -> StopOnInterrupt:
-        self._before = signal.signal(signal.SIGINT, self._handle)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        signal.signal(signal.SIGINT, self._before)
-
-    def _handle(self, _number: int, _frame: FrameType | None) -> None:
-        if self.interrupted:
-            raise KeyboardInterrupt
-        self.interrupted = True
-        self._stop()

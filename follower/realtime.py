@@ -120,8 +120,11 @@ class RealtimeRun:
     def _shut_down(self, futures: Sequence[Future[None]]) -> None:
         self._stop.set()
         self._frames.close()
-        wait(futures, 10 * _PATIENCE_S)
+        wait(futures[-1:], 10 * _PATIENCE_S)
         self._control.hold()
+        wait(futures, 10 * _PATIENCE_S)
+        if not futures[0].done():
+            self._source.close()  # its reader waits for a frame that never comes
 
     def _capture_loop(self) -> None:
         while not self._stop.is_set():

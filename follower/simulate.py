@@ -16,7 +16,8 @@ from rich.console import Console
 
 from follower.configs import find_scenario
 from follower.flight_video import BackgroundVideo, OverlayVideo
-from follower.flying import StopOnInterrupt, fly_lockstep, fly_realtime
+from follower.flying import fly_lockstep, fly_realtime
+from follower.interrupt import StopOnInterrupt
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.outputs import write_boxes, write_setpoints
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns

@@ -17,8 +17,12 @@ from follower_vision.target_tracker import TargetTracker
 from follower_vision.trackers import make_tracker
 
 
-def make_target_tracker(settings: Settings) -> TargetTracker:
+def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetection) -> TargetTracker:
     """Return a fresh target tracker: Fusion with a detector, else a long-term tracker without.
+
+    Args:
+        settings: all of them.
+        mode: how Fusion runs its detector; in the background, whoever asked closes the tracker.
 
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
@@ -27,7 +31,8 @@ def make_target_tracker(settings: Settings) -> TargetTracker:
     if detector is None:
         return LongTermTracker(_motion_tracker(settings), settings.longterm)
     embedder = _embedder(settings)
-    return FusionTracker(_motion_tracker(settings), detector, settings.fusion, embedder=embedder)
+    motion = _motion_tracker(settings)
+    return FusionTracker(motion, detector, settings.fusion, mode, embedder=embedder)
 
 
 def make_multi_tracker(

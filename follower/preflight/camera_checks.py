@@ -102,12 +102,19 @@ def lens(s: Snapshot) -> Finding:
     if not s.lens_given:
         return failed(
             "neither a field of view nor a focal length is set",
-            "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
-            "camera.focal_width_px from a calibration",
+            lens_advice(),
         )
     if s.camera.size is None:
         return unknown("no frame came")
     return judge_lens(s.settings.camera.model(*s.camera.size))
+
+
+def lens_advice() -> str:
+    """Return what to set so that the lens is known."""
+    return (
+        "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
+        "camera.focal_width_px from a calibration"
+    )
 
 
 def judge_lens(model: CameraModel) -> Finding:
@@ -139,7 +146,8 @@ def folds(model: CameraModel) -> bool:
 def mount(s: Snapshot) -> Finding:
     """The camera's mount is one that following works with."""
     c = s.settings.camera
-    pitch = f"{abs(c.pitch_deg):g} deg {'down' if c.pitch_deg <= 0 else 'up'}"
+    pitch = f"{abs(c.pitch_deg):g} deg {'down' if c.pitch_deg < 0 else 'up'}"
+    pitch = pitch if c.pitch_deg else "straight on"
     turned = f", turned {c.yaw_deg:g} deg to the right" if c.yaw_deg else ""
     rolled = f", rolled {c.roll_deg:g} deg" if c.roll_deg else ""
     text = f"looks {pitch}{turned}{rolled}"

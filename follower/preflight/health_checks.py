@@ -127,7 +127,7 @@ def position(s: Snapshot) -> Finding:
         return failed(
             f"{age_s:.1f} s old", "the estimator has lost its position, or the link is slow"
         )
-    return passed(f"{s.vehicle.position.height_m:.1f} m above its origin")
+    return passed(f"{s.vehicle.position.height_m:z.1f} m above its origin")
 
 
 def mode(s: Snapshot) -> Finding:

@@ -40,7 +40,8 @@ def parameter_judge(
         for name, scale in scales.items():
             if name in s.parameters:
                 finding = judge(s, s.parameters[name] * scale)
-                text = f"{name} {s.parameters[name]:g}: {finding.why}"
+                own = "" if name == next(iter(scales)) else f"{name} "
+                text = f"{own}{s.parameters[name]:g}: {finding.why}"
                 return Finding(finding.verdict, text, finding.todo)
         silent = "the autopilot has no such parameter, or does not tell it"
         return unknown(f"{' or '.join(scales)}: {silent}", "look it up by hand")

@@ -1,0 +1,1 @@
+"""`follower fly` and what it shares with `follower preflight`: a real vehicle, a real camera."""

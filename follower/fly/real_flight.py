@@ -1,0 +1,121 @@
+"""One flight with a real autopilot and a real camera: the stages, wired together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from follower.autonomy import Autonomy
+from follower.control_loop import ControlLoop
+from follower.control_stage import ControlStage
+from follower.flightlog import FlightLog, TrackRecord
+from follower.fly.camera import SteadySource
+from follower.fly.waiting import waiting_for
+from follower.links.link import Link
+from follower.live_status import LiveStatus
+from follower.realtime import RealtimeRun, VisionLoop
+from follower.release import ReleaseAction, is_resting
+from follower.settings import Settings
+from follower.supervisor import State
+from follower.vision_stage import Selector, VisionStage
+from follower_vision.clock import Clock
+from follower_vision.target_tracker import TargetTracker
+
+_FAREWELL_S = 1.0
+_LONGEST_STOP_S = 6.0
+_SHOW_EVERY_S = 0.1
+
+
+RunWatch: TypeAlias = Callable[["RealFlight"], None]
+"""Looks at a flight while it goes on."""
+
+
+class RealFlight:
+    """Vision and control between a camera and a link that are open already.
+
+    Args:
+        settings: of the flight.
+        source: the camera.
+        size: width and height of its frames.
+        link: to the autopilot.
+        tracker: fresh.
+        clock: the system's.
+        log: takes everything.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        source: SteadySource,
+        size: tuple[int, int],
+        link: Link,
+        tracker: TargetTracker,
+        clock: Clock,
+        log: FlightLog,
+    ) -> None:
+        self.settings = settings
+        self.log = log
+        self._source = source
+        self._link = link
+        self._clock = clock
+        self._start_s = clock.now()
+        self._ending = False
+        self._vision_stage = VisionStage(tracker)
+        self._vision = VisionLoop(self._vision_stage, clock, log)
+        self.stage = ControlStage(settings, settings.camera.model(*size), log)
+        autonomy = None
+        if settings.autonomy == "full":
+            autonomy = Autonomy(link, settings.takeoff_height_m)
+        self._control = ControlLoop(link, self.stage, self._newest, log, autonomy)
+
+    def select(self, selector: Selector) -> None:
+        """Follow what this finds in the coming frames."""
+        self._vision_stage.select(selector)
+
+    def run(self, watch: RunWatch) -> None:
+        """Fly until `stop` and what follows on it; `watch` is called ten times a second."""
+
+        def go_on() -> bool:
+            watch(self)
+            if self._ending or self._source.ended:
+                self.stop()  # again: an order that came meanwhile does not undo it
+            return not self.finished
+
+        rate_hz = self.settings.control_rate_hz
+        run = RealtimeRun(self._clock, self._source, self._vision, self._control, rate_hz)
+        run.run(go_on, _SHOW_EVERY_S)
+
+    def stop(self) -> None:
+        """Let go, from any thread: hold, then release."""
+        self._ending = True
+        self.stage.request_stop()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the vehicle was let go, and stands still, is the pilot's or had its time."""
+        supervisor, vehicle = self.stage.supervisor, self._link.state
+        if not self._ending or supervisor.state is not State.RELEASED:
+            return False
+        now_s = self._clock.now()
+        waited_s = supervisor.in_state_s(now_s)
+        if not (vehicle.obeys_setpoints and vehicle.armed):
+            return waited_s > _FAREWELL_S
+        changes_mode = self.settings.release.action not in (
+            ReleaseAction.HOLD,
+            ReleaseAction.HAND_BACK,
+        )
+        rests = is_resting(vehicle, now_s) and not changes_mode
+        return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and rests)
+
+    def status(self, wish: str) -> LiveStatus:
+        """Return what a display shows of this moment; `wish` is the target in words."""
+        record = self.log.controls[-1] if self.log.controls else None
+        words = waiting_for(record, self._link.autopilot_name, wish, self.settings, self._ending)
+        if self._source.problem:
+            words = f"{words} (camera: {self._source.problem})"
+        link = self._link.status(self._clock.now()).line()
+        errors = self.stage.servo.errors
+        return LiveStatus.of(self.log, self._start_s, None, errors, words, link)
+
+    def _newest(self) -> TrackRecord | None:
+        return self._vision.tracks.newest
