@@ -120,3 +120,8 @@ class Fault:
     lockstep: bool = True
     realtime: bool = True
     signed: bool = False
+
+    @property
+    def needs_recorder(self) -> bool:
+        """Whether there is nothing to see without a recording."""
+        return any(action.kind is Kind.DISK_FULL for action in self.actions)

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from follower.faults.injector import FaultInjector
@@ -50,10 +51,13 @@ def fly_fault(planned: PlannedFault, setup: Setup, seed: int = 0) -> Verdict:
         ours, theirs = stack.enter_context(_ends(setup))
         if signed:
             theirs = SigningPeer(theirs, clock, _epoch_ns(clock))
-        injector = stack.enter_context(FaultInjector([planned], clock, setup.flavour, seed))
-        recorder = stack.enter_context(_recorder(settings, clock, folder))
+        injector = FaultInjector([planned], clock, setup.flavour, seed, ends_flight=True)
+        stack.enter_context(injector)
+        recorder = None
+        if planned.fault.needs_recorder:
+            recorder = stack.enter_context(_recorder(settings, clock, folder))
         flight = SimulatedFlight(
-            World(scene(), None),
+            _world(),
             settings,
             setup.flavour,
             clock,
@@ -122,6 +126,12 @@ def _ends(setup: Setup) -> Iterator[tuple[Transport, Transport]]:
         closing(open_connection(other_end(setup.connection))) as theirs,
     ):
         yield ours, theirs
+
+
+@cache
+def _world() -> World:
+    """Return the world, which is the same in all flights; painting it takes a while."""
+    return World(scene(), None)
 
 
 def _recorder(settings: Settings, clock: Clock, folder: Path) -> Recorder:

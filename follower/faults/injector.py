@@ -40,10 +40,16 @@ class FaultInjector:
         clock: the flight's.
         flavour: "px4" or "ardupilot".
         seed: of what is random in them.
+        ends_flight: the flight is stopped some seconds after the last fault, not at its own end.
     """
 
     def __init__(
-        self, planned: Iterable[PlannedFault], clock: Clock, flavour: str, seed: int = 0
+        self,
+        planned: Iterable[PlannedFault],
+        clock: Clock,
+        flavour: str,
+        seed: int = 0,
+        ends_flight: bool = False,
     ) -> None:
         self.schedule = FaultSchedule(planned)
         self.evidence = Evidence(flavour)
@@ -55,6 +61,7 @@ class FaultInjector:
         self._autopilot: AutopilotFaults | None = None
         self._stop: Callable[[], None] = lambda: None
         self._stopped = False
+        self._ends_flight = ends_flight
         self._patches = ExitStack()
 
     def __enter__(self) -> Self:
@@ -110,7 +117,8 @@ class FaultInjector:
     def observe(self, now_s: float, state: State, in_state_s: float) -> None:
         """Look at a control step: faults begin by the supervisor's state."""
         self.schedule.observe(now_s, state, in_state_s)
-        if not self._stopped and self.schedule.begun(Kind.STOP_REQUESTED, now_s) is not None:
+        asked = self.schedule.begun(Kind.STOP_REQUESTED, now_s) is not None
+        if not self._stopped and (asked or (self._ends_flight and self.schedule.is_past(now_s))):
             self._stopped = True
             self._stop()
 

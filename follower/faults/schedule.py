@@ -50,6 +50,10 @@ class FaultSchedule:
         """Whether nothing that was begun is still to end, some seconds for a look included."""
         return all(course.is_over(now_s) for course in self._courses)
 
+    def is_past(self, now_s: float) -> bool:
+        """Whether every fault has begun and, some seconds for a look included, ended."""
+        return all(course.is_past(now_s) for course in self._courses)
+
     @property
     def spans(self) -> Sequence[tuple[PlannedFault, float, float]]:
         """The faults that have begun: (fault, begin, end)."""
@@ -106,6 +110,9 @@ class _Course:
         if self.from_s is None or math.isinf(self.planned.for_s):
             return True
         return now_s > self.until_s + _AFTERWARDS_S
+
+    def is_past(self, now_s: float) -> bool:
+        return self.from_s is not None and now_s > self.until_s + _AFTERWARDS_S
 
     def _is_due(self, now_s: float, state: State, in_state_s: float) -> bool:
         if self.planned.at_s is not None:

@@ -151,7 +151,9 @@ class _RandomFlight:
 
     def _control(self, now_s: float, interval_s: float) -> None:
         self._watch.now_s = now_s
+        before = self._stage.supervisor.state
         self._loop.step(now_s)
+        engages = self._stage.supervisor.state.engaged and not before.engaged
         for mode in self._watch.modes:
             self._invariants.tell(mode, now_s)
         newest = self._sight.newest
@@ -162,7 +164,7 @@ class _RandomFlight:
             self._invariants.heartbeat_age_s(now_s),
             interval_s,
         )
-        self._invariants.look(self._watch.setpoints, now_s, inputs)
+        self._invariants.look(self._watch.setpoints, now_s, inputs, engages)
         self._watch.setpoints, self._watch.modes = [], []
 
     def _note(self, record: ControlRecord) -> None:

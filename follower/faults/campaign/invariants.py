@@ -79,8 +79,15 @@ class Invariants:
         """Return how long no heartbeat reached the follower."""
         return now_s - self._told_s
 
-    def look(self, setpoints: list[WireSetpoint], now_s: float, inputs: Inputs) -> None:
-        """Hold what left in one step against the rules."""
+    def look(
+        self, setpoints: list[WireSetpoint], now_s: float, inputs: Inputs, engages: bool
+    ) -> None:
+        """Hold what left in one step against the rules.
+
+        Where following begins, the first set-point is the vehicle's own velocity, whatever was
+        sent before.
+        """
+        self._before = None if engages else self._before
         self._note_blindness(now_s, inputs)
         for setpoint in setpoints:
             self.setpoints += 1
