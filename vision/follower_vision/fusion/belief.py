@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 from follower_vision.box import Box
 from follower_vision.frame import Frame
+from follower_vision.fusion.forecasts import CALM_SIZES, Forecasts
 from follower_vision.fusion.history import History, Moment
 from follower_vision.fusion.kinematics import Kinematics
 from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.warp import Warp
 from follower_vision.fusion.witness import Witness
 from follower_vision.track import Track, TrackState
-
-_CALM_SIZES = 0.6
 
 SAME_IOU = 0.5
 """Two boxes that overlap so much are the same object's."""
@@ -48,7 +47,6 @@ class Belief:
     Attributes:
         box: where the target is, or is taken to be.
         previous: the same in the last frame's pixels.
-        ahead: where it should be by that alone, before the camera's motion is known.
         reference: a box of the last confirmed size.
         state: as in `Track`.
         confidence: as in `Track`.
@@ -64,7 +62,7 @@ class Belief:
     """
 
     def __init__(self, frame: Frame, box: Box, produced_by: str) -> None:
-        self.box = self.previous = self.ahead = self.reference = box
+        self.box = self.previous = self.reference = box
         self.state = TrackState.TRACKING
         self.confidence = 1.0
         self.produced_by = produced_by
@@ -75,6 +73,7 @@ class Belief:
         self.taken: Sequence[Box] = ()
         self.rivals = Rivals()
         self.witness = Witness()
+        self._forecasts = Forecasts(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
         self.confirmation = Confirmation(moment, box, (0.0, 0.0))
         self._anchor = self.confirmation
@@ -110,7 +109,7 @@ class Belief:
         interval_s = captured_s - self.now.captured_s
         expected = self.kinematics.advance(warp, interval_s)
         self.rivals.advance(interval_s)
-        self.ahead = self.place_ahead()
+        self._forecasts.forecast(self.place_ahead(), expected if predict else None)
         self.previous = self.box
         self.box = warp.box(self.box)
         self.history.add(captured_s, warp, self.box)
@@ -123,17 +122,17 @@ class Belief:
         when the camera swings, should move on.
         """
         right, down = self.box.cx - self.previous.cx, self.box.cy - self.previous.cy
-        if math.hypot(right, down) < _CALM_SIZES * self.box.scale:
+        if math.hypot(right, down) < CALM_SIZES * self.box.scale:
             return self.box
         return self.box.moved_to(self.box.cx + right, self.box.cy + down)
 
     def about_ahead(self, place: Box) -> Box:
         """Return the place where the motion tracker looked ahead, if a place is about the same."""
-        calm = place.distance(self.ahead) < _CALM_SIZES * place.scale
-        return self.ahead if calm else place
+        return self._forecasts.about_ahead(place)
 
     def see(self, box: Box, confidence: float, produced_by: str) -> None:
         """The target is here."""
+        self._forecasts.learn(box)
         self.box = box
         self.state = TrackState.TRACKING
         self.confidence = confidence
