@@ -1,0 +1,210 @@
+"""The sign test with the real pipeline: MAVLink over UDP, frames, a vehicle turned by hand."""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+import cv2
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from rich.console import Console
+
+from follower.fly.sign_testing import run
+from follower.links.connection import ConnectionFailedError
+from follower.links.link_settings import LinkSettings
+from follower.links.opening import open_link
+from follower.preflight.camera_watch import CameraWatch
+from follower.selecting import colour_selector
+from follower.settings import Settings
+from follower.sign_test.session import SignTest, SignTestResult
+from follower.tracking import make_target_tracker
+from follower_control.udp import UdpTransport
+from follower_sim.udp import open_autopilot_port
+from follower_vision.camera import CameraModel
+from follower_vision.clock import MonotonicClock
+from follower_vision.frame import Frame
+from follower_vision.framesource import ClosesItself
+from follower_vision.lineofsight import CAMERA_TO_BODY, rotation
+
+WIDTH, HEIGHT, FOV_DEG = 320, 240, 70.0
+SWING_RAD = math.radians(12)
+COMMANDS = {
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_SET_MODE,
+    mavlink.MAVLINK_MSG_ID_PARAM_SET,
+}
+
+
+def angles_at(time_s: float) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a vehicle that hands sway to and fro."""
+    pitch = SWING_RAD * math.sin(2 * math.pi * time_s / 3.1)
+    return 0.0, pitch, 1.0 + SWING_RAD * math.sin(2 * math.pi * time_s / 2.0)
+
+
+class HandHeld:
+    """An autopilot that tells the attitude of a vehicle in somebody's hands."""
+
+    def __init__(self, port: int, clock: MonotonicClock, armed: bool = False) -> None:
+        self._transport = open_autopilot_port("127.0.0.1", port)
+        self._clock = clock
+        self._codec = mavlink.MAVLink(None, 1, 1)
+        self._mode_flags = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+        self._stop = threading.Event()
+        self.heard: set[int] = set()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._transport.close()
+
+    def _run(self) -> None:
+        beat_s = -1.0
+        while not self._stop.is_set():
+            now_s = self._clock.now()
+            for message in self._codec.parse_buffer(self._transport.receive()) or []:
+                self.heard.add(message.get_msgId())
+                if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+                    self._send(mavlink.MAVLink_timesync_message(int(now_s * 1e9), message.ts1))
+            if now_s - beat_s >= 0.5:
+                beat_s = now_s
+                self._send(mavlink.MAVLink_heartbeat_message(2, 12, self._mode_flags, 0, 3, 3))
+            boot_ms = int(1000 * now_s)
+            angles = angles_at(boot_ms / 1000)
+            self._send(mavlink.MAVLink_attitude_message(boot_ms, *angles, 0.0, 0.0, 0.0))
+            time.sleep(0.012)
+
+    def _send(self, message: mavlink.MAVLink_message) -> None:
+        self._transport.send(message.pack(self._codec))
+
+
+class CameraOnIt(ClosesItself):
+    """Sees a red square in the distance from the swaying vehicle; `spoil` alters its pictures."""
+
+    nominal_rate_hz = 30.0
+    frame_count = None
+    problem = None
+
+    def __init__(self, clock: MonotonicClock, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._clock = clock
+        self._spoil = spoil
+        self._model = CameraModel.from_fov(WIDTH, HEIGHT, math.radians(FOV_DEG))
+        self._target = rotation(*angles_at(0.0)) @ np.array([1.0, 0.06, 0.04])
+        noise = np.random.default_rng(3).integers(80, 150, (HEIGHT // 8, WIDTH // 8, 3))
+        self._ground = cv2.resize(noise.astype(np.uint8), (WIDTH, HEIGHT))
+        self._sequence = 0
+
+    def read(self) -> Frame | None:
+        time.sleep(1 / 30)
+        now_s = self._clock.now()
+        seen = CAMERA_TO_BODY.T @ rotation(*angles_at(now_s)).T @ self._target
+        x, y = (round(float(v)) for v in self._model.pixels(seen)[0])
+        image = self._ground.copy()
+        cv2.rectangle(image, (x - 14, y - 14), (x + 14, y + 14), (32, 32, 208), -1)
+        cv2.rectangle(image, (x - 8, y - 8), (x + 2, y), (210, 210, 40), -1)
+        self._sequence += 1
+        return Frame(np.ascontiguousarray(self._spoil(image)), now_s, self._sequence)
+
+    def close(self) -> None:
+        pass
+
+
+@contextmanager
+def hand_held(
+    clock: MonotonicClock, armed: bool = False
+) -> Iterator[tuple[UdpTransport, HandHeld]]:
+    ours = UdpTransport.listen("127.0.0.1", 0)
+    held = HandHeld(ours.port, clock, armed)
+    try:
+        yield ours, held
+    finally:
+        held.close()
+
+
+def sign_tested(
+    spoil: Callable[[np.ndarray], np.ndarray],
+    armed: bool = False,
+    kind: str = "pymavlink",
+    **camera: float,
+) -> tuple[SignTestResult, set[int], str]:
+    clock, printed = MonotonicClock(), io.StringIO()
+    settings = Settings.model_validate({"camera": {"fov_deg": FOV_DEG, **camera}})
+    with hand_held(clock, armed) as (ours, held):
+        link_settings = LinkSettings(kind=kind, vehicle_id=1)  # type: ignore[arg-type]
+        with (
+            closing(open_link(ours, link_settings, clock, 10**18)) as link,
+            CameraOnIt(clock, spoil) as source,
+            CameraWatch(source, "a test", clock) as watch,
+        ):
+            tracker = make_target_tracker(settings)
+            selector = colour_selector("#d02020")
+            test = SignTest(settings, link, tracker, selector, (WIDTH, HEIGHT))
+            console = Console(file=printed, width=200)
+            result, early = run(test, link, watch, clock, console)
+        assert not early
+        return result, held.heard, printed.getvalue()
+
+
+def as_it_is(image: np.ndarray) -> np.ndarray:
+    return image
+
+
+def mirrored(image: np.ndarray) -> np.ndarray:
+    return image[:, ::-1]
+
+
+@pytest.mark.parametrize("kind", ["pymavlink", pytest.param("mavsdk", marks=pytest.mark.slow)])
+def test_a_right_camera_passes_and_nothing_is_sent_that_moves_the_vehicle(kind: str) -> None:
+    result, heard, printed = sign_tested(as_it_is, kind=kind)
+    assert result.passed, result.text
+    assert "would turn against your hand" in result.text
+    assert mavlink.MAVLINK_MSG_ID_HEARTBEAT in heard
+    assert not heard & COMMANDS
+    assert "target " in printed
+    assert " -> would " in printed
+
+
+def test_a_mirrored_camera_fails_and_is_named() -> None:
+    result, _, printed = sign_tested(mirrored)
+    assert not result.passed
+    assert "mirrored left to right" in result.text
+    assert "WRONG" in printed
+
+
+@pytest.mark.slow
+def test_a_camera_upside_down_fails_until_the_settings_say_so() -> None:
+    result, _, _ = sign_tested(lambda image: image[::-1, ::-1])
+    assert not result.passed
+    assert "add 180 to camera.roll_deg" in result.text
+    again, _, _ = sign_tested(lambda image: image[::-1, ::-1], roll_deg=180.0)
+    assert again.passed, again.text
+
+
+def test_an_armed_vehicle_is_refused_at_once() -> None:
+    result, heard, _ = sign_tested(as_it_is, armed=True)
+    assert not result.passed
+    assert "armed" in result.text
+    assert not heard & COMMANDS
+
+
+def test_without_an_autopilot_it_ends_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("follower.fly.sign_testing._ANSWER_WITHIN_S", 0.3)
+    clock = MonotonicClock()
+    settings = Settings.model_validate({"camera": {"fov_deg": FOV_DEG}})
+    transport = UdpTransport.listen("127.0.0.1", 0)
+    with (
+        closing(open_link(transport, LinkSettings(), clock, 10**18)) as link,
+        CameraOnIt(clock, as_it_is) as source,
+        CameraWatch(source, "a test", clock) as watch,
+    ):
+        tracker = make_target_tracker(settings)
+        test = SignTest(settings, link, tracker, colour_selector("#d02020"), (WIDTH, HEIGHT))
+        with pytest.raises(ConnectionFailedError, match="no vehicle heard"):
+            run(test, link, watch, clock, Console(file=io.StringIO()))
