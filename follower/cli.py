@@ -11,6 +11,7 @@ import typer
 from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import evaluate_command
+from follower.faults.command import faults_command, list_faults
 from follower.fly_command import EPILOG as FLY_EPILOG
 from follower.fly_command import fly_command
 from follower.import_command import EPILOG as IMPORT_EPILOG
@@ -45,6 +46,7 @@ app.command("track", epilog=EPILOG)(track_command)
 app.command("replay")(replay_command)
 app.command("evaluate")(evaluate_command)
 app.command("inspect")(inspect_command)
+app.command("faults")(faults_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
@@ -77,6 +79,14 @@ LinkKind = Annotated[
         "--link",
         help="Which library speaks MAVLink: **pymavlink** (default) or **mavsdk**, in real time.",
         metavar="pymavlink|mavsdk",
+    ),
+]
+Fault = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        help="Make something go wrong; may be repeated. `--fault list` shows the catalogue.",
+        metavar="NAME[@time[:duration]]",
     ),
 ]
 Record = Annotated[
@@ -120,9 +130,14 @@ def sim(
     video: Video = True,
     record: Record = True,
     link: LinkKind = None,
+    faults: Fault = None,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
     from follower.simulate import SimulationOptions, simulate
+
+    if faults == ["list"]:
+        list_faults()
+        return
 
     options = SimulationOptions(
         scenario,
@@ -136,6 +151,7 @@ def sim(
         connect,
         record,
         link,
+        tuple(faults or ()),
     )
     raise typer.Exit(simulate(options))
 

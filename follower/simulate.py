@@ -6,7 +6,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,11 @@ import cv2
 from rich.console import Console
 
 from follower.configs import find_scenario
+from follower.faults.injector import FaultInjector
+from follower.faults.planned import PlannedFault
+from follower.faults.simulation import said_of, signed_where_needed, verdicts
+from follower.faults.stages import InjectedDeathError
+from follower.faults.verdict import Verdict
 from follower.flight_video import BackgroundVideo, OverlayVideo
 from follower.flying import fly_lockstep, fly_realtime
 from follower.interrupt import StopOnInterrupt
@@ -69,6 +74,7 @@ class SimulationOptions:
     connect: str = "udpin:127.0.0.1:14540"
     record: bool = True
     link: str | None = None
+    faults: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
@@ -81,6 +87,8 @@ class SimulationOptions:
         words += [] if self.config is None else ["--config", str(self.config)]
         for override in self.overrides:
             words += ["--set", override]
+        for fault in self.faults:
+            words += ["--fault", fault]
         return shlex.join(words)
 
 
@@ -90,6 +98,9 @@ def simulate(options: SimulationOptions) -> int:
         raise SettingsError(f"--autopilot {options.autopilot}: choose {' or '.join(FLAVOURS)}")
     if options.lockstep and options.autopilot == EXTERNAL:
         raise SettingsError("--lockstep needs a simulated autopilot: px4 or ardupilot")
+    if options.faults and options.autopilot == EXTERNAL:
+        raise SettingsError("--fault needs a simulated autopilot: px4 or ardupilot")
+    planned = tuple(PlannedFault.parse(text) for text in options.faults)
     scenario = load_scenario(find_scenario(options.scenario))
     settings = simulation_settings(scenario, options)
     if options.lockstep and settings.link.kind == "mavsdk":
@@ -103,11 +114,11 @@ def simulate(options: SimulationOptions) -> int:
             _build(world)
         folder = new_run_folder(options.out, scenario.name)
         try:
-            flight, remarks = _fly(world, settings, options, ends, folder, console)
+            flight, remarks, judged = _fly(world, settings, options, ends, folder, console, planned)
         except ConnectionFailedError:
             shutil.rmtree(folder)  # there was no flight
             raise
-    return _report(flight, options, folder, remarks, console)
+    return _report(flight, options, folder, remarks, console, judged)
 
 
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
@@ -156,27 +167,46 @@ def _fly(
     ends: tuple[Transport, Transport],
     folder: Path,
     console: Console,
-) -> tuple[SimulatedFlight, tuple[str, ...]]:
-    """Return the flight when it is over, and what its reader must know."""
+    planned: tuple[PlannedFault, ...],
+) -> tuple[SimulatedFlight, tuple[str, ...], list[Verdict]]:
+    """Return the flight when it is over, what its reader must know, what came of its faults."""
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
     with (
+        signed_where_needed(planned, settings, ends, clock) as (settings, ends),
+        _injector(planned, clock, options, world.seed) as injector,
         _video(options, folder, world.scenario.camera.rate_hz) as video,
         _recorder(options, world, settings, clock, folder) as recorder,
     ):
-        flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, video, recorder)
+        flight = SimulatedFlight(
+            world, settings, options.autopilot, clock, ends, video, recorder, injector
+        )
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
 
             def show() -> None:
                 terminal.show(flight.status())
 
-            if isinstance(clock, SimulatedClock):
-                fly_lockstep(flight, clock, show)
-            else:
-                fly_realtime(flight, clock, show)
+            with suppress(InjectedDeathError):
+                if isinstance(clock, SimulatedClock):
+                    fly_lockstep(flight, clock, show)
+                else:
+                    fly_realtime(flight, clock, show)
+    judged = [] if injector is None else verdicts(planned, flight, injector)
     remarks = (INTERRUPTED if interrupt.interrupted else None, video.remark if video else None)
     recorded = () if recorder is None else recorder.remarks
-    return flight, (*(remark for remark in remarks if remark is not None), *recorded)
+    said = (*(remark for remark in remarks if remark is not None), *recorded)
+    return flight, (*said, *map(said_of, judged)), judged
+
+
+@contextmanager
+def _injector(
+    planned: tuple[PlannedFault, ...], clock: Clock, options: SimulationOptions, seed: int
+) -> Iterator[FaultInjector | None]:
+    if not planned:
+        yield None
+        return
+    with FaultInjector(planned, clock, options.autopilot, seed) as injector:
+        yield injector
 
 
 @contextmanager
@@ -223,6 +253,7 @@ def _report(
     folder: Path,
     remarks: tuple[str, ...],
     console: Console,
+    judged: list[Verdict],
 ) -> int:
     """Write everything, say what came of it, and return the exit code."""
     criteria = flight.scenario.expect
@@ -254,6 +285,8 @@ def _report(
         console.print(remark, highlight=False)
     if INTERRUPTED in remarks:
         return _INTERRUPTED
+    if judged:
+        return _SUCCESS if all(one.passed for one in judged) else _FAILED
     return _FAILED if verdict(score, criteria) else _SUCCESS
 
 

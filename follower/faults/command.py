@@ -71,7 +71,7 @@ def faults_command(
     """
     console = Console()
     if names == ["list"]:
-        print_catalogue(console)
+        list_faults(console)
         return
     with suppress(OSError):
         os.nice(_NICE)
@@ -88,7 +88,7 @@ def faults_command(
     raise typer.Exit(_FAILED if failed else 0)
 
 
-def print_catalogue(console: Console) -> None:
+def list_faults(console: Console | None = None) -> None:
     """Show all faults with what must come of them."""
     table = Table(box=None)
     for title in ("fault", "lasts", "what must happen"):
@@ -98,7 +98,7 @@ def print_catalogue(console: Console) -> None:
         for fault in faults:
             lasts = "on" if fault.for_s == float("inf") else f"{fault.for_s:g} s"
             table.add_row(fault.name, lasts, fault.must)
-    console.print(table)
+    (console or Console()).print(table)
 
 
 def _fly_matrix(

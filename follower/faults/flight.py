@@ -10,10 +10,9 @@ from functools import cache
 from pathlib import Path
 
 from follower.faults.injector import FaultInjector
-from follower.faults.judge import Case, judge
 from follower.faults.planned import PlannedFault
 from follower.faults.scene import scene
-from follower.faults.signing_peer import SigningPeer, write_key
+from follower.faults.simulation import signed_where_needed, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
 from follower.flying import fly_lockstep, fly_realtime
@@ -45,52 +44,20 @@ def fly_fault(planned: PlannedFault, setup: Setup, seed: int = 0) -> Verdict:
     """Fly the scene with one fault in it and return what came of it."""
     clock = SimulatedClock() if setup.connection is None else MonotonicClock()
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        signed = planned.fault.signed
-        settings = _settings(setup, write_key(folder) if signed else None)
-        ours, theirs = stack.enter_context(_ends(setup))
-        if signed:
-            theirs = SigningPeer(theirs, clock, _epoch_ns(clock))
+        ends = stack.enter_context(_ends(setup))
+        signed = signed_where_needed([planned], _settings(setup), ends, clock)
+        settings, ends = stack.enter_context(signed)
         injector = FaultInjector([planned], clock, setup.flavour, seed, ends_flight=True)
         stack.enter_context(injector)
         recorder = None
         if planned.fault.needs_recorder:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             recorder = stack.enter_context(_recorder(settings, clock, folder))
         flight = SimulatedFlight(
-            _world(),
-            settings,
-            setup.flavour,
-            clock,
-            (ours, theirs),
-            None,
-            recorder,
-            injector,
+            _world(), settings, setup.flavour, clock, ends, None, recorder, injector
         )
         error = _fly(flight, clock)
-    return judge(case_of(planned, flight, injector, setup.connection is not None, error))
-
-
-def case_of(
-    planned: PlannedFault,
-    flight: SimulatedFlight,
-    injector: FaultInjector,
-    realtime: bool = False,
-    error: str = "",
-) -> Case:
-    """Return all that the judge needs about a flight that is over."""
-    spans = {one: (from_s, until_s) for one, from_s, until_s in injector.schedule.spans}
-    from_s, until_s = spans.get(planned, (None, 0.0))
-    return Case(
-        planned,
-        from_s,
-        until_s,
-        injector.evidence,
-        flight.log.controls,
-        flight.truth,
-        flight.settings.envelope,
-        realtime,
-        error,
-    )
+    return verdicts([planned], flight, injector, error)[0]
 
 
 def _fly(flight: SimulatedFlight, clock: Clock) -> str:
@@ -106,9 +73,9 @@ def _fly(flight: SimulatedFlight, clock: Clock) -> str:
     return ""
 
 
-def _settings(setup: Setup, key: Path | None) -> Settings:
+def _settings(setup: Setup) -> Settings:
     scenario = scene()
-    link = {"kind": setup.link, "signing_key_file": None if key is None else str(key)}
+    link = {"kind": setup.link}
     return load_settings(
         base={"camera": camera_settings(scenario), "link": link, **scenario.follow}
     )

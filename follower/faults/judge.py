@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from follower.faults.evidence import Evidence, Motion, WireSetpoint
-from follower.faults.fault import Outcome
+from follower.faults.fault import Kind, Outcome
 from follower.faults.planned import PlannedFault
 from follower.faults.verdict import Figures, Verdict
 from follower.faults.wire_rules import (
@@ -19,7 +19,7 @@ from follower.faults.wire_rules import (
     told_of_leaving,
 )
 from follower.flightlog import ControlRecord
-from follower.supervisor import State
+from follower.supervisor import Reason, State
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_sim.score import TruthSample
 
@@ -42,7 +42,7 @@ class Case:
         controls: the follower's own record, for when it decided what.
         truth: for the distance to the target.
         limits: of the envelope.
-        realtime: the flight had threads.
+        alone: no other fault was in the flight, and this one was as the catalogue has it.
         error: what was raised and caught by nobody, "" if nothing.
     """
 
@@ -53,7 +53,7 @@ class Case:
     controls: Sequence[ControlRecord]
     truth: Sequence[TruthSample]
     limits: EnvelopeSettings
-    realtime: bool = False
+    alone: bool = True
     error: str = ""
 
 
@@ -73,8 +73,9 @@ def _failures(case: Case, figures: Figures) -> Iterator[str]:
     if case.from_s is None:
         yield "the fault never began: the flight did not come so far"
         return
-    yield from _too_late(case, figures)
-    yield from _OUTCOMES[case.planned.fault.outcome](case, case.from_s, figures)
+    if case.alone:
+        yield from _too_late(case, figures)
+        yield from _OUTCOMES[case.planned.fault.outcome](case, case.from_s, figures)
 
 
 def _always(case: Case) -> Iterator[str]:
@@ -146,10 +147,12 @@ def _back(figures: Figures, within_s: float) -> Iterator[str]:
 
 
 def _lets_go(case: Case, from_s: float, _figures: Figures) -> Iterator[str]:
-    states = [c.state for c in case.controls if c.time_s > from_s]
-    if State.RELEASED not in states:
+    later = [c for c in case.controls if c.time_s > from_s]
+    released = [number for number, c in enumerate(later) if c.state is State.RELEASED]
+    asked = any(a.kind is Kind.STOP_REQUESTED for a in case.planned.fault.actions)
+    if not released or (later[released[0]].reason is Reason.STOP_REQUESTED and not asked):
         yield "it never lets go"
-    elif any(state is not State.RELEASED for state in states[states.index(State.RELEASED) :]):
+    elif any(c.state is not State.RELEASED for c in later[released[0] :]):
         yield "it does not stay let go"
 
 
