@@ -48,7 +48,7 @@ class Bound:
 
     def excess(self, velocity: complex) -> float:
         """Return by how much a velocity is too fast in this direction, 0 if it is not."""
-        return max(0.0, self._speed(velocity) - self.max_speed_m_s)
+        return max(0.0, self.speed(velocity) - self.max_speed_m_s)
 
     def kept(self, velocity: complex) -> complex:
         """Take away what is too fast; motion across the direction stays."""
@@ -56,8 +56,9 @@ class Bound:
 
     def share(self, velocity: complex) -> float:
         """Return what share of a velocity keeps the bound; 1 if all of it does."""
-        speed = self._speed(velocity)
+        speed = self.speed(velocity)
         return 1.0 if speed <= self.max_speed_m_s + ROUNDING else self.max_speed_m_s / speed
 
-    def _speed(self, velocity: complex) -> float:
+    def speed(self, velocity: complex) -> float:
+        """Return how fast a velocity goes in this direction, negative if it goes the other way."""
         return (velocity * self.direction.conjugate()).real

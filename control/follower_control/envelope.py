@@ -7,6 +7,7 @@ turning heading is not counted.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -64,7 +65,7 @@ class Envelope:
     `reaction_s`.
 
     A fence is kept also while the nose turns, for the velocity turns with it: what would lead out
-    after `TURN_AHEAD_S` of turning counts already now.
+    after `TURN_AHEAD_S` of turning counts already now, and the nose turns slowly meanwhile.
 
     What is not known is taken for the worst: with a height limit set but no height, neither climb
     nor descent; with a fence but no position or heading, no horizontal motion; with a minimum
@@ -84,6 +85,7 @@ class Envelope:
         self._yaw_rate = 0.0
         self._last_s: float | None = None
         self._limits: list[Limit] = []
+        self._turns_out = False
 
     def start(self, velocity: VelocitySetpoint = HOLD, now_s: float | None = None) -> None:
         """Begin at the vehicle's present velocity, so that the first setpoint is no step.
@@ -106,6 +108,7 @@ class Envelope:
         horizontal = self._wanted_horizontal(wanted, context)
         down = self._wanted_down(wanted.down_m_s, context)
         yaw_rate = self._cut(wanted.yaw_rate_rad_s, self._max_yaw_rate, Limit.YAW_RATE)
+        yaw_rate = self._turned_slowly(yaw_rate)
         velocity = self._horizontal.step(horizontal, interval_s)
         sink = self._vertical.step(down, interval_s).real
         self._turn_towards(yaw_rate, interval_s)
@@ -141,11 +144,14 @@ class Envelope:
             self._limits.append(Limit.DOUBT)
             velocity *= trusted / abs(velocity)
         turn = self._turn_ahead(wanted.yaw_rate_rad_s)
-        bounds = (
-            *self._fence(context, turn),
-            *self._polygon_fence(context, turn),
-            *self._nearness(context),
-        )
+        fences = (*self._fence(context, turn), *self._polygon_fence(context, turn))
+        present = self._horizontal.velocity
+        self._turns_out = any(bound.excess(present) > NOTICEABLE for bound in fences)
+        if self._turns_out:
+            # All of the acceleration goes into braking: what else is wanted has to wait.
+            velocity = present
+        velocity = self._braked(velocity, context, fences)
+        bounds = (*fences, *self._nearness(context))
         for bound in bounds:
             if bound.excess(velocity) > 0:
                 self._limits.append(bound.limit)
@@ -156,6 +162,31 @@ class Envelope:
         """Return by how much the nose will have turned soon."""
         wanted = _clip(wanted_rad_s, self._max_yaw_rate)
         return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
+
+    def _braked(
+        self, velocity: complex, context: FlightContext, fences: tuple[Bound, ...]
+    ) -> complex:
+        """Ask for less than a fence allows, or for back, while the vehicle itself is too fast.
+
+        PX4 lets a quarter of its velocity go only slowly.
+        """
+        known = context.known("yaw_rad", "north_m_s", "east_m_s")
+        if known is None:
+            return velocity
+        own = complex(*known[1:]) * cmath.rect(1.0, -known[0])
+        for bound in fences:
+            too_fast = bound.excess(own)
+            if too_fast > NOTICEABLE:
+                least = bound.max_speed_m_s - min(too_fast, self._settings.braking_m_s2)
+                velocity -= max(bound.speed(velocity) - least, 0.0) * bound.direction
+        return velocity
+
+    def _turned_slowly(self, yaw_rate: float) -> float:
+        """Turn no faster than the vehicle can brake, where the velocity would be turned out."""
+        speed = abs(self._horizontal.velocity)
+        if not self._turns_out or speed * abs(yaw_rate) <= self._settings.braking_m_s2:
+            return yaw_rate
+        return self._cut(yaw_rate, self._settings.braking_m_s2 / speed, Limit.FENCE)
 
     def _fence(self, context: FlightContext, turn: float) -> tuple[Bound, ...]:
         radius = self._settings.fence_radius_m

@@ -53,7 +53,7 @@ class EnvelopeSettings:
     fence_radius_m: float | None = 200.0
     fence_m: tuple[tuple[float, float], ...] | None = None
     fence_deg: tuple[tuple[float, float], ...] | None = None
-    fence_margin_m: float = 1.0
+    fence_margin_m: float = 3.0
     min_distance_m: float | None = 4.0
     braking_m_s2: float = 2.0
     reaction_s: float = 1.0

@@ -17,6 +17,8 @@ class FlightContext:
         north_m: position north of the fence's centre.
         east_m: position east of the fence's centre.
         height_m: height above home.
+        north_m_s: our own velocity to the north.
+        east_m_s: our own velocity to the east.
         target_range_m: distance to the target.
         target_bearing_rad: the target's azimuth from the nose, right is positive.
         target_speed_m_s: how fast the target itself moves away along the line of sight.
@@ -35,6 +37,8 @@ class FlightContext:
     target_speed_m_s: float | None = None
     target_elevation_rad: float | None = None
     clearance_m: float | None = None
+    north_m_s: float | None = None
+    east_m_s: float | None = None
     trust: float | None = None
     origin_deg: tuple[float, float] | None = None
 
@@ -56,6 +60,8 @@ class FlightContext:
             north_m=position.north_m if position else None,
             east_m=position.east_m if position else None,
             height_m=position.height_m if position else None,
+            north_m_s=position.north_m_s if position else None,
+            east_m_s=position.east_m_s if position else None,
             target_range_m=target_range_m,
             target_bearing_rad=target_bearing_rad,
             target_speed_m_s=target_speed_m_s,

@@ -1,0 +1,103 @@
+"""The envelope in flight: both simulated autopilots never leave the polygon, whatever is asked."""
+
+import cmath
+import math
+from itertools import pairwise
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import Phase, example, given, settings
+
+from follower_control.envelope import Envelope
+from follower_control.envelope_settings import EnvelopeSettings
+from follower_control.fence import Fence
+from follower_control.flight_context import FlightContext
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_sim.demand import Demand
+from follower_sim.firmware import ARDUCOPTER, PX4
+from follower_sim.kinematics import BodyState
+from follower_sim.vehicle import STEP_S, Vehicle
+
+CONTROL_STEPS = 4
+NOTCHED = ((-40.0, -40.0), (-40.0, 40.0), (40.0, 40.0), (0.0, 0.0), (40.0, -40.0))
+SETTINGS = EnvelopeSettings(fence_m=NOTCHED, fence_radius_m=None, min_distance_m=None)
+
+wishes = st.builds(
+    VelocitySetpoint, st.floats(-12, 12), st.floats(-12, 12), st.floats(-3, 3), st.floats(-1.2, 1.2)
+)
+manoeuvres = st.lists(st.tuples(wishes, st.floats(0.3, 6.0)), min_size=1, max_size=5)
+starts = st.tuples(st.floats(-35, -5), st.floats(-35, 35), st.floats(-math.pi, math.pi))
+
+FEW = settings(
+    max_examples=15,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=(Phase.explicit, Phase.generate),
+)
+"""A flight takes a good part of a second: no looking for a simpler one that fails."""
+
+
+def fly(firmware, start, manoeuvre) -> list[BodyState]:
+    """Ask for one velocity after the other and then to hold; return the way."""
+    north, east, yaw = start
+    body = BodyState(0.0, (north, east, -12.0), attitude_rad=(0.0, 0.0, yaw))
+    vehicle, envelope = Vehicle(firmware.response, body), Envelope(SETTINGS)
+    envelope.start(HOLD, 0.0)
+    way, step = [vehicle.state], 0
+    for asked, seconds in (*manoeuvre, (HOLD, 1.0)):
+        for _ in range(round(seconds / STEP_S / CONTROL_STEPS)):
+            state = vehicle.state
+            north, east, down = state.position_m
+            moved = {"north_m_s": state.velocity_m_s[0], "east_m_s": state.velocity_m_s[1]}
+            context = FlightContext(state.yaw_rad, north, east, -down, **moved)
+            allowed = envelope.limit(asked, step * STEP_S, context).allowed
+            for _ in range(CONTROL_STEPS):
+                vehicle.step(demand(allowed, vehicle.state.yaw_rad))
+            step += CONTROL_STEPS
+            way.append(vehicle.state)
+    return way
+
+
+def demand(setpoint: VelocitySetpoint, yaw: float) -> Demand:
+    level = complex(setpoint.forward_m_s, setpoint.right_m_s) * cmath.rect(1.0, yaw)
+    return Demand((level.real, level.imag, setpoint.down_m_s), setpoint.yaw_rate_rad_s)
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@FEW
+@given(start=starts, manoeuvre=manoeuvres)
+@example((-20.0, -35.0, math.pi / 2), [(VelocitySetpoint(10.0), 12.0)])
+@example((-5.0, 0.0, 0.0), [(VelocitySetpoint(2.0, 7.0), 6.0), (VelocitySetpoint(-5.0, 2.0), 3.0)])
+@example(
+    (-39.0, -20.0, math.pi / 2),
+    [(VelocitySetpoint(10, 0, 0, 0), 3), (VelocitySetpoint(10, 0, 0, 1.05), 4)],
+)
+def test_the_polygon_is_never_left(firmware, start, manoeuvre) -> None:
+    fence = Fence(NOTCHED)
+    for state in fly(firmware, start, manoeuvre):
+        assert fence.contains(complex(*state.position_m[:2]))
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@FEW
+@given(start=starts, manoeuvre=manoeuvres)
+def test_between_floor_and_ceiling_it_stays(firmware, start, manoeuvre) -> None:
+    heights = [-state.position_m[2] for state in fly(firmware, start, manoeuvre)]
+    assert min(heights) > SETTINGS.min_height_m - 0.3
+    assert max(heights) < SETTINGS.ceiling_m + 0.3
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("away", [3.0, 30.0])
+def test_outside_it_comes_back_if_asked_and_otherwise_stays(firmware, away: float) -> None:
+    """South of the polygon, nose to the north."""
+    fence, start = Fence(NOTCHED), (-40.0 - away, 10.0, 0.0)
+    back = fly(firmware, start, [(VelocitySetpoint(5.0), 14.0)])
+    assert fence.contains(complex(*back[-1].position_m[:2]))
+    distances = [fence.distance_m(complex(*s.position_m[:2])) for s in back]
+    first_in = next(i for i, s in enumerate(back) if fence.contains(complex(*s.position_m[:2])))
+    assert all(b < a + 0.01 for a, b in pairwise(distances[:first_in]))
+    for way in (VelocitySetpoint(-5.0), VelocitySetpoint(0.0, 5.0)):
+        end = fly(firmware, start, [(way, 6.0)])[-1].position_m
+        assert math.dist(end[:2], start[:2]) < 0.5 or end[0] > start[0]
