@@ -45,8 +45,8 @@ def verdicts(
 ) -> list[Verdict]:
     """Judge a flight that is over, fault by fault.
 
-    Where there are several, or one lasts as long as somebody chose, each is held against what always
-    holds alone: its own sentence is about itself as it stands in the catalogue.
+    Where there are several, or one lasts as long as somebody chose, each is held against what
+    always holds alone: its own sentence is about itself as it stands in the catalogue.
     """
     begun = {one: from_s for one, from_s, _ in injector.schedule.spans}
     cases = (
