@@ -23,11 +23,12 @@ from follower_vision.track import TrackState
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
 _VERY_CERTAIN = 0.995
-_LESS_CERTAIN = 0.5
-_OBJECTED = 4.0
+_INSISTENCE = 1.5
+_OBJECTED = 6.0
 _USUAL_LOOKS = 0.85
 _HESITANT = 0.92
 _JUMP_SIZES = 1.0
+_WHOLE = 0.85
 _RIVAL_FRAMES = 2
 _RESUME_SIZES = 1.5
 _STEADY_SIZES = 0.75
@@ -133,7 +134,7 @@ class Following:
             self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
-        self._broken = self._broken or _breaks(belief, evidence)
+        self._broken = self._broken or _breaks(frame, belief, evidence)
         belief.box = clamped(evidence.box, belief, self._settings)
         if self._low < settings.low_frames:
             return
@@ -164,13 +165,13 @@ class Following:
         Either the target changed its looks, or something else came before it. In the first case
         the tracker stays confident; in the second the target comes out again where it should be.
         """
-        weight = 1.0 if evidence.relative >= _VERY_CERTAIN else _LESS_CERTAIN
+        weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
         if evidence.relative >= CERTAIN:
             self._steady_s += weight * interval_s
         elif evidence.relative < _SURE:
             self._steady_s = 0.0
         belief.reference = drawn(belief.reference, evidence.box, interval_s)
-        self._broken = self._broken or _breaks(belief, evidence)
+        self._broken = self._broken or _breaks(frame, belief, evidence)
         insistent = self._insistent(belief)
         if insistent:
             self._looks.accept(frame, evidence.box)
@@ -323,7 +324,11 @@ class Following:
         belief.reference = drawn(belief.reference, box, interval_s)
 
 
-def _breaks(belief: Belief, evidence: Evidence) -> bool:
-    """Whether the tracker hesitated or jumped, so that this may be another thing than before."""
+def _breaks(frame: Frame, belief: Belief, evidence: Evidence) -> bool:
+    """Whether this may be another thing than before.
+
+    So it is if the tracker hesitated or jumped, or if the target may have left the image.
+    """
     jumped = evidence.box.distance(belief.box) > _JUMP_SIZES * evidence.box.scale
-    return jumped or evidence.relative < _HESITANT
+    leaves = belief.box.visible_share(frame.width, frame.height) < _WHOLE
+    return jumped or leaves or evidence.relative < _HESITANT

@@ -12,6 +12,7 @@ from follower_vision.targetsearch import TargetSearch
 _REFRESH_S = 0.5
 _RISE_S = 0.5
 _FALL_S = 2.5
+_FRESH_SHARE = 0.8
 _KIN_COSINE = 0.675
 _KIN_WEIGHT = 3.0
 _LOOK_EVERY_S = 0.05
@@ -70,7 +71,8 @@ class Looks:
         """Take what a box shows as the target's new look, and as usual from now on."""
         if self._settings.max_recent:
             self._reidentifier.refresh(frame.image, box)
-        self._usual.reset(self.score(frame.image, box))
+        # A view just learnt fits better than any later one will.
+        self._usual.reset(_FRESH_SHARE * self.score(frame.image, box))
 
     def learn(self, frame: Frame, box: Box, score: float, familiar: bool) -> None:
         """Take a view of the target: the first second's for good, later ones for a while.
