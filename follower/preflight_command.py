@@ -70,6 +70,7 @@ def preflight_command(
         overrides=tuple(overrides or ()),
         out=out,
         needs_target=sign_test,
+        look_s=seconds,
     )
     if sign_test:
         from follower.fly.sign_testing import sign_test as run_sign_test
@@ -77,4 +78,4 @@ def preflight_command(
         raise typer.Exit(run_sign_test(options))
     from follower.fly.preflight import preflight
 
-    raise typer.Exit(preflight(options, as_json, seconds))
+    raise typer.Exit(preflight(options, as_json))

@@ -158,7 +158,7 @@ class FlySession:
         name = self._options.shown_camera
         with CameraWatch(source, name, self._clock) as camera, LiveChecklist(self._console) as live:
             observation = Observation(link, camera, self._clock, about)
-            results = observation.run(self._skip, live.show)
+            results = observation.run(self._skip, live.show, self._options.look_s)
             snapshot = observation.snapshot(self._clock.now())
         print_checklist(self._console, results)
         if any(result.refuses for result in results) or snapshot.camera.size is None:

@@ -24,6 +24,8 @@ _LENS_KEYS = ("fov_deg", "focal_px")
 class FlyOptions:
     """What the command line was given; see `follower fly --help`.
 
+    `look_s` is how long the checks look before they refuse.
+
     Raises:
         SettingsError: an option cannot be used.
     """
@@ -42,6 +44,7 @@ class FlyOptions:
     out: Path = Path("runs")
     rate_hz: float = 30.0
     needs_target: bool = True
+    look_s: float = 12.0
 
     def __post_init__(self) -> None:
         if not self.camera.strip():
@@ -51,6 +54,8 @@ class FlyOptions:
         if self.tracker is not None and self.tracker not in tracker_names():
             names = ", ".join(tracker_names())
             raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
+        if not 1 <= self.look_s <= 600:
+            raise SettingsError(f"--seconds lies between 1 and 600, not {self.look_s:g}")
         ways = (self.target, self.select, self.colour)
         given = sum(way is not None for way in ways)
         if given > 1:

@@ -26,7 +26,7 @@ from follower_vision.clock import Clock, MonotonicClock
 _READY, _NOT_READY = 0, 1
 
 
-def preflight(options: FlyOptions, as_json: bool = False, longest_s: float = 12.0) -> int:
+def preflight(options: FlyOptions, as_json: bool = False) -> int:
     """Check everything, show the list, and return the exit code: 0 only if nothing refuses.
 
     Raises:
@@ -45,7 +45,7 @@ def preflight(options: FlyOptions, as_json: bool = False, longest_s: float = 12.
         LiveChecklist(console) as live,
     ):
         observation = Observation(link, camera, clock, about)
-        results = observation.run(skip, _nobody if as_json else live.show, longest_s)
+        results = observation.run(skip, _nobody if as_json else live.show, options.look_s)
         snapshot = observation.snapshot(clock.now())
     if as_json:
         typer.echo(to_json(results, snapshot))

@@ -19,7 +19,7 @@ from follower_vision.clock import Clock
 from follower_vision.models import ModelStore, default_folder
 
 _STEP_S = 0.02
-_LEAST_S, _MOST_S = 3.0, 12.0
+_LEAST_S = 3.0
 _SETTLED_S = 2.0
 _JUDGE_EVERY_S = 0.25
 
@@ -65,7 +65,7 @@ class Observation:
         self,
         skip: frozenset[str],
         show: Callable[[list[Result]], None],
-        longest_s: float = _MOST_S,
+        longest_s: float,
     ) -> list[Result]:
         """Look until nothing refuses any more, or for `longest_s`; return what came out.
 
