@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from follower.consent import Consent
 from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
-from follower.release import ReleaseAction, is_resting
+from follower.human_input import HumanInput
+from follower.release import HandBack
 from follower.settings import Settings
-from follower.sticks import Sticks
 from follower.stopwatch import Stopwatch
 from follower.supervisor import Order, Situation, State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
+from follower_control.coasting import slowed
 from follower_control.envelope import Envelope, LimitedSetpoint
 from follower_control.estimate import TargetEstimate
 from follower_control.estimate_trust import trust_in
@@ -33,7 +32,6 @@ from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
 
 _NEEDS_STREAM = "OFFBOARD"
-_HELD_S = 1.0
 _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
 
@@ -68,8 +66,8 @@ class ControlStage:
         self._servo = VisualServo(settings.servo, mount.pitch_rad)
         self._envelope = Envelope(settings.envelope)
         self._search = Search(settings.search)
-        self._sticks = Sticks(settings.sticks)
-        self._consent = Consent(settings.consent)
+        self._humans = HumanInput(settings.consent, settings.sticks)
+        self._hand_back = HandBack(settings.release)
         self._supervisor = Supervisor(settings.supervisor)
         self.settings = settings
         self._log = log
@@ -79,10 +77,7 @@ class ControlStage:
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
         self._believed: TargetEstimate | None = None
-        self._entry = 0
-        self._sent = self._handed_back = False
-        self._stop_requested = False
-        self._orders: deque[Order] = deque()
+        self._sent = False
 
     @property
     def supervisor(self) -> Supervisor:
@@ -96,13 +91,11 @@ class ControlStage:
 
     def request_stop(self) -> None:
         """Let go at the next step, whatever the state; may be called from any thread."""
-        self._stop_requested = True
+        self._humans.stop_requested = True
 
     def order(self, order: Order) -> None:
         """Take an operator's order for the next step; may be called from any thread."""
-        if order in (Order.RENEW, Order.GIVE):
-            self._stop_requested = False
-        self._orders.append(order)
+        self._humans.give(order)
 
     def renew_consent(self) -> None:
         """Allow following again after a release; may be called from any thread."""
@@ -110,8 +103,7 @@ class ControlStage:
 
     def repeat_requests(self, recorded: Situation) -> None:
         """Ask for what was asked for in a recorded situation, before its step is replayed."""
-        self._stop_requested = recorded.stop_requested
-        self._orders.append(recorded.order)
+        self._humans.repeat(recorded)
 
     def step(
         self,
@@ -196,19 +188,15 @@ class ControlStage:
         """Keep where the target was last believed to be, and whether the vehicle is handed back."""
         if state.steers and estimate is not None:
             self._believed = estimate
-        released_s = self._supervisor.in_state_s(now_s) if state is State.RELEASED else -math.inf
-        rests = released_s >= _HELD_S and is_resting(vehicle, now_s)
-        wanted = self.settings.release.action is ReleaseAction.HAND_BACK
-        self._handed_back = wanted and state is State.RELEASED and (self._handed_back or rests)
+        self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
 
     def _situation(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
     ) -> Situation:
         newest, state = self._newest, self._supervisor.state
         track = None if newest is None else newest.track
-        order = self._take_order()
-        self._consent.step(order, vehicle, state, now_s)
-        self._sticks.step(vehicle, state.engaged, now_s)
+        humans = self._humans
+        humans.step(vehicle, state, now_s)
         telemetry_age_s = max(
             vehicle.attitude_age_s(now_s),
             vehicle.position_age_s(now_s),
@@ -223,29 +211,16 @@ class ControlStage:
             telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
             control_gap_s=0.0 if self._last_step_s is None else now_s - self._last_step_s,
-            mode_allows=self._mode_allows(vehicle),
+            mode_allows=humans.mode_allows(vehicle, state),
             flying=vehicle.armed and vehicle.landed is not True,
-            stop_requested=self._stop_requested,
-            consent_renewed=self._consent.renewed,
+            stop_requested=humans.stop_requested,
+            consent_renewed=humans.consent_renewed,
             in_state_s=self._supervisor.in_state_s(now_s),
-            consent_given=self._consent.given,
+            consent_given=humans.consent_given,
             failsafe=vehicle.failsafe,
-            sticks_moved=self._sticks.taken_over,
-            order=order,
+            sticks_moved=humans.sticks_moved,
+            order=humans.order,
         )
-
-    def _take_order(self) -> Order:
-        """Return the newest order; a withdrawal is not overruled by what came with it."""
-        orders = [self._orders.popleft() for _ in range(len(self._orders))]
-        return Order.WITHDRAW if Order.WITHDRAW in orders else next(reversed(orders), Order.NONE)
-
-    def _mode_allows(self, vehicle: VehicleState) -> bool:
-        """Whether somebody chose our mode and it was not left since following began.
-
-        It may have been left and entered again between two steps.
-        """
-        left = self._supervisor.state.engaged and vehicle.entries != self._entry
-        return vehicle.obeys_setpoints and not vehicle.entered_by_itself and not left
 
     def _unseen_s(self, track: Track | None, now_s: float) -> float:
         if track is not None and track.state is TrackState.TRACKING:
@@ -257,7 +232,7 @@ class ControlStage:
         self._servo.start(present)
         self._envelope.start(present, now_s)
         self._allowed = present
-        self._entry = vehicle.entries
+        self._humans.begin(vehicle)
 
     def _steer(
         self,
@@ -283,10 +258,10 @@ class ControlStage:
             return self._search.update(vehicle, now_s)
         if not state.steers or estimate is None:
             return HOLD
-        self._servo.nudge(self._sticks.nudge)
+        self._servo.nudge(self._humans.nudge)
         asked = self._servo.update(estimate, vehicle, self._allowed)
         if state is State.COASTING:
-            return _slowed(asked, (now_s - self._seen_s) / self.settings.supervisor.coast_s)
+            return slowed(asked, now_s - self._seen_s, self.settings.supervisor.coast_s)
         return asked
 
     def _context(
@@ -323,7 +298,7 @@ class ControlStage:
         send PX4 home. Once the pilot has another mode, nothing is sent, and ArduCopter's GUIDED is
         somebody else's when it comes back; OFFBOARD needs a stream from whom it had one.
         """
-        if self._handed_back:
+        if self._hand_back.done:
             return False
         comes_back = state is State.RELEASED and vehicle.mode == _NEEDS_STREAM
         return state.streams or (vehicle.obeys_setpoints and (self._sent or comes_back))
@@ -340,18 +315,6 @@ def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
         c * position.east_m_s - s * position.north_m_s,
         position.down_m_s,
         attitude.yaw_rate_rad_s,
-    )
-
-
-def _slowed(asked: VelocitySetpoint, share: float) -> VelocitySetpoint:
-    """Return the setpoint with a velocity that falls smoothly to 0 as `share` rises to 1."""
-    x = min(max(share, 0.0), 1.0)
-    left = 1 - x * x * (3 - 2 * x)
-    return replace(
-        asked,
-        forward_m_s=left * asked.forward_m_s,
-        right_m_s=left * asked.right_m_s,
-        down_m_s=left * asked.down_m_s,
     )
 
 

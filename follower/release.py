@@ -13,6 +13,7 @@ from follower_control.vehicle import VehicleState
 _RESTING_M_S, _RESTING_RAD_S = 0.3, 0.1
 _LONGEST_STOP_S = 4.0
 _FRESH_S = 0.5
+_HELD_S = 1.0
 _REFUSED_AFTER = 3
 
 
@@ -67,6 +68,24 @@ def is_resting(vehicle: VehicleState, now_s: float) -> bool:
         return False
     speed = math.hypot(position.north_m_s, position.east_m_s, position.down_m_s)
     return speed < _RESTING_M_S and abs(attitude.yaw_rate_rad_s) < _RESTING_RAD_S
+
+
+class HandBack:
+    """Knows when the vehicle can do without setpoints: after a hold, standing still.
+
+    Attributes:
+        done: no more setpoints are to be sent.
+    """
+
+    def __init__(self, settings: ReleaseSettings) -> None:
+        self._wanted = settings.action is ReleaseAction.HAND_BACK
+        self.done = False
+
+    def step(self, state: State, in_state_s: float, vehicle: VehicleState, now_s: float) -> None:
+        """Look at the supervisor's state and the vehicle."""
+        released = self._wanted and state is State.RELEASED
+        rests = in_state_s >= _HELD_S and is_resting(vehicle, now_s)
+        self.done = released and (self.done or rests)
 
 
 class Release:

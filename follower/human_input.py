@@ -1,0 +1,80 @@
+"""What the operator and the pilot want, from step to step."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from follower.consent import Consent, ConsentSettings
+from follower.sticks import Sticks, StickSettings
+from follower.supervisor import Order, Situation, State
+from follower_control.nudge import Nudge
+from follower_control.vehicle import VehicleState
+
+
+class HumanInput:
+    """Orders, stop, consent, sticks and the pilot's mode, for the supervisor to decide by.
+
+    Attributes:
+        stop_requested: somebody wants us to let go; until consent is given or renewed.
+        order: what was ordered for the last step.
+    """
+
+    def __init__(self, consent: ConsentSettings, sticks: StickSettings) -> None:
+        self._consent = Consent(consent)
+        self._sticks = Sticks(sticks)
+        self._orders: deque[Order] = deque()
+        self._entry = 0
+        self.stop_requested = False
+        self.order = Order.NONE
+
+    @property
+    def consent_given(self) -> bool:
+        """Whether the second consent stands."""
+        return self._consent.given
+
+    @property
+    def consent_renewed(self) -> bool:
+        """Whether it was given anew with this step."""
+        return self._consent.renewed
+
+    @property
+    def sticks_moved(self) -> bool:
+        """Whether the pilot wants the vehicle back."""
+        return self._sticks.taken_over
+
+    @property
+    def nudge(self) -> Nudge:
+        """By how much the pilot shifts what is wanted."""
+        return self._sticks.nudge
+
+    def give(self, order: Order) -> None:
+        """Take an order for the next step; may be called from any thread."""
+        if order in (Order.RENEW, Order.GIVE):
+            self.stop_requested = False
+        self._orders.append(order)
+
+    def repeat(self, recorded: Situation) -> None:
+        """Take what was ordered in a recorded situation."""
+        self.stop_requested = recorded.stop_requested
+        self._orders.append(recorded.order)
+
+    def step(self, vehicle: VehicleState, state: State, now_s: float) -> None:
+        """Take what came since the last step; `state` is the supervisor's before it decides."""
+        orders = [self._orders.popleft() for _ in range(len(self._orders))]
+        newest = next(reversed(orders), Order.NONE)
+        # A withdrawal is not overruled by what came with it.
+        self.order = Order.WITHDRAW if Order.WITHDRAW in orders else newest
+        self._consent.step(self.order, vehicle, state, now_s)
+        self._sticks.step(vehicle, state.engaged, now_s)
+
+    def begin(self, vehicle: VehicleState) -> None:
+        """Note that following begins, by this entry into the mode."""
+        self._entry = vehicle.entries
+
+    def mode_allows(self, vehicle: VehicleState, state: State) -> bool:
+        """Whether somebody chose our mode and it was not left since following began.
+
+        It may have been left and entered again between two steps.
+        """
+        left = state.engaged and vehicle.entries != self._entry
+        return vehicle.obeys_setpoints and not vehicle.entered_by_itself and not left
