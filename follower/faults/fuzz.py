@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
-from follower.links.packets import SIGNED_FLAG, checksum
+from follower.links.packets import PacketReader, checksum
 from follower.links.signing import Signer
 from follower.links.signing_key import SigningKey
 from follower_control.setpoint import HOLD
@@ -67,6 +67,7 @@ class LinkFuzzer:
         self._rng = np.random.default_rng(seed)
         self._signed = signed
         self._corpus = _corpus()
+        self._liar = Signer(SigningKey(bytes(range(50, 82))), _EPOCH_NS)
         self.fed_bytes = 0
         self.polls = 0
         self._makers: tuple[Callable[[], bytes], ...] = (
@@ -141,7 +142,7 @@ class LinkFuzzer:
         return self._corpus[int(self._rng.integers(len(self._corpus)))]
 
     def _spoilt(self) -> bytes:
-        """Return a true packet that was changed, cut, doubled or signed with nothing."""
+        """Return a true packet that was changed, cut, doubled or wrongly signed."""
         data = bytearray(self._true())
         how = int(self._rng.integers(4))
         if how == 0:
@@ -151,8 +152,7 @@ class LinkFuzzer:
         elif how == 2:
             data = data * 2
         else:
-            data[2] |= SIGNED_FLAG
-            data += self._rng.bytes(13)
+            return self._liar.sign(bytes(data), self._now_s)
         return bytes(data)
 
     def _invented(self) -> bytes:
@@ -178,6 +178,5 @@ def _corpus() -> list[bytes]:
         autopilot = SimAutopilot(flavour, theirs, BodyState(0.0, (0.0, 0.0, -10.0)))
         for step in range(int(_CORPUS_S / 0.005)):
             autopilot.step(0.005 * step)
-            data = ours.receive()
-            packets += [data] if data else []
+            packets += [packet.data for packet in PacketReader().feed(ours.receive())]
     return packets
