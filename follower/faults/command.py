@@ -73,8 +73,6 @@ def faults_command(
     if names == ["list"]:
         list_faults(console)
         return
-    with suppress(OSError):
-        os.nice(_NICE)
     if random or only is not None:
         failed = _fly_random(console, random, seed, only, out / TALLY)
     elif docs is not None and not names:
@@ -154,6 +152,8 @@ def _fly_random(console: Console, flights: int, seed: int, only: int | None, pat
         result = fly_random((seed, only))
         console.print(result.failure or f"flight {only} is as it must be: {result.steps} steps")
         return bool(result.failure)
+    with suppress(OSError):
+        os.nice(_NICE)
     tally = Tally.load(path, seed)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
