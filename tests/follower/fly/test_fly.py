@@ -1,0 +1,242 @@
+"""`follower fly` from the command line: a simulated autopilot, a video as camera, a pilot."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.recorder import open_flight
+from follower.supervisor import State
+
+FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
+SETTINGS = (
+    *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20"),
+    *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),
+)
+HEIGHT_M = 12.0
+READY, REFUSED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+MakeVehicle = Callable[..., Any]
+
+
+class Program:
+    """`follower fly`, and what it has said so far."""
+
+    def __init__(self, *arguments: str, cwd: Path) -> None:
+        self.said = ""
+        self._lines: queue.Queue[str] = queue.Queue()
+        self.process = subprocess.Popen(
+            [*FOLLOWER, "fly", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait_for(self, pattern: str, within_s: float = 40.0) -> None:
+        end_s = time.monotonic() + within_s
+        while time.monotonic() < end_s:
+            try:
+                self.said += self._lines.get(timeout=0.1)
+            except queue.Empty:
+                if self.process.poll() is not None:
+                    break
+            if re.search(pattern, self.said):
+                return
+        raise AssertionError(f"nothing like {pattern!r} was said:\n{self.said}")
+
+    def end(self, how: signal.Signals | None = None) -> int:
+        if how is not None:
+            self.process.send_signal(how)
+        self.process.wait(60)
+        self._reader.join(10)
+        while not self._lines.empty():
+            self.said += self._lines.get()
+        return self.process.returncode
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as stream:
+            for line in stream:
+                self._lines.put(line)
+
+
+def until(condition: Callable[[], bool], within_s: float = 15.0) -> None:
+    end_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < end_s, "it did not come about"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def launch(port: int, video: Path, tmp_path: Path) -> Any:
+    programs: list[Program] = []
+
+    def start(*more: str, camera: str = str(video)) -> Program:
+        link = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", camera)
+        programs.append(Program(*link, *SETTINGS, *more, cwd=tmp_path))
+        return programs[-1]
+
+    yield start
+    for program in programs:
+        program.process.kill()
+        program.end()
+
+
+@pytest.mark.parametrize(
+    ("flavour", "link"),
+    [
+        ("px4", "pymavlink"),
+        pytest.param("ardupilot", "mavsdk", marks=pytest.mark.slow),
+    ],
+)
+def test_it_waits_for_the_pilot_follows_and_holds_on_ctrl_c(
+    vehicle: MakeVehicle, launch: Any, tmp_path: Path, flavour: str, link: str
+) -> None:
+    there = vehicle(flavour, HEIGHT_M)
+    program = launch("--colour", "#d02020", "--link", link)
+    program.wait_for("Ready")
+    program.wait_for(f"pilot: switch to {there.setpoint_mode}, and it follows")
+    assert all(speeds(m) == (0, 0, 0, 0) for _, m in there.setpoints)
+    assert there.autopilot.mode == "LOITER"
+    yaw = there.autopilot.state.yaw_rad
+    assert there.autopilot.switch_mode(there.setpoint_mode)
+    until(lambda: there.autopilot.state.yaw_rad - yaw > math.radians(5))
+    program.wait_for("following")
+    assert program.end(signal.SIGINT) == READY, program.said
+    assert re.search(f"still in {there.setpoint_mode}", program.said)
+    last = [m for _, m in there.setpoints][-5:]
+    assert np.array([speeds(m) for m in last]) == pytest.approx(0.0, abs=1e-6)
+    assert math.hypot(*there.autopilot.state.velocity_m_s) < 0.5
+    check_recording(tmp_path / "runs" / "fly", there)
+
+
+def speeds(m: Any) -> tuple[float, ...]:
+    return (m.vx, m.vy, m.vz, m.yaw_rate)
+
+
+def check_recording(folder: Path, there: Any) -> None:
+    flight = open_flight(folder)
+    assert flight.remarks == []
+    assert flight.config.kind == "real"
+    states = [record.state for record in flight.log.controls]
+    assert State.FOLLOWING in states
+    assert states[-1] is State.RELEASED
+    turning = [r.allowed.yaw_rate_rad_s for r in flight.log.controls if r.sent]
+    assert max(turning) == pytest.approx(max(m.yaw_rate for _, m in there.setpoints), abs=1e-6)
+    numbers = np.array([frame.sequence for frame in flight.pictures()])
+    assert len(numbers) > 60
+    assert (np.diff(numbers) > 0).all()
+    assert json.loads((folder / "preflight.json").read_text())["ready"] is True
+    for name in ("inspection.html", "boxes.csv", "setpoints.csv", "mavlink.tlog"):
+        assert (folder / name).stat().st_size > 1000, name
+    assert "password" not in (folder / "config.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_the_pilot_takes_over_and_nothing_is_sent_any_more(
+    vehicle: MakeVehicle, launch: Any
+) -> None:
+    there = vehicle("ardupilot", HEIGHT_M)
+    program = launch("--target", "190,100,40,40")
+    program.wait_for("pilot: switch to GUIDED")
+    there.autopilot.switch_mode("GUIDED")
+    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints))
+    there.autopilot.switch_mode("LOITER")
+    switched_s = there.clock.now()
+    program.wait_for("pilot took over")
+    time.sleep(1.0)
+    assert program.end(signal.SIGTERM) == READY, program.said
+    late = [at - switched_s for at, _ in there.setpoints if at > switched_s]
+    assert max(late, default=0.0) < 1.3  # a heartbeat comes once a second
+    assert "still in" not in program.said
+    assert there.autopilot.mode == "LOITER"
+
+
+def test_a_failed_check_refuses_and_leaves_nothing_behind(
+    vehicle: MakeVehicle, port: int, video: Path, tmp_path: Path, capsys: Any
+) -> None:
+    from follower.fly.fly import fly
+    from follower.fly.options import FlyOptions
+
+    there = vehicle("px4")
+    there.autopilot.parameters["COM_OBL_RC_ACT"] = 6.0
+    options = FlyOptions(
+        f"udpin:127.0.0.1:{port}",
+        str(video),
+        colour="#d02020",
+        overrides=("camera.fov_deg=70", "link.vehicle_id=1"),
+        out=tmp_path / "runs",
+        look_s=4.0,
+    )
+    assert fly(options) == REFUSED
+    said = capsys.readouterr().out
+    assert "Do not fly: 1 check failed" in said
+    assert "COM_OBL_RC_ACT: 6: termination: the motors stop; set it to 5 (Hold)" in said
+    assert "--skip-preflight COM_OBL_RC_ACT" in said
+    assert list((tmp_path / "runs").iterdir()) == []
+    assert there.setpoints == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--connect", "udpin:0.0.0.0:1x", "--camera", "0", "--colour", "#d02020"), "1x"),
+        (("--connect", "/dev/tty-none:9600", "--camera", "0", "--colour", "#d02020"), "tty-none"),
+        (("--connect", "udpin:127.0.0.1:1", "--camera", "0"), "which target"),
+        (
+            ("--connect", "x", "--camera", "0", "--colour", "#d02020", "--select", "car"),
+            "by one of",
+        ),
+        (("--connect", "x", "--camera", "0", "--target", "1,2,3"), "x,y,w,h"),
+        (
+            ("--connect", "x", "--camera", "0", "--colour", "#d02020", "--link", "ros"),
+            "pymavlink or mavsdk",
+        ),
+        (
+            ("--connect", "x", "--camera", "0", "--colour", "#d02020", "--skip-preflight", "gpss"),
+            "no such check",
+        ),
+        (
+            ("--connect", "x", "--camera", "0", "--colour", "#d02020", "--set", "camera.fov=7"),
+            "fov_deg",
+        ),
+        (("--connect", "x", "--camera", " ", "--colour", "#d02020"), "which camera"),
+    ],
+)
+def test_what_can_be_mended_ends_in_one_line_and_exit_code_2(
+    arguments: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from follower.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["follower", "fly", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == UNUSABLE
+    assert message in said
+    assert said.startswith("follower: ")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
