@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -10,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from follower.control_loop import ControlLoop
 from follower.flight_video import FlightVideo
 from follower.flightlog import FlightLog, Selection, TrackRecord
+from follower.interpreter import short_pauses
 from follower.stopwatch import Stopwatch
 from follower.vision_stage import VisionStage
 from follower_vision.clock import Clock
@@ -17,9 +17,6 @@ from follower_vision.frame import Frame
 from follower_vision.framesource import FrameSource
 from follower_vision.mailbox import Mailbox
 
-_SWITCH_INTERVAL_S = 0.0005
-"""Python hands the interpreter from thread to thread this often; its own 5 ms would show as
-jitter of the control loop while vision runs Python code."""
 _PATIENCE_S = 0.2
 
 
@@ -103,17 +100,14 @@ class RealtimeRun:
         gone on for as long as `watch` wants: a dead vision thread shows as stale frames, on which
         the supervisor holds and lets go.
         """
-        before = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH_INTERVAL_S)
         loops = (self._capture_loop, self._vision_loop, self._control_loop)
-        with ThreadPoolExecutor(len(loops), "follower") as threads:
+        with short_pauses(), ThreadPoolExecutor(len(loops), "follower") as threads:
             futures = [threads.submit(loop) for loop in loops]
             try:
                 while watch() and not futures[-1].done():
                     wait(futures[-1:], watch_every_s)
             finally:
                 self._shut_down(futures)
-                sys.setswitchinterval(before)
         for future in futures:
             future.result()
 
