@@ -55,7 +55,12 @@ class FlightContext:
         """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
         attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= stale_after_s else None
         position = vehicle.position if vehicle.position_age_s(now_s) <= stale_after_s else None
+        clearance, origin = vehicle.clearance, vehicle.origin
+        if clearance is not None and now_s - clearance.time_s > stale_after_s:
+            clearance = None
         return cls(
+            clearance_m=clearance.height_m if clearance else None,
+            origin_deg=(origin.latitude_deg, origin.longitude_deg) if origin else None,
             yaw_rad=attitude.yaw_rad if attitude else None,
             north_m=position.north_m if position else None,
             east_m=position.east_m if position else None,

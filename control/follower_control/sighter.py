@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 
 from follower_control.attitude_history import AttitudeHistory
+from follower_control.gimbal import camera_to_world
+from follower_control.gimbal_history import GimbalHistory
 from follower_control.sighting import SightFrame, Sighting, to_sight
 from follower_control.vehicle import Attitude
 from follower_vision.box import Box
@@ -40,8 +42,12 @@ class Sighter:
         self._latency_s = latency_s
         self.looks_down = False
 
-    def sight(self, track: Track, attitudes: AttitudeHistory) -> Sighting | None:
+    def sight(
+        self, track: Track, attitudes: AttitudeHistory, gimbal: GimbalHistory | None = None
+    ) -> Sighting | None:
         """Return what a track says about the target, None if nothing can be said.
+
+        With a gimbal it is the gimbal that holds the camera, and the mount does not count.
 
         With an empty history, as without telemetry, the sighting is in the body's frame. With
         telemetry, a frame whose attitude is unknown gives None rather than a sighting in another
@@ -51,10 +57,17 @@ class Sighter:
         attitude = attitudes.at(time_s)
         if attitude is None and len(attitudes) > 0:
             return None
+        held = None if gimbal is None else gimbal.at(time_s)
+        if gimbal is not None and (held is None or attitude is None):
+            return None
         ray, log_scale = self._look(track.box)
         frame = SightFrame.DOWN if self.looks_down else SightFrame.WORLD
         frame = SightFrame.BODY if attitude is None else frame
-        sight = to_sight(_body_to_frame(attitude, self._camera_to_body @ ray), frame)
+        if held is not None and attitude is not None:
+            vector = camera_to_world(held, attitude) @ ray
+        else:
+            vector = _body_to_frame(attitude, self._camera_to_body @ ray)
+        sight = to_sight(vector, frame)
         sighting = Sighting(sight, log_scale, time_s, frame, self._cuts(track.box))
         return sighting if sighting.is_finite else None
 

@@ -84,6 +84,57 @@ class RcChannels:
 
 
 @dataclass(frozen=True, slots=True)
+class GimbalState:
+    """How a gimbal holds its camera.
+
+    Attributes:
+        attitude: angles and rates of the camera, as if it were a body that looks along its nose.
+        is_level: roll and pitch are against the horizon; else against the vehicle's body.
+        from_north: yaw is from north; else from the vehicle's nose.
+    """
+
+    attitude: Attitude
+    is_level: bool = True
+    from_north: bool = False
+
+    @property
+    def time_s(self) -> float:
+        """When this was true."""
+        return self.attitude.time_s
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite."""
+        return all(map(math.isfinite, (*self.attitude.numbers, self.time_s)))
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """How high the vehicle is above what is below it.
+
+    Attributes:
+        height_m: by a rangefinder that looks down, or by a terrain map.
+        time_s: when this was true, on the system's clock.
+    """
+
+    height_m: float
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the origin of local positions is.
+
+    Attributes:
+        latitude_deg: north is positive.
+        longitude_deg: east is positive.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleState:
     """The newest of everything; a part never heard of is None.
 
@@ -99,6 +150,11 @@ class VehicleState:
         entries: how often it was seen to enter that mode.
         entered_by_itself: it did so out of a failsafe the last time: nobody chose the mode.
         rc: the pilot's sticks and switches, None where the autopilot does not show them.
+        gimbal: how a gimbal holds its camera, None without one.
+        clearance: height above what is below, None where nothing measures it.
+        origin: where the origin of local positions is, None before it is told.
+        answered_s: when it last answered something that we had asked, so that it hears us; None
+            before the first time.
     """
 
     attitude: Attitude | None = None
@@ -112,6 +168,10 @@ class VehicleState:
     entries: int = 0
     entered_by_itself: bool = False
     rc: RcChannels | None = None
+    gimbal: GimbalState | None = None
+    clearance: Clearance | None = None
+    origin: Origin | None = None
+    answered_s: float | None = None
 
     def attitude_age_s(self, now_s: float) -> float:
         """Age of the attitude; infinite if there is none."""
@@ -124,6 +184,10 @@ class VehicleState:
     def heartbeat_age_s(self, now_s: float) -> float:
         """Age of the last heartbeat; infinite if there was none."""
         return math.inf if self.heartbeat_s is None else now_s - self.heartbeat_s
+
+    def answer_age_s(self, now_s: float) -> float:
+        """How long it has not answered us; 0 for one that never did."""
+        return 0.0 if self.answered_s is None else now_s - self.answered_s
 
     def fresh_rc(self, now_s: float, within_s: float) -> RcChannels | None:
         """Return the pilot's channels unless they are older than that."""
