@@ -219,6 +219,7 @@ class ControlStage:
             consent_given=humans.consent_given,
             failsafe=vehicle.failsafe,
             sticks_moved=humans.sticks_moved,
+            answer_age_s=vehicle.answer_age_s(now_s),
             order=humans.order,
         )
 

@@ -37,6 +37,7 @@ In FOLLOWING, COASTING, SEARCHING and HOLDING:
 | the second consent was withdrawn            | RELEASED   | consent withdrawn         |
 | disarmed or landed                          | RELEASED   | not flying                |
 | nothing at all heard for `alone_s`          | RELEASED   | link lost                 |
+| nothing answered for `alone_s`              | RELEASED   | not heard                 |
 | the control loop stood still for `alone_s`  | RELEASED   | control stalled           |
 | a trouble, in HOLDING for `hold_s`          | RELEASED   | hold timed out            |
 | a trouble                                   | HOLDING    | its own                   |
@@ -59,8 +60,9 @@ The troubles, in their order:
 | the control loop itself came late           | control late              |
 
 HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent
-still stands. RELEASED never returns by itself. After `alone_s` without any word, or without a step
-of ours, the autopilot may have gone home and come back into our mode by itself: that is no consent.
+still stands. RELEASED never returns by itself. After `alone_s` without a word either way, or
+without a step of ours, the autopilot may have gone home and come back into our mode by itself: that
+is no consent.
 """
 
 from __future__ import annotations
@@ -135,6 +137,7 @@ class Reason(StrEnum):
     STICKS_MOVED = "pilot moved the sticks"
     CONSENT_WITHDRAWN = "consent withdrawn"
     LINK_LOST = "link lost"
+    NOT_HEARD = "not heard by the autopilot"
     CONTROL_STALLED = "control stalled"
     STOP_REQUESTED = "stop requested"
     AWAITING_CONSENT = "let go, waiting for consent"
@@ -195,6 +198,7 @@ class Situation:
         consent_given: the second consent stands; always so where none is asked for.
         failsafe: the autopilot says that it is in a failsafe.
         sticks_moved: a stick is so far out that the pilot wants the vehicle back.
+        answer_age_s: how long the autopilot has not answered us, though it may talk.
         order: what the operator asked for; the consents above follow from it and from telemetry.
     """
 
@@ -213,6 +217,7 @@ class Situation:
     consent_given: bool = True
     failsafe: bool = False
     sticks_moved: bool = False
+    answer_age_s: float = 0.0
     order: Order = Order.NONE
 
 
@@ -270,6 +275,7 @@ def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | Non
         (not situation.consent_given, Reason.CONSENT_WITHDRAWN),
         (not situation.flying, Reason.NOT_FLYING),
         (silent_s >= settings.alone_s, Reason.LINK_LOST),
+        (situation.answer_age_s >= settings.alone_s, Reason.NOT_HEARD),
         (situation.control_gap_s >= settings.alone_s, Reason.CONTROL_STALLED),
     )
     return next((reason for applies, reason in ways if applies), None)

@@ -322,6 +322,11 @@ class AutopilotLink(ABC):
             self._send_timesync(time_ns(now_s), message.ts1)
         else:
             self._timesync.answer(message.tc1, message.ts1, now_s)
+            self._on_answer(now_s)
+
+    def _on_answer(self, now_s: float) -> None:
+        if self._monitor is not None:
+            self._monitor.hears_us(now_s)
 
     def _ask(self, now_s: float) -> None:
         """Ask for the time and for messages that do not come."""

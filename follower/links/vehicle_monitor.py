@@ -11,6 +11,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.autopilot_clock import AutopilotClock
 from follower.links.modes import mode_name, setpoint_mode
+from follower.links.surroundings import (
+    clearance_by_rangefinder,
+    clearance_by_terrain,
+    gimbal_of,
+    origin_of,
+)
 from follower.links.vehicle_finder import Vehicle
 from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
 
@@ -23,6 +29,7 @@ _FAILSAFES = (
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
 _MOST_CHANNELS = 18
+_RANGE_HOLDS_S = 2.0
 _DONE = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
@@ -53,11 +60,16 @@ class VehicleMonitor:
             "COMMAND_ACK": self._on_ack,
             "STATUSTEXT": self._on_text,
             "RC_CHANNELS": self._on_rc,
+            "DISTANCE_SENSOR": self._on_distance,
+            "TERRAIN_REPORT": self._on_terrain,
+            "GPS_GLOBAL_ORIGIN": self._on_origin,
+            "GIMBAL_DEVICE_ATTITUDE_STATUS": self._on_gimbal,
         }
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.altitude_msl_m: float | None = None
         self.boot_ms = 0
+        self._range_s = -math.inf
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -123,7 +135,13 @@ class VehicleMonitor:
             landed = message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
             self.state = replace(self.state, landed=landed)
 
-    def _on_ack(self, message: Any, _now_s: float) -> None:
+    def hears_us(self, now_s: float) -> None:
+        """Note an answer to something that we asked."""
+        self.state = replace(self.state, answered_s=now_s)
+
+    def _on_ack(self, message: Any, now_s: float) -> None:
+        if message.target_component == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
+            self.hears_us(now_s)
         if message.result not in _DONE:
             command = mavlink.enums["MAV_CMD"].get(message.command)
             result = mavlink.enums["MAV_RESULT"].get(message.result)
@@ -138,6 +156,32 @@ class VehicleMonitor:
         pulses = [int(getattr(message, f"chan{number}_raw")) for number in range(1, count + 1)]
         if pulses:
             self.state = replace(self.state, rc=RcChannels(tuple(pulses), now_s))
+
+    def _on_distance(self, message: Any, now_s: float) -> None:
+        clearance = clearance_by_rangefinder(message, now_s)
+        if clearance is not None:
+            self._range_s = now_s
+            self.state = replace(self.state, clearance=clearance)
+
+    def _on_terrain(self, message: Any, now_s: float) -> None:
+        # A rangefinder knows better than a map.
+        clearance = clearance_by_terrain(message, now_s)
+        if clearance is not None and now_s - self._range_s > _RANGE_HOLDS_S:
+            self.state = replace(self.state, clearance=clearance)
+
+    def _on_origin(self, message: Any, _now_s: float) -> None:
+        origin = origin_of(message)
+        if origin is not None:
+            self.state = replace(self.state, origin=origin)
+
+    def _on_gimbal(self, message: Any, now_s: float) -> None:
+        self.take_gimbal(message, self._time_of(message, now_s))
+
+    def take_gimbal(self, message: Any, time_s: float) -> None:
+        """Take a gimbal's attitude that was true at a time of ours."""
+        gimbal = gimbal_of(message, time_s)
+        if gimbal is not None:
+            self.state = replace(self.state, gimbal=gimbal)
 
     def _time_of(self, message: Any, now_s: float) -> float:
         self.boot_ms = message.time_boot_ms

@@ -263,8 +263,22 @@ def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(gone_s
         assert record.state is F
     else:
         assert record.state is R
-        assert record.reason in (Reason.LINK_LOST, Reason.AUTOPILOT_FAILSAFE)
+        assert record.reason in (Reason.LINK_LOST, Reason.NOT_HEARD)
         assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+@flavours
+def test_an_autopilot_that_talks_but_does_not_hear_us_is_let_go(flavour: str) -> None:
+    rig = Rig(flavour)
+    rig.follow()
+    rig.fly(0.3)
+    rig.autopilot.faults.deaf = True
+    rig.fly(0.9)
+    assert rig.log.controls[-1].state is F
+    assert rig.until(R, 0.3).reason is Reason.NOT_HEARD
+    # PX4 may have gone into its failsafe and come back between two of its own heartbeats.
+    rig.autopilot.faults.deaf = False
+    assert rig.fly(2.0).state is R
 
 
 def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows() -> None:

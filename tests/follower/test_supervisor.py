@@ -89,6 +89,7 @@ ROWS = [
         (State.TRACKING, Reason.TELEMETRY_STALE),
         let_go(Reason.LINK_LOST),
     ),
+    Row("not heard", {"answer_age_s": 1.0}, FOLLOW, let_go(Reason.NOT_HEARD)),
     Row(
         "control stood still",
         {"control_gap_s": 1.0},
@@ -223,6 +224,7 @@ ENGAGED_ORDER = [
     "no consent",
     "on the ground",
     "silence of all",
+    "not heard",
     "control stood still",
     "no heartbeat",
     "stale frames",
@@ -256,7 +258,7 @@ situations = st.builds(
     Situation,
     *[st.booleans(), ages, st.booleans(), ages, ages, ages, ages],
     *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages],
-    *[st.booleans(), st.booleans(), st.booleans(), st.sampled_from(Order)],
+    *[st.booleans(), st.booleans(), st.booleans(), ages, st.sampled_from(Order)],
 )
 
 
