@@ -28,6 +28,7 @@ _OBJECTED = 6.0
 _USUAL_LOOKS = 0.85
 _HESITANT = 0.92
 _JUMP_SIZES = 1.0
+_JUMP_SIZES_EDGE = 0.5
 _WHOLE = 0.85
 _RIVAL_FRAMES = 2
 _RESUME_SIZES = 1.5
@@ -172,7 +173,7 @@ class Following:
             self._steady_s = 0.0
         belief.reference = drawn(belief.reference, evidence.box, interval_s)
         self._broken = self._broken or _breaks(frame, belief, evidence)
-        insistent = self._insistent(belief)
+        insistent = self._insistent(belief, doubtful=True)
         if insistent:
             self._looks.accept(frame, evidence.box)
             belief.witness.overrule()
@@ -211,14 +212,14 @@ class Following:
         else:
             self.coast(frame, belief, expected, "coasting")
 
-    def _insistent(self, belief: Belief) -> bool:
+    def _insistent(self, belief: Belief, doubtful: bool = False) -> bool:
         """Whether the tracker has been certain for long.
 
         It takes longer if the detector objects, or if the tracker may have gone over to something
         else meanwhile.
         """
-        longer = _OBJECTED if belief.witness.objects or self._broken else 1.0
-        return self._steady_s > self._settings.insist_s * longer
+        longer = belief.witness.objects or (doubtful and self._broken)
+        return self._steady_s > self._settings.insist_s * (_OBJECTED if longer else 1.0)
 
     def _recognised(self, belief: Belief, evidence: Evidence) -> bool:
         """Whether a box looks so much like the target that doubt ends."""
@@ -325,10 +326,11 @@ class Following:
 
 
 def _breaks(frame: Frame, belief: Belief, evidence: Evidence) -> bool:
-    """Whether this may be another thing than before.
+    """Whether the tracker hesitated or jumped, so that this may be another thing than before.
 
-    So it is if the tracker hesitated or jumped, or if the target may have left the image.
+    At the image's edge, where the target may have left, a smaller jump counts.
     """
-    jumped = evidence.box.distance(belief.box) > _JUMP_SIZES * evidence.box.scale
-    leaves = belief.box.visible_share(frame.width, frame.height) < _WHOLE
-    return jumped or leaves or evidence.relative < _HESITANT
+    whole = belief.box.visible_share(frame.width, frame.height) >= _WHOLE
+    reach = _JUMP_SIZES if whole else _JUMP_SIZES_EDGE
+    jumped = evidence.box.distance(belief.box) > reach * evidence.box.scale
+    return jumped or evidence.relative < _HESITANT
