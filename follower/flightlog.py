@@ -159,12 +159,15 @@ class FlightLog:
         controls: the control steps.
         events: what is worth a line.
         sink: is told everything too, if there is one: the recorder.
+        kept: how many of the newest tracks and control steps stay here at least; None keeps all.
+            A recorded flight of hours would fill the memory: a control step is some 8 kB.
     """
 
     tracks: list[TrackRecord] = field(default_factory=list)
     controls: list[ControlRecord] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     sink: FlightSink | None = None
+    kept: int | None = None
 
     def see(self, frame: Frame, received_s: float) -> None:
         """Pass on a frame that vision begins to work on; frames are not kept in memory."""
@@ -179,6 +182,7 @@ class FlightLog:
     def add_track(self, record: TrackRecord) -> None:
         """Add vision's answer for a frame."""
         self.tracks.append(record)
+        self._forget(self.tracks)
         if self.sink is not None:
             self.sink.add_track(record)
 
@@ -190,6 +194,7 @@ class FlightLog:
     def add_control(self, record: ControlRecord) -> None:
         """Add a control step."""
         self.controls.append(record)
+        self._forget(self.controls)
         if self.sink is not None:
             self.sink.add_control(record)
 
@@ -199,3 +204,7 @@ class FlightLog:
         self.events.append(event)
         if self.sink is not None:
             self.sink.add_event(event)
+
+    def _forget(self, records: list[TrackRecord] | list[ControlRecord]) -> None:
+        if self.kept is not None and len(records) > 2 * self.kept:
+            del records[: -self.kept]

@@ -49,7 +49,13 @@ def inspect_flight(folder: Path, out: Path | None = None, console: Console | Non
         FlightFileError: the flight cannot be read; one line says why and what could be.
         OSError: the report cannot be written.
     """
-    recorded = open_flight(folder)
+    return inspect_recorded(open_flight(folder), out, console)
+
+
+def inspect_recorded(
+    recorded: RecordedFlight, out: Path | None = None, console: Console | None = None
+) -> Path:
+    """Do the same for a flight that was read already."""
     flight = prepared(recorded)
     path = write_inspection(recorded, flight, out)
     print_summary(console or Console(), recorded, flight, path)

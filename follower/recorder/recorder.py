@@ -52,6 +52,7 @@ class Recorder(ClosesItself):
         settings: see there.
         threaded: False writes at once on the caller's thread, so that nothing can be left out:
             for lockstep.
+        kept: how much of the log stays in memory, see `FlightLog`.
 
     Raises:
         OSError: the files cannot be made.
@@ -64,10 +65,11 @@ class Recorder(ClosesItself):
         clock: Clock,
         settings: RecorderSettings | None = None,
         threaded: bool = True,
+        kept: int | None = None,
     ) -> None:
         self._clock = clock
         self._remarks: list[str] = []
-        self.log = FlightLog(sink=self)
+        self.log = FlightLog(sink=self, kept=kept)
         (folder / CONFIG).write_text(config.to_yaml(), "utf-8")
         self._entries: deque[Entry] = deque()
         self._step_ended = threading.Event()
