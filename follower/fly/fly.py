@@ -65,10 +65,9 @@ def fly(options: FlyOptions) -> int:
         session = FlySession(options, settings, selector, tracker, skip, folder)
         try:
             return session.run(transport)
-        except BaseException:
+        finally:
             if not session.flown:
                 shutil.rmtree(folder)
-            raise
 
 
 def _nothing() -> None:
@@ -117,7 +116,6 @@ class FlySession:
                 stack.callback(lambda: source.close())
                 size = self._check(link, source)
                 if size is None:
-                    shutil.rmtree(self._folder)
                     return _REFUSED
                 source = after_preflight(source, self._options, self._clock)
                 self._fly(link, SteadySource(source, size), size, recorder)

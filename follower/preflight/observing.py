@@ -82,7 +82,7 @@ class Observation:
                 judged_s = now_s
                 results = run_checks(self.snapshot(now_s), skip)
                 show(results)
-                settled = now_s - start_s >= _LEAST_S and self._is_settled(now_s)
+                settled = now_s - start_s >= _LEAST_S and self._is_complete(now_s)
                 refused = any(result.refuses for result in results)
                 if (settled and not refused) or now_s - start_s >= longest_s:
                     return results
@@ -127,6 +127,15 @@ class Observation:
         limit_s = self._about.settings.supervisor.telemetry_timeout_s
         repeats = age_s < limit_s < self._liveness.age_s(now_s)
         return AttitudeReading(max(age_s, self._worst_age_s), repeats)
+
+    def _is_complete(self, now_s: float) -> bool:
+        """Whether everything that was asked for was told, or asked for in vain."""
+        reader = self._link.parameters
+        if reader is None or not self._is_settled(now_s) or self._link.health.firmware is None:
+            return False
+        known, missing = reader.values, reader.missing
+        groups = parameters_for(self._link.autopilot_name)
+        return all(known.keys() & set(names) or missing >= set(names) for names in groups)
 
     def _is_settled(self, now_s: float) -> bool:
         return self._found_s is not None and now_s - self._found_s >= _SETTLED_S

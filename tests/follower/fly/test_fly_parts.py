@@ -1,0 +1,170 @@
+"""The small parts of `follower fly`: words, keyboard, camera, signals, example settings."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+import pytest
+
+from follower.flightlog import ControlRecord
+from follower.fly.camera import DeadCamera, SteadySource
+from follower.fly.keyboard import Keyboard
+from follower.fly.options import FlyOptions, lens_given
+from follower.fly.waiting import waiting_for
+from follower.interrupt import StopOnInterrupt
+from follower.settings import Settings, load_settings
+from follower.supervisor import Order, Reason, State
+from follower_control.setpoint import HOLD
+from follower_control.vehicle import VehicleState
+from follower_vision.frame import Frame
+from follower_vision.framesource import ClosesItself
+
+CONFIGS = Path(__file__).parents[3] / "configs" / "fly"
+
+
+def record(state: State, reason: Reason, obeys: bool = False) -> ControlRecord:
+    vehicle = VehicleState(mode="OFFBOARD", obeys_setpoints=obeys, armed=True, heartbeat_s=1.0)
+    return ControlRecord(1.0, 0.0, 0.0, state, reason, None, None, vehicle, HOLD, HOLD, (), False)
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "consent", "words"),
+    [
+        (State.IDLE, Reason.NO_TARGET, {}, "looking for a cow"),
+        (State.TRACKING, Reason.NOT_FLYING, {}, "take off"),
+        (State.TRACKING, Reason.FRAMES_STALE, {}, "camera"),
+        (State.READY, Reason.WAITING_FOR_PILOT, {}, "switch to GUIDED"),
+        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "rc"}, "switch on the transmitter"),
+        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "terminal"}, "press Enter"),
+        (State.FOLLOWING, Reason.TARGET_SEEN, {}, "leave GUIDED to take over"),
+        (State.SEARCHING, Reason.TARGET_LOST, {}, "leave GUIDED to take over"),
+        (State.RELEASED, Reason.PILOT_TOOK_OVER, {}, "Enter consents"),
+        (State.RELEASED, Reason.PILOT_TOOK_OVER, {"again": "mode"}, "go back to GUIDED"),
+        (State.RELEASED, Reason.PILOT_TOOK_OVER, {"kind": "rc"}, "transmitter"),
+    ],
+)
+def test_the_terminal_says_what_has_to_happen_next(
+    state: State, reason: Reason, consent: dict[str, str], words: str
+) -> None:
+    settings = Settings.model_validate({"consent": consent})
+    assert words in waiting_for(record(state, reason), "ardupilot", "a cow", settings)
+
+
+def test_before_the_autopilot_and_after_the_end() -> None:
+    settings = Settings()
+    assert waiting_for(None, "unknown", "a cow", settings) == "waiting for the autopilot"
+    released = record(State.RELEASED, Reason.STOP_REQUESTED, obeys=True)
+    assert "standing still" in waiting_for(released, "px4", "a cow", settings)
+    assert waiting_for(released, "px4", "a cow", settings, ending=True) == (
+        "ending; pilot: leave OFFBOARD to take over"
+    )
+
+
+@contextmanager
+def terminal() -> Iterator[tuple[int, TextIO]]:
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs) as stream:
+        yield ours, stream
+        os.close(ours)
+
+
+def test_enter_consents_and_n_withdraws() -> None:
+    with terminal() as (typing, stream):
+        keyboard = Keyboard(stream)
+        assert keyboard.order() is Order.NONE
+        os.write(typing, b"\n")
+        assert keyboard.order() is Order.GIVE
+        assert keyboard.order() is Order.NONE
+        os.write(typing, b"n\n")
+        assert keyboard.order() is Order.WITHDRAW
+
+
+def test_what_is_no_terminal_gives_no_orders() -> None:
+    assert Keyboard(io.StringIO("\n\n")).order() is Order.NONE
+    closed = io.StringIO()
+    closed.close()
+    assert Keyboard(closed).order() is Order.NONE
+
+
+class Pictures(ClosesItself):
+    nominal_rate_hz = 30.0
+    frame_count = None
+    problem = None
+
+    def __init__(self, *widths: int) -> None:
+        self._widths = list(widths)
+
+    def read(self) -> Frame | None:
+        if not self._widths:
+            return None
+        image = np.zeros((240, self._widths.pop(0), 3), np.uint8)
+        return Frame(image, 1.0, 0)
+
+    def close(self) -> None:
+        self._widths.clear()
+
+
+def test_frames_that_change_their_size_are_left_out_and_the_end_is_noticed() -> None:
+    source = SteadySource(Pictures(320, 640, 640, 320), (320, 240))
+    frames = [source.read(), source.read()]
+    assert [frame.width for frame in frames if frame is not None] == [320, 320]
+    assert source.problem is None
+    assert not source.ended
+    assert source.read() is None
+    assert source.ended
+    wrong = SteadySource(Pictures(640), (320, 240))
+    assert wrong.read() is None
+    assert wrong.problem == "frames are 640x240 now, not 320x240"
+
+
+def test_a_camera_that_cannot_be_opened_is_one_without_frames() -> None:
+    with DeadCamera("no such device") as camera:
+        assert camera.read() is None
+        assert camera.problem == "no such device"
+
+
+def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
+    stops: list[int] = []
+    before = signal.getsignal(signal.SIGTERM)
+    with StopOnInterrupt(lambda: stops.append(1)) as interrupt:
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stops == [1]
+        assert interrupt.interrupted
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_the_example_settings_can_be_flown_with(path: Path) -> None:
+    options = FlyOptions("x", "0", colour="#d02020", config=path)
+    settings = options.settings()
+    assert options.lens_given
+    assert settings.autonomy == "pilot"
+    assert settings.envelope.max_speed_m_s <= 5
+    assert settings == load_settings(path)
+
+
+def test_a_lens_counts_as_given_only_if_somebody_gave_it() -> None:
+    assert not lens_given({})
+    assert not lens_given({"camera": {"pitch_deg": -20}})
+    assert not lens_given({"camera": {"fov_deg": None}})
+    assert lens_given({"camera": {"focal_px": 500.0}})
+    assert not FlyOptions("x", "0", colour="#d02020").lens_given
+    assert FlyOptions("x", "0", colour="#d02020", overrides=("camera.fov_deg=80",)).lens_given
+
+
+def test_the_command_line_can_be_given_again_without_the_password() -> None:
+    options = FlyOptions("udpin:0.0.0.0:14540", "rtsp://me:secret@cam/live", select="person:2")
+    assert "secret" not in options.command
+    assert "--select person:2" in options.command
+    assert options.settings().detector == "yolox-nano"
