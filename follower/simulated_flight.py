@@ -29,6 +29,7 @@ from follower.vision_stage import VisionStage
 from follower_control.transport import Transport
 from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.camera import SimCamera
+from follower_sim.gimbal import Gimbal
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal, TruthSample
@@ -85,10 +86,11 @@ class SimulatedFlight:
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
         if flavour != EXTERNAL:
-            self.autopilot = SimAutopilot(flavour, ends[1], start, world.wind.velocity_m_s)
+            wind, gimbal = world.wind.velocity_m_s, gimbal_of(scenario)
+            self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal)
             self.vehicle = self.autopilot
         make_camera = SimCamera if faults is None else faults.camera
-        self.camera = make_camera(world, self.vehicle.state_at)
+        self.camera = make_camera(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
@@ -162,6 +164,12 @@ class SimulatedFlight:
         speed = math.hypot(*self.vehicle.state.velocity_m_s)
         return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and speed < _STANDING_M_S)
 
+    def _camera_at(self, time_s: float) -> BodyState:
+        """Return the body that carries the camera: the vehicle's, or the gimbal's."""
+        body = self.vehicle.state_at(time_s)
+        gimbal = None if self.autopilot is None else self.autopilot.gimbal
+        return body if gimbal is None else gimbal.camera(body)
+
     def _newest(self) -> TrackRecord | None:
         return self.vision.tracks.newest
 
@@ -180,7 +188,8 @@ class SimulatedFlight:
             self.stop()
 
     def _take_truth(self, now_s: float) -> None:
-        sample = self._teller.sample(now_s, self.vehicle.state_at(now_s))
+        body = self.vehicle.state_at(now_s)
+        sample = self._teller.sample(now_s, body, camera=self._camera_at(now_s))
         self.truth.append(sample)
         if self._recorder is not None:
             self._recorder.add_truth(sample)
@@ -209,7 +218,8 @@ class SimulatedFlight:
         if track is None or track.state is not TrackState.TRACKING:
             return
         true_s = record.captured_s - self.scenario.camera.stamp_offset_s
-        box = self._teller.truth(true_s, self.vehicle.state_at(true_s)).box
+        body, camera = self.vehicle.state_at(true_s), self._camera_at(true_s)
+        box = self._teller.truth(true_s, body, camera).box
         self.overlaps.append(0.0 if box is None else box.iou(track.box))
 
     def _lines(self) -> Sequence[str]:
@@ -241,6 +251,15 @@ def start_state(scenario: Scenario) -> BodyState:
     north, east = scenario.start.at
     heading = math.radians(scenario.start.heading_deg)
     return BodyState(0.0, (north, east, 0.0), attitude_rad=(0.0, 0.0, heading))
+
+
+def gimbal_of(scenario: Scenario) -> Gimbal | None:
+    """Return the gimbal that holds the scenario's camera, None if it is fixed."""
+    camera = scenario.camera
+    if camera.gimbal is None:
+        return None
+    heading = math.radians(scenario.start.heading_deg)
+    return Gimbal(camera.gimbal, math.radians(camera.pitch_deg), heading, 0.0)
 
 
 def camera_settings(scenario: Scenario) -> dict[str, Any]:

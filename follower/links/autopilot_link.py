@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links import ekf_status_report
 from follower.links.autopilot_clock import AutopilotClock
 from follower.links.channel import PacketChannel
+from follower.links.gimbal_manager import GimbalManager
 from follower.links.health_monitor import HealthMonitor
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
@@ -25,6 +26,7 @@ from follower.links.timesync import TimeSync, time_ns
 from follower.links.vehicle_finder import Vehicle, VehicleFinder
 from follower.links.vehicle_health import VehicleHealth
 from follower.links.vehicle_monitor import VehicleMonitor
+from follower_control.gimbal import GimbalRates
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.transport import Transport
 from follower_control.vehicle import Attitude, VehicleState
@@ -34,6 +36,16 @@ _HEARTBEAT_S = 1.0
 _SILENCE_S = 3.0
 _RC = "RC_CHANNELS"
 _SLACK_S = 1e-6
+_GIMBAL_HZ, _ORIGIN_HZ = 50.0, 0.5
+_NOT_EVERYWHERE = (_RC, "DISTANCE_SENSOR", "TERRAIN_REPORT", "GPS_GLOBAL_ORIGIN")
+_GIMBALS = (
+    mavlink.MAV_COMP_ID_GIMBAL,
+    mavlink.MAV_COMP_ID_GIMBAL2,
+    mavlink.MAV_COMP_ID_GIMBAL3,
+    mavlink.MAV_COMP_ID_GIMBAL4,
+    mavlink.MAV_COMP_ID_GIMBAL5,
+    mavlink.MAV_COMP_ID_GIMBAL6,
+)
 _HEALTH_HZ = 1.0
 _ASK_VERSION_S = 1.0
 _COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
@@ -69,12 +81,17 @@ class AutopilotLink(ABC):
             "GLOBAL_POSITION_INT": 2.0,
             "EXTENDED_SYS_STATE": 5.0,
             _RC: settings.rc_rate_hz,
+            "DISTANCE_SENSOR": settings.clearance_rate_hz,
+            "TERRAIN_REPORT": settings.clearance_rate_hz,
+            "GPS_GLOBAL_ORIGIN": _ORIGIN_HZ,
         }
         wanted = {name: rate for name, rate in rates.items() if rate > 0}
-        self._rates = MessageRates(wanted, optional=(_RC,))
+        self._rates = MessageRates(wanted, optional=_NOT_EVERYWHERE)
         self._operators = OperatorCommands()
         self._mode_asked_s = float("-inf")
         self._sequence = SequenceCounter()
+        self._gimbal_device: int | None = None
+        self._gimbal: GimbalManager | None = None
         self._vehicle: Vehicle | None = None
         self._monitor: VehicleMonitor | None = None
         self._health: HealthMonitor | None = None
@@ -122,6 +139,16 @@ class AutopilotLink(ABC):
         """From now on have the vehicle tell its firmware and, once a second, its health."""
         self._watches_health = True
         self._want_health()
+
+    def use_gimbal(self, device: int) -> None:
+        """From now on find the gimbal, take its control and have its attitude told."""
+        self._gimbal_device = device
+        self._rates.want("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_HZ)
+
+    def turn_gimbal(self, rates: GimbalRates) -> None:
+        """Turn the gimbal, if there is one and nobody else controls it."""
+        if self._gimbal is not None and self._vehicle is not None and self._gimbal.obeys_us:
+            self._send_message(self._gimbal.rates_message(rates, self._vehicle.system))
 
     def read_parameters(self, names: Iterable[str]) -> None:
         """Have these parameters read, once the vehicle is found."""
@@ -249,6 +276,8 @@ class AutopilotLink(ABC):
         self._codec.srcSystem = vehicle.system
         self._monitor = VehicleMonitor(vehicle, self._clock)
         self._health = HealthMonitor(vehicle)
+        if self._gimbal_device is not None:
+            self._gimbal = GimbalManager(vehicle.system, COMPONENT_ID, self._gimbal_device)
         self._want_health()
 
     def _want_health(self) -> None:
@@ -279,6 +308,8 @@ class AutopilotLink(ABC):
         if name == "HEARTBEAT" and silent_s > _SILENCE_S:
             self._rates.ask_anew()
         self._rates.count(name, now_s)
+        if self._gimbal is not None and self._gimbal.take(name, message):
+            return
         if name == "TIMESYNC":
             self._on_timesync(message, now_s)
         else:
@@ -288,6 +319,8 @@ class AutopilotLink(ABC):
         """Take a packet that is not, or not yet, known to be the vehicle's."""
         if packet.message_id in _COMMANDS:
             self._hear_command(packet, now_s)
+        if packet.message_id == mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS:
+            self._hear_gimbal(packet, now_s)
         if packet.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
         beat = self._codec.decode(bytearray(packet.data))
@@ -300,6 +333,14 @@ class AutopilotLink(ABC):
             self._on_found(vehicle)
             if self._is_vehicles(packet):
                 self._take("HEARTBEAT", beat, now_s)
+
+    def _hear_gimbal(self, packet: Packet, now_s: float) -> None:
+        """Take the attitude of a gimbal with a component number, and a clock, of its own."""
+        if self._vehicle is None or self._monitor is None or self._gimbal_device is None:
+            return
+        if packet.system == self._vehicle.system and packet.component in _GIMBALS:
+            self._rates.count("GIMBAL_DEVICE_ATTITUDE_STATUS", now_s)
+            self._monitor.take_gimbal(self._codec.decode(bytearray(packet.data)), now_s)
 
     def _hear_command(self, packet: Packet, now_s: float) -> None:
         message = self._codec.decode(bytearray(packet.data))
@@ -342,6 +383,9 @@ class AutopilotLink(ABC):
             self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
         if self._health is not None:
             self._ask_about_health(self._health, now_s)
+        if self._gimbal is not None:
+            for command, params in self._gimbal.due(now_s):
+                self._command(command, *params)
 
     def _ask_about_health(self, health: HealthMonitor, now_s: float) -> None:
         for name in health.parameters.due(now_s):

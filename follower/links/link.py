@@ -9,6 +9,7 @@ from follower.links.link_status import LinkStatus
 from follower.links.operator_commands import OperatorCommand
 from follower.links.parameter_reader import ParameterReader
 from follower.links.vehicle_health import VehicleHealth
+from follower_control.gimbal import GimbalRates
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.vehicle import Attitude, VehicleState
 
@@ -57,6 +58,14 @@ class Link(Protocol):
 
     def watch_health(self) -> None:
         """From now on have the vehicle tell its firmware and, once a second, its health."""
+        ...
+
+    def use_gimbal(self, device: int) -> None:
+        """From now on find the gimbal, take its control and have its attitude told."""
+        ...
+
+    def turn_gimbal(self, rates: GimbalRates) -> None:
+        """Turn the gimbal, if there is one and nobody else controls it."""
         ...
 
     def read_parameters(self, names: Iterable[str]) -> None:

@@ -18,6 +18,7 @@ class LinkSettings:
         attitude_rate_hz: how often ATTITUDE is asked for.
         position_rate_hz: how often LOCAL_POSITION_NED is asked for.
         rc_rate_hz: how often RC_CHANNELS is asked for, the pilot's sticks and switches; 0 never.
+        clearance_rate_hz: how often DISTANCE_SENSOR and TERRAIN_REPORT are asked for; 0 never.
         mode_rate_hz: how often the mode is asked after while it is the one that flies setpoints:
             of themselves autopilots tell it once a second; 0 leaves it at that.
         timesync_rate_hz: how often the clocks are compared.
@@ -34,6 +35,7 @@ class LinkSettings:
     attitude_rate_hz: float = 100.0
     position_rate_hz: float = 30.0
     rc_rate_hz: float = 10.0
+    clearance_rate_hz: float = 5.0
     mode_rate_hz: float = 25.0
     timesync_rate_hz: float = 5.0
     signing_key_file: str | None = None
@@ -47,6 +49,8 @@ class LinkSettings:
         rates = (self.attitude_rate_hz, self.position_rate_hz, self.timesync_rate_hz)
         if not all(math.isfinite(rate) and 0.1 <= rate <= 500 for rate in rates):
             raise ValueError(f"rates lie between 0.1 and 500 Hz, not {rates}")
+        if not 0 <= self.clearance_rate_hz <= 50:
+            raise ValueError(f"clearance_rate_hz is 0 to 50 Hz, not {self.clearance_rate_hz}")
         if not all(0 <= rate <= 50 for rate in (self.rc_rate_hz, self.mode_rate_hz)):
             raise ValueError(
                 f"rc_rate_hz and mode_rate_hz lie between 0 and 50 Hz, "

@@ -32,6 +32,7 @@ from follower_vision.clock import Clock
 _PUMP_S = 0.005
 _MOST_MESSAGES = 5000
 _LONGEST_ANSWER_S = 5.0
+_NOT_STATE = ("TIMESYNC", "GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS")
 _UNANSWERED = ("TIMEOUT", "CONNECTION_ERROR", "NO_SYSTEM")
 _LOGGER = logging.getLogger("mavsdk")
 _LEVELS = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
@@ -180,7 +181,7 @@ class MavsdkLink(AutopilotLink):
     def _begin(self, system: System) -> None:
         self._action = Action(system)
         self._direct = direct = MavlinkDirect(system)
-        for name in ("TIMESYNC", *(self._monitor.messages if self._monitor else ())):
+        for name in (*_NOT_STATE, *(self._monitor.messages if self._monitor else ())):
             direct.subscribe_message(name, self._on_message)
         stall_s = self._settings.stall_s
         self._stream = MavsdkStream(

@@ -15,6 +15,8 @@ from follower_sim.commands import Commands
 from follower_sim.faults import Faults
 from follower_sim.firmware import ARDUCOPTER, PX4
 from follower_sim.flight_controller import FlightController
+from follower_sim.gimbal import Gimbal
+from follower_sim.gimbal_protocol import GimbalProtocol
 from follower_sim.health import Health
 from follower_sim.kinematics import BodyState
 from follower_sim.mavlink_endpoint import MavlinkEndpoint
@@ -41,11 +43,13 @@ class SimAutopilot:
         transport: carries MAVLink to and from the companion.
         start: where it stands at the start and when; in the air it is armed and holds its place.
         wind: the air's velocity at a time; None is still air.
+        gimbal: hangs below it, if given.
         rng: makes the attitude's noise and, when faults ask for it, chooses the lost packets.
 
     Attributes:
         faults: switches for what goes wrong.
         health: what it says about its sensors, battery, GPS and estimator.
+        gimbal: the one given.
         on_step: is called at the end of each `step`, if given.
 
     Raises:
@@ -59,6 +63,7 @@ class SimAutopilot:
         start: BodyState,
         wind: WindField | None = None,
         rng: np.random.Generator | None = None,
+        gimbal: Gimbal | None = None,
     ) -> None:
         self.faults = Faults()
         self.health = Health()
@@ -70,9 +75,9 @@ class SimAutopilot:
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
         lots = np.random.default_rng(0) if rng is None else rng
         self._noise = lots.spawn(1)[0]
-        self._telemetry = Telemetry(
-            self._controller, self.faults, self.health, self._boot_s, self._noise
-        )
+        self.gimbal = gimbal
+        self._gimbal = None if gimbal is None else GimbalProtocol(gimbal)
+        self._telemetry = self._told()
         self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
         parameters = ParameterProtocol(
@@ -88,6 +93,8 @@ class SimAutopilot:
             "PARAM_SET": parameters.set,
             "TIMESYNC": self._on_timesync,
         }
+        if self._gimbal is not None:
+            self._handlers["GIMBAL_MANAGER_SET_ATTITUDE"] = self._gimbal.take
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -140,7 +147,7 @@ class SimAutopilot:
         """
         controller = self._controller
         self._boot_s = self._now_s
-        self._telemetry = Telemetry(controller, self.faults, self.health, self._boot_s, self._noise)
+        self._telemetry = self._told()
         self._commands = Commands(controller, self._telemetry, self._link.send)
         controller.set_mode(controller.firmware.modes[controller.firmware.hold_mode])
 
@@ -155,11 +162,19 @@ class SimAutopilot:
         while self._start_s + (self._steps + 1) * STEP_S <= now_s + _SLACK_S:
             self._steps += 1
             self._controller.step()
+            if self.gimbal is not None:
+                now, yaw = self._controller.now_s, self.state.yaw_rad
+                self.gimbal.step(now, STEP_S, yaw)
             for message in self._telemetry.due():
                 self._link.send(message)
             self._say_texts()
         if self.on_step is not None:
             self.on_step(now_s)
+
+    def _told(self) -> Telemetry:
+        return Telemetry(
+            self._controller, self.faults, self.health, self._boot_s, self._noise, self._gimbal
+        )
 
     def _hear(self, message: Any) -> None:
         handler = self._handlers.get(message.get_type())
@@ -185,11 +200,16 @@ class SimAutopilot:
 
     def _on_command_long(self, m: Any) -> None:
         params = [getattr(m, f"param{number}") for number in range(1, 8)]
-        self._acknowledge(m, self._commands.run(m.command, params))
+        self._acknowledge(m, self._run(m, params))
 
     def _on_command_int(self, m: Any) -> None:
         params = [m.param1, m.param2, m.param3, m.param4, float(m.x), float(m.y), m.z]
-        self._acknowledge(m, self._commands.run(m.command, params))
+        self._acknowledge(m, self._run(m, params))
+
+    def _run(self, m: Any, params: list[float]) -> int:
+        if self._gimbal is not None and m.command == mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
+            return self._gimbal.configure(params, (m.get_srcSystem(), m.get_srcComponent()))
+        return self._commands.run(m.command, params)
 
     def _acknowledge(self, m: Any, result: int) -> None:
         self._link.send(

@@ -36,6 +36,7 @@ class Health:
         hdop: horizontal dilution of precision.
         estimates: flags of the estimator's report (the low bits are the same for both).
         test_ratio: innovation over its limit, of all measurements; above 1 they are rejected.
+        has_rangefinder: one looks down and tells the distance to level ground.
     """
 
     unhealthy: int = 0
@@ -45,6 +46,7 @@ class Health:
     hdop: float = 0.8
     estimates: int = ESTIMATES_ALL
     test_ratio: float = 0.1
+    has_rangefinder: bool = False
 
     def sys_status(self) -> Any:
         """Return SYS_STATUS."""

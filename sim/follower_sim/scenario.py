@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from follower_sim.course import Corners, Course
 from follower_sim.criteria import Criteria
+from follower_sim.gimbal import GimbalModel
 from follower_sim.paths import TargetPath
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
 from follower_sim.targets import TargetKind
@@ -151,6 +152,8 @@ class CameraSettings(_Section):
     """Of the mount; negative looks down."""
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3 as OpenCV's calibration gives them."""
+    gimbal: GimbalModel | None = None
+    """Holds the camera, which looks along the nose and down by `pitch_deg` at first."""
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
     exposure_s: NotNegative = 0.006
     noise: NotNegative = 2.5
@@ -184,7 +187,9 @@ class CameraSettings(_Section):
 
     @property
     def mount(self) -> CameraMount:
-        """How the camera is turned against the body."""
+        """How the camera is turned against the body that carries it: the vehicle's, or its own."""
+        if self.gimbal is not None:
+            return CameraMount()
         return CameraMount(pitch_rad=math.radians(self.pitch_deg))
 
 

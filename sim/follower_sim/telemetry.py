@@ -13,11 +13,13 @@ from follower_sim.angles import wrap
 from follower_sim.faults import Faults
 from follower_sim.flight_controller import FlightController
 from follower_sim.flight_modes import Behaviour
+from follower_sim.gimbal_protocol import GimbalProtocol
 from follower_sim.health import Health
 from follower_sim.kinematics import BodyState
 
 _EARTH_RADIUS_M = 6378137.0
 _SLACK_S = 1e-9
+_FAR_CM = 4000
 _CHANNELS, _NO_CHANNEL = 18, 65535
 _ANGLE_NOISE_RAD, _RATE_NOISE_RAD_S = 2e-4, 2e-3
 """What an estimator's attitude trembles by: a living one never says the same twice."""
@@ -32,6 +34,7 @@ class Telemetry:
         health: what to say about sensors, battery, GPS and estimator.
         boot_s: the simulation's time at which the autopilot's own clock was 0.
         rng: makes the attitude's noise.
+        gimbal: is told about, if there is one.
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class Telemetry:
         health: Health,
         boot_s: float,
         rng: np.random.Generator,
+        gimbal: GimbalProtocol | None = None,
     ) -> None:
         self._controller = controller
         self._faults = faults
@@ -63,6 +67,12 @@ class Telemetry:
             self._builders["ESTIMATOR_STATUS"] = self._estimator_status
         else:
             self._builders["EKF_STATUS_REPORT"] = lambda _: health.ekf_status_report()
+        self._builders |= {
+            "GPS_GLOBAL_ORIGIN": self._gps_global_origin,
+            "DISTANCE_SENSOR": self._distance_sensor,
+            "TERRAIN_REPORT": lambda _: None,
+            **self._gimbal_builders(gimbal),
+        }
         self._names = {getattr(mavlink, f"MAVLINK_MSG_ID_{n}"): n for n in self._builders}
         rates = controller.firmware.message_rates_hz
         now_s = controller.now_s
@@ -97,7 +107,8 @@ class Telemetry:
             names = [name for name in names if name != "LOCAL_POSITION_NED"]
         if not self._controller.pulses_us:
             names = [name for name in names if name != "RC_CHANNELS"]
-        return [self._build(name) for name in names]
+        messages = [self._build(name) for name in names]
+        return [message for message in messages if message is not None]
 
     def on_request(self, message_id: int) -> Any | None:
         """Return one message by its number, None if it is not known."""
@@ -181,6 +192,40 @@ class Telemetry:
         per_metre = math.degrees(1.0 / _EARTH_RADIUS_M)
         shrunk = math.cos(math.radians(latitude))
         return latitude + north * per_metre, longitude + east * per_metre / shrunk, -down
+
+    def _gps_global_origin(self, state: BodyState) -> Any:
+        origin = BodyState(state.time_s, self._controller.origin_m)
+        latitude, longitude, height_m = self._position_deg(origin)
+        altitude = self._controller.firmware.home[2] + height_m
+        numbers = round(latitude * 1e7), round(longitude * 1e7), round(altitude * 1000.0)
+        return mavlink.MAVLink_gps_global_origin_message(*numbers)
+
+    def _distance_sensor(self, state: BodyState) -> Any | None:
+        """Return what a rangefinder below sees of level ground; None without one."""
+        roll, pitch, _ = state.attitude_rad
+        level = math.cos(roll) * math.cos(pitch)
+        if not self._health.has_rangefinder or level <= 0:
+            return None
+        distance = min(round(-100.0 * state.position_m[2] / level), _FAR_CM)
+        down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+        return mavlink.MAVLink_distance_sensor_message(
+            self.boot_ms(state.time_s), 20, _FAR_CM, max(distance, 0), 0, 0, down, 255
+        )
+
+    def _gimbal_builders(
+        self, gimbal: GimbalProtocol | None
+    ) -> dict[str, Callable[[BodyState], Any]]:
+        if gimbal is None:
+            return {}
+
+        def boot_ms(state: BodyState) -> int:
+            return self.boot_ms(state.time_s)
+
+        return {
+            "GIMBAL_DEVICE_ATTITUDE_STATUS": lambda state: gimbal.attitude_status(boot_ms(state)),
+            "GIMBAL_MANAGER_INFORMATION": lambda state: gimbal.information(boot_ms(state)),
+            "GIMBAL_MANAGER_STATUS": lambda state: gimbal.status(boot_ms(state)),
+        }
 
     def _rc_channels(self, state: BodyState) -> Any:
         pulses = self._controller.pulses_us[:_CHANNELS]

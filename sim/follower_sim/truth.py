@@ -71,14 +71,19 @@ class TruthTeller:
         self._centres = np.array([body.centre for body in world.scenery]).reshape(-1, 3)
         self._radii = np.array([body.radius_m for body in world.scenery])
 
-    def truth(self, time_s: float, body: BodyState) -> TargetTruth:
-        """Return the truth at a time of the scenario, with the vehicle at `body`."""
+    def truth(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> TargetTruth:
+        """Return the truth at a time of the scenario, with the vehicle at `body`.
+
+        `camera` is the body that carries the camera, if that is not the vehicle's: a gimbal.
+        """
         number = self._world.scenario.followed
         centre = np.array(self._world.target_centre(number, time_s))
         away = centre - np.array(body.position_m)
         sight = LineOfSight.from_vector(away)
         azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
-        box, in_frame, visible = self._in_image(number, time_s, View.of(body, self._mount))
+        box, in_frame, visible = self._in_image(
+            number, time_s, View.of(camera or body, self._mount)
+        )
         pose = self._world.target_pose(number, time_s)
         return TargetTruth(
             time_s,
@@ -91,9 +96,15 @@ class TruthTeller:
             LineOfSight(azimuth, sight.elevation_rad),
         )
 
-    def sample(self, time_s: float, body: BodyState, clock_s: float | None = None) -> TruthSample:
+    def sample(
+        self,
+        time_s: float,
+        body: BodyState,
+        clock_s: float | None = None,
+        camera: BodyState | None = None,
+    ) -> TruthSample:
         """Return the truth as the score wants it, stamped `clock_s` (else `time_s`)."""
-        truth = self.truth(time_s, body)
+        truth = self.truth(time_s, body, camera)
         return TruthSample(
             time_s if clock_s is None else clock_s,
             body,
