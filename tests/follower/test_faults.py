@@ -1,0 +1,172 @@
+"""Faults in simulated flights: some of the matrix, and whether its judge can say no.
+
+The whole matrix, both autopilots, is flown by `follower faults`, or here with FOLLOWER_FAULTS=all.
+"""
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from follower.faults.campaign.flight import fly_random
+from follower.faults.campaign.tally import Tally
+from follower.faults.catalogue import CATALOGUE, fault_named
+from follower.faults.evidence import Evidence, Motion, WireSetpoint
+from follower.faults.fault import Kind, Outcome
+from follower.faults.flight import Setup, fly_fault
+from follower.faults.planned import PlannedFault
+from follower.faults.results import Result, Results
+from follower.faults.schedule import FaultSchedule
+from follower.faults.verdict import Figures, Verdict
+from follower.faults.wire_rules import envelope_failures, pilot_failures
+from follower.supervisor import State
+from follower_control.envelope import EnvelopeSettings
+from follower_control.strict_yaml import SettingsError
+
+FLAVOURS = ("px4", "ardupilot")
+CHOSEN = (
+    ("vision-hangs", "ardupilot"),
+    ("position-frozen", "px4"),
+    ("loss-30%", "ardupilot"),
+    ("link-down-5s", "px4"),
+    ("unsigned", "px4"),
+    ("pilot-while-searching", "ardupilot"),
+)
+EVERYTHING = tuple((fault.name, flavour) for fault in CATALOGUE for flavour in FLAVOURS)
+CASES = EVERYTHING if os.environ.get("FOLLOWER_FAULTS") == "all" else CHOSEN
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "flavour"), CASES)
+def test_what_must_happen_happens(name: str, flavour: str) -> None:
+    verdict = fly_fault(PlannedFault.of(fault_named(name)), Setup(flavour))
+    assert verdict.failures == ()
+    assert verdict.figures.setpoints > 0
+
+
+@pytest.mark.slow
+def test_a_promise_that_is_not_kept_is_noticed() -> None:
+    fault = replace(fault_named("frames-stop"), outcome=Outcome.CARRIES_ON, rest_within_s=0.1)
+    failures = "; ".join(fly_fault(PlannedFault.of(fault), Setup("ardupilot")).failures)
+    assert "holding (frames stale)" in failures
+    assert "standing still" in failures
+    assert "does not follow again" in failures
+
+
+def test_names_are_unique_and_every_kind_is_used() -> None:
+    names = [fault.name for fault in CATALOGUE]
+    assert len(names) == len(set(names))
+    used = {action.kind for fault in CATALOGUE for action in fault.actions}
+    assert used == set(Kind)
+
+
+def test_each_way_to_be_let_go_has_its_time() -> None:
+    for fault in CATALOGUE:
+        if fault.outcome is Outcome.LETS_GO:
+            assert fault.hold_within_s is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "at_s", "for_s"),
+    [("frames-stop", None, math.inf), ("loss-5%@12", 12.0, 4.0), ("garbage@3.5:7", 3.5, 7.0)],
+)
+def test_a_fault_is_planned_by_its_name_time_and_duration(
+    text: str, at_s: float | None, for_s: float
+) -> None:
+    planned = PlannedFault.parse(text)
+    assert (planned.at_s, planned.for_s) == (at_s, for_s)
+    assert PlannedFault.parse(str(planned)) == planned
+
+
+@pytest.mark.parametrize(
+    "text", ["nothing-like-it", "garbage@soon", "garbage@-1", "", "garbage@1:2:3"]
+)
+def test_what_is_no_fault_is_refused(text: str) -> None:
+    with pytest.raises(SettingsError, match="--fault"):
+        PlannedFault.parse(text)
+
+
+def test_a_fault_begins_by_state_or_time_and_ends() -> None:
+    by_state = FaultSchedule([PlannedFault.of(fault_named("link-down-0.2s"))])
+    by_state.observe(1.0, State.READY, 50.0)
+    assert by_state.active(Kind.LINK_DOWN, 1.0) is None
+    by_state.observe(2.0, State.FOLLOWING, 9.0)
+    assert by_state.active(Kind.LINK_DOWN, 2.0) is not None
+    assert by_state.active(Kind.LINK_DOWN, 2.3) is None
+    assert not by_state.is_over(2.3)
+    by_time = FaultSchedule([PlannedFault.parse("link-down-0.2s@7:1")])
+    by_time.observe(6.9, State.FOLLOWING, 9.0)
+    assert by_time.active(Kind.LINK_DOWN, 6.9) is None
+    by_time.observe(7.0, State.IDLE, 0.0)
+    assert by_time.end_of(Kind.LINK_DOWN, 7.5) == 8.0
+
+
+def sent(*values: tuple[float, float]) -> list[WireSetpoint]:
+    return [WireSetpoint(time_s, 8, 0x5C7, (speed, 0.0, 0.0, 0.0)) for time_s, speed in values]
+
+
+def test_the_watcher_refuses_what_is_outside_the_envelope() -> None:
+    limits = EnvelopeSettings()
+    assert list(envelope_failures(sent((0.0, 1.0), (0.02, 1.05)), limits)) == []
+    assert list(envelope_failures(sent((0.0, 10.1)), limits))
+    assert list(envelope_failures(sent((0.0, math.nan)), limits))
+    assert list(envelope_failures(sent((0.0, 1.0), (0.02, 1.5)), limits))
+    assert list(envelope_failures([replace(sent((0.0, 1.0))[0], frame=9)], limits))
+
+
+def handed_over() -> Evidence:
+    evidence = Evidence("px4")
+    for step in range(200):
+        obeys = step < 100
+        mode = "OFFBOARD" if obeys else "POSCTL"
+        evidence.motion.append(Motion(0.01 * step, (0, 0, -5), (0, 0, 0), mode, obeys, True))
+    evidence.told_s = [(0.5, True), (1.2, False)]
+    return evidence
+
+
+def test_the_watcher_sees_set_points_after_the_pilot_took_over() -> None:
+    evidence = handed_over()
+    evidence.setpoints = sent((1.0, 1.0), (1.25, 1.0))
+    assert list(pilot_failures(evidence, ())) == []
+    evidence.setpoints = sent((1.35, 1.0))
+    assert "a velocity after the mode was left" in next(pilot_failures(evidence, ()))
+    evidence.setpoints = sent((1.35, 0.0))
+    assert "somebody else's mode" in next(pilot_failures(evidence, ()))
+    assert list(pilot_failures(evidence, (1.3,))) == []
+
+
+@pytest.mark.slow
+def test_random_flights_keep_every_rule_and_are_the_same_again() -> None:
+    flights = range(4)  # thousands by `follower faults --random`
+    results = [fly_random((2026, number)) for number in flights]
+    assert [result.failure for result in results] == [""] * len(flights)
+    assert sum(result.engaged_steps for result in results) > 500
+    assert sum(sum(result.faults.values()) for result in results) > 20
+    assert fly_random((2026, 0)) == results[0]
+
+
+def test_a_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "random.json"
+    tally = Tally.load(path, 3)
+    tally.add(fly_random((3, 0)), 1.0)
+    tally.save(path)
+    again = Tally.load(path, 3)
+    assert again == tally
+    assert again.flights == 1
+    assert again.minutes == pytest.approx(tally.steps / 3000)
+    assert Tally.load(path, 4).flights == 0
+
+
+def test_results_are_kept_and_renewed(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    verdict = Verdict("vision-dies", "hold", ("late",), Figures(hold_s=0.5), "released")
+    Results(path).add(Result("px4", "pymavlink", False, verdict))
+    Results(path).add(Result("px4", "mavsdk", True, verdict))
+    Results(path).add(Result("px4", "pymavlink", False, replace(verdict, failures=())))
+    kept = list(Results(path))
+    assert len(kept) == 2
+    assert kept[0].verdict.passed
+    assert not kept[1].verdict.passed
+    assert kept[1].verdict == verdict
