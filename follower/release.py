@@ -27,8 +27,8 @@ class ReleaseAction(StrEnum):
     RTL = "rtl"
     LAND = "land"
     HAND_BACK = "hand_back"
-    """Standing still, no more setpoints. ArduCopter stays where it is, in GUIDED; PX4 does what
-    COM_OBL_RC_ACT says, which is to fly home unless somebody changed it."""
+    """Standing still, no more setpoints. ArduCopter stays where it is, in GUIDED; PX4 goes into the
+    failsafe that COM_OBL_RC_ACT chooses: without RC and with its default it flew home."""
 
 
 @dataclass(frozen=True, slots=True)
