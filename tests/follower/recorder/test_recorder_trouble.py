@@ -21,6 +21,7 @@ from follower.recorder import (
     Recorder,
     RecorderSettings,
     VideoKind,
+    append_file,
     open_flight,
 )
 from follower.recorder.append_file import AppendFile, BacklogError
@@ -196,12 +197,12 @@ def test_a_file_keeps_its_last_whole_piece_when_the_disk_is_full(
                 return write(descriptor, data[:2])
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(os, "write", full)
+        monkeypatch.setattr(append_file, "write_some", full)
         file.write(b"four")
         with pytest.raises(OSError, match="No space"):
             file.commit()
         assert path.read_bytes() == b"one"
-        monkeypatch.setattr(os, "write", write)
+        monkeypatch.setattr(append_file, "write_some", write)
         file.write(b"five")
         file.commit()
         assert path.read_bytes() == b"onefourfive"
@@ -215,7 +216,7 @@ def test_what_waits_for_a_full_disk_is_bounded(
         raise OSError(28, "No space left on device")
 
     with AppendFile(tmp_path / "file") as file:
-        monkeypatch.setattr(os, "write", full)
+        monkeypatch.setattr(append_file, "write_some", full)
         for _ in range(16):
             file.write(bytes(1_000_000))
         with pytest.raises(OSError, match="No space"):
@@ -235,7 +236,7 @@ def test_a_log_that_could_not_be_written_for_a_while_misses_nothing(
             raise OSError(28, "No space left on device")
         return write(descriptor, data)
 
-    monkeypatch.setattr(os, "write", sometimes)
+    monkeypatch.setattr(append_file, "write_some", sometimes)
     settings = RecorderSettings(video=VideoKind.NONE)
     clock = MonotonicClock()
     with Recorder(tmp_path, FlightConfig.of("real", Settings()), clock, settings) as recorder:
