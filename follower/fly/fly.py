@@ -16,7 +16,6 @@ from follower.fly.keyboard import Keyboard
 from follower.fly.options import FlyOptions
 from follower.fly.real_flight import RealFlight
 from follower.fly.target import target_selector
-from follower.inspection import inspect_flight
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import open_connection
 from follower.links.link import Link
@@ -28,7 +27,6 @@ from follower.preflight.observing import Observation, Surroundings
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
 from follower.preflight.table import check_names
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
-from follower.report.writer import write_whole
 from follower.run_folder import new_run_folder
 from follower.settings import Settings
 from follower.supervisor import Order
@@ -163,7 +161,7 @@ class FlySession:
             self._advise(results)
             return None
         self._check_target(snapshot.camera.size)
-        write_whole(self._folder / PREFLIGHT, to_json(results, snapshot) + "\n")
+        (self._folder / PREFLIGHT).write_text(to_json(results, snapshot) + "\n", "utf-8")
         return snapshot.camera.size
 
     def _advise(self, results: list[Result]) -> None:
@@ -209,6 +207,9 @@ class FlySession:
             )
 
     def _report(self, recorder: Recorder) -> None:
+        # Plots need matplotlib, which has no place in a flight: it comes when that is over.
+        from follower.inspection import inspect_flight
+
         write_boxes(self._folder / "boxes.csv", recorder.log.tracks)
         write_setpoints(self._folder / "setpoints.csv", recorder.log.controls)
         for remark in recorder.remarks:

@@ -125,7 +125,7 @@ def test_it_waits_for_the_pilot_follows_and_holds_on_ctrl_c(
     assert re.search(f"still in {there.setpoint_mode}", program.said)
     last = [m for _, m in there.setpoints][-5:]
     assert np.array([speeds(m) for m in last]) == pytest.approx(0.0, abs=1e-6)
-    assert motion[max(at for at in motion if at <= there.setpoints[-1][0])] < 0.35
+    assert motion[max(at for at in list(motion) if at <= there.setpoints[-1][0])] < 0.35
     check_recording(tmp_path / "runs" / "fly", there)
 
 

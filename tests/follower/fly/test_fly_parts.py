@@ -6,6 +6,8 @@ import io
 import os
 import pty
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -152,6 +154,18 @@ def test_the_example_settings_can_be_flown_with(path: Path) -> None:
     assert settings.autonomy == "pilot"
     assert settings.envelope.max_speed_m_s <= 5
     assert settings == load_settings(path)
+
+
+def test_a_flight_needs_no_plots_and_no_simulated_world() -> None:
+    program = (
+        "import sys, follower.fly.fly, follower.fly.sign_testing; "
+        "print([m for m in sys.modules if m in ('matplotlib', 'control', 'torch') "
+        "or m in ('follower_sim.world', 'follower_sim.autopilot')])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"
 
 
 def test_a_lens_counts_as_given_only_if_somebody_gave_it() -> None:
