@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 
 from follower.control_loop import ControlLoop
 from follower.flight_video import FlightVideo
@@ -74,6 +74,22 @@ class VisionLoop:
         self._stage.learn()
 
 
+def _started(loop: Callable[[], None]) -> Future[None]:
+    """Run a loop on a thread that does not keep the program alive if it hangs."""
+    future: Future[None] = Future()
+
+    def run() -> None:
+        try:
+            loop()
+        except BaseException as error:  # whoever looks at the future raises it again
+            future.set_exception(error)
+        else:
+            future.set_result(None)
+
+    threading.Thread(target=run, name=loop.__name__, daemon=True).start()
+    return future
+
+
 class RealtimeRun:
     """Capture, vision and control, each on its own thread, until told to stop."""
 
@@ -98,18 +114,19 @@ class RealtimeRun:
 
         However it ends, a hold is sent last. A stage's error is raised here, after control has
         gone on for as long as `watch` wants: a dead vision thread shows as stale frames, on which
-        the supervisor holds and lets go.
+        the supervisor holds and lets go. One that hangs for ever is left behind.
         """
         loops = (self._capture_loop, self._vision_loop, self._control_loop)
-        with short_pauses(), ThreadPoolExecutor(len(loops), "follower") as threads:
-            futures = [threads.submit(loop) for loop in loops]
+        with short_pauses():
+            futures = [_started(loop) for loop in loops]
             try:
                 while watch() and not futures[-1].done():
                     wait(futures[-1:], watch_every_s)
             finally:
                 self._shut_down(futures)
         for future in futures:
-            future.result()
+            if future.done():
+                future.result()
 
     def _shut_down(self, futures: Sequence[Future[None]]) -> None:
         self._stop.set()

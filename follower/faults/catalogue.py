@@ -7,6 +7,7 @@ supervisor's time-outs as they are set by default, but a search of 2 s.
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Iterable
 from typing import Any
 
@@ -419,6 +420,40 @@ _COMPUTER = (
     ),
 )
 
+
+def _process(name: str, number: int, must: str, outcome: Outcome, **limits: Any) -> Fault:
+    action = Action(Kind.PROCESS_SIGNALLED, float(number))
+    return Fault(name, "process", must, outcome, (action,), lockstep=False, **limits)
+
+
+_PROCESS = (
+    _process(
+        "process-interrupted",
+        signal.SIGINT,
+        "Ctrl-C: hold on the wire within 0.3 s, at rest within 7 s, then the process ends.",
+        Outcome.LETS_GO,
+        hold_within_s=0.3,
+        rest_within_s=7.0,
+        excursion_m=13.0,
+    ),
+    _process(
+        "process-terminated",
+        signal.SIGTERM,
+        "SIGTERM: hold on the wire within 0.3 s, at rest within 7 s, then the process ends.",
+        Outcome.LETS_GO,
+        hold_within_s=0.3,
+        rest_within_s=7.0,
+        excursion_m=13.0,
+    ),
+    _process(
+        "process-killed",
+        signal.SIGKILL,
+        "SIGKILL: no set-point later than 0.1 s; the autopilot's own time-out acts: PX4 flies home "
+        "1.3 s later, ArduCopter flies on for GUID_TIMEOUT (3 s) and stops: no motion after 9 s.",
+        Outcome.PILOT_HAS_IT,
+    ),
+)
+
 CATALOGUE: tuple[Fault, ...] = (
     *_VISION,
     *_FRAMES,
@@ -427,6 +462,7 @@ CATALOGUE: tuple[Fault, ...] = (
     *_AUTOPILOT,
     *_PILOT,
     *_COMPUTER,
+    *_PROCESS,
 )
 
 

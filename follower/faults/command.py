@@ -139,6 +139,11 @@ def _fly_one(fault: Fault, flavour: str, link: str, realtime: bool) -> Result:
 
     cv2.setNumThreads(1)
     connection = _CONNECTION if realtime else None
+    if fault.signal is not None:
+        from follower.faults.process import fly_process
+
+        verdict = fly_process(fault, flavour, link, _CONNECTION)
+        return Result(flavour, link, realtime, verdict)
     verdict = fly_fault(PlannedFault.of(fault), Setup(flavour, link, connection))
     return Result(flavour, link, realtime, verdict)
 

@@ -50,6 +50,7 @@ class Kind(StrEnum):
     CONTROL_STARVED = "control starved"  # longest pause, seconds
     DISK_FULL = "disk full"
     STOP_REQUESTED = "stop requested"
+    PROCESS_SIGNALLED = "process signalled"  # the signal's number
 
 
 class Outcome(StrEnum):
@@ -120,6 +121,13 @@ class Fault:
     lockstep: bool = True
     realtime: bool = True
     signed: bool = False
+
+    @property
+    def signal(self) -> int | None:
+        """The signal that the follower's process gets, None if it gets none."""
+        kinds = {action.kind: action for action in self.actions}
+        action = kinds.get(Kind.PROCESS_SIGNALLED)
+        return None if action is None else int(action.amount)
 
     @property
     def needs_recorder(self) -> bool:

@@ -60,7 +60,7 @@ class FaultInjector:
         self._vision: FaultyVision | None = None
         self._autopilot: AutopilotFaults | None = None
         self._stop: Callable[[], None] = lambda: None
-        self._stopped = False
+        self._stopped = self._signalled = False
         self._ends_flight = ends_flight
         self._patches = ExitStack()
 
@@ -117,6 +117,10 @@ class FaultInjector:
     def observe(self, now_s: float, state: State, in_state_s: float) -> None:
         """Look at a control step: faults begin by the supervisor's state."""
         self.schedule.observe(now_s, state, in_state_s)
+        signalled = self.schedule.begun(Kind.PROCESS_SIGNALLED, now_s)
+        if signalled is not None and not self._signalled:
+            self._signalled = True
+            os.kill(os.getpid(), int(signalled.amount))
         asked = self.schedule.begun(Kind.STOP_REQUESTED, now_s) is not None
         if not self._stopped and (asked or (self._ends_flight and self.schedule.is_past(now_s))):
             self._stopped = True

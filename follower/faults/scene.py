@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from follower_sim.scenario import Scenario
 
@@ -33,6 +36,13 @@ _SCENE: dict[str, Any] = {
         "supervisor": {"search_s": 2.0},
     },
 }
+
+
+def write_scene(folder: Path) -> Path:
+    """Write the scenario into a file, for another process, and return its path."""
+    path = folder / "fault.yaml"
+    path.write_text(yaml.safe_dump(_SCENE), "utf-8")
+    return path
 
 
 def scene() -> Scenario:
