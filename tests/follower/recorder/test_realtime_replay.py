@@ -13,9 +13,10 @@ from follower.recorder import FlightConfig, Recorder, open_flight
 from follower.replay import Replay, compare, replay_settings
 from follower.selecting import box_selector
 from follower.settings import Settings
+from follower.supervisor import Order, Reason
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle import Attitude, Clearance, LocalPosition, RcChannels, VehicleState
 from follower_vision.box import Box
 from follower_vision.clock import MonotonicClock
 from follower_vision.frame import Frame
@@ -47,9 +48,10 @@ class Camera(ClosesItself):
 
 
 class Link:
-    """A vehicle that hovers and trembles; telemetry comes when it comes."""
+    """A vehicle that hovers and trembles under trembling sticks; telemetry comes when it comes."""
 
     connected = True
+    autopilot_name = "ardupilot"
 
     def __init__(self) -> None:
         self.state = VehicleState()
@@ -62,18 +64,55 @@ class Link:
         self.attitudes = [Attitude(*angles, now_s - 0.005)] if self._rng.random() < 0.8 else []
         position = LocalPosition(0.0, 0.0, -10.0, 0.0, 0.0, 0.0, now_s)
         attitude = self.attitudes[-1] if self.attitudes else self.state.attitude
-        self.state = VehicleState(attitude, position, "GUIDED", True, True, False, now_s)
+        sticks = RcChannels(tuple(self._rng.integers(1440, 1640, 8).tolist()), now_s - 0.01)
+        self.state = VehicleState(
+            attitude,
+            position,
+            "GUIDED",
+            obeys_setpoints=True,
+            armed=True,
+            landed=False,
+            heartbeat_s=now_s,
+            rc=sticks if self._rng.random() < 0.9 else None,
+            clearance=Clearance(8.0 + self._rng.normal(0, 0.5), now_s),
+            answered_s=now_s - 0.1,
+        )
 
     def take_notes(self) -> list[str]:
+        return []
+
+    def take_commands(self) -> list[Any]:
         return []
 
     def send(self, setpoint: Any) -> None:
         self.sent.append(setpoint)
 
 
+class Operator:
+    """Consents, withdraws, consents anew, stops, each once, from a thread of their own."""
+
+    def __init__(self, stage: ControlStage) -> None:
+        self._plan = [
+            (0.5, lambda: stage.order(Order.GIVE)),
+            (1.2, lambda: stage.order(Order.WITHDRAW)),
+            (1.5, lambda: stage.order(Order.GIVE)),
+            (SECONDS - 0.5, stage.request_stop),
+        ]
+
+    def act(self, now_s: float) -> None:
+        while self._plan and now_s >= self._plan[0][0]:
+            self._plan.pop(0)[1]()
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> None:
-    settings = Settings.model_validate({"recorder": {"video": "lossless", "keep_free_mb": 0}})
+    settings = Settings.model_validate(
+        {
+            "recorder": {"video": "lossless", "keep_free_mb": 0},
+            "consent": {"kind": "terminal"},
+            "sticks": {"nudge": True},
+        }
+    )
     clock, link = MonotonicClock(), Link()
     config = FlightConfig.of("real", settings, run={"try": seed})
     with Recorder(tmp_path, config, clock, settings.recorder) as recorder:
@@ -84,9 +123,10 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
         loop: Any = ControlLoop(link, control, lambda: vision.tracks.newest, recorder.log)  # type: ignore[arg-type]
         run = RealtimeRun(clock, Camera(clock), vision, loop, settings.control_rate_hz)
 
+        operator = Operator(control)
+
         def watch() -> bool:
-            if clock.now() > SECONDS - 0.5:
-                control.request_stop()
+            operator.act(clock.now())
             return clock.now() < SECONDS
 
         run.run(watch)
@@ -94,7 +134,8 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
     flight = open_flight(tmp_path)
     assert flight.remarks == []
     assert len(flight.log.controls) == len(recorder.log.controls) > 50
-    assert any(record.state.steers for record in flight.log.controls)
+    reasons = {record.reason for record in flight.log.controls}
+    assert {Reason.CONSENT_WITHDRAWN, Reason.STOP_REQUESTED, Reason.TARGET_SEEN} <= reasons
     replay = Replay(flight, replay_settings(flight))
     compared = compare(flight.log, replay.run())
     assert replay.missed == 0
