@@ -46,6 +46,8 @@ class ControlLoop:
         self._on_step = on_step
         self._release = Release(stage.settings.release)
         self._before = State.IDLE
+        if stage.settings.gimbal.enabled:
+            link.use_gimbal(stage.settings.gimbal.device)
 
     def step(self, now_s: float, late_s: float = 0.0) -> None:
         """Do one step of control at `now_s`, begun `late_s` behind its schedule."""
@@ -58,6 +60,8 @@ class ControlLoop:
             now_s, self._newest(), self._link.state, self._link.attitudes, late_s
         )
         self._send(record)
+        if record.gimbal is not None:
+            self._link.turn_gimbal(record.gimbal)
         self._let_go(record)
         if self._autonomy is not None and not self._release.acts:
             self._fly(self._autonomy, now_s, record.state)

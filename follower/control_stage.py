@@ -19,6 +19,9 @@ from follower_control.estimate import TargetEstimate
 from follower_control.estimate_trust import trust_in
 from follower_control.estimator import TargetEstimator
 from follower_control.flight_context import FlightContext
+from follower_control.gimbal import GimbalRates
+from follower_control.gimbal_history import GimbalHistory
+from follower_control.gimbal_servo import GimbalServo
 from follower_control.ground_range import range_to_ground
 from follower_control.liveness import Liveness, PositionLiveness
 from follower_control.search import Search
@@ -78,6 +81,9 @@ class ControlStage:
         self._seen_s = -math.inf
         self._believed: TargetEstimate | None = None
         self._sent = False
+        self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
+        self._gimbal_servo = GimbalServo(settings.gimbal)
+        self._mode_asked: Mode | None = None
 
     @property
     def supervisor(self) -> Supervisor:
@@ -92,6 +98,10 @@ class ControlStage:
     def request_stop(self) -> None:
         """Let go at the next step, whatever the state; may be called from any thread."""
         self._humans.stop_requested = True
+
+    def change_mode(self, mode: Mode) -> None:
+        """Follow another way from the next step on; may be called from any thread."""
+        self._mode_asked = mode
 
     def order(self, order: Order) -> None:
         """Take an operator's order for the next step; may be called from any thread."""
@@ -128,6 +138,9 @@ class ControlStage:
             if self._attitudes.add(attitude):
                 self._liveness.note(attitude, now_s)
         self._place_liveness.note(vehicle.position, now_s)
+        if self._gimbals is not None and vehicle.gimbal is not None:
+            self._gimbals.add(vehicle.gimbal)
+        mode_asked = self._take_mode()
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
@@ -151,10 +164,28 @@ class ControlStage:
             track_sequence=None if self._newest is None else self._newest.sequence,
             situation=situation,
             attitudes=tuple(attitudes),
+            gimbal=self._turn_gimbal(now_s, estimate, vehicle),
+            mode_asked=mode_asked,
         )
         self._last_step_s = now_s
         self._log.add_control(record)
         return record
+
+    def _take_mode(self) -> Mode | None:
+        """Begin to follow the way that was asked for, and return it."""
+        mode, self._mode_asked = self._mode_asked, None
+        if mode is not None:
+            self._servo.change_mode(mode, self._allowed)
+            self._sighter.looks_down = mode is Mode.OVERHEAD
+        return mode
+
+    def _turn_gimbal(
+        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> GimbalRates | None:
+        """Keep the target in the gimbal's camera, whoever flies the vehicle."""
+        if self._gimbals is None:
+            return None
+        return self._gimbal_servo.update(estimate, vehicle.gimbal, vehicle.attitude, now_s)
 
     def _take_track(self, newest: TrackRecord | None, now_s: float) -> None:
         if newest is None or newest is self._newest:
@@ -166,7 +197,7 @@ class ControlStage:
 
     def _observe(self, track: Track, now_s: float) -> None:
         self._seen_s = track.captured_s
-        sighting = self._sighter.sight(track, self._attitudes)
+        sighting = self._sighter.sight(track, self._attitudes, self._gimbals)
         if sighting is not None:
             verdict = self._estimator.observe(sighting)
             self._log.observe(Observation(now_s, sighting, verdict))

@@ -8,6 +8,8 @@ from typing import Protocol
 from follower.supervisor import Reason, Situation, State
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import Verdict
+from follower_control.gimbal import GimbalRates
+from follower_control.servo_settings import Mode
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.sighting import Sighting
 from follower_control.vehicle import Attitude, VehicleState
@@ -88,6 +90,8 @@ class ControlRecord:
         track_sequence: frame number of that newest track.
         situation: what the decision was made from.
         attitudes: those that came since the step before.
+        gimbal: how fast its gimbal is to turn, None without one.
+        mode_asked: the way of following that was asked for at this step, None if none was.
     """
 
     time_s: float
@@ -105,6 +109,8 @@ class ControlRecord:
     track_sequence: int | None = None
     situation: Situation | None = None
     attitudes: tuple[Attitude, ...] = ()
+    gimbal: GimbalRates | None = None
+    mode_asked: Mode | None = None
 
 
 @dataclass(frozen=True, slots=True)

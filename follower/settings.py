@@ -19,6 +19,7 @@ from follower.sticks import StickSettings
 from follower.supervisor import SupervisorSettings
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
+from follower_control.gimbal_servo import GimbalSettings
 from follower_control.search import SearchSettings
 from follower_control.servo_settings import ServoSettings
 from follower_control.strict_yaml import SettingsError, parse, read_mapping
@@ -106,6 +107,7 @@ class Settings(BaseModel):
     """Used without one."""
     estimator: EstimatorSettings = EstimatorSettings()
     servo: ServoSettings = ServoSettings()
+    gimbal: GimbalSettings = GimbalSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
     consent: ConsentSettings = ConsentSettings()

@@ -92,7 +92,8 @@ def messages_of(entry: Entry) -> list[Entry]:
 
 def control_messages(record: ControlRecord) -> list[object]:
     """Return the messages that a control step is cut into, in their order."""
-    parts = (*record.attitudes, record.vehicle, record.situation, record.estimate)
+    told = record.situation, record.estimate, record.gimbal
+    parts = (*record.attitudes, record.vehicle, *told)
     return [
         *(part for part in parts if part is not None),
         SetpointRecord(record.asked, record.allowed, record.limits, record.sent),
@@ -104,5 +105,6 @@ def control_messages(record: ControlRecord) -> list[object]:
             record.reason,
             record.track_sequence,
             record.track_captured_s,
+            record.mode_asked,
         ),
     ]

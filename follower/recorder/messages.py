@@ -12,6 +12,7 @@ from follower.flightlog import Event, Observation, Selection, TrackRecord
 from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
 from follower.supervisor import Situation
 from follower_control.estimate import TargetEstimate
+from follower_control.gimbal import GimbalRates
 from follower_control.vehicle import Attitude, VehicleState
 from follower_sim.score import TruthSample
 
@@ -81,6 +82,12 @@ MESSAGES = (
         TargetEstimate,
         "control rate, 50 Hz, while there is one",
         "The target as predicted to the control step.",
+    ),
+    Message(
+        "/control/gimbal",
+        GimbalRates,
+        "control rate, 50 Hz, with a gimbal",
+        "How fast the gimbal is to turn its camera.",
     ),
     Message(
         "/control/setpoint",

@@ -24,6 +24,7 @@ from follower.recorder.video_queue import VIDEO
 from follower.recorder.video_reading import read_pictures
 from follower.supervisor import Situation
 from follower_control.estimate import TargetEstimate
+from follower_control.gimbal import GimbalRates
 from follower_control.vehicle import Attitude, VehicleState
 from follower_sim.score import TruthSample
 from follower_vision.frame import Frame
@@ -139,6 +140,7 @@ class _StepParts:
     vehicle: VehicleState = field(default_factory=VehicleState)
     situation: Situation | None = None
     estimate: TargetEstimate | None = None
+    gimbal: GimbalRates | None = None
     setpoint: SetpointRecord | None = None
 
     def take(self, message: object) -> None:
@@ -151,6 +153,8 @@ class _StepParts:
                 self.situation = message
             case TargetEstimate():
                 self.estimate = message
+            case GimbalRates():
+                self.gimbal = message
             case SetpointRecord():
                 self.setpoint = message
 
@@ -173,4 +177,6 @@ class _StepParts:
             track_sequence=step.track_sequence,
             situation=self.situation,
             attitudes=self.attitudes,
+            gimbal=self.gimbal,
+            mode_asked=step.mode_asked,
         )

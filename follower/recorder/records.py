@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from follower.supervisor import Reason, State
+from follower_control.servo_settings import Mode
 from follower_control.setpoint import VelocitySetpoint
 
 
@@ -58,6 +59,7 @@ class StepRecord:
         reason: and why.
         track_sequence: frame number of the newest track; none before the first.
         track_captured_s: and that frame's capture time.
+        mode_asked: the way of following that was asked for at this step; none if none was.
     """
 
     time_s: float
@@ -67,3 +69,4 @@ class StepRecord:
     reason: Reason
     track_sequence: int | None = None
     track_captured_s: float | None = None
+    mode_asked: Mode | None = None

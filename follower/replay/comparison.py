@@ -12,6 +12,7 @@ import numpy as np
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.report.series import Array
 from follower_control.estimate import TargetEstimate
+from follower_control.gimbal import GimbalRates
 from follower_vision.track import Track
 
 
@@ -154,6 +155,10 @@ def _of_estimate(get: Callable[[TargetEstimate], Any]) -> Callable[[ControlRecor
     return lambda record: None if record.estimate is None else get(record.estimate)
 
 
+def _of_gimbal(get: Callable[[GimbalRates], float]) -> Callable[[ControlRecord], Any]:
+    return lambda record: None if record.gimbal is None else get(record.gimbal)
+
+
 def _component(which: str, place: int) -> Callable[[ControlRecord], Any]:
     return lambda record: getattr(record, which).values[place]
 
@@ -184,6 +189,8 @@ CONTROL_QUANTITIES = (
         for which in ("asked", "allowed")
         for place, (name, unit) in enumerate(_COMPONENTS)
     ),
+    Quantity("gimbal: pitch rate", "rad/s", _of_gimbal(lambda one: one.pitch_rad_s)),
+    Quantity("gimbal: yaw rate", "rad/s", _of_gimbal(lambda one: one.yaw_rad_s)),
     Quantity("limits", "", lambda record: tuple(map(str, record.limits))),
     Quantity("sent", "", lambda record: record.sent),
 )

@@ -139,6 +139,8 @@ class Replay:
             )
         if recorded.situation is not None:
             self._control.repeat_requests(recorded.situation)
+        if recorded.mode_asked is not None:
+            self._control.change_mode(recorded.mode_asked)
         self._control.step(
             recorded.time_s, newest, recorded.vehicle, recorded.attitudes, recorded.late_s
         )
