@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from follower.autonomy import Autonomy
+from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.flightlog import FlightLog, TrackRecord
@@ -63,20 +63,32 @@ class RealFlight:
         self._vision_stage = VisionStage(tracker)
         self._vision = VisionLoop(self._vision_stage, clock, log)
         self.stage = ControlStage(settings, settings.camera.model(*size), log)
-        autonomy = None
+        self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
-            autonomy = Autonomy(link, settings.takeoff_height_m)
-        self._control = ControlLoop(link, self.stage, self._newest, log, autonomy)
+            self._autonomy = Autonomy(link, settings.takeoff_height_m)
+        self._selector: Selector | None = None
+        self._control = ControlLoop(link, self.stage, self._newest, log, self._autonomy)
 
     def select(self, selector: Selector) -> None:
-        """Follow what this finds in the coming frames."""
-        self._vision_stage.select(selector)
+        """Follow what this finds in the coming frames; with full autonomy, once in the air.
+
+        ArduCopter takes off in GUIDED: a target chosen before would be followed from the ground on.
+        """
+        self._selector = selector
+        self._select_in_time()
+
+    def _select_in_time(self) -> None:
+        climbing = self._autonomy is not None and self._autonomy.phase is not Phase.AIRBORNE
+        if self._selector is not None and not climbing:
+            self._vision_stage.select(self._selector)
+            self._selector = None
 
     def run(self, watch: RunWatch) -> None:
         """Fly until `stop` and what follows on it; `watch` is called ten times a second."""
 
         def go_on() -> bool:
             watch(self)
+            self._select_in_time()
             if self._ending or self._source.ended:
                 self.stop()  # again: an order that came meanwhile does not undo it
             return not self.finished
@@ -111,6 +123,8 @@ class RealFlight:
         """Return what a display shows of this moment; `wish` is the target in words."""
         record = self.log.controls[-1] if self.log.controls else None
         words = waiting_for(record, self._link.autopilot_name, wish, self.settings, self._ending)
+        if self._autonomy is not None and self._selector is not None:
+            words = str(self._autonomy.phase)
         if self._source.problem:
             words = f"{words} (camera: {self._source.problem})"
         link = self._link.status(self._clock.now()).line()

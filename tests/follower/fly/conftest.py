@@ -142,3 +142,43 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     return path
+
+
+class Stream:
+    """Sends the video's scene as H.264 in MPEG-TS over UDP, as a camera's encoder does."""
+
+    def __init__(self, port: int) -> None:
+        self.address = f"udp://127.0.0.1:{port}"
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._send, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join(10)
+
+    def _send(self) -> None:
+        rng = np.random.default_rng(5)
+        ground = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+        cv2.rectangle(ground, (190, 100), (229, 139), (32, 32, 208), -1)
+        cv2.rectangle(ground, (198, 108), (214, 120), (200, 200, 40), -1)
+        options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10"}
+        with av.open(f"{self.address}?pkt_size=1316", "w", format="mpegts") as container:
+            stream = container.add_stream("libx264", rate=20, options=options)
+            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+            number = 0
+            while not self._stop.wait(1 / 20):
+                image = cv2.add(ground, rng.integers(0, 6, ground.shape, dtype=np.uint8))
+                frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+                frame.pts, frame.time_base = number, Fraction(1, 20)
+                container.mux(stream.encode(frame))
+                number += 1
+
+
+@pytest.fixture
+def stream() -> Iterator[Stream]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        camera = Stream(probe.getsockname()[1])
+    yield camera
+    camera.stop()

@@ -175,6 +175,44 @@ def test_the_pilot_takes_over_and_nothing_is_sent_any_more(
     assert there.autopilot.mode == "LOITER"
 
 
+@pytest.mark.slow
+def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
+    vehicle: MakeVehicle, launch: Any, stream: Any, tmp_path: Path
+) -> None:
+    there = vehicle("ardupilot", HEIGHT_M)
+    program = launch("--colour", "#d02020", camera=stream.address)
+    program.wait_for("pilot: switch to GUIDED")
+    there.autopilot.switch_mode("GUIDED")
+    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints))
+    stream.stop()
+    program.wait_for("holding .*frames stale")
+    program.wait_for("released .*hold timed out")
+    assert program.end(signal.SIGINT) == READY, program.said
+    assert "camera: " in program.said
+    assert np.array(speeds(there.setpoints[-1][1])) == pytest.approx(0.0, abs=1e-6)
+    assert open_flight(tmp_path / "runs" / "fly").remarks == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
+def test_full_autonomy_takes_off_follows_and_hands_back(
+    vehicle: MakeVehicle, launch: Any, flavour: str
+) -> None:
+    there = vehicle(flavour)
+    program = launch("--colour", "#d02020", "--set", "autonomy=full", "--set", "takeoff_height_m=6")
+    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints), within_s=50.0)
+    assert -there.autopilot.state.position_m[2] > 4
+    assert program.end(signal.SIGINT) == READY, program.said
+    assert there.autopilot.mode in ("LOITER", "BRAKE")
+
+
+def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: Path) -> None:
+    program = launch("--colour", "#d02020")
+    until(lambda: (tmp_path / "runs" / "fly" / "mavlink.tlog").exists())
+    assert program.end(signal.SIGINT) == INTERRUPTED
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
 def test_a_failed_check_refuses_and_leaves_nothing_behind(
     vehicle: MakeVehicle, port: int, video: Path, tmp_path: Path, capsys: Any
 ) -> None:
