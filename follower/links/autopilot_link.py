@@ -37,7 +37,13 @@ _SILENCE_S = 3.0
 _RC = "RC_CHANNELS"
 _SLACK_S = 1e-6
 _GIMBAL_HZ, _ORIGIN_HZ = 50.0, 0.5
-_NOT_EVERYWHERE = (_RC, "DISTANCE_SENSOR", "TERRAIN_REPORT", "GPS_GLOBAL_ORIGIN")
+_NOT_EVERYWHERE = (
+    _RC,
+    "DISTANCE_SENSOR",
+    "TERRAIN_REPORT",
+    "GPS_GLOBAL_ORIGIN",
+    "GIMBAL_MANAGER_STATUS",
+)
 _GIMBALS = (
     mavlink.MAV_COMP_ID_GIMBAL,
     mavlink.MAV_COMP_ID_GIMBAL2,
@@ -144,6 +150,7 @@ class AutopilotLink(ABC):
         """From now on find the gimbal, take its control and have its attitude told."""
         self._gimbal_device = device
         self._rates.want("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_HZ)
+        self._rates.want("GIMBAL_MANAGER_STATUS", 1.0)
 
     def turn_gimbal(self, rates: GimbalRates) -> None:
         """Turn the gimbal, if there is one and nobody else controls it."""
