@@ -178,15 +178,6 @@ def test_a_mirrored_camera_fails_and_is_named() -> None:
     assert "WRONG" in printed
 
 
-@pytest.mark.slow
-def test_a_camera_upside_down_fails_until_the_settings_say_so() -> None:
-    result, _, _ = sign_tested(lambda image: image[::-1, ::-1])
-    assert not result.passed
-    assert "add 180 to camera.roll_deg" in result.text
-    again, _, _ = sign_tested(lambda image: image[::-1, ::-1], roll_deg=180.0)
-    assert again.passed, again.text
-
-
 def test_an_armed_vehicle_is_refused_at_once() -> None:
     result, heard, _ = sign_tested(as_it_is, armed=True)
     assert not result.passed
