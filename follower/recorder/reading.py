@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from collections import Counter
@@ -20,8 +21,17 @@ from follower.recorder.mcap_log import FORMAT, METADATA, PROFILE
 from follower.recorder.messages import BY_TOPIC
 from follower_vision.framesource import SourceError
 
-_BROKEN = (McapError, CRCValidationError, struct.error, zlib.error, zstandard.ZstdError)
+_BROKEN = (
+    McapError,
+    CRCValidationError,
+    OverflowError,
+    UnicodeDecodeError,
+    struct.error,
+    zlib.error,
+    zstandard.ZstdError,
+)
 _MOST_BYTES_A_RECORD = 1 << 30
+_OTHER_FILES = "config.yaml, mavlink.tlog and video.mkv can be read by other programs"
 
 
 class FlightFileError(SourceError):
@@ -55,16 +65,15 @@ def read_log(path: Path) -> LogContent:
         if isinstance(record, Header):
             _check_profile(path, record)
         elif isinstance(record, Metadata) and record.name == METADATA:
-            epoch_ns = int(record.metadata["epoch_ns"])
-            content.config_yaml = record.metadata["config"]
-            _check_format(path, int(record.metadata["format"]))
+            epoch_ns, content.config_yaml = _description(path, record)
         elif isinstance(record, Channel):
             topics[record.id] = record.topic
         elif isinstance(record, McapMessage):
             topic = topics.get(record.channel_id, "")
             time_s = (record.log_time - epoch_ns) / 1e9
             if topic in BY_TOPIC:
-                content.messages.append((time_s, _decoded(path, topic, record.data)))
+                message = _decoded(path, topic, record.data, content)
+                content.messages.append((time_s, message))
             else:
                 passed[topic] += 1
     for topic, count in passed.items():
@@ -75,17 +84,18 @@ def read_log(path: Path) -> LogContent:
 def _records(path: Path, content: LogContent) -> Iterator[McapRecord]:
     """Give the records; where the file is cut off or damaged it ends, with a remark."""
     ended = False
-    with path.open("rb") as file:
-        reader = StreamReader(file, validate_crcs=True, record_size_limit=_MOST_BYTES_A_RECORD)
-        try:
-            for record in reader.records:
-                ended = ended or isinstance(record, Footer)
-                yield record
-        except _BROKEN as error:
-            if file.tell() <= 8:
-                raise FlightFileError(_foreign(path)) from error
-            if not ended:
-                content.remarks.append(_cut_off(path, content))
+    # Of bytes in memory no more can be asked for than there are, whatever a damaged length says.
+    file = io.BytesIO(path.read_bytes())
+    reader = StreamReader(file, validate_crcs=True, record_size_limit=_MOST_BYTES_A_RECORD)
+    try:
+        for record in reader.records:
+            ended = ended or isinstance(record, Footer)
+            yield record
+    except _BROKEN as error:
+        if file.tell() <= 8:
+            raise FlightFileError(_foreign(path)) from error
+        if not ended:
+            content.remarks.append(_cut_off(path, content))
 
 
 def _cut_off(path: Path, content: LogContent) -> str:
@@ -110,12 +120,29 @@ def _check_format(path: Path, number: int) -> None:
     if number > FORMAT:
         raise FlightFileError(
             f"{path}: the log has format {number}, this program reads up to {FORMAT}: update it; "
-            "config.yaml, mavlink.tlog and video.mkv can be read by other programs"
+            f"{_OTHER_FILES}"
         )
 
 
-def _decoded(path: Path, topic: str, data: bytes) -> object:
+def _description(path: Path, record: Metadata) -> tuple[int, str]:
+    """Return the flight's time 0 in nanoseconds since 1970, and its configuration."""
+    try:
+        number, epoch_ns = int(record.metadata["format"]), int(record.metadata["epoch_ns"])
+        config_yaml = record.metadata["config"]
+    except (KeyError, ValueError) as error:
+        raise FlightFileError(
+            f"{path}: what the log says of itself is damaged ({error!r}); {_OTHER_FILES}"
+        ) from error
+    _check_format(path, number)
+    return epoch_ns, config_yaml
+
+
+def _decoded(path: Path, topic: str, data: bytes, before: LogContent) -> object:
     try:
         return decode(BY_TOPIC[topic].record, data)
     except ValueError as error:
-        raise FlightFileError(f"{path}: a message of {topic} cannot be read: {error}") from error
+        until_s = before.messages[-1][0] if before.messages else 0.0
+        raise FlightFileError(
+            f"{path}: a message of {topic} cannot be read: {error}; the {len(before.messages)} "
+            f"messages before it, up to {until_s:.2f} s, could be; {_OTHER_FILES}"
+        ) from error

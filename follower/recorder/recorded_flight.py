@@ -14,9 +14,10 @@ from follower.flightlog import (
     Selection,
     TrackRecord,
 )
+from follower.links.vehicle_health import VehicleHealth
 from follower.recorder.config import FlightConfig
 from follower.recorder.log_writer import LOG, TLOG
-from follower.recorder.reading import FlightFileError, read_log
+from follower.recorder.reading import FlightFileError, LogContent, read_log
 from follower.recorder.recorder import CONFIG
 from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
 from follower.recorder.tlog import Packet, read_tlog
@@ -85,7 +86,7 @@ def open_flight(folder: str | Path) -> RecordedFlight:
     if not (path / LOG).is_file():
         raise FlightFileError(_no_flight(path))
     content = read_log(path / LOG)
-    flight = RecordedFlight(path, _config(path, content.config_yaml), remarks=content.remarks)
+    flight = RecordedFlight(path, _config(path, content), remarks=content.remarks)
     flight._messages = content.messages
     _sort(flight, content.messages)
     return flight
@@ -99,13 +100,22 @@ def _no_flight(path: Path) -> str:
     return f"{path}: no flight, {LOG} is missing; there is {there}"
 
 
-def _config(folder: Path, in_log: str) -> FlightConfig:
+def _config(folder: Path, content: LogContent) -> FlightConfig:
+    """Read the configuration, or the log's copy of it where the file is missing or damaged."""
     path = folder / CONFIG
-    text = path.read_text("utf-8") if path.is_file() else in_log
     try:
-        return FlightConfig.from_yaml(text)
+        return FlightConfig.from_yaml(path.read_text("utf-8"))
+    except (FileNotFoundError, ValueError) as error:
+        missing = isinstance(error, FileNotFoundError)
+        trouble = f"{path}: {'missing' if missing else error}"
+    try:
+        config = FlightConfig.from_yaml(content.config_yaml)
     except ValueError as error:
-        raise FlightFileError(f"{path}: {error}; {LOG} could be read") from error
+        read = f"of {LOG} {len(content.messages)} messages could be read"
+        raise FlightFileError(f"{trouble}; its copy in {LOG} is no better; {read}") from error
+    if not missing:
+        content.remarks.append(f"{trouble}; taken is its copy in {LOG}.")
+    return config
 
 
 def _sort(flight: RecordedFlight, messages: Iterable[tuple[float, object]]) -> None:
@@ -140,6 +150,7 @@ class _StepParts:
     vehicle: VehicleState = field(default_factory=VehicleState)
     situation: Situation | None = None
     estimate: TargetEstimate | None = None
+    health: VehicleHealth | None = None
     gimbal: GimbalRates | None = None
     setpoint: SetpointRecord | None = None
 
@@ -153,6 +164,8 @@ class _StepParts:
                 self.situation = message
             case TargetEstimate():
                 self.estimate = message
+            case VehicleHealth():
+                self.health = message
             case GimbalRates():
                 self.gimbal = message
             case SetpointRecord():
@@ -179,4 +192,5 @@ class _StepParts:
             attitudes=self.attitudes,
             gimbal=self.gimbal,
             mode_asked=step.mode_asked,
+            health=self.health,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -70,7 +71,7 @@ class Recorder(ClosesItself):
         self._clock = clock
         self._remarks: list[str] = []
         self.log = FlightLog(sink=self, kept=kept)
-        (folder / CONFIG).write_text(config.to_yaml(), "utf-8")
+        _write_to_disk(folder / CONFIG, config.to_yaml())
         self._entries: deque[Entry] = deque()
         self._step_ended = threading.Event()
         self._closing = False
@@ -180,6 +181,14 @@ class Recorder(ClosesItself):
             for message, time_s in messages_of(self._entries.popleft()):
                 self._writer.write(message, time_s)
                 time.sleep(0)
+
+
+def _write_to_disk(path: Path, text: str) -> None:
+    """Write a file that a power cut a moment later leaves whole."""
+    with path.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 class RecordedTransport:

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
@@ -143,7 +144,19 @@ def test_a_message_that_does_not_fit_names_its_topic(tmp_path: Path) -> None:
     write_foreign(tmp_path / "flight.mcap", PROFILE, None)
     with pytest.raises(FlightFileError) as error:
         open_flight(tmp_path)
-    assert "a message of /vision/track cannot be read" in one_line(error)
+    text = one_line(error)
+    assert "a message of /vision/track cannot be read" in text
+    assert "the 0 messages before it, up to 0.00 s, could be" in text
+    assert "mavlink.tlog and video.mkv can be read" in text
+
+
+@pytest.mark.parametrize("key", ["format", "epoch_ns", "config"])
+def test_a_log_that_does_not_know_itself_says_so(tmp_path: Path, key: str) -> None:
+    known = {"format": "1", "epoch_ns": "0", "config": ""}
+    write_foreign(tmp_path / "flight.mcap", PROFILE, {k: known[k] for k in known if k != key})
+    with pytest.raises(FlightFileError) as error:
+        open_flight(tmp_path)
+    assert f"what the log says of itself is damaged (KeyError('{key}'))" in one_line(error)
 
 
 def test_without_its_configuration_file_the_log_still_knows_it(
@@ -154,12 +167,60 @@ def test_without_its_configuration_file_the_log_still_knows_it(
     assert open_flight(folder).config == open_flight(small_flight.folder).config
 
 
-def test_a_broken_configuration_is_named(small_flight: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "content", [b"", b"format: [1", b"\xff\xfe\x00", b"kind: simulated\nmore: 1"]
+)
+def test_a_broken_configuration_is_taken_from_the_log(
+    small_flight: Any, tmp_path: Path, content: bytes
+) -> None:
+    """As a power cut may leave it."""
     folder = copied(small_flight, tmp_path / "flight")
-    (folder / "config.yaml").write_text("format: [1")
+    (folder / "config.yaml").write_bytes(content)
+    flight = open_flight(folder)
+    assert flight.config == open_flight(small_flight.folder).config
+    (remark,) = flight.remarks
+    assert "config.yaml: " in remark
+    assert "taken is its copy in flight.mcap" in remark
+
+
+@pytest.mark.parametrize("config", [None, b"format: [1"])
+def test_no_configuration_at_all_is_named(
+    small_flight: Any, tmp_path: Path, config: bytes | None
+) -> None:
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    data = (small_flight.folder / "flight.mcap").read_bytes()
+    (folder / "flight.mcap").write_bytes(data[:100])
+    if config is not None:
+        (folder / "config.yaml").write_bytes(config)
     with pytest.raises(FlightFileError) as error:
         open_flight(folder)
-    assert "config.yaml" in one_line(error)
+    text = one_line(error)
+    assert "config.yaml: missing" in text or "config.yaml: not a flight's configuration" in text
+    assert "of flight.mcap 0 messages could be read" in text
+
+
+def what_is_said(folder: Path) -> list[str]:
+    """The remarks on a flight, or why there is none."""
+    try:
+        return open_flight(folder).remarks
+    except FlightFileError as error:
+        return [str(error)]
+
+
+def test_damage_anywhere_is_a_remark_or_a_line(small_flight: Any, tmp_path: Path) -> None:
+    """Bytes at random, most of them where no checksum guards them: at the beginning."""
+    folder = copied(small_flight, tmp_path / "flight")
+    (folder / "config.yaml").unlink()
+    whole, rng = (folder / "flight.mcap").read_bytes()[:60_000], np.random.default_rng(5)
+    for trial in range(60):
+        data = bytearray(whole)
+        for place in rng.integers(0, (200, 5_000, len(data))[trial % 3], 3):
+            data[place] = rng.integers(0, 256)
+        (folder / "flight.mcap").write_bytes(data)
+        said = what_is_said(folder)
+        assert any("flight.mcap" in line for line in said)
+        assert not any("\n" in line for line in said)
 
 
 def test_a_flight_without_video_says_so(small_flight: Any, tmp_path: Path) -> None:
