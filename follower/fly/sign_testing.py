@@ -41,6 +41,11 @@ def sign_test(options: FlyOptions) -> int:
     if not options.lens_given:
         raise SettingsError(f"the sign test needs to know the lens: {lens_advice()}")
     settings = options.settings()
+    if settings.gimbal.enabled:
+        raise SettingsError(
+            "the sign test is for a camera that is fixed to the vehicle: a gimbal turns against "
+            "the hand; lock it and give --set gimbal.enabled=false and its angles as camera.*_deg"
+        )
     selector = target_selector(options, make_settings_detector(settings))
     tracker = make_target_tracker(settings)
     console, clock = Console(), MonotonicClock()

@@ -146,6 +146,8 @@ def folds(model: CameraModel) -> bool:
 def mount(s: Snapshot) -> Finding:
     """The camera's mount is one that following works with."""
     c = s.settings.camera
+    if s.settings.gimbal.enabled:
+        return warned("held by a gimbal, which is not checked", "look whether it turns freely")
     pitch = f"{abs(c.pitch_deg):g} deg {'down' if c.pitch_deg < 0 else 'up'}"
     pitch = pitch if c.pitch_deg else "straight on"
     turned = f", turned {c.yaw_deg:g} deg to the right" if c.yaw_deg else ""

@@ -71,7 +71,8 @@ def print_checklist(console: Console, results: Sequence[Result]) -> None:
     console.print(checklist(results))
     console.print()
     refused = refusals(results)
-    warnings = sum(result.finding.verdict is Verdict.WARN for result in results)
+    doubtful = (Verdict.WARN, Verdict.FAIL)
+    warnings = sum(result.finding.verdict in doubtful for result in results)
     if refused:
         console.print(Text(f"Do not fly: {_count(len(refused), 'check')} failed", "bold red"))
         for line in refused:

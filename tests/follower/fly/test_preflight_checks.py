@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from follower.links.link_status import LinkStatus
 from follower.links.message_rates import MessageRate
@@ -22,7 +24,7 @@ from follower.links.vehicle_health import (
 from follower.preflight.check import Result
 from follower.preflight.docs import renewed
 from follower.preflight.finding import Verdict
-from follower.preflight.showing import refusals, to_json
+from follower.preflight.showing import print_checklist, refusals, to_json
 from follower.preflight.snapshot import (
     AttitudeReading,
     CameraReading,
@@ -46,6 +48,10 @@ Change = Callable[[Snapshot], Snapshot]
 
 def settings(**camera: Any) -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0, **camera}})
+
+
+def with_gimbal() -> Settings:
+    return Settings.model_validate({"camera": {"fov_deg": 70.0}, "gimbal": {"enabled": True}})
 
 
 def healthy(flavour: str) -> Snapshot:
@@ -205,6 +211,7 @@ BOTH = [
     ("lens", lens(distortion=(-0.28, 0.07, 0, 0, 0)), PASS, "70 deg"),
     ("mount", lens(pitch_deg=-25), PASS, "25 deg down"),
     ("mount", lens(pitch_deg=60), WARN, "sky"),
+    ("mount", lambda s: replace(s, settings=with_gimbal()), WARN, "gimbal"),
     ("models", lambda s: replace(s, models={"a.onnx": "missing"}), FAIL, "a.onnx is missing"),
     ("models", lambda s: replace(s, models={"a.onnx": "good"}), PASS, "a.onnx"),
     ("disk", computer(free_bytes=int(1e9)), WARN, "1.0 GB"),
@@ -311,6 +318,17 @@ def test_with_full_autonomy_the_mode_is_ours() -> None:
     base = vehicle(obeys_setpoints=True, armed=True)(healthy("px4"))
     full = base.settings.model_copy(update={"autonomy": "full"})
     assert result(replace(base, settings=full), "mode").finding.verdict is PASS
+
+
+def test_a_failed_check_that_is_not_needed_is_a_warning_at_the_end() -> None:
+    shown = io.StringIO()
+    print_checklist(Console(file=shown, width=120), run_checks(computer(load=3.0)(healthy("px4"))))
+    assert shown.getvalue().rstrip().endswith("Ready, 1 warning")
+    refused = io.StringIO()
+    broken = camera(frames=0, problem="the stream ended")(healthy("px4"))
+    print_checklist(Console(file=refused, width=120), run_checks(broken))
+    assert "Do not fly" in refused.getvalue()
+    assert "camera: the stream ended; is the camera plugged in" in refused.getvalue()
 
 
 def test_json_holds_every_check_and_no_infinities() -> None:
