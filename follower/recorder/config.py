@@ -27,7 +27,10 @@ LOCKSTEP_EPOCH_NS = 946_684_800 * 10**9
 
 _PACKAGES = ("drone-target-follower", "numpy", "opencv-python-headless", "onnxruntime", "av")
 _SECRET = re.compile(r"secret|password|passphrase|passwd|token|signing_key|private|credential")
-_USER_INFO = re.compile(r"(?<=://)[^/@\s]+@")
+_USER_INFO = re.compile(r"(?<=://)[^/\s]+@")
+_SECRET_VALUE = re.compile(
+    r"(?i)((?:secret|passw(?:or)?d|passphrase|pwd|user-pw|token|credential|api_?key)[\w-]*=)[^&\s'\"]+"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +147,15 @@ def model_hashes(settings: Settings) -> dict[str, str]:
 
 
 def without_secrets(plain: Any) -> Any:
-    """Return the same without keys that name a secret and without log-ins in addresses."""
+    """Return the same without keys that name a secret, and without log-ins in addresses."""
     if isinstance(plain, dict):
         kept = {key: value for key, value in plain.items() if not _SECRET.search(str(key).lower())}
         return {key: without_secrets(value) for key, value in kept.items()}
     if isinstance(plain, list | tuple):
         return [without_secrets(value) for value in plain]
-    return _USER_INFO.sub("", plain) if isinstance(plain, str) else plain
+    if not isinstance(plain, str):
+        return plain
+    return _SECRET_VALUE.sub(r"\1", _USER_INFO.sub("", plain))
 
 
 def _listed(plain: dict[str, Any]) -> dict[str, Any]:

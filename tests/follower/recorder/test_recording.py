@@ -266,6 +266,29 @@ def test_secrets_are_left_out_wherever_they_stand() -> None:
     assert without_secrets(plain) == {"a": [{"kept": "udp://h:1 and http://y/z"}]}
 
 
+@pytest.mark.parametrize(
+    ("address", "kept"),
+    [
+        ("rtsp://us:p@ss@h:554/live", "rtsp://h:554/live"),
+        ("rtsp://h/user=a&password=swordfish&channel=1", "rtsp://h/user=a&password=&channel=1"),
+        (
+            "follower fly --camera 'http://h/v?token=swordfish'",
+            "follower fly --camera 'http://h/v?token='",
+        ),
+        (
+            "gst:rtspsrc location=rtsp://h user-pw=swordfish ! x",
+            "gst:rtspsrc location=rtsp://h user-pw= ! x",
+        ),
+        (
+            "--set servo.distance_m=10 udp://h:14550 a@b",
+            "--set servo.distance_m=10 udp://h:14550 a@b",
+        ),
+    ],
+)
+def test_a_cameras_password_is_left_out_wherever_it_stands(address: str, kept: str) -> None:
+    assert without_secrets({"source": address}) == {"source": kept}
+
+
 def test_a_cut_telemetry_log_is_read_up_to_there(tmp_path: Path) -> None:
     path = tmp_path / "x.tlog"
     packet = mavlink.MAVLink_system_time_message(1, 2).pack(mavlink.MAVLink(None, 1, 1))
