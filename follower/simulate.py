@@ -21,6 +21,7 @@ from follower.faults.simulation import said_of, signed_where_needed, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
 from follower.flight_video import BackgroundVideo, OverlayVideo
+from follower.fly.keyboard import Keyboard
 from follower.flying import fly_lockstep, fly_realtime
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import ConnectionFailedError, open_connection
@@ -30,8 +31,8 @@ from follower.report.meta import ReportMeta
 from follower.report.writer import write_report, write_score, write_whole
 from follower.run_folder import new_run_folder
 from follower.scoring import score_flight
-from follower.settings import Settings, load_settings, merged
-from follower.simulated_flight import EXTERNAL, SimulatedFlight, camera_settings
+from follower.settings import Settings, load_settings
+from follower.simulated_flight import EXTERNAL, SimulatedFlight, base_settings
 from follower.terminal import Terminal, print_score
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
@@ -123,7 +124,7 @@ def simulate(options: SimulationOptions) -> int:
 
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
     """Resolve the settings: the scenario's camera and wishes first, the user's on top."""
-    base = merged({"camera": camera_settings(scenario)}, scenario.follow)
+    base = base_settings(scenario)
     link = () if options.link is None else (f"link.kind={options.link}",)
     return load_settings(options.config, base, (*options.overrides, *link))
 
@@ -182,9 +183,12 @@ def _fly(
         )
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
+            keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
                 terminal.show(flight.status())
+                if settings.consent.kind == "terminal":
+                    flight.stage.order(keyboard.order())
 
             with suppress(InjectedDeathError):
                 if isinstance(clock, SimulatedClock):

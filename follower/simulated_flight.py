@@ -21,7 +21,7 @@ from follower.live_status import LiveStatus
 from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.selecting import colour_selector
-from follower.settings import Settings
+from follower.settings import Settings, merged
 from follower.supervisor import State
 from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
@@ -41,6 +41,7 @@ from follower_vision.track import TrackState
 EXTERNAL = "external"
 _ANSWER_WITHIN_S = 15.0
 _STANDING_M_S = 0.3
+_AIRBORNE_M = 2.0
 _LONGEST_STOP_S = 6.0
 _FAREWELL_S = 1.0
 
@@ -102,7 +103,9 @@ class SimulatedFlight:
         self.vision = make_vision(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
         )
-        self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
+        self._autonomy: Autonomy | None = None
+        if settings.autonomy == "full":
+            self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
         self.stage = ControlStage(settings, scenario.camera.model, self.log)
         make_control = ControlLoop if faults is None else faults.control
         self.control = make_control(
@@ -113,9 +116,9 @@ class SimulatedFlight:
         self._last_link: LinkStatus | None = None
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> Phase | None:
         """How far the flight has come."""
-        return self._autonomy.phase
+        return None if self._autonomy is None else self._autonomy.phase
 
     @property
     def seed(self) -> int:
@@ -133,7 +136,7 @@ class SimulatedFlight:
 
     def status(self) -> LiveStatus:
         """Return what a display shows of this moment."""
-        errors, phase = self.stage.servo.errors, str(self.phase)
+        errors, phase = self.stage.servo.errors, str(self.phase or "")
         duration_s, link = self.scenario.duration_s, self.link_status.line()
         return LiveStatus.of(self.log, 0.0, duration_s, errors, phase, link)
 
@@ -180,12 +183,25 @@ class SimulatedFlight:
         if self._faults is not None:
             supervisor = self.stage.supervisor
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
-        if self.chosen_s is None and self.phase is Phase.AIRBORNE:
+        if self.chosen_s is None and self._is_airborne:
             self.chosen_s = now_s
             select = self.scenario.select
             self._vision_stage.select(colour_selector(select.colour, select.search))
         if now_s >= self.scenario.duration_s:
             self.stop()
+
+    @property
+    def _is_airborne(self) -> bool:
+        """Whether the take-off is over, and with it the time to choose the target."""
+        if self._autonomy is not None:
+            return self._autonomy.phase is Phase.AIRBORNE
+        vehicle = self._link.state
+        high = vehicle.position is not None and vehicle.position.height_m > _AIRBORNE_M
+        return vehicle.armed and vehicle.landed is not True and high
+
+    @property
+    def _is_told_enough(self) -> bool:
+        return self._autonomy is None and self._link.state.position is not None
 
     def _take_truth(self, now_s: float) -> None:
         body = self.vehicle.state_at(now_s)
@@ -200,7 +216,7 @@ class SimulatedFlight:
         Raises:
             ConnectionFailedError: no autopilot was heard for some time.
         """
-        if self.phase is not Phase.CONNECTING:
+        if self.phase not in (Phase.CONNECTING, None) or self._is_told_enough:
             return
         status = self._link.status(self._clock.now())
         if status.problem:
@@ -262,11 +278,18 @@ def gimbal_of(scenario: Scenario) -> Gimbal | None:
     return Gimbal(camera.gimbal, math.radians(camera.pitch_deg), heading, 0.0)
 
 
-def camera_settings(scenario: Scenario) -> dict[str, Any]:
-    """Return what a calibrated follower would know of the scenario's camera."""
+def base_settings(scenario: Scenario) -> dict[str, Any]:
+    """Return what the settings of a flight in this scenario begin with.
+
+    The camera is what a calibrated follower would know of the scenario's, and the pilot is played.
+    """
     camera = scenario.camera
-    return {
-        "fov_deg": camera.fov_deg,
-        "pitch_deg": camera.pitch_deg,
-        "distortion": list(camera.distortion),
+    base = {
+        "camera": {
+            "fov_deg": camera.fov_deg,
+            "pitch_deg": camera.pitch_deg,
+            "distortion": list(camera.distortion),
+        },
+        "autonomy": "full",
     }
+    return merged(base, scenario.follow)

@@ -19,7 +19,7 @@ from follower.flying import fly_lockstep, fly_realtime
 from follower.links.connection import open_connection
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.settings import Settings, load_settings
-from follower.simulated_flight import SimulatedFlight, camera_settings
+from follower.simulated_flight import SimulatedFlight, base_settings
 from follower_control.transport import MemoryTransport, Transport
 from follower_sim.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
@@ -74,11 +74,7 @@ def _fly(flight: SimulatedFlight, clock: Clock) -> str:
 
 
 def _settings(setup: Setup) -> Settings:
-    scenario = scene()
-    link = {"kind": setup.link}
-    return load_settings(
-        base={"camera": camera_settings(scenario), "link": link, **scenario.follow}
-    )
+    return load_settings(base={**base_settings(scene()), "link": {"kind": setup.link}})
 
 
 @contextmanager
