@@ -18,14 +18,19 @@ _SLACK = 1e-3
 _FLOAT32 = 1e-4
 
 
-def envelope_failures(setpoints: Sequence[WireSetpoint], limits: EnvelopeSettings) -> Iterator[str]:
-    """Yield where a set-point lies outside the limits, or changes faster than they allow."""
+def envelope_failures(
+    setpoints: Sequence[WireSetpoint], limits: EnvelopeSettings, unsure_s: float = 0.02
+) -> Iterator[str]:
+    """Yield where a set-point lies outside the limits, or changes faster than they allow.
+
+    `unsure_s` is how much longer than between their arrivals the time between two may have been.
+    """
     for setpoint in setpoints:
         if fault := envelope_failure(setpoint, limits):
             yield f"{setpoint.time_s:.2f} s: {fault}"
             return
     for before, after in pairwise(setpoints):
-        if fault := jump_failure(before, after, limits):
+        if fault := jump_failure(before, after, limits, unsure_s):
             yield f"{after.time_s:.2f} s: {fault}"
             return
 
@@ -46,7 +51,9 @@ def envelope_failure(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
     return "" if within else f"the set-point {setpoint.values} is outside the envelope"
 
 
-def jump_failure(before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings) -> str:
+def jump_failure(
+    before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings, unsure_s: float = 0.02
+) -> str:
     """Say how one set-point differs too much from the last; "" if it does not.
 
     A zero may come at any time: nothing is safer. And the first one after a zero may be the
@@ -54,7 +61,7 @@ def jump_failure(before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSett
     """
     if after.is_zero or before.is_zero:
         return ""
-    interval_s = min(after.time_s - before.time_s + 0.02, limits.max_interval_s)
+    interval_s = min(after.time_s - before.time_s + unsure_s, limits.max_interval_s)
     most = limits.max_acceleration_m_s2 * interval_s + 0.02
     level = math.dist(before.values[:2], after.values[:2])
     upright = abs(before.values[2] - after.values[2])
