@@ -141,5 +141,33 @@ def mode(s: Snapshot) -> Finding:
     return failed(text, todo) if s.vehicle.armed else warned(text, todo)
 
 
+def landed_state(s: Snapshot) -> Finding:
+    """The autopilot says whether it stands on the ground."""
+    if s.vehicle.landed is None:
+        return warned(
+            "the autopilot does not say whether it is on the ground",
+            "be sure to be in the air before taking OFFBOARD or GUIDED: following may begin at once",
+        )
+    return passed("on the ground" if s.vehicle.landed else "in the air")
+
+
+def consent(s: Snapshot) -> Finding:
+    """The second consent, if the settings ask for one, can be given and was not given yet."""
+    c = s.settings.consent
+    if c.kind != "rc":
+        return passed({"mode": "the pilot's mode alone"}.get(c.kind, f"by {c.kind}"))
+    rc = s.vehicle.fresh_rc(s.now_s, c.rc_timeout_s)
+    pulse = None if rc is None else rc.pulse_us(c.rc_channel)
+    if pulse is None:
+        return failed(
+            f"channel {c.rc_channel} of the remote control is not heard",
+            "switch on the transmitter, or set consent.rc_channel",
+        )
+    text = f"channel {c.rc_channel} is at {pulse} µs, on beyond {c.rc_threshold_us}"
+    if (pulse >= c.rc_threshold_us) is not c.rc_reversed:
+        return warned(text, "switch it off: it counts once it was turned on")
+    return passed(text)
+
+
 def _named(mask: int, names: dict[int, str]) -> str:
     return ", ".join(name for bit, name in names.items() if mask & bit)

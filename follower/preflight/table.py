@@ -132,6 +132,19 @@ CHECKS = (
         "not OFFBOARD or GUIDED yet: following begins when the pilot says so",
         health_checks.mode,
     ),
+    Check(
+        "landed-state",
+        HEALTH,
+        "EXTENDED_SYS_STATE says whether it stands on the ground",
+        health_checks.landed_state,
+        needed=False,
+    ),
+    Check(
+        "consent",
+        HEALTH,
+        "with consent.kind rc the switch's channel is heard, and the switch is off",
+        health_checks.consent,
+    ),
     _px4(
         {"COM_OF_LOSS_T": 1.0},
         "from 10 of our intervals to 1 s; never above 5 s",

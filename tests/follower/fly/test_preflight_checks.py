@@ -34,7 +34,7 @@ from follower.preflight.snapshot import (
 from follower.preflight.table import CHECKS, check_names, parameters_for, run_checks
 from follower.settings import Settings
 from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import LocalPosition, VehicleState
+from follower_control.vehicle import LocalPosition, RcChannels, VehicleState
 from follower_sim.firmware_parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
 
 PASS, WARN, FAIL, UNKNOWN = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.UNKNOWN
@@ -52,6 +52,15 @@ def settings(**camera: Any) -> Settings:
 
 def with_gimbal() -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0}, "gimbal": {"enabled": True}})
+
+
+def rc_switch(pulse_us: int | None, **changes: Any) -> Change:
+    """Ask for a switch's consent, and have it stand somewhere."""
+    asked = {"camera": {"fov_deg": 70.0}, "consent": {"kind": "rc", "rc_channel": 2, **changes}}
+    rc = None if pulse_us is None else RcChannels((1500, pulse_us), NOW_S)
+    return lambda s: replace(
+        s, settings=Settings.model_validate(asked), vehicle=replace(s.vehicle, rc=rc)
+    )
 
 
 def healthy(flavour: str) -> Snapshot:
@@ -191,6 +200,11 @@ BOTH = [
     ("position", vehicle(position=LocalPosition(0, 0, 0, 0, 0, 0, 1.0)), FAIL, "99.0 s old"),
     ("mode", vehicle(obeys_setpoints=True), WARN, "disarmed"),
     ("mode", vehicle(obeys_setpoints=True, armed=True), FAIL, "armed"),
+    ("landed-state", vehicle(landed=None), WARN, "does not say"),
+    ("consent", rc_switch(None), FAIL, "not heard"),
+    ("consent", rc_switch(1900), WARN, "1900"),
+    ("consent", rc_switch(1100), PASS, "1100"),
+    ("consent", rc_switch(1100, rc_reversed=True), WARN, "1100"),
     ("camera", camera(frames=0, problem="the stream ended"), FAIL, "the stream ended"),
     ("frame-rate", camera(interval_s=0.1), WARN, "10 Hz"),
     ("frame-rate", camera(interval_s=0.5), FAIL, "2 Hz"),
