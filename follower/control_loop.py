@@ -46,6 +46,7 @@ class ControlLoop:
         self._on_step = on_step
         self._release = Release(stage.settings.release)
         self._before = State.IDLE
+        link.watch_health()
         if stage.settings.gimbal.enabled:
             link.use_gimbal(stage.settings.gimbal.device)
 
@@ -57,7 +58,12 @@ class ControlLoop:
         for command in self._link.take_commands():
             self._obey(command, now_s)
         record = self._stage.step(
-            now_s, self._newest(), self._link.state, self._link.attitudes, late_s
+            now_s,
+            self._newest(),
+            self._link.state,
+            self._link.attitudes,
+            late_s,
+            self._link.health,
         )
         self._send(record)
         if record.gimbal is not None:

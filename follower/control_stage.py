@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
+from follower.health import judge
 from follower.human_input import HumanInput
+from follower.links.vehicle_health import VehicleHealth
 from follower.release import HandBack
 from follower.settings import Settings
 from follower.stopwatch import Stopwatch
@@ -80,10 +82,11 @@ class ControlStage:
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
         self._believed: TargetEstimate | None = None
-        self._sent = False
+        self._sent = self._held = False
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
+        self._health = VehicleHealth()
 
     @property
     def supervisor(self) -> Supervisor:
@@ -122,6 +125,7 @@ class ControlStage:
         vehicle: VehicleState,
         attitudes: Sequence[Attitude] = (),
         late_s: float = 0.0,
+        health: VehicleHealth | None = None,
     ) -> ControlRecord:
         """Do one step and return what came of it.
 
@@ -131,6 +135,7 @@ class ControlStage:
             vehicle: newest telemetry.
             attitudes: the attitudes that came since the last step.
             late_s: how far behind its schedule the step begins, for the log.
+            health: what the vehicle told of its health; None if nothing new.
         """
         timer = Stopwatch()
         vehicle, reported = self._sound.of(vehicle), vehicle
@@ -141,6 +146,8 @@ class ControlStage:
         if self._gimbals is not None and vehicle.gimbal is not None:
             self._gimbals.add(vehicle.gimbal)
         mode_asked = self._take_mode()
+        news = health if health is not None and health != self._health else None
+        self._health = news or self._health
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
@@ -148,6 +155,7 @@ class ControlStage:
         self._remember(state, estimate, vehicle, now_s)
         limited = self._steer(state, now_s, estimate, vehicle)
         self._sent = self._sends(state, vehicle)
+        self._held = self._sent and vehicle.obeys_setpoints
         record = ControlRecord(
             time_s=now_s,
             late_s=late_s,
@@ -166,6 +174,7 @@ class ControlStage:
             attitudes=tuple(attitudes),
             gimbal=self._turn_gimbal(now_s, estimate, vehicle),
             mode_asked=mode_asked,
+            health=news,
         )
         self._last_step_s = now_s
         self._log.add_control(record)
@@ -234,6 +243,8 @@ class ControlStage:
             self._liveness.age_s(now_s),
             self._place_liveness.age_s(now_s),
         )
+        engaged = self._supervisor.state.engaged
+        verdict = judge(self._health, self.settings.health, engaged, now_s)
         return Situation(
             target_chosen=track is not None,
             unseen_s=self._unseen_s(track, now_s),
@@ -250,8 +261,11 @@ class ControlStage:
             consent_given=humans.consent_given,
             failsafe=vehicle.failsafe,
             sticks_moved=humans.sticks_moved,
+            mode_left=self._held and not vehicle.obeys_setpoints,
             answer_age_s=vehicle.answer_age_s(now_s),
             order=humans.order,
+            battery_low=verdict.battery_low,
+            navigation_poor=verdict.navigation_poor,
         )
 
     def _unseen_s(self, track: Track | None, now_s: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from follower.links.vehicle_health import VehicleHealth
 from follower.supervisor import Reason, Situation, State
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import Verdict
@@ -92,6 +93,7 @@ class ControlRecord:
         attitudes: those that came since the step before.
         gimbal: how fast its gimbal is to turn, None without one.
         mode_asked: the way of following that was asked for at this step, None if none was.
+        health: what the vehicle told of its health since the step before, None if nothing.
     """
 
     time_s: float
@@ -111,6 +113,7 @@ class ControlRecord:
     attitudes: tuple[Attitude, ...] = ()
     gimbal: GimbalRates | None = None
     mode_asked: Mode | None = None
+    health: VehicleHealth | None = None
 
 
 @dataclass(frozen=True, slots=True)

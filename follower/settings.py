@@ -12,6 +12,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from follower.consent import ConsentSettings
+from follower.health import HealthSettings
 from follower.links.link_settings import LinkSettings
 from follower.recorder_settings import RecorderSettings
 from follower.release import ReleaseSettings
@@ -109,6 +110,7 @@ class Settings(BaseModel):
     servo: ServoSettings = ServoSettings()
     gimbal: GimbalSettings = GimbalSettings()
     envelope: EnvelopeSettings = EnvelopeSettings()
+    health: HealthSettings = HealthSettings()
     supervisor: SupervisorSettings = SupervisorSettings()
     consent: ConsentSettings = ConsentSettings()
     sticks: StickSettings = StickSettings()

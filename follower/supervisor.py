@@ -17,11 +17,13 @@ decides; in RELEASED without that, none does and it stays:
 | situation                                   | next state | reason                    |
 |---------------------------------------------|------------|---------------------------|
 | stop was asked for                          | RELEASED   | stop requested            |
+| our mode, held by our stream, was left      | RELEASED   | pilot took over           |
 | no target is chosen                         | IDLE       | no target                 |
 | one of the troubles below                   | TRACKING   | its own                   |
 | the target is not seen, or the estimate bad | TRACKING   | target unseen             |
 | disarmed or landed                          | TRACKING   | not flying                |
 | the autopilot is in a failsafe              | TRACKING   | autopilot's failsafe      |
+| too little battery to begin                 | TRACKING   | battery low               |
 | the pilot's mode does not allow following   | READY      | waiting for the mode      |
 | the second consent is not given             | READY      | waiting for consent       |
 | none of these                               | FOLLOWING  | target seen               |
@@ -39,6 +41,7 @@ In FOLLOWING, COASTING, SEARCHING and HOLDING:
 | nothing at all heard for `alone_s`          | RELEASED   | link lost                 |
 | nothing answered for `alone_s`              | RELEASED   | not heard                 |
 | the control loop stood still for `alone_s`  | RELEASED   | control stalled           |
+| too little battery to go on                 | RELEASED   | battery low               |
 | a trouble, in HOLDING for `hold_s`          | RELEASED   | hold timed out            |
 | a trouble                                   | HOLDING    | its own                   |
 | target seen, estimate good                  | FOLLOWING  | target seen               |
@@ -58,6 +61,7 @@ The troubles, in their order:
 | attitude or position older than allowed     | telemetry stale           |
 | no frame for `frame_timeout_s`              | frames stale              |
 | the control loop itself came late           | control late              |
+| estimator or GPS of the autopilot not well  | navigation poor           |
 
 HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent
 still stands. RELEASED never returns by itself. After `alone_s` without a word either way, or
@@ -124,6 +128,8 @@ class Reason(StrEnum):
     TELEMETRY_STALE = "telemetry stale"
     FRAMES_STALE = "frames stale"
     CONTROL_LATE = "control late"
+    NAVIGATION_POOR = "navigation poor"
+    BATTERY_LOW = "battery low"
     NOT_FLYING = "not flying"
     TARGET_UNSEEN = "target unseen"
     TARGET_LOST = "target lost"
@@ -198,7 +204,10 @@ class Situation:
         consent_given: the second consent stands; always so where none is asked for.
         failsafe: the autopilot says that it is in a failsafe.
         sticks_moved: a stick is so far out that the pilot wants the vehicle back.
+        mode_left: the autopilot has just left the mode, and flew by our stream in it.
         answer_age_s: how long the autopilot has not answered us, though it may talk.
+        battery_low: less is left of the battery than is asked, now or to begin.
+        navigation_poor: the autopilot does not know well where it is.
         order: what the operator asked for; the consents above follow from it and from telemetry.
     """
 
@@ -217,8 +226,11 @@ class Situation:
     consent_given: bool = True
     failsafe: bool = False
     sticks_moved: bool = False
+    mode_left: bool = False
     answer_age_s: float = 0.0
     order: Order = Order.NONE
+    battery_low: bool = False
+    navigation_poor: bool = False
 
 
 def next_state(
@@ -235,6 +247,8 @@ def next_state(
 def _before_engaged(situation: Situation, settings: SupervisorSettings) -> tuple[State, Reason]:
     if situation.stop_requested:
         return State.RELEASED, Reason.STOP_REQUESTED
+    if situation.mode_left:
+        return State.RELEASED, Reason.PILOT_TOOK_OVER
     if not situation.target_chosen:
         return State.IDLE, Reason.NO_TARGET
     trouble = _trouble(situation, settings)
@@ -246,6 +260,8 @@ def _before_engaged(situation: Situation, settings: SupervisorSettings) -> tuple
         return State.TRACKING, Reason.NOT_FLYING
     if situation.failsafe:
         return State.TRACKING, Reason.AUTOPILOT_FAILSAFE
+    if situation.battery_low:
+        return State.TRACKING, Reason.BATTERY_LOW
     if not situation.mode_allows:
         return State.READY, Reason.WAITING_FOR_PILOT
     if not situation.consent_given:
@@ -277,6 +293,7 @@ def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | Non
         (silent_s >= settings.alone_s, Reason.LINK_LOST),
         (situation.answer_age_s >= settings.alone_s, Reason.NOT_HEARD),
         (situation.control_gap_s >= settings.alone_s, Reason.CONTROL_STALLED),
+        (situation.battery_low, Reason.BATTERY_LOW),
     )
     return next((reason for applies, reason in ways if applies), None)
 
@@ -312,7 +329,7 @@ def _trouble(situation: Situation, settings: SupervisorSettings) -> Reason | Non
         return Reason.FRAMES_STALE
     if situation.control_gap_s > settings.control_timeout_s:
         return Reason.CONTROL_LATE
-    return None
+    return Reason.NAVIGATION_POOR if situation.navigation_poor else None
 
 
 def _target_seen(situation: Situation) -> bool:

@@ -93,7 +93,7 @@ def messages_of(entry: Entry) -> list[Entry]:
 def control_messages(record: ControlRecord) -> list[object]:
     """Return the messages that a control step is cut into, in their order."""
     told = record.situation, record.estimate, record.gimbal
-    parts = (*record.attitudes, record.vehicle, *told)
+    parts = (*record.attitudes, record.health, record.vehicle, *told)
     return [
         *(part for part in parts if part is not None),
         SetpointRecord(record.asked, record.allowed, record.limits, record.sent),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from follower.flightlog import Event, Observation, Selection, TrackRecord
+from follower.links.vehicle_health import VehicleHealth
 from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
 from follower.supervisor import Situation
 from follower_control.estimate import TargetEstimate
@@ -70,6 +71,12 @@ MESSAGES = (
         VehicleState,
         "control rate, 50 Hz",
         "The vehicle as a control step knew it.",
+    ),
+    Message(
+        "/vehicle/health",
+        VehicleHealth,
+        "telemetry, about 3 Hz",
+        "What the vehicle told of its health, written when it changes.",
     ),
     Message(
         "/control/situation",

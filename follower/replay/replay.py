@@ -142,7 +142,12 @@ class Replay:
         if recorded.mode_asked is not None:
             self._control.change_mode(recorded.mode_asked)
         self._control.step(
-            recorded.time_s, newest, recorded.vehicle, recorded.attitudes, recorded.late_s
+            recorded.time_s,
+            newest,
+            recorded.vehicle,
+            recorded.attitudes,
+            recorded.late_s,
+            recorded.health,
         )
 
 

@@ -75,6 +75,7 @@ ROWS = [
         let_go(Reason.STOP_REQUESTED),
         let_go(Reason.STOP_REQUESTED),
     ),
+    Row("our mode was left", {"mode_left": True}, let_go(Reason.PILOT_TOOK_OVER), FOLLOW),
     # A target that is dropped while we follow is an unseen one: the track is gone.
     Row("no target", {"target_chosen": False}, (State.IDLE, Reason.NO_TARGET), FOLLOW),
     trouble("no heartbeat", Reason.LINK_SILENT, heartbeat_age_s=3.01),
@@ -127,6 +128,13 @@ ROWS = [
         let_go(Reason.CONSENT_WITHDRAWN),
     ),
     Row("sticks", {"sticks_moved": True}, FOLLOW, let_go(Reason.STICKS_MOVED)),
+    trouble("poor navigation", Reason.NAVIGATION_POOR, navigation_poor=True),
+    Row(
+        "little battery",
+        {"battery_low": True},
+        (State.TRACKING, Reason.BATTERY_LOW),
+        let_go(Reason.BATTERY_LOW),
+    ),
     Row(
         "unseen for a moment",
         {"unseen_s": NOT_YET},
@@ -205,6 +213,7 @@ def test_a_new_consent_begins_as_from_the_start(row: Row) -> None:
 
 BEFORE_ORDER = [
     "stop",
+    "our mode was left",
     "no target",
     "no heartbeat",
     "stale telemetry",
@@ -258,7 +267,7 @@ situations = st.builds(
     Situation,
     *[st.booleans(), ages, st.booleans(), ages, ages, ages, ages],
     *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages],
-    *[st.booleans(), st.booleans(), st.booleans(), ages, st.sampled_from(Order)],
+    *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages, st.sampled_from(Order)],
 )
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
+from follower.links.vehicle_health import SensorHealth, VehicleHealth
 from follower.realtime import RealtimeRun, VisionLoop
 from follower.recorder import FlightConfig, Recorder, open_flight
 from follower.replay import Replay, compare, replay_settings
@@ -54,6 +55,7 @@ class Link:
     autopilot_name = "ardupilot"
 
     def __init__(self) -> None:
+        self.health = VehicleHealth(sensors=SensorHealth(1, 1, 0.9, 0.0))
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.sent: list[Any] = []
@@ -77,6 +79,9 @@ class Link:
             clearance=Clearance(8.0 + self._rng.normal(0, 0.5), now_s),
             answered_s=now_s - 0.1,
         )
+
+    def watch_health(self) -> None:
+        pass
 
     def take_notes(self) -> list[str]:
         return []
