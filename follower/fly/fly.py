@@ -24,8 +24,8 @@ from follower.outputs import write_boxes, write_setpoints
 from follower.preflight.camera_watch import CameraWatch
 from follower.preflight.check import Result
 from follower.preflight.observing import Observation, Surroundings
+from follower.preflight.running import check_names
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
-from follower.preflight.table import check_names
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
 from follower.run_folder import new_run_folder
 from follower.settings import Settings

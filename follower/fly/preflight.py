@@ -17,8 +17,8 @@ from follower.links.opening import open_link
 from follower.preflight.camera_watch import CameraWatch
 from follower.preflight.check import Result
 from follower.preflight.observing import Observation, Surroundings
+from follower.preflight.running import check_names
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
-from follower.preflight.table import check_names
 from follower.recorder import epoch_now_ns
 from follower.settings import Settings
 from follower_vision.clock import Clock, MonotonicClock

@@ -146,7 +146,7 @@ def landed_state(s: Snapshot) -> Finding:
     if s.vehicle.landed is None:
         return warned(
             "the autopilot does not say whether it is on the ground",
-            "be sure to be in the air before taking OFFBOARD or GUIDED: following may begin at once",
+            "be in the air before taking OFFBOARD or GUIDED: following may begin at once",
         )
     return passed("on the ground" if s.vehicle.landed else "in the air")
 

@@ -11,8 +11,8 @@ from follower.links.link import Link
 from follower.preflight.camera_watch import CameraWatch
 from follower.preflight.check import Result
 from follower.preflight.computer import read_computer
+from follower.preflight.running import parameters_for, run_checks
 from follower.preflight.snapshot import AttitudeReading, Snapshot
-from follower.preflight.table import parameters_for, run_checks
 from follower.settings import Settings
 from follower_control.liveness import Liveness
 from follower_vision.clock import Clock

@@ -24,6 +24,7 @@ from follower.links.vehicle_health import (
 from follower.preflight.check import Result
 from follower.preflight.docs import renewed
 from follower.preflight.finding import Verdict
+from follower.preflight.running import check_names, parameters_for, run_checks
 from follower.preflight.showing import print_checklist, refusals, to_json
 from follower.preflight.snapshot import (
     AttitudeReading,
@@ -31,7 +32,7 @@ from follower.preflight.snapshot import (
     ComputerReading,
     Snapshot,
 )
-from follower.preflight.table import CHECKS, check_names, parameters_for, run_checks
+from follower.preflight.table import CHECKS
 from follower.settings import Settings
 from follower_control.strict_yaml import SettingsError
 from follower_control.vehicle import LocalPosition, RcChannels, VehicleState
