@@ -17,6 +17,8 @@ from follower_vision.framesource import FrameSource
 from follower_vision.mailbox import Mailbox
 
 _MOST = 600
+_WINDOW_S = 3.0
+"""A stream that begins with a gap is not blamed for it for ever."""
 _EVERY_NTH_PIXEL = 4
 _JOIN_S = 3.0
 
@@ -37,6 +39,7 @@ class CameraWatch:
         self._source = source
         self._name = name
         self._clock = clock
+        self._lock = threading.Lock()
         self._captured_s: deque[float] = deque(maxlen=_MOST)
         self._ages_s: deque[float] = deque(maxlen=_MOST)
         self._count = self._repeats = 0
@@ -59,11 +62,12 @@ class CameraWatch:
         self._thread.join(_JOIN_S)
 
     def reading(self) -> CameraReading:
-        """Return what was seen so far."""
+        """Return what was seen in the last three seconds."""
         newest, problem = self._newest, self._source.problem or ""
         if newest is None:
             return CameraReading(self._name, problem)
-        captured_s, ages_s = tuple(self._captured_s), tuple(self._ages_s)
+        with self._lock:
+            captured_s, ages_s = tuple(self._captured_s), tuple(self._ages_s)
         # The gap that has not ended yet counts, too: a camera that has died has no next frame.
         ended_s = max(captured_s[-1], self._clock.now() - ages_s[-1])
         intervals = np.diff(captured_s)
@@ -94,8 +98,12 @@ class CameraWatch:
         self._count += 1
         if before is not None and np.array_equal(_sample(before), _sample(frame)):
             self._repeats += 1
-        self._ages_s.append(self._clock.now() - frame.captured_s)
-        self._captured_s.append(frame.captured_s)
+        with self._lock:
+            self._ages_s.append(self._clock.now() - frame.captured_s)
+            self._captured_s.append(frame.captured_s)
+            while self._captured_s[0] < frame.captured_s - _WINDOW_S:
+                self._captured_s.popleft()
+                self._ages_s.popleft()
         self.frames.put(frame)
 
 

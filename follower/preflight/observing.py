@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from follower_vision.models import ModelStore, default_folder
 _STEP_S = 0.02
 _LEAST_S = 3.0
 _SETTLED_S = 2.0
+_WINDOW_S = 2.0
 _JUDGE_EVERY_S = 0.25
 
 
@@ -55,7 +57,7 @@ class Observation:
         self._clock = clock
         self._about = about
         self._liveness = Liveness()
-        self._worst_age_s = 0.0
+        self._ages_s: deque[tuple[float, float]] = deque()
         self._found_s: float | None = None
         self._models = model_states(about.settings)
         self._computer = read_computer(about.folder)
@@ -98,7 +100,9 @@ class Observation:
         if self._found_s is None:
             self._found_s = now_s
         if self._is_settled(now_s):
-            self._worst_age_s = max(self._worst_age_s, self._link.state.attitude_age_s(now_s))
+            self._ages_s.append((now_s, self._link.state.attitude_age_s(now_s)))
+            while self._ages_s[0][0] < now_s - _WINDOW_S:
+                self._ages_s.popleft()
         known = () if self._link.parameters is None else self._link.parameters.values
         for names in parameters_for(self._link.autopilot_name):
             if not any(name in known for name in names):
@@ -126,7 +130,8 @@ class Observation:
         age_s = self._link.state.attitude_age_s(now_s)
         limit_s = self._about.settings.supervisor.telemetry_timeout_s
         repeats = age_s < limit_s < self._liveness.age_s(now_s)
-        return AttitudeReading(max(age_s, self._worst_age_s), repeats)
+        worst_s = max((age_s for _, age_s in self._ages_s), default=age_s)
+        return AttitudeReading(max(age_s, worst_s), repeats)
 
     def _is_complete(self, now_s: float) -> bool:
         """Whether everything that was asked for was told, or asked for in vain."""

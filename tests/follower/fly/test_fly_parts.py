@@ -22,10 +22,12 @@ from follower.fly.keyboard import Keyboard
 from follower.fly.options import FlyOptions, lens_given
 from follower.fly.waiting import waiting_for
 from follower.interrupt import StopOnInterrupt
+from follower.preflight.camera_watch import CameraWatch
 from follower.settings import Settings, load_settings
 from follower.supervisor import Order, Reason, State
 from follower_control.setpoint import HOLD
 from follower_control.vehicle import VehicleState
+from follower_vision.clock import SimulatedClock
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
 
@@ -125,6 +127,41 @@ def test_frames_that_change_their_size_are_left_out_and_the_end_is_noticed() -> 
     wrong = SteadySource(Pictures(640), (320, 240))
     assert wrong.read() is None
     assert wrong.problem == "frames are 640x240 now, not 320x240"
+
+
+class Ticking(Pictures):
+    """Gives frames at times that are handed in, and moves the clock along."""
+
+    def __init__(self, clock: SimulatedClock, times_s: list[float]) -> None:
+        super().__init__(*[64] * len(times_s))
+        self._clock, self._times_s = clock, times_s
+
+    def read(self) -> Frame | None:
+        frame = super().read()
+        if frame is None:
+            return None
+        captured_s = self._times_s.pop(0)
+        self._clock.sleep_until(captured_s + 0.04)
+        noise = np.random.default_rng(len(self._times_s)).integers(0, 255, frame.image.shape)
+        return Frame(noise.astype(np.uint8), captured_s, 0)
+
+
+def test_a_camera_is_measured_and_an_early_gap_forgiven() -> None:
+    clock = SimulatedClock()
+    times_s = [0.0, 2.0, *(2.0 + 0.05 * n for n in range(1, 101))]
+    with CameraWatch(Ticking(clock, times_s), "a test", clock) as camera:
+        while camera.frames.wait(1.0) is not None and times_s:
+            pass
+    reading = camera.reading()
+    assert reading.frames == 102
+    assert reading.interval_s == pytest.approx(0.05)
+    assert reading.worst_interval_s == pytest.approx(0.05, abs=1e-6)
+    assert reading.age_s == pytest.approx(0.04)
+    assert reading.jitter_s == pytest.approx(0.0, abs=1e-6)
+    assert reading.repeats == 0
+    assert reading.contrast > 30
+    clock.sleep_until(clock.now() + 1.0)
+    assert camera.reading().worst_interval_s == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_camera_that_cannot_be_opened_is_one_without_frames() -> None:
