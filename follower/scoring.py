@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from follower.flightlog import ControlRecord, FlightLog
 from follower.supervisor import Reason, State
 from follower_sim.commanded import PursuitStep
-from follower_sim.score import PursuitGoal, PursuitScore, TruthSample, pursuit_score
+from follower_sim.score import PursuitGoal, PursuitScore, pursuit_score
+from follower_sim.truth_sample import TruthSample
 
 
 def score_flight(

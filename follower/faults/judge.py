@@ -21,7 +21,7 @@ from follower.faults.wire_rules import (
 from follower.flightlog import ControlRecord
 from follower.supervisor import Reason, State
 from follower_control.envelope_settings import EnvelopeSettings
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 
 STANDING_M_S = 0.5
 WIRE_WITHIN_S = 0.1

@@ -27,7 +27,7 @@ from follower.supervisor import Situation
 from follower_control.estimate import TargetEstimate
 from follower_control.gimbal import GimbalRates
 from follower_control.vehicle import Attitude, VehicleState
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 from follower_vision.frame import Frame
 
 

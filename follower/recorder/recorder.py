@@ -25,7 +25,7 @@ from follower.recorder.video_queue import VideoQueue
 from follower.recorder_settings import RecorderSettings
 from follower.stopwatch import Stopwatch
 from follower_control.transport import Transport
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 from follower_vision.clock import Clock
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself

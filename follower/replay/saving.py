@@ -21,7 +21,7 @@ from follower.recorder.recorder import CONFIG
 from follower.recorder.records import FrameRecord
 from follower.recorder.video_queue import VIDEO
 from follower.settings import Settings
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
 

@@ -17,7 +17,8 @@ from follower.report.series import (
     true_motion,
 )
 from follower.supervisor import State
-from follower_sim.score import PursuitGoal, PursuitScore, TruthSample
+from follower_sim.score import PursuitGoal, PursuitScore
+from follower_sim.truth_sample import TruthSample
 
 
 @dataclass(frozen=True, slots=True)

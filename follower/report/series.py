@@ -13,7 +13,7 @@ from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower_control.sighting import SightFrame
 from follower_control.vehicle import VehicleState
 from follower_sim.kinematics import BodyState
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 from follower_vision.lineofsight import wrap_angle
 
 Array = npt.NDArray[np.float64]

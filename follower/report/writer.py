@@ -12,7 +12,8 @@ from follower.report.flight import Flight
 from follower.report.meta import ReportMeta
 from follower.report.page import render
 from follower_sim.criteria import Criteria, verdict
-from follower_sim.score import PursuitGoal, PursuitScore, TruthSample
+from follower_sim.score import PursuitGoal, PursuitScore
+from follower_sim.truth_sample import TruthSample
 
 REPORT = "report.html"
 SCORE = "score.json"

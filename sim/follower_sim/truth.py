@@ -12,8 +12,8 @@ from follower_sim.kinematics import BodyState, Triple
 from follower_sim.lens import NEAR_M, Lens
 from follower_sim.noise import Grey
 from follower_sim.painter import FixedPoints, SolidBatch, SolidPainter
-from follower_sim.score import TruthSample
 from follower_sim.solid import Solid
+from follower_sim.truth_sample import TruthSample
 from follower_sim.view import View
 from follower_sim.world import World
 from follower_vision.box import Box

@@ -16,7 +16,8 @@ from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_sim.kinematics import BodyState
-from follower_sim.score import PursuitGoal, TruthSample
+from follower_sim.score import PursuitGoal
+from follower_sim.truth_sample import TruthSample
 from follower_vision.box import Box
 from follower_vision.lineofsight import LineOfSight, wrap_angle
 from follower_vision.track import Track, TrackState

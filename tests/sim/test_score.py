@@ -12,13 +12,8 @@ from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_sim.commanded import PursuitStep, commanded_peaks
 from follower_sim.criteria import Criteria, checks, verdict
 from follower_sim.kinematics import BodyState
-from follower_sim.score import (
-    PursuitGoal,
-    PursuitScore,
-    TruthSample,
-    line_of_sight_errors,
-    pursuit_score,
-)
+from follower_sim.score import PursuitGoal, PursuitScore, line_of_sight_errors, pursuit_score
+from follower_sim.truth_sample import TruthSample
 
 GOAL = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-20))
 RATE_HZ = 50
