@@ -6,6 +6,7 @@ from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
+from follower_vision.fusion.forecasts import CALM_SIZES
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.rivals import LEAST_SHARE
 from follower_vision.fusion.scanning import around
@@ -23,8 +24,8 @@ from follower_vision.track import TrackState
 _LEAST_VISIBLE = 0.3
 _SURE = 0.95
 _VERY_CERTAIN = 0.995
-_INSISTENCE = 1.5
-_OBJECTED = 6.0
+_LESS_CERTAIN = 0.7
+_OBJECTED = 4.0
 _USUAL_LOOKS = 0.85
 _HESITANT = 0.92
 _JUMP_SIZES = 1.0
@@ -63,6 +64,11 @@ class Following:
     def doubting(self) -> bool:
         """Whether a confident motion tracker is followed whose box looks unlike the target."""
         return self._doubted_s is not None
+
+    @property
+    def broken(self) -> bool:
+        """Whether a box that looks wrong may be another thing than the one seen last."""
+        return self._broken
 
     def start(self, frame: Frame, box: Box) -> None:
         """Follow another target."""
@@ -166,7 +172,7 @@ class Following:
         Either the target changed its looks, or something else came before it. In the first case
         the tracker stays confident; in the second the target comes out again where it should be.
         """
-        weight = _INSISTENCE if evidence.relative >= _VERY_CERTAIN else 1.0 / _INSISTENCE
+        weight = 1.0 if evidence.relative >= _VERY_CERTAIN else _LESS_CERTAIN
         if evidence.relative >= CERTAIN:
             self._steady_s += weight * interval_s
         elif evidence.relative < _SURE:
@@ -239,12 +245,12 @@ class Following:
             belief.produced_by = why
 
     def _place(self, frame: Frame, belief: Belief, expected: Box) -> Box:
-        """Where the motion tracker looks; all around, once the target is lost."""
+        """Where the target should be; all around, once it is lost."""
         if self._low == 1 or self._doubted_s is not None:
-            return belief.about_ahead(belief.box)
+            return belief.box
         if not self._searching(belief):
             self._turns = 0
-            return belief.about_ahead(expected)
+            return expected
         self._turns += 1
         if self._turns % 2 == 0:
             return expected
@@ -280,14 +286,29 @@ class Following:
         return settled
 
     def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
-        """The motion tracker's answer; what it said ahead if that was about the right place."""
+        """The motion tracker's answer; what it said ahead if that was about the right place.
+
+        Where it was not quite, and the tracker is unsure, it looks again.
+        """
+        if self._steerable is None:
+            return self._motion.update(frame.image)
         ahead, self._ahead = self._ahead, None
-        if self._steerable is not None:
-            place = self._place(frame, belief, expected)
-            if ahead is not None and ahead[0] == place:
-                return ahead[1]
-            self._steerable.move_to(place)
-        return self._motion.update(frame.image)
+        place = wanted = self._place(frame, belief, expected)
+        if not self._searching(belief):
+            place = belief.about_ahead(wanted)
+        if ahead is not None and ahead[0] == place:
+            estimate = ahead[1]
+        else:
+            estimate = self._looked(self._steerable, frame, place)
+        sure = self._confidence.relative(estimate.confidence) >= _SURE
+        if sure or place.distance(wanted) < CALM_SIZES * wanted.scale:
+            return estimate
+        return self._looked(self._steerable, frame, wanted)
+
+    @staticmethod
+    def _looked(motion: SteerableTracker, frame: Frame, place: Box) -> MotionEstimate:
+        motion.move_to(place)
+        return motion.update(frame.image)
 
     def _judged(
         self, frame: Frame, estimate: MotionEstimate, blurred: bool, known: float | None = None

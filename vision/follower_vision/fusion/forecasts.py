@@ -8,6 +8,7 @@ CALM_SIZES = 0.6
 """A place no further away is about the same: the motion tracker sees both at once."""
 
 _LENIENT_SIZES = 1.2
+_GOOD_SIZES = 0.35
 _MEMORY_FRAMES = 5
 _WORST_SIZES = 2.0
 
@@ -40,9 +41,10 @@ class Forecasts:
     def about_ahead(self, place: Box) -> Box:
         """Return the place ahead if another is about the same, the other if not.
 
-        Where the place ahead has lately been the better forecast, it may be further away.
+        Where the place ahead has lately been the better forecast, and a good one, it may be further
+        away.
         """
-        better = self._ahead_error < self._expected_error
+        better = self._ahead_error < min(self._expected_error, _GOOD_SIZES)
         reach = _LENIENT_SIZES if better else CALM_SIZES
         return self._ahead if place.distance(self._ahead) < reach * place.scale else place
 

@@ -27,6 +27,7 @@ _CLOSE = 0.7
 _STEADY_LOOKS = 2
 _ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
+_LEAST_LOOKS = 0.4
 _USUAL_LOOKS = 0.85
 
 
@@ -89,17 +90,16 @@ class Validation:
     def _credible(self, image: Image, belief: Belief, sight: Sight, box: Box) -> bool:
         """Whether a detection looks like the target.
 
-        Where it is just what a confident motion tracker follows, the looks may have changed. Once
-        they are in doubt, another thing of the target's kind does not end that.
+        Where it is just what a confident motion tracker follows, the looks may have changed; not so
+        where the tracker may have gone over to another thing of the target's kind.
         """
         if not self._settings.appearance_check:
             return True
-        settings = self._settings
         score = self._looks.score(image, box)
+        if self._following.broken:
+            return self._looks.relative(score) >= self._settings.doubt_ratio
         agreed = box.iou(sight.moment.box) >= _AGREEMENT and belief.confidence >= _CONFIDENT
-        if self._following.doubting:
-            return self._looks.relative(score) >= settings.doubt_ratio
-        least = settings.doubt_ratio_sure if agreed else settings.doubt_ratio
+        least = _LEAST_LOOKS if agreed else self._settings.doubt_ratio
         return score >= self._looks.epsilon or self._looks.relative(score) >= least
 
     def _whole(self, frame: Frame, box: Box) -> bool:
