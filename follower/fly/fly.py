@@ -108,16 +108,17 @@ class FlySession:
 
     def run(self, transport: Transport) -> int:
         """Check, fly, report; return the exit code."""
-        with self._recorder() as recorder, self._link(recorder.transport(transport)) as link:
-            source = open_camera_or_dead(self._options, self._clock)
-            with ExitStack() as stack:
-                stack.callback(lambda: source.close())
-                size = self._check(link, source)
-                if size is None:
-                    return _REFUSED
-                source = after_preflight(source, self._options, self._clock)
-                self._fly(link, SteadySource(source, size), size, recorder)
-        self._report(recorder)
+        with ExitStack() as after:
+            with self._recorder() as recorder, self._link(recorder.transport(transport)) as link:
+                source = open_camera_or_dead(self._options, self._clock)
+                with ExitStack() as stack:
+                    stack.callback(lambda: source.close())
+                    size = self._check(link, source)
+                    if size is None:
+                        return _REFUSED
+                    source = after_preflight(source, self._options, self._clock)
+                    self._fly(link, SteadySource(source, size), size, recorder, after)
+            self._report(recorder)
         return _SUCCESS
 
     @contextmanager
@@ -174,8 +175,14 @@ class FlySession:
             raise SourceError(f"--target lies outside the image, which is {size[0]}x{size[1]}")
 
     def _fly(
-        self, link: Link, source: SteadySource, size: tuple[int, int], recorder: Recorder
+        self,
+        link: Link,
+        source: SteadySource,
+        size: tuple[int, int],
+        recorder: Recorder,
+        after: ExitStack,
     ) -> None:
+        """Fly to the end, or until Ctrl-C; the next one, until `after` is closed, is let pass."""
         flight = RealFlight(
             self._settings, source, size, link, self._tracker, self._clock, recorder.log
         )
@@ -188,8 +195,9 @@ class FlySession:
                 terminal.show(flight.status(self._options.wish))
                 self._take_order(flight, keyboard.order())
 
-            with StopOnInterrupt(flight.stop):
-                flight.run(watch)
+            after.enter_context(StopOnInterrupt(flight.stop))
+            flight.run(watch)
+            after.enter_context(StopOnInterrupt())
         self._say_goodbye(link)
 
     def _take_order(self, flight: RealFlight, order: Order) -> None:

@@ -13,6 +13,8 @@ _TROUBLES = {
     Reason.CONTROL_LATE: "this computer is too busy",
     Reason.TARGET_UNSEEN: "turn the camera towards the target",
     Reason.NOT_FLYING: "pilot: arm, take off, hover where the camera sees the target",
+    Reason.NAVIGATION_POOR: "the autopilot does not know well where it is: wait",
+    Reason.BATTERY_LOW: "the battery is too low to begin: land",
     Reason.AUTOPILOT_FAILSAFE: "the autopilot is in a failsafe",
 }
 _CONSENTS = {

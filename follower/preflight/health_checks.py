@@ -31,7 +31,7 @@ _ESTIMATES = {
 _POSITION = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
 _CONSTANT = mavlink.ESTIMATOR_CONST_POS_MODE
 _DOUBTFUL, _REJECTED = 0.8, 1.0
-_LOW, _EMPTY = 0.4, 0.2
+_RESERVE = 0.15
 _FEW_SATELLITES, _POOR_HDOP = 8, 2.5
 _FIX_3D = 3
 _STALE_S = 5.0
@@ -73,10 +73,10 @@ def battery(s: Snapshot) -> Finding:
     share = told.battery_share
     if share is None:
         return warned("the autopilot does not know its battery", "set up the battery monitor")
-    text = f"{share:.0%}"
-    if share > _LOW:
-        return passed(text)
-    return warned(text, "charge it") if share > _EMPTY else failed(text, "charge it")
+    text, least = f"{share:.0%}", s.settings.health.battery_to_start
+    if share < least:
+        return failed(f"{text}, following does not begin below {least:.0%}", "charge it")
+    return warned(text, "charge it") if share < least + _RESERVE else passed(text)
 
 
 def gps(s: Snapshot) -> Finding:
@@ -84,7 +84,8 @@ def gps(s: Snapshot) -> Finding:
     told = s.health.gps
     if told is None or s.now_s - told.time_s > _STALE_S:
         return _without_gps(s, "GPS_RAW_INT does not come")
-    if told.fix_type < _FIX_3D:
+    wanted = s.settings.health.gps_fix or _FIX_3D
+    if told.fix_type < wanted:
         return _without_gps(s, f"no position yet (fix type {told.fix_type})")
     count = "?" if told.satellites is None else told.satellites
     text = f"{count} satellites, HDOP {'?' if told.hdop is None else f'{told.hdop:.1f}'}"
@@ -95,9 +96,11 @@ def gps(s: Snapshot) -> Finding:
 
 def _without_gps(s: Snapshot, why: str) -> Finding:
     estimator = s.health.estimator
-    if estimator is not None and estimator.flags & _POSITION and not estimator.flags & _CONSTANT:
+    placed = estimator is not None and estimator.flags & _POSITION
+    if placed and s.settings.health.gps_fix is None:
         return warned(f"{why}, but the estimator has a position", "check that it means to")
-    return failed(why, "wait under open sky; without GPS set up optical flow or another source")
+    todo = "wait under open sky; to fly by optical flow or another source set health.gps_fix: null"
+    return failed(why, todo)
 
 
 def estimator(s: Snapshot) -> Finding:

@@ -110,11 +110,17 @@ CHECKS = (
         health_checks.remote_control,
         needed=False,
     ),
-    Check("battery", HEALTH, "above 40 %; never below 20 %", health_checks.battery),
+    Check(
+        "battery",
+        HEALTH,
+        "above health.battery_to_start by 15 %; never below it",
+        health_checks.battery,
+    ),
     Check(
         "gps",
         HEALTH,
-        "a 3D fix of 8 satellites and HDOP 2.5, or an estimator that has a position without it",
+        "a fix of health.gps_fix, 8 satellites, HDOP 2.5; with health.gps_fix null an "
+        "estimator that has a position without it",
         health_checks.gps,
     ),
     Check(

@@ -62,6 +62,19 @@ def test_the_terminal_says_what_has_to_happen_next(
     assert words in waiting_for(record(state, reason), "ardupilot", "a cow", settings)
 
 
+@pytest.mark.parametrize(
+    "reason",
+    [
+        *(Reason.LINK_SILENT, Reason.TELEMETRY_STALE, Reason.FRAMES_STALE, Reason.CONTROL_LATE),
+        *(Reason.NAVIGATION_POOR, Reason.BATTERY_LOW, Reason.TARGET_UNSEEN, Reason.NOT_FLYING),
+        Reason.AUTOPILOT_FAILSAFE,
+    ],
+)
+def test_each_trouble_before_following_has_its_words(reason: Reason) -> None:
+    words = waiting_for(record(State.TRACKING, reason), "px4", "a cow", Settings())
+    assert len(words) > 10
+
+
 def test_before_the_autopilot_and_after_the_end() -> None:
     settings = Settings()
     assert waiting_for(None, "unknown", "a cow", settings) == "waiting for the autopilot"

@@ -51,6 +51,10 @@ def settings(**camera: Any) -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0, **camera}})
 
 
+def indoors() -> Settings:
+    return Settings.model_validate({"camera": {"fov_deg": 70.0}, "health": {"gps_fix": None}})
+
+
 def with_gimbal() -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0}, "gimbal": {"enabled": True}})
 
@@ -185,11 +189,17 @@ BOTH = [
     ("sensors", health(sensors=None), UNKNOWN, "SYS_STATUS"),
     ("remote-control", sensors(healthy=SENSORS & ~RC), WARN, "hears nothing"),
     ("remote-control", sensors(enabled=SENSORS & ~RC), WARN, "no RC"),
-    ("battery", sensors(battery_share=0.3), WARN, "30%"),
+    ("battery", sensors(battery_share=0.4), WARN, "40%"),
     ("battery", sensors(battery_share=0.1), FAIL, "10%"),
     ("battery", sensors(battery_share=None), WARN, "does not know"),
     ("gps", health(gps=GpsHealth(3, 5, 0.8, NOW_S)), WARN, "5 satellites"),
-    ("gps", health(gps=GpsHealth(1, 0, None, NOW_S)), WARN, "has a position"),
+    ("gps", health(gps=GpsHealth(1, 0, None, NOW_S)), FAIL, "no position yet"),
+    (
+        "gps",
+        lambda s: replace(s, settings=indoors(), health=health(gps=None)(s).health),
+        WARN,
+        "but",
+    ),
     ("gps", health(gps=None, estimator=None), FAIL, "does not come"),
     ("estimator", estimator(flags=ALL_ESTIMATES & ~2), FAIL, "horizontal velocity"),
     ("estimator", estimator(flags=0xA7), FAIL, "no position"),
