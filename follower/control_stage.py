@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
 from follower.health import judge
@@ -12,24 +11,18 @@ from follower.human_input import HumanInput
 from follower.links.vehicle_health import VehicleHealth
 from follower.release import HandBack
 from follower.settings import Settings
+from follower.steering import Steering
 from follower.stopwatch import Stopwatch
 from follower.supervisor import Order, Situation, State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
-from follower_control.coasting import slowed
-from follower_control.envelope import Envelope, LimitedSetpoint
 from follower_control.estimate import TargetEstimate
-from follower_control.estimate_trust import trust_in
 from follower_control.estimator import TargetEstimator
-from follower_control.flight_context import FlightContext
 from follower_control.gimbal import GimbalRates
 from follower_control.gimbal_history import GimbalHistory
 from follower_control.gimbal_servo import GimbalServo
-from follower_control.ground_range import range_to_ground
 from follower_control.liveness import Liveness, PositionLiveness
-from follower_control.search import Search
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
-from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighter import Sighter
 from follower_control.sound_telemetry import SoundTelemetry
 from follower_control.vehicle import Attitude, VehicleState
@@ -68,20 +61,16 @@ class ControlStage:
         self._place_liveness = PositionLiveness()
         self._sound = SoundTelemetry()
         self._estimator = TargetEstimator(settings.estimator)
-        self._servo = VisualServo(settings.servo, mount.pitch_rad)
-        self._envelope = Envelope(settings.envelope)
-        self._search = Search(settings.search)
+        self._steering = Steering(settings)
         self._humans = HumanInput(settings.consent, settings.sticks)
         self._hand_back = HandBack(settings.release)
         self._supervisor = Supervisor(settings.supervisor)
         self.settings = settings
         self._log = log
         self._needs_telemetry = needs_telemetry
-        self._allowed = HOLD
         self._last_step_s: float | None = None
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
-        self._believed: TargetEstimate | None = None
         self._sent = self._held = False
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
@@ -96,7 +85,7 @@ class ControlStage:
     @property
     def servo(self) -> VisualServo:
         """Whose errors are worth showing."""
-        return self._servo
+        return self._steering.servo
 
     def request_stop(self) -> None:
         """Let go at the next step, whatever the state; may be called from any thread."""
@@ -152,9 +141,13 @@ class ControlStage:
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
         state = self._decide(now_s, situation, vehicle)
-        self._remember(state, estimate, vehicle, now_s)
-        limited = self._steer(state, now_s, estimate, vehicle)
+        self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
         self._sent = self._sends(state, vehicle)
+        if state is State.READY or not self._sent:
+            limited = self._steering.stand_by(now_s)
+        else:
+            self.servo.nudge(self._humans.nudge)
+            limited = self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
         self._held = self._sent and vehicle.obeys_setpoints
         record = ControlRecord(
             time_s=now_s,
@@ -184,7 +177,7 @@ class ControlStage:
         """Begin to follow the way that was asked for, and return it."""
         mode, self._mode_asked = self._mode_asked, None
         if mode is not None:
-            self._servo.change_mode(mode, self._allowed)
+            self._steering.change_mode(mode)
             self._sighter.looks_down = mode is Mode.OVERHEAD
         return mode
 
@@ -217,18 +210,11 @@ class ControlStage:
         if state is not before or self._supervisor.reason is not reason:
             self._log.note(now_s, "supervisor", f"{state}: {self._supervisor.reason}")
         if state.engaged and not before.engaged:
-            self._begin(vehicle, now_s)
+            self._steering.begin(vehicle, now_s)
+            self._humans.begin(vehicle)
         if state is State.SEARCHING and before is not state:
-            self._search.start(self._believed, vehicle)
+            self._steering.begin_search(vehicle)
         return state
-
-    def _remember(
-        self, state: State, estimate: TargetEstimate | None, vehicle: VehicleState, now_s: float
-    ) -> None:
-        """Keep where the target was last believed to be, and whether the vehicle is handed back."""
-        if state.steers and estimate is not None:
-            self._believed = estimate
-        self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
 
     def _situation(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
@@ -273,70 +259,6 @@ class ControlStage:
             return 0.0
         return now_s - self._seen_s
 
-    def _begin(self, vehicle: VehicleState, now_s: float) -> None:
-        present = heading_velocity(vehicle)
-        self._servo.start(present)
-        self._envelope.start(present, now_s)
-        self._allowed = present
-        self._humans.begin(vehicle)
-
-    def _steer(
-        self,
-        state: State,
-        now_s: float,
-        estimate: TargetEstimate | None,
-        vehicle: VehicleState,
-    ) -> LimitedSetpoint:
-        if state is not State.READY and self._sends(state, vehicle):
-            asked = self._ask(state, now_s, estimate, vehicle)
-            limited = self._envelope.limit(asked, now_s, self._context(now_s, estimate, vehicle))
-        else:
-            self._envelope.start(HOLD, now_s)
-            limited = LimitedSetpoint(HOLD, HOLD, ())
-        self._allowed = limited.allowed
-        return limited
-
-    def _ask(
-        self, state: State, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
-    ) -> VelocitySetpoint:
-        """Return what is wanted, before the envelope."""
-        if state is State.SEARCHING:
-            return self._search.update(vehicle, now_s)
-        if not state.steers or estimate is None:
-            return HOLD
-        self._servo.nudge(self._humans.nudge)
-        asked = self._servo.update(estimate, vehicle, self._allowed)
-        if state is State.COASTING:
-            return slowed(asked, now_s - self._seen_s, self.settings.supervisor.coast_s)
-        return asked
-
-    def _context(
-        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
-    ) -> FlightContext:
-        errors, context = self._servo.errors, FlightContext.of(vehicle, now_s)
-        if errors is None:
-            return context
-        context = replace(
-            context,
-            target_range_m=errors.range_m,
-            target_bearing_rad=errors.azimuth_rad,
-            target_speed_m_s=errors.target_speed_m_s,
-        )
-        return context if estimate is None else self._seen_from(context, estimate)
-
-    def _seen_from(self, context: FlightContext, estimate: TargetEstimate) -> FlightContext:
-        """Add what the estimate says; the target is no farther away than the ground behind it."""
-        elevation, range_m = estimate.height_angle_rad, context.target_range_m
-        height_m = context.height_m if context.clearance_m is None else context.clearance_m
-        if height_m is not None and range_m is not None:
-            range_m = min(range_m, range_to_ground(height_m, elevation))
-        return replace(
-            context,
-            target_range_m=range_m,
-            target_elevation_rad=elevation,
-            trust=trust_in(estimate, self.settings.envelope.trust),
-        )
-
     def _sends(self, state: State, vehicle: VehicleState) -> bool:
         """Whether a setpoint is to be sent.
 
@@ -348,20 +270,6 @@ class ControlStage:
             return False
         comes_back = state is State.RELEASED and vehicle.mode == _NEEDS_STREAM
         return state.streams or (vehicle.obeys_setpoints and (self._sent or comes_back))
-
-
-def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
-    """Return the vehicle's present motion as a setpoint; standing still where it is unknown."""
-    position, attitude = vehicle.position, vehicle.attitude
-    if position is None or attitude is None:
-        return HOLD
-    c, s = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
-    return VelocitySetpoint(
-        c * position.north_m_s + s * position.east_m_s,
-        c * position.east_m_s - s * position.north_m_s,
-        position.down_m_s,
-        attitude.yaw_rate_rad_s,
-    )
 
 
 def _is_good(estimate: TargetEstimate) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import takewhile
 
-from follower.control_stage import heading_velocity
 from follower.flightlog import FlightLog, TrackRecord
+from follower.steering import heading_velocity
 from follower_control.servo_errors import ServoErrors
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.vehicle import VehicleState

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from follower.control_stage import ControlStage, heading_velocity
+from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.settings import Settings, load_settings
+from follower.steering import heading_velocity
 from follower.supervisor import Reason, State
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState

@@ -1,0 +1,143 @@
+"""From the supervisor's state and the estimate to what may be sent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from follower.settings import Settings
+from follower.supervisor import State
+from follower_control.coasting import slowed
+from follower_control.envelope import Envelope, LimitedSetpoint
+from follower_control.estimate import TargetEstimate
+from follower_control.estimate_trust import trust_in
+from follower_control.flight_context import FlightContext
+from follower_control.ground_range import range_to_ground
+from follower_control.search import Search
+from follower_control.servo import VisualServo
+from follower_control.servo_settings import Mode
+from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle import VehicleState
+
+
+class Steering:
+    """The servo for a target that is seen, the search for a lost one, the envelope behind both.
+
+    Args:
+        settings: of all three, and of the camera's mount.
+
+    Attributes:
+        servo: its errors are worth showing.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.servo = VisualServo(settings.servo, settings.camera.mount.pitch_rad)
+        self._settings = settings
+        self._envelope = Envelope(settings.envelope)
+        self._search = Search(settings.search)
+        self._allowed = HOLD
+        self._believed: TargetEstimate | None = None
+
+    def begin(self, vehicle: VehicleState, now_s: float) -> None:
+        """Begin to steer, from the vehicle's present motion."""
+        present = heading_velocity(vehicle)
+        self.servo.start(present)
+        self._envelope.start(present, now_s)
+        self._allowed = present
+
+    def begin_search(self, vehicle: VehicleState) -> None:
+        """Begin to look for the target, from where it was last believed to be."""
+        self._search.start(self._believed, vehicle)
+
+    def change_mode(self, mode: Mode) -> None:
+        """Follow another way, without a step in the setpoints."""
+        self.servo.change_mode(mode, self._allowed)
+
+    def stand_by(self, now_s: float) -> LimitedSetpoint:
+        """Return a hold for a vehicle that others fly."""
+        self._envelope.start(HOLD, now_s)
+        self._allowed = HOLD
+        return LimitedSetpoint(HOLD, HOLD, ())
+
+    def step(
+        self,
+        state: State,
+        now_s: float,
+        estimate: TargetEstimate | None,
+        vehicle: VehicleState,
+        unseen_s: float,
+    ) -> LimitedSetpoint:
+        """Return the setpoint for a vehicle that flies by ours.
+
+        Args:
+            state: the supervisor's.
+            now_s: time of this step.
+            estimate: the target, predicted to now.
+            vehicle: newest telemetry.
+            unseen_s: since the last frame that showed the target.
+        """
+        if state.steers and estimate is not None:
+            self._believed = estimate
+        asked = self._ask(state, now_s, estimate, vehicle, unseen_s)
+        limited = self._envelope.limit(asked, now_s, self._context(now_s, estimate, vehicle))
+        self._allowed = limited.allowed
+        return limited
+
+    def _ask(
+        self,
+        state: State,
+        now_s: float,
+        estimate: TargetEstimate | None,
+        vehicle: VehicleState,
+        unseen_s: float,
+    ) -> VelocitySetpoint:
+        """Return what is wanted, before the envelope."""
+        if state is State.SEARCHING:
+            return self._search.update(vehicle, now_s)
+        if not state.steers or estimate is None:
+            return HOLD
+        asked = self.servo.update(estimate, vehicle, self._allowed)
+        if state is State.COASTING:
+            return slowed(asked, unseen_s, self._settings.supervisor.coast_s)
+        return asked
+
+    def _context(
+        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+    ) -> FlightContext:
+        errors, context = self.servo.errors, FlightContext.of(vehicle, now_s)
+        if errors is None:
+            return context
+        context = replace(
+            context,
+            target_range_m=errors.range_m,
+            target_bearing_rad=errors.azimuth_rad,
+            target_speed_m_s=errors.target_speed_m_s,
+        )
+        return context if estimate is None else self._seen_from(context, estimate)
+
+    def _seen_from(self, context: FlightContext, estimate: TargetEstimate) -> FlightContext:
+        """Add what the estimate says; the target is no farther away than the ground behind it."""
+        elevation, range_m = estimate.height_angle_rad, context.target_range_m
+        height_m = context.height_m if context.clearance_m is None else context.clearance_m
+        if height_m is not None and range_m is not None:
+            range_m = min(range_m, range_to_ground(height_m, elevation))
+        return replace(
+            context,
+            target_range_m=range_m,
+            target_elevation_rad=elevation,
+            trust=trust_in(estimate, self._settings.envelope.trust),
+        )
+
+
+def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
+    """Return the vehicle's present motion as a setpoint; standing still where it is unknown."""
+    position, attitude = vehicle.position, vehicle.attitude
+    if position is None or attitude is None:
+        return HOLD
+    c, s = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
+    return VelocitySetpoint(
+        c * position.north_m_s + s * position.east_m_s,
+        c * position.east_m_s - s * position.north_m_s,
+        position.down_m_s,
+        attitude.yaw_rate_rad_s,
+    )
