@@ -113,13 +113,17 @@ def simulate(options: SimulationOptions) -> int:
         with console.status("Building the world"):
             world = World(scenario, options.seed)
             _build(world)
-        folder = new_run_folder(options.out, scenario.name)
-        try:
-            flight, remarks, judged = _fly(world, settings, options, ends, folder, console, planned)
-        except ConnectionFailedError:
-            shutil.rmtree(folder)  # there was no flight
-            raise
-    return _report(flight, options, folder, remarks, console, judged)
+        # A flight has its own way to end; whatever is written after it is to be whole.
+        with StopOnInterrupt() as early:
+            folder = new_run_folder(options.out, scenario.name)
+            try:
+                flight, remarks, judged = _fly(
+                    world, settings, options, ends, folder, console, planned, early
+                )
+            except ConnectionFailedError:
+                shutil.rmtree(folder)  # there was no flight
+                raise
+            return _report(flight, options, folder, remarks, console, judged)
 
 
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
@@ -169,6 +173,7 @@ def _fly(
     folder: Path,
     console: Console,
     planned: tuple[PlannedFault, ...],
+    early: StopOnInterrupt,
 ) -> tuple[SimulatedFlight, tuple[str, ...], list[Verdict]]:
     """Return the flight when it is over, what its reader must know, what came of its faults."""
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
@@ -183,6 +188,8 @@ def _fly(
         )
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
+            if early.interrupted:
+                flight.stop()
             keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
@@ -196,7 +203,8 @@ def _fly(
                 else:
                     fly_realtime(flight, clock, show)
     judged = [] if injector is None else verdicts(planned, flight, injector)
-    remarks = (INTERRUPTED if interrupt.interrupted else None, video.remark if video else None)
+    interrupted = interrupt.interrupted or early.interrupted
+    remarks = (INTERRUPTED if interrupted else None, video.remark if video else None)
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
     return flight, (*said, *map(said_of, judged)), judged

@@ -13,6 +13,7 @@ from rich.console import Console
 from follower.candidates import summary, write_candidates
 from follower.flight_video import BackgroundVideo
 from follower.flightlog import FlightLog
+from follower.interrupt import StopOnInterrupt
 from follower.object_listing import list_objects
 from follower.object_selector import ChoiceError, ObjectSelector, Wanted
 from follower.recorded import RecordedControl
@@ -101,7 +102,8 @@ class TrackSession:
         files = TrackFiles.make(self._options)
         self._tell_choice(files.folder)
         interrupted = self._follow(files)
-        written = files.write(self._run.logs)
+        with StopOnInterrupt():
+            written = files.write(self._run.logs)
         if self._run.problem is not None:
             self._display.say(self._run.problem)
         self._summarise(written)

@@ -29,7 +29,7 @@ from follower.preflight.showing import LiveChecklist, print_checklist, to_json
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
 from follower.run_folder import new_run_folder
 from follower.settings import Settings
-from follower.supervisor import Order
+from follower.situation import Order
 from follower.terminal import Terminal
 from follower.tracking import make_settings_detector, make_target_tracker
 from follower.vision_stage import Selector

@@ -1,0 +1,71 @@
+"""Ctrl-C while files are written: they are whole all the same."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import follower.simulate
+from follower.cli import INTERRUPTED
+from follower.interrupt import StopOnInterrupt
+from follower.outputs import write_boxes
+from follower.simulate import SimulationOptions, simulate
+
+SCENARIO = """
+name: short
+title: A car stands on a field.
+duration_s: 2
+ground: {kind: meadow}
+targets:
+  - {kind: car, colour: "#e0401c", path: {points: [[0, 0], [5, 0]]}}
+camera: {width: 160, height: 120}
+start: {at: [-20, 0]}
+select: {colour: "#e0401c"}
+"""
+
+
+def pressing(work: Callable[..., Any]) -> Callable[..., Any]:
+    """Do the work after Ctrl-C."""
+
+    def pressed(*given: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return work(*given)
+
+    return pressed
+
+
+def fly(folder: Path) -> int:
+    path = folder / "short.yaml"
+    path.write_text(SCENARIO, "utf-8")
+    return simulate(SimulationOptions(str(path), lockstep=True, out=folder / "runs"))
+
+
+def test_ctrl_c_while_the_report_is_written_does_not_stop_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(follower.simulate, "write_boxes", pressing(write_boxes))
+    assert fly(tmp_path) != INTERRUPTED
+    folder = tmp_path / "runs" / "short"
+    assert "</html>" in (folder / "report.html").read_text("utf-8")
+    assert "passed" in json.loads((folder / "score.json").read_text("utf-8"))
+
+
+def test_ctrl_c_before_the_flight_is_no_flight_but_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = follower.simulate.SimulatedFlight
+    monkeypatch.setattr(follower.simulate, "SimulatedFlight", pressing(make))
+    assert fly(tmp_path) == INTERRUPTED
+    report = (tmp_path / "runs" / "short" / "report.html").read_text("utf-8")
+    assert "The user ended this flight." in report
+
+
+def test_without_anything_to_stop_the_first_lets_pass_and_the_second_interrupts() -> None:
+    with StopOnInterrupt() as interrupt:
+        signal.raise_signal(signal.SIGINT)
+        assert interrupt.interrupted
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
