@@ -92,7 +92,7 @@ def _whole(
         replay = Replay(flight, settings, own_camera=own)
         return _Outcome(replay, compare(flight.log, replay.run()))
     folder = new_run_folder(options.out, f"{flight.folder.resolve().name}-replayed")
-    with ReplaySaver(flight, folder, settings) as saver:
+    with ReplaySaver(flight, folder, settings, options.overrides) as saver:
         replay = Replay(flight, settings, own_camera=own, on_message=saver, sink=saver)
         replay.run()
     console.print(f"Saved as a flight of its own: {folder}", highlight=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,13 +37,22 @@ class ReplaySaver(ClosesItself):
         flight: what is replayed.
         folder: exists and is empty.
         settings: of the replay.
+        overrides: what is other in them than in the flight's, as on the command line. Such a replay
+            is labelled open loop.
 
     Raises:
         OSError: it cannot be written.
     """
 
-    def __init__(self, flight: RecordedFlight, folder: Path, settings: Settings) -> None:
-        run = {**flight.config.run, "tracks_from": "the recorded video, decoded"}
+    def __init__(
+        self,
+        flight: RecordedFlight,
+        folder: Path,
+        settings: Settings,
+        overrides: Sequence[str] = (),
+    ) -> None:
+        label = {"open_loop": f"replayed with {', '.join(overrides)}"} if overrides else {}
+        run = {**label, **flight.config.run, "tracks_from": "the recorded video, decoded"}
         now = FlightConfig.of(flight.config.kind, settings)
         config = replace(
             flight.config,

@@ -145,9 +145,11 @@ def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
 def test_with_other_settings_the_replay_is_labelled_open_loop(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ReplayOptions(small_flight.folder, ("servo.distance_m=3",), out=tmp_path)
+    options = ReplayOptions(small_flight.folder, ("servo.distance_m=3",), save=True, out=tmp_path)
     assert replay_flight(options) == SAME
     assert "Open loop" in capsys.readouterr().out
+    saved = open_flight(tmp_path / f"{small_flight.folder.name}-replayed")
+    assert saved.config.run["open_loop"] == "replayed with servo.distance_m=3"
 
 
 def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
