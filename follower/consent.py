@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from follower.supervisor import Order, State
+from follower.situation import Order
+from follower.supervisor import State
 from follower_control.vehicle import VehicleState
 
 _HYSTERESIS_US = 50

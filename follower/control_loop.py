@@ -10,7 +10,8 @@ from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.link import Link
 from follower.links.operator_commands import CONSENT_COMMAND, OperatorCommand
 from follower.release import Release
-from follower.supervisor import Order, State
+from follower.situation import Order
+from follower.supervisor import State
 from follower_control.setpoint import HOLD
 
 _ORDERS = {1.0: Order.GIVE, 0.0: Order.WITHDRAW}

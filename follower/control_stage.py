@@ -11,9 +11,10 @@ from follower.human_input import HumanInput
 from follower.links.vehicle_health import VehicleHealth
 from follower.release import HandBack
 from follower.settings import Settings
+from follower.situation import Order, Situation
 from follower.steering import Steering
 from follower.stopwatch import Stopwatch
-from follower.supervisor import Order, Situation, State, Supervisor
+from follower.supervisor import State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import TargetEstimator

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from follower.links.vehicle_health import VehicleHealth
-from follower.supervisor import Reason, Situation, State
+from follower.situation import Situation
+from follower.supervisor import Reason, State
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import Verdict
 from follower_control.gimbal import GimbalRates

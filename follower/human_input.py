@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 
 from follower.consent import Consent, ConsentSettings
+from follower.situation import Order, Situation
 from follower.sticks import Sticks, StickSettings
-from follower.supervisor import Order, Situation, State
+from follower.supervisor import State
 from follower_control.nudge import Nudge
 from follower_control.vehicle import VehicleState
 

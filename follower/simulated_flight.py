@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from follower.autonomy import Autonomy, Phase
@@ -22,6 +23,7 @@ from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.selecting import colour_selector
 from follower.settings import Settings, merged
+from follower.situation import Order
 from follower.supervisor import State
 from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
@@ -112,7 +114,8 @@ class SimulatedFlight:
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
         )
         if faults is not None:
-            faults.attach(self.autopilot, self.stop)
+            withdraw = partial(self.stage.order, Order.WITHDRAW)
+            faults.attach(self.autopilot, self.stop, withdraw)
         self._last_link: LinkStatus | None = None
 
     @property

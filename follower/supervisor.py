@@ -75,6 +75,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
+from follower.situation import Situation
+
 
 class State(StrEnum):
     """The supervisor's states."""
@@ -105,18 +107,6 @@ class State(StrEnum):
 
 
 ENGAGED = frozenset({State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING})
-
-
-class Order(StrEnum):
-    """What an operator asked for since the last step."""
-
-    NONE = "none"
-    RENEW = "renew"
-    """Begin again after a release: a target was chosen anew."""
-    GIVE = "give"
-    """Consent, and begin again after a release."""
-    WITHDRAW = "withdraw"
-    """Consent no longer."""
 
 
 class Reason(StrEnum):
@@ -180,57 +170,6 @@ class SupervisorSettings:
         for name in self.__slots__:
             if not 0 < getattr(self, name) < 3600:
                 raise ValueError(f"{name} is a time in seconds above 0, not {getattr(self, name)}")
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """All that a decision depends on. Ages and durations in seconds; never-seen is infinite.
-
-    Attributes:
-        target_chosen: somebody selected a target and has not dropped it.
-        unseen_s: 0 while the newest frame shows the target, else the time since one did.
-        estimate_good: the estimator stands by its estimate.
-        heartbeat_age_s: since the autopilot's last heartbeat.
-        telemetry_age_s: age of the older one of attitude and position; an attitude that only
-            repeats itself grows old.
-        frame_age_s: since the capture of the newest frame that vision answered for.
-        control_gap_s: since the previous control step.
-        mode_allows: the autopilot is in the mode that flies setpoints, because somebody chose it
-            and nobody left it since following began.
-        flying: armed and not landed.
-        stop_requested: the operator pressed stop.
-        consent_renewed: after letting go, the operator chose a target or consented anew.
-        in_state_s: since the present state was entered.
-        consent_given: the second consent stands; always so where none is asked for.
-        failsafe: the autopilot says that it is in a failsafe.
-        sticks_moved: a stick is so far out that the pilot wants the vehicle back.
-        mode_left: the autopilot has just left the mode, and flew by our stream in it.
-        answer_age_s: how long the autopilot has not answered us, though it may talk.
-        battery_low: less is left of the battery than is asked, now or to begin.
-        navigation_poor: the autopilot does not know well where it is.
-        order: what the operator asked for; the consents above follow from it and from telemetry.
-    """
-
-    target_chosen: bool
-    unseen_s: float
-    estimate_good: bool
-    heartbeat_age_s: float
-    telemetry_age_s: float
-    frame_age_s: float
-    control_gap_s: float
-    mode_allows: bool
-    flying: bool
-    stop_requested: bool
-    consent_renewed: bool
-    in_state_s: float
-    consent_given: bool = True
-    failsafe: bool = False
-    sticks_moved: bool = False
-    mode_left: bool = False
-    answer_age_s: float = 0.0
-    order: Order = Order.NONE
-    battery_low: bool = False
-    navigation_poor: bool = False
 
 
 def next_state(

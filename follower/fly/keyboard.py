@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 from typing import TextIO
 
-from follower.supervisor import Order
+from follower.situation import Order
 
 _WITHDRAWALS = ("n", "no", "x", "stop")
 

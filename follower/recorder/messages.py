@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from follower.flightlog import Event, Observation, Selection, TrackRecord
 from follower.links.vehicle_health import VehicleHealth
 from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
-from follower.supervisor import Situation
+from follower.situation import Situation
 from follower_control.estimate import TargetEstimate
 from follower_control.gimbal import GimbalRates
 from follower_control.vehicle import Attitude, VehicleState

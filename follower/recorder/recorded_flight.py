@@ -23,7 +23,7 @@ from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
 from follower.recorder.tlog import Packet, read_tlog
 from follower.recorder.video_queue import VIDEO
 from follower.recorder.video_reading import read_pictures
-from follower.supervisor import Situation
+from follower.situation import Situation
 from follower_control.estimate import TargetEstimate
 from follower_control.gimbal import GimbalRates
 from follower_control.vehicle import Attitude, VehicleState

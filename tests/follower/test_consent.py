@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.consent import Consent, ConsentSettings
 from follower.links.operator_commands import OperatorCommands
 from follower.release import Release, ReleaseAction, ReleaseSettings, release_mode
+from follower.situation import Order
 from follower.sticks import Sticks, StickSettings
-from follower.supervisor import Order, State
+from follower.supervisor import State
 from follower_control.nudge import NO_NUDGE
 from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
 

@@ -20,7 +20,8 @@ from follower.links.mavlink import MavlinkLink
 from follower.recorder import FlightConfig, Recorder, open_flight
 from follower.replay import Replay, compare, replay_settings
 from follower.settings import load_settings
-from follower.supervisor import Order, Reason, State
+from follower.situation import Order
+from follower.supervisor import Reason, State
 from follower_control.setpoint import HOLD
 from follower_control.transport import MemoryTransport
 from follower_sim.autopilot import SimAutopilot

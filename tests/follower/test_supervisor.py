@@ -9,16 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.supervisor import (
-    ENGAGED,
-    Order,
-    Reason,
-    Situation,
-    State,
-    Supervisor,
-    SupervisorSettings,
-    next_state,
-)
+from follower.situation import Order, Situation
+from follower.supervisor import ENGAGED, Reason, State, Supervisor, SupervisorSettings, next_state
 
 SETTINGS = SupervisorSettings()
 GOOD = Situation(

@@ -24,7 +24,8 @@ from follower.fly.waiting import waiting_for
 from follower.interrupt import StopOnInterrupt
 from follower.preflight.camera_watch import CameraWatch
 from follower.settings import Settings, load_settings
-from follower.supervisor import Order, Reason, State
+from follower.situation import Order
+from follower.supervisor import Reason, State
 from follower_control.setpoint import HOLD
 from follower_control.vehicle import VehicleState
 from follower_vision.clock import SimulatedClock

@@ -14,7 +14,8 @@ from follower.recorder import FlightConfig, Recorder, open_flight
 from follower.replay import Replay, compare, replay_settings
 from follower.selecting import box_selector
 from follower.settings import Settings
-from follower.supervisor import Order, Reason
+from follower.situation import Order
+from follower.supervisor import Reason
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
 from follower_control.vehicle import Attitude, Clearance, LocalPosition, RcChannels, VehicleState
