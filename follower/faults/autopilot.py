@@ -9,6 +9,7 @@ from follower_sim.firmware import ARDUCOPTER, PX4
 
 PILOTS_MODE = {"px4": "POSCTL", "ardupilot": "LOITER"}
 _FAILSAFE_MODE = {"px4": "LAND", "ardupilot": "LAND"}
+_WELL, _BATTERY_PERCENT, _CENTRE_US = 0.1, 90.0, 1500.0
 _SETPOINT_MODE = {"px4": PX4.setpoint_mode, "ardupilot": ARDUCOPTER.setpoint_mode}
 
 
@@ -40,6 +41,13 @@ class AutopilotFaults:
         faults.yaw_jump_rad = self._amount(Kind.YAW_JUMPS, now_s)
         faults.clock_jump_s = self._amount(Kind.CLOCK_JUMPS, now_s)
         faults.refuses_setpoints = self._on(Kind.MODE_REFUSED, now_s)
+        self._autopilot.health.test_ratio = self._amount(Kind.ESTIMATOR_UNWELL, now_s, _WELL)
+        self._autopilot.health.battery_percent = round(
+            self._amount(Kind.BATTERY_LOW, now_s, _BATTERY_PERCENT)
+        )
+        if self._schedule.plans(Kind.STICK_MOVED):
+            roll_us = round(self._amount(Kind.STICK_MOVED, now_s, _CENTRE_US))
+            self._autopilot.move_sticks(roll_us, *(round(_CENTRE_US),) * 3)
         if self._begins(Kind.AUTOPILOT_RESTARTS, now_s):
             self._autopilot.restart()
         if self._begins(Kind.PILOT_SWITCHES, now_s):
@@ -52,9 +60,9 @@ class AutopilotFaults:
     def _on(self, kind: Kind, now_s: float) -> bool:
         return self._schedule.active(kind, now_s) is not None
 
-    def _amount(self, kind: Kind, now_s: float) -> float:
+    def _amount(self, kind: Kind, now_s: float, otherwise: float = 0.0) -> float:
         action = self._schedule.active(kind, now_s)
-        return 0.0 if action is None else action.amount
+        return otherwise if action is None else action.amount
 
     def _begins(self, kind: Kind, now_s: float) -> bool:
         if kind in self._done or self._schedule.begun(kind, now_s) is None:

@@ -307,6 +307,26 @@ _AUTOPILOT = (
         Action(Kind.ESTIMATOR_FAILSAFE, after_s=1.0),
         hold_within_s=0.7,
     ),
+    _lets_go(
+        "estimator-unwell",
+        "autopilot",
+        "The estimator rejects its measurements: hold within 1.5 s (the autopilot tells of it once "
+        "a second), at rest within 8 s, let go.",
+        Action(Kind.ESTIMATOR_UNWELL, 3.0),
+        hold_within_s=1.5,
+        rest_within_s=8.0,
+        excursion_m=17.0,
+    ),
+    _lets_go(
+        "battery-low",
+        "autopilot",
+        "Less battery than is asked for: hold within 1.5 s (it tells of it once a second), at rest "
+        "within 8 s, let go.",
+        Action(Kind.BATTERY_LOW, 10.0),
+        hold_within_s=1.5,
+        rest_within_s=8.0,
+        excursion_m=17.0,
+    ),
     _carries_on(
         "autopilot-clock-forward",
         "autopilot",
@@ -368,6 +388,20 @@ _PILOT = (
         (Action(Kind.MODE_REFUSED), Action(Kind.PILOT_SWITCHES, after_s=2.0)),
         state=State.READY,
         in_state_s=0.0,
+    ),
+    _lets_go(
+        "sticks-moved",
+        "pilot",
+        "The pilot moves a stick far: hold within 0.5 s, at rest within 7 s, let go.",
+        Action(Kind.STICK_MOVED, 1900.0),
+        hold_within_s=0.5,
+    ),
+    _lets_go(
+        "consent-withdrawn",
+        "pilot",
+        "The operator withdraws consent: hold at once, at rest within 7 s, let go.",
+        Action(Kind.CONSENT_WITHDRAWN),
+        hold_within_s=0.1,
     ),
     _lets_go(
         "stop-requested",

@@ -44,12 +44,16 @@ class Kind(StrEnum):
     PILOT_RETURNS = "pilot returns"
     MODE_REFUSED = "mode refused"
     ESTIMATOR_FAILSAFE = "estimator failsafe"
+    ESTIMATOR_UNWELL = "estimator unwell"  # innovation over its limit
+    BATTERY_LOW = "battery low"  # percent left
+    STICK_MOVED = "stick moved"  # pulse, microseconds
     CLOCK_JUMPS = "autopilot's clock jumps"  # seconds
     WALL_CLOCK_JUMPS = "wall clock jumps"  # seconds
     CONTROL_STALLS = "control stalls"
     CONTROL_STARVED = "control starved"  # longest pause, seconds
     DISK_FULL = "disk full"
     STOP_REQUESTED = "stop requested"
+    CONSENT_WITHDRAWN = "consent withdrawn"
     PROCESS_SIGNALLED = "process signalled"  # the signal's number
 
 

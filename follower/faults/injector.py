@@ -60,6 +60,7 @@ class FaultInjector:
         self._vision: FaultyVision | None = None
         self._autopilot: AutopilotFaults | None = None
         self._stop: Callable[[], None] = lambda: None
+        self._withdraw: Callable[[], None] = lambda: None
         self._stopped = self._signalled = False
         self._ends_flight = ends_flight
         self._patches = ExitStack()
@@ -101,9 +102,14 @@ class FaultInjector:
         """Return the control loop with the faults in it; the arguments are `ControlLoop`'s."""
         return FaultyControl(self.schedule, self._clock, self._lots.spawn(1)[0], *arguments)
 
-    def attach(self, autopilot: SimAutopilot | None, stop: Callable[[], None]) -> None:
-        """Take hold of the simulated autopilot, and of the operator's stop."""
-        self._stop = stop
+    def attach(
+        self,
+        autopilot: SimAutopilot | None,
+        stop: Callable[[], None],
+        withdraw: Callable[[], None],
+    ) -> None:
+        """Take hold of the simulated autopilot, and of the operator's two ways to end it."""
+        self._stop, self._withdraw = stop, withdraw
         if autopilot is None:
             return
         self._autopilot = AutopilotFaults(autopilot, self._flavour, self.schedule)
@@ -121,6 +127,8 @@ class FaultInjector:
         if signalled is not None and not self._signalled:
             self._signalled = True
             os.kill(os.getpid(), int(signalled.amount))
+        if self.schedule.active(Kind.CONSENT_WITHDRAWN, now_s) is not None:
+            self._withdraw()
         asked = self.schedule.begun(Kind.STOP_REQUESTED, now_s) is not None
         if not self._stopped and (asked or (self._ends_flight and self.schedule.is_past(now_s))):
             self._stopped = True

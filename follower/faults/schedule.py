@@ -50,6 +50,11 @@ class FaultSchedule:
         """Whether nothing that was begun is still to end, some seconds for a look included."""
         return all(course.is_over(now_s) for course in self._courses)
 
+    def plans(self, kind: Kind) -> bool:
+        """Whether an action of this kind is on, was, or will be."""
+        faults = (course.planned.fault for course in self._courses)
+        return any(action.kind is kind for fault in faults for action in fault.actions)
+
     def is_past(self, now_s: float) -> bool:
         """Whether every fault has begun and, some seconds for a look included, ended."""
         return all(course.is_past(now_s) for course in self._courses)
