@@ -32,17 +32,33 @@ def read_dataflash(path: Path) -> Samples:
         log: Any = DFReader.DFReader_binary(str(path))
     except (ValueError, IndexError, KeyError, struct.error) as error:
         raise TelemetryError(f"{path}: this is no ArduPilot log ({error})") from error
-    samples, rates, armed = Samples(), list[tuple[float, ...]](), False
+    except Exception as error:
+        if type(error) is not Exception:
+            raise
+        # pymavlink's own complaint about a format that it does not know has no class of its own.
+        raise TelemetryError(f"{path}: {error}: damaged, or newer than known here") from error
+    samples = Samples()
     try:
-        while (message := log.recv_match(type=_KINDS)) is not None:
-            kind = message.get_type()
-            armed = bool(message.ArmState) if kind == "ARM" else armed
-            _take(samples, rates, message, armed)
+        _read(log, samples)
+    except (AttributeError, struct.error) as error:
+        raise TelemetryError(
+            f"{path}: a message lacks {error}: the log is damaged, or of a version of ArduPilot "
+            f"that is not known here; {len(samples.attitudes)} attitudes before it could be read"
+        ) from error
     finally:
         log.close()
+    return samples
+
+
+def _read(log: Any, samples: Samples) -> None:
+    """Take all messages; of the gyro itself, or of the rates if there is none."""
+    rates, armed = list[tuple[float, ...]](), False
+    while (message := log.recv_match(type=_KINDS)) is not None:
+        kind = message.get_type()
+        armed = bool(message.ArmState) if kind == "ARM" else armed
+        _take(samples, rates, message, armed)
     if not samples.gyro:
         samples.gyro = rates
-    return samples
 
 
 def _take(samples: Samples, rates: list[tuple[float, ...]], message: Any, armed: bool) -> None:

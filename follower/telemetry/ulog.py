@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,20 @@ def read_ulog(path: Path) -> Samples:
     """Read a .ulg: attitude, gyro, local position and mode, the first instance of each.
 
     Raises:
-        TelemetryError: it is no such log, or pyulog is not installed.
+        TelemetryError: it is no such log, lacks a field, or pyulog is not installed.
         OSError: it cannot be read.
     """
     topics = _topics(path)
+    try:
+        return _samples(topics)
+    except KeyError as error:
+        raise TelemetryError(
+            f"{path}: a topic lacks the field {error}: the log is damaged, or of a version of PX4 "
+            f"that is not known here; it has {', '.join(topics)}"
+        ) from error
+
+
+def _samples(topics: Mapping[str, Any]) -> Samples:
     samples = Samples()
     attitude = topics.get("vehicle_attitude")
     if attitude is not None:

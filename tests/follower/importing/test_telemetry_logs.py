@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import struct
 from pathlib import Path
@@ -101,6 +102,39 @@ def test_a_log_that_is_cut_off_is_read_up_to_there(
     path.write_bytes(cut[: cut.rfind(b"\n") + 1] if kind == "csv" else cut)
     log = read_telemetry(path)
     assert 5 < log.end_s < 15
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new", "says"),
+    [
+        ("ulg", b"float[4] q;", b"float[4] Q;", r"lacks the field 'q\[0\]'"),
+        ("bin", b"Yaw", b"Jaw", "lacks Yaw"),
+    ],
+)
+def test_a_field_that_another_version_calls_otherwise_is_named(
+    kind: str, old: bytes, new: bytes, says: str, writers: Any, script: Any, tmp_path: Path
+) -> None:
+    path = writers[kind](tmp_path / f"log.{kind}", script)
+    data = path.read_bytes()
+    assert old in data
+    path.write_bytes(data.replace(old, new))
+    with pytest.raises(TelemetryError, match=says) as error:
+        read_telemetry(path)
+    assert "is not known here" in str(error.value)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_format_that_pymavlink_does_not_know_is_named(
+    writers: Any, script: Any, tmp_path: Path
+) -> None:
+    """Pymavlink leaves the file to the garbage collector then."""
+    path = writers["bin"](tmp_path / "log.bin", script)
+    data = path.read_bytes()
+    at = data.index(b"ATT\0") + 4
+    path.write_bytes(data[:at] + b"$" + data[at + 1 :])
+    with pytest.raises(TelemetryError, match="newer than known here"):
+        read_telemetry(path)
+    gc.collect()
 
 
 def test_a_missing_column_is_named(tmp_path: Path) -> None:
