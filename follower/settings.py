@@ -30,6 +30,8 @@ from follower_vision.lineofsight import CameraMount
 from follower_vision.longterm import LongTermSettings
 from follower_vision.trackers import tracker_names
 
+_LEAST_FOV_DEG = 4.0  # above pi: an angle in radians does not pass; a longer lens has focal_px
+
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
@@ -61,8 +63,8 @@ class CameraSettings:
     frame_size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        if not 1 < self.fov_deg < 179:
-            raise ValueError(f"fov_deg lies between 1 and 179 degrees, not {self.fov_deg}")
+        if not _LEAST_FOV_DEG < self.fov_deg < 179:
+            raise ValueError(f"fov_deg lies between 4 and 179 degrees, not {self.fov_deg:g}")
         if self.focal_px is not None and not 1 < self.focal_px < 1e5:
             raise ValueError(f"focal_px is a focal length in pixels, not {self.focal_px}")
         if not abs(self.latency_s) < 2:

@@ -9,6 +9,17 @@ from typing import Any, ClassVar
 
 from follower_control.pid import PidSettings
 
+_LARGEST = {
+    "distance_m": 500.0,
+    "target_size_m": 200.0,
+    "max_forward_m_s": 50.0,
+    "max_backward_m_s": 50.0,
+    "max_vertical_m_s": 50.0,
+    "max_sideways_m_s": 50.0,
+    "max_yaw_rate_deg_s": 720.0,
+}
+"""What no pursuit wants more of; a value beyond it is likely to be in another unit."""
+
 
 class Mode(StrEnum):
     """What the servo does about the target."""
@@ -122,17 +133,10 @@ class ServoSettings:
     )
 
     def __post_init__(self) -> None:
-        positive = (
-            self.distance_m,
-            self.max_forward_m_s,
-            self.max_backward_m_s,
-            self.max_vertical_m_s,
-            self.max_yaw_rate_deg_s,
-            self.max_sideways_m_s,
-            1.0 if self.target_size_m is None else self.target_size_m,
-        )
-        if not all(0 < value < math.inf for value in positive):
-            raise ValueError(f"distances, sizes and speeds are positive, not {self}")
+        for name, most in _LARGEST.items():
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= most:
+                raise ValueError(f"{name} lies above 0 and not above {most:g}, not {value:g}")
         if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
             raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
         if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:

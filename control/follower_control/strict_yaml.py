@@ -13,6 +13,20 @@ from pydantic import BaseModel, ValidationError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
+_NO_NUMBER = ("float_parsing", "float_type", "int_parsing", "int_type", "int_from_float")
+_UNITS = {
+    "_m": "metres",
+    "_s": "seconds",
+    "_hz": "hertz",
+    "_px": "pixels",
+    "_deg": "degrees",
+    "_m_s": "metres a second",
+    "_m_s2": "metres a second squared",
+    "_m_s3": "metres a second cubed",
+    "_deg_s": "degrees a second",
+    "_deg_s2": "degrees a second squared",
+}
+
 
 class SettingsError(ValueError):
     """Settings cannot be used; the message is one line that says where and why."""
@@ -32,7 +46,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise SettingsError(f"{path}: no valid YAML: {' '.join(str(error).split())}") from None
+        raise SettingsError(f"{path}: no valid YAML: {_yaml_problem(error)}") from None
     if not isinstance(data, dict):
         raise SettingsError(f"{path}: expected a mapping of keys to values")
     return data
@@ -59,8 +73,23 @@ def _first_error(model: type[BaseModel], error: ValidationError) -> str:
     where = _dotted(first["loc"])
     if first["type"] in unknown:
         return f"unknown key {where!r}{_suggestion(model, first['loc'])}"
+    if first["type"] in _NO_NUMBER:
+        return f"{where}: {first['input']!r} is no number; write one alone{_unit(where)}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
+
+
+def _unit(key: str) -> str:
+    """Return in which unit the key's name says that its value is."""
+    names = [name for name in _UNITS if key.endswith(name)]
+    return f", in {_UNITS[max(names, key=len)]}" if names else ""
+
+
+def _yaml_problem(error: yaml.YAMLError) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        mark = error.problem_mark
+        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
+    return " ".join(str(error).split())
 
 
 def _dotted(location: Sequence[str | int]) -> str:

@@ -61,7 +61,7 @@ def moving_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["sim", "{mistyped}"], "unknown key 'durations_s'; did you mean 'duration_s'"),
         (["sim", "demo", "--autopilot", "betaflight"], "choose px4 or ardupilot"),
         (["sim", "demo", "--connect", "tcp:1"], "write udpin:HOST:PORT"),
-        (["sim", "demo", "--set", "camera.fov_deg=4000"], "fov_deg lies between 1 and 179"),
+        (["sim", "demo", "--set", "camera.fov_deg=4000"], "fov_deg lies between 4 and 179"),
         (["sim", "demo", "--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["settings", "--set", "servo.distance_m=near"], "servo.distance_m"),
     ],

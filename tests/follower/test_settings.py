@@ -37,15 +37,24 @@ def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_pat
         ("servoo: {}", r"unknown key 'servoo'; did you mean 'servo'\?"),
         ("servo: {azimuth: {kq: 1}}", r"unknown key 'servo.azimuth.kq'; did you mean 'kp'\?"),
         ("camera: {fov: 70}", r"unknown key 'camera.fov'; did you mean 'fov_deg'\?"),
-        ("servo: {distance_m: fifteen}", r"servo.distance_m: .*number"),
+        ("servo: {distance_m: fifteen}", r"servo.distance_m: 'fifteen' is no number; .*in metres"),
+        ("servo: {max_forward_m_s: 36 km/h}", r"'36 km/h' is no number; .*, in metres a second$"),
         (
-            "camera: {fov_deg: 1.2}\ntracker: corelation",
+            "servo: {distance_m: 1500}",
+            r"servo: distance_m lies above 0 and not above 500, not 1500$",
+        ),
+        ("servo: {max_yaw_rate_deg_s: -3}", r"max_yaw_rate_deg_s lies above 0 .*, not -3$"),
+        ("servo: {distance_cm: 1500}", r"'servo.distance_cm'; did you mean 'distance_m'\?"),
+        ("camera: {latency_s: 80}", "latency_s is in seconds, not 80"),
+        ("control_rate_hz: [50]", "is no number; write one alone, in hertz"),
+        (
+            "camera: {fov_deg: 70}\ntracker: corelation",
             "no 'corelation'; there are identity, correlation",
         ),
-        ("camera: {fov_deg: 0.9}", "fov_deg lies between 1 and 179 degrees"),
+        ("camera: {fov_deg: 1.2}", "fov_deg lies between 4 and 179 degrees, not 1.2"),
         ("supervisor: {search_s: -1}", "search_s is a time in seconds above 0"),
         ("[1, 2]", "expected a mapping"),
-        ("servo: {", "no valid YAML"),
+        ("servo: {", "no valid YAML: line 1, column 9: "),
     ],
 )
 def test_a_mistake_is_told_in_one_line_with_its_place(
