@@ -18,7 +18,15 @@ from follower.situation import Order
 from follower.supervisor import Reason
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
-from follower_control.vehicle import Attitude, Clearance, LocalPosition, RcChannels, VehicleState
+from follower_control.servo_settings import Mode
+from follower_control.vehicle import (
+    Attitude,
+    Clearance,
+    GimbalState,
+    LocalPosition,
+    RcChannels,
+    VehicleState,
+)
 from follower_vision.box import Box
 from follower_vision.clock import MonotonicClock
 from follower_vision.frame import Frame
@@ -50,7 +58,10 @@ class Camera(ClosesItself):
 
 
 class Link:
-    """A vehicle that hovers and trembles under trembling sticks; telemetry comes when it comes."""
+    """A vehicle that hovers and trembles, under trembling sticks and above a trembling gimbal.
+
+    Telemetry comes when it comes, and the battery empties.
+    """
 
     connected = True
     autopilot_name = "ardupilot"
@@ -77,11 +88,20 @@ class Link:
             landed=False,
             heartbeat_s=now_s,
             rc=sticks if self._rng.random() < 0.9 else None,
+            gimbal=GimbalState(Attitude(*self._rng.normal(0, 0.01, 6).tolist(), now_s - 0.02)),
             clearance=Clearance(8.0 + self._rng.normal(0, 0.5), now_s),
             answered_s=now_s - 0.1,
         )
+        if self._rng.random() < 0.1:
+            self.health = VehicleHealth(sensors=SensorHealth(1, 1, 0.9 - 0.01 * now_s, now_s))
 
     def watch_health(self) -> None:
+        pass
+
+    def use_gimbal(self, device: int) -> None:
+        pass
+
+    def turn_gimbal(self, rates: Any) -> None:
         pass
 
     def take_notes(self) -> list[str]:
@@ -95,11 +115,12 @@ class Link:
 
 
 class Operator:
-    """Consents, withdraws, consents anew, stops, each once, from a thread of their own."""
+    """Does each of a few things once, from a thread of their own."""
 
     def __init__(self, stage: ControlStage) -> None:
         self._plan = [
             (0.5, lambda: stage.order(Order.GIVE)),
+            (0.9, lambda: stage.change_mode(Mode.WATCH)),
             (1.2, lambda: stage.order(Order.WITHDRAW)),
             (1.5, lambda: stage.order(Order.GIVE)),
             (SECONDS - 0.5, stage.request_stop),
@@ -117,6 +138,7 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
             "recorder": {"video": "lossless", "keep_free_mb": 0},
             "consent": {"kind": "terminal"},
             "sticks": {"nudge": True},
+            "gimbal": {"enabled": True},
         }
     )
     clock, link = MonotonicClock(), Link()
@@ -142,6 +164,9 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
     assert len(flight.log.controls) == len(recorder.log.controls) > 50
     reasons = {record.reason for record in flight.log.controls}
     assert {Reason.CONSENT_WITHDRAWN, Reason.STOP_REQUESTED, Reason.TARGET_SEEN} <= reasons
+    assert all(record.gimbal for record in flight.log.controls if record.state.steers)
+    assert len([record for record in flight.log.controls if record.health]) > 3
+    assert [record.mode_asked for record in flight.log.controls if record.mode_asked] == ["watch"]
     replay = Replay(flight, replay_settings(flight))
     compared = compare(flight.log, replay.run())
     assert replay.missed == 0
