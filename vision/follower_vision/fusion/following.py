@@ -6,17 +6,10 @@ from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
-from follower_vision.fusion.forecasts import CALM_SIZES
+from follower_vision.fusion.gaze import Gaze
 from follower_vision.fusion.looks import Looks
-from follower_vision.fusion.rivals import LEAST_SHARE
-from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.sizes import clamped, drawn, inside
-from follower_vision.fusion.steering import (
-    CandidateTracker,
-    ProbingTracker,
-    SteerableTracker,
-)
 from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
@@ -42,12 +35,8 @@ class Following:
     """Runs the motion tracker, and coasts when it is unsure or its box looks like nothing known."""
 
     def __init__(self, motion: MotionTracker, settings: FusionSettings, looks: Looks) -> None:
-        self._motion = motion
-        # Asked once: a protocol's isinstance takes longer than the rest of a step's logic.
-        self._steerable = motion if isinstance(motion, SteerableTracker) else None
-        self._probing = motion if isinstance(motion, ProbingTracker) else None
-        self._rivalled = motion if isinstance(motion, CandidateTracker) else None
-        self._ahead: tuple[Box, MotionEstimate] | None = None
+        self._name = motion.name
+        self._gaze = Gaze(motion, settings)
         self._settings = settings
         self._looks = looks
         self._judge = Judge(settings, looks.epsilon)
@@ -55,7 +44,6 @@ class Following:
         self._low = 0
         self._steady_s = 0.0
         self._doubted_s: float | None = None
-        self._turns = 0
         self._rival_frames = 0
         self._doubts = 0
         self._broken = False
@@ -72,29 +60,25 @@ class Following:
 
     def start(self, frame: Frame, box: Box) -> None:
         """Follow another target."""
-        self._motion.start(frame.image, box)
-        self._ahead = None
+        self._gaze.learn(frame, box)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
         self._low = 0
         self._doubted_s = None
         self._steady_s = 0.0
-        self._turns = self._rival_frames = self._doubts = 0
+        self._rival_frames = self._doubts = 0
         self._broken = False
 
     def relocate(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""
         self._low = 0
         self._doubted_s = None
-        if self._steerable is not None and self._settings.keep_template:
-            self._steerable.move_to(box)
-        else:
-            self._motion.start(frame.image, box)
+        self._gaze.turn_to(frame, box)
 
     def teach(self, frame: Frame, box: Box) -> None:
         """Learn the target anew: it has changed so much that the tracker no longer knows it."""
         self._low = 0
         self._doubted_s = None
-        self._motion.start(frame.image, box)
+        self._gaze.learn(frame, box)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
 
     def look_ahead(self, frame: Frame, belief: Belief) -> None:
@@ -104,11 +88,7 @@ class Following:
             frame: the next frame.
             belief: still that of the last frame.
         """
-        self._ahead = None
-        if self._steerable is not None and not self._searching(belief):
-            place = belief.place_ahead()
-            self._steerable.move_to(place)
-            self._ahead = place, self._steerable.update(frame.image)
+        self._gaze.look_ahead(frame, belief, self.doubting)
 
     def follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
@@ -197,7 +177,8 @@ class Following:
         self._doubts += 1
         if self._doubts % 2 == 0 and not self._rival_frames:
             return None
-        rival = self._probe(frame, expected)
+        place = self._gaze.probe(frame, expected)
+        rival = None if place is None else self._judged(frame, place, False)
         better = rival is not None and self._judge.surpasses(rival, evidence)
         self._rival_frames = self._rival_frames + 1 if better else 0
         return rival
@@ -244,27 +225,11 @@ class Following:
             belief.state = TrackState.COASTING
             belief.produced_by = why
 
-    def _place(self, frame: Frame, belief: Belief, expected: Box) -> Box:
-        """Where the target should be; all around, once it is lost."""
-        if self._low == 1 or self._doubted_s is not None:
-            return belief.box
-        if not self._searching(belief):
-            self._turns = 0
-            return expected
-        self._turns += 1
-        if self._turns % 2 == 0:
-            return expected
-        return around(expected, self._turns // 2, frame.width, frame.height)
-
-    def _searching(self, belief: Belief) -> bool:
-        """Whether the motion tracker looks all around, because no detector does."""
-        lost = belief.state is TrackState.LOST and not self.doubting
-        return lost and not belief.familiar and self._settings.growing_search
-
     def _evidence(self, frame: Frame, belief: Belief, expected: Box, blurred: bool) -> Evidence:
-        estimate = self._estimate(frame, belief, expected)
+        wanted = None if self._low == 1 or self.doubting else expected
+        estimate = self._gaze.estimate(frame, belief, wanted, self._confidence, self.doubting)
         if belief.state is TrackState.TRACKING:
-            estimate = self._settled(belief, expected, estimate)
+            estimate = self._gaze.settled(belief, expected, estimate)
         return self._judged(frame, estimate, blurred, self._known_score(frame, belief, estimate))
 
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
@@ -272,43 +237,6 @@ class Following:
         plain = belief.state is TrackState.TRACKING and not self._low
         sure = plain and self._confidence.relative(estimate.confidence) >= CERTAIN
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None
-
-    def _settled(self, belief: Belief, expected: Box, estimate: MotionEstimate) -> MotionEstimate:
-        """Go back to the target if the motion tracker went with a look-alike."""
-        wanted = self._settings.distractor_memory
-        if not wanted or self._rivalled is None or self._steerable is None:
-            return estimate
-        others = self._rivalled.candidates(LEAST_SHARE * estimate.confidence)
-        settled = belief.rivals.settle(expected, estimate, others)
-        if settled is not estimate:
-            self._steerable.move_to(settled.box)
-            belief.kinematics.restart(settled.box)
-        return settled
-
-    def _estimate(self, frame: Frame, belief: Belief, expected: Box) -> MotionEstimate:
-        """The motion tracker's answer; what it said ahead if that was about the right place.
-
-        Where it was not quite, and the tracker is unsure, it looks again.
-        """
-        if self._steerable is None:
-            return self._motion.update(frame.image)
-        ahead, self._ahead = self._ahead, None
-        place = wanted = self._place(frame, belief, expected)
-        if not self._searching(belief):
-            place = belief.about_ahead(wanted)
-        if ahead is not None and ahead[0] == place:
-            estimate = ahead[1]
-        else:
-            estimate = self._looked(self._steerable, frame, place)
-        sure = self._confidence.relative(estimate.confidence) >= _SURE
-        if sure or place.distance(wanted) < CALM_SIZES * wanted.scale:
-            return estimate
-        return self._looked(self._steerable, frame, wanted)
-
-    @staticmethod
-    def _looked(motion: SteerableTracker, frame: Frame, place: Box) -> MotionEstimate:
-        motion.move_to(place)
-        return motion.update(frame.image)
 
     def _judged(
         self, frame: Frame, estimate: MotionEstimate, blurred: bool, known: float | None = None
@@ -320,20 +248,11 @@ class Following:
         looks, fresh = self._looks.relative(score), known is None
         return Evidence(estimate.box, estimate.confidence, relative, score, looks, blurred, fresh)
 
-    def _probe(self, frame: Frame, expected: Box) -> Evidence | None:
-        """Look for the target where it should be, without going there."""
-        if self._probing is None:
-            return None
-        reach_px = _STEADY_SIZES * expected.scale
-        places = self._probing.probe(frame.image, expected)
-        near = [place for place in places if place.box.distance(expected) <= reach_px]
-        return self._judged(frame, near[0], False) if near else None
-
     def _see(self, frame: Frame, belief: Belief, evidence: Evidence, interval_s: float) -> None:
         self._low, self._doubted_s, self._steady_s = 0, None, 0.0
         self._broken = False
         box = clamped(evidence.box, belief, self._settings)
-        belief.see(box, evidence.relative, self._motion.name)
+        belief.see(box, evidence.relative, self._name)
         belief.kinematics.see(box)
         if evidence.fresh and evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
             belief.anchor()

@@ -1,0 +1,125 @@
+"""Where the motion tracker looks, and how often."""
+
+from __future__ import annotations
+
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.fusion.belief import Belief
+from follower_vision.fusion.forecasts import CALM_SIZES
+from follower_vision.fusion.rivals import LEAST_SHARE
+from follower_vision.fusion.scanning import around
+from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.steering import CandidateTracker, ProbingTracker, SteerableTracker
+from follower_vision.fusion.trust import Trust
+from follower_vision.motion import MotionEstimate, MotionTracker
+from follower_vision.track import TrackState
+
+_SURE = 0.95
+_NEAR_SIZES = 0.75
+
+
+class Gaze:
+    """Sends a motion tracker to where the target should be, one look a frame if possible."""
+
+    def __init__(self, motion: MotionTracker, settings: FusionSettings) -> None:
+        self._motion = motion
+        self._settings = settings
+        # Asked once: a protocol's isinstance takes longer than the rest of a step's logic.
+        self._steerable = motion if isinstance(motion, SteerableTracker) else None
+        self._probing = motion if isinstance(motion, ProbingTracker) else None
+        self._rivalled = motion if isinstance(motion, CandidateTracker) else None
+        self._ahead: tuple[Box, MotionEstimate] | None = None
+        self._turns = 0
+
+    def learn(self, frame: Frame, box: Box) -> None:
+        """Let the tracker learn a target anew."""
+        self._motion.start(frame.image, box)
+        self._ahead = None
+        self._turns = 0
+
+    def turn_to(self, frame: Frame, box: Box) -> None:
+        """Go on from another place; in the paper's way, learning anew what is there."""
+        if self._steerable is not None and self._settings.keep_template:
+            self._steerable.move_to(box)
+        else:
+            self._motion.start(frame.image, box)
+
+    def look_ahead(self, frame: Frame, belief: Belief, doubting: bool) -> None:
+        """Look where the target mostly is, before the camera's motion is known.
+
+        Args:
+            frame: the next frame.
+            belief: still that of the last frame.
+            doubting: whether a box in doubt is followed.
+        """
+        self._ahead = None
+        if self._steerable is not None and not self._searching(belief, doubting):
+            place = belief.place_ahead()
+            self._ahead = place, _looked(self._steerable, frame, place)
+
+    def estimate(
+        self, frame: Frame, belief: Belief, expected: Box | None, usual: Trust, doubting: bool
+    ) -> MotionEstimate:
+        """Return the tracker's answer; what it said ahead if that was about the right place.
+
+        Where it was not quite, and the tracker is unsure, it looks again.
+
+        Args:
+            frame: the next frame.
+            belief: brought to this frame.
+            expected: where the target should be; None if that is where the box went.
+            usual: what the tracker's confidence is worth.
+            doubting: whether a box in doubt is followed.
+        """
+        if self._steerable is None:
+            return self._motion.update(frame.image)
+        ahead, self._ahead = self._ahead, None
+        if expected is not None and self._searching(belief, doubting):
+            return _looked(self._steerable, frame, self._place_of_turn(frame, expected))
+        self._turns = 0
+        wanted = belief.box if expected is None else expected
+        place = belief.about_ahead(wanted)
+        known = ahead is not None and ahead[0] == place
+        estimate = ahead[1] if ahead and known else _looked(self._steerable, frame, place)
+        calm = place.distance(wanted) < CALM_SIZES * wanted.scale
+        if calm or usual.relative(estimate.confidence) >= _SURE:
+            return estimate
+        return _looked(self._steerable, frame, wanted)
+
+    def settled(self, belief: Belief, expected: Box, estimate: MotionEstimate) -> MotionEstimate:
+        """Go back to the target if the motion tracker went with a look-alike."""
+        wanted = self._settings.distractor_memory
+        if not wanted or self._rivalled is None or self._steerable is None:
+            return estimate
+        others = self._rivalled.candidates(LEAST_SHARE * estimate.confidence)
+        settled = belief.rivals.settle(expected, estimate, others)
+        if settled is not estimate:
+            self._steerable.move_to(settled.box)
+            belief.kinematics.restart(settled.box)
+        return settled
+
+    def probe(self, frame: Frame, expected: Box) -> MotionEstimate | None:
+        """Look for the target where it should be, without going there."""
+        if self._probing is None:
+            return None
+        reach_px = _NEAR_SIZES * expected.scale
+        places = self._probing.probe(frame.image, expected)
+        near = [place for place in places if place.box.distance(expected) <= reach_px]
+        return near[0] if near else None
+
+    def _searching(self, belief: Belief, doubting: bool) -> bool:
+        """Whether the motion tracker looks all around, because no detector does."""
+        lost = belief.state is TrackState.LOST and not doubting
+        return lost and not belief.familiar and self._settings.growing_search
+
+    def _place_of_turn(self, frame: Frame, expected: Box) -> Box:
+        """Every second time where the target is expected, else at one place after the other."""
+        self._turns += 1
+        if self._turns % 2 == 0:
+            return expected
+        return around(expected, self._turns // 2, frame.width, frame.height)
+
+
+def _looked(motion: SteerableTracker, frame: Frame, place: Box) -> MotionEstimate:
+    motion.move_to(place)
+    return motion.update(frame.image)
