@@ -69,9 +69,9 @@ class RecordedFlight:
         return read_pictures(self.folder / VIDEO, self.frames, self.remarks)
 
     def packets(self) -> Iterator[Packet]:
-        """Return the MAVLink packets, none if they were not recorded."""
+        """Return the MAVLink packets, none if they were not recorded; damage becomes a remark."""
         path = self.folder / TLOG
-        return read_tlog(path, self.config.epoch_ns) if path.exists() else iter(())
+        return read_tlog(path, self.config.epoch_ns, self.remarks) if path.exists() else iter(())
 
 
 def open_flight(folder: str | Path) -> RecordedFlight:

@@ -95,29 +95,56 @@ class TlogWriter(ClosesItself):
             self._file.close()
 
 
-def read_tlog(path: Path, epoch_ns: int = 0) -> Iterator[Packet]:
-    """Return the packets of a tlog, up to where it is cut off.
+def read_tlog(path: Path, epoch_ns: int = 0, remarks: list[str] | None = None) -> Iterator[Packet]:
+    """Return the packets of a tlog; bytes that are none, or only a part of one, are passed over.
 
     Args:
         path: the file.
         epoch_ns: the flight's time 0 in nanoseconds since 1970; times are counted from it.
+        remarks: gets a sentence if bytes were passed over.
 
     Raises:
         OSError: it cannot be read.
     """
     data = path.read_bytes()
-    at = 0
-    while (length := _length(data, at + 8)) and at + 8 + length <= len(data):
+    at = passed = 0
+    while at < len(data):
+        end = _record_end(data, at)
+        if not end:
+            start, at = at, _next_record(data, at + 1)
+            passed += at - start
+            continue
         (stamp_us,) = _STAMP.unpack_from(data, at)
         time_s = ((stamp_us & ~3) - epoch_ns // 1000) / 1e6
         direction = Direction.SENT if stamp_us & 3 == Direction.SENT else Direction.RECEIVED
-        yield Packet(time_s, direction, data[at + 8 : at + 8 + length])
-        at += 8 + length
+        yield Packet(time_s, direction, data[at + 8 : end])
+        at = end
+    if passed and remarks is not None:
+        remarks.append(f"{passed} bytes of {path.name} are cut off or damaged.")
 
 
 def message_id(packet: bytes) -> int:
     """Return the message's number."""
     return packet[5] if packet[0] == _V1 else int.from_bytes(packet[7:10], "little")
+
+
+def _record_end(data: bytes, at: int) -> int:
+    """Return where the record that begins at `at` ends, 0 if none does or it is not whole."""
+    length = _length(data, at + 8)
+    end = at + 8 + length
+    return end if length and end <= len(data) else 0
+
+
+def _next_record(data: bytes, at: int) -> int:
+    """Return where the next record begins that looks like one and has another or the end behind."""
+    packet = _next_start(data, at + 8)
+    while packet < len(data):
+        end = _record_end(data, packet - 8)
+        # A time since 1970 in microseconds needs seven of its eight bytes for 2000 years to come.
+        if end and data[packet - 8] == 0 and (end == len(data) or _length(data, end + 8)):
+            return packet - 8
+        packet = _next_start(data, packet + 1)
+    return len(data)
 
 
 def _next_start(stream: bytes, at: int) -> int:

@@ -301,6 +301,26 @@ def test_a_cut_telemetry_log_is_read_up_to_there(tmp_path: Path) -> None:
         assert len(list(read_tlog(path, 10**18))) == length // (8 + len(packet))
 
 
+def test_behind_damaged_bytes_a_telemetry_log_goes_on(tmp_path: Path) -> None:
+    path, codec = tmp_path / "x.tlog", mavlink.MAVLink(None, 1, 1)
+    with TlogWriter(path, 10**18) as writer:
+        for number in range(50):
+            message = mavlink.MAVLink_system_time_message(number, number)
+            writer.write(message.pack(codec), Direction.SENT, 0.5 * number)
+    whole = list(read_tlog(path, 10**18))
+    data = path.read_bytes()
+    size = len(data) // 50
+    for number in range(10, 20):
+        at = size * number + number  # through the time, the head, the content
+        broken = data[:at] + b"\x00\xfd\xfe" + data[at + 3 :]
+        path.write_bytes(broken[: -size // 2])
+        remarks: list[str] = []
+        found = list(read_tlog(path, 10**18, remarks))
+        assert found[:9] == whole[:9]
+        assert found[-28:] == whole[21:49]
+        assert "bytes of x.tlog are cut off or damaged" in remarks[0]
+
+
 def test_the_configuration_tells_what_flew(small_flight: Any) -> None:
     config = open_flight(small_flight.folder).config
     assert config.versions["numpy"] == np.__version__
