@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,17 +15,26 @@ from rich.table import Table
 
 from follower.faults.catalogue import CATALOGUE, fault_named, in_groups
 from follower.faults.fault import Fault
-from follower.faults.page import write_into
-from follower.faults.planned import PlannedFault
-from follower.faults.results import Result, Results
 from follower.stopwatch import Stopwatch
 from follower_control.strict_yaml import SettingsError
+
+if TYPE_CHECKING:
+    from follower.faults.results import Result
 
 FLAVOURS = ("px4", "ardupilot")
 _CONNECTION = "udpin:127.0.0.1:14590"
 _NICE = 10
 _FAILED = 1
 RESULTS, TALLY = "results.json", "random.json"
+EPILOG = """
+**Examples**
+
+`follower faults list` – the catalogue
+
+`follower faults frames-black --autopilot px4` – one fault with one autopilot
+
+`follower faults --random 20 --seed 3` – twenty random flights with random faults
+"""
 
 Names = Annotated[
     list[str] | None,
@@ -81,6 +90,8 @@ def faults_command(
         failed = _fly_matrix(console, list(names or ()), autopilot, link, realtime, out / RESULTS)
     if docs is not None:
         from follower.faults.campaign.tally import Tally
+        from follower.faults.page import write_into
+        from follower.faults.results import Results
 
         write_into(docs, Results(out / RESULTS), Tally.load(out / TALLY, seed))
     raise typer.Exit(_FAILED if failed else 0)
@@ -103,6 +114,8 @@ def _fly_matrix(
     console: Console, names: list[str], autopilot: str, link: str, realtime: bool, path: Path
 ) -> bool:
     """Fly the cases one after the other; return whether any failed."""
+    from follower.faults.results import Results
+
     realtime = realtime or link == "mavsdk"
     cases = list(_cases(names, autopilot, realtime))
     results = Results(path)
@@ -136,6 +149,8 @@ def _fly_one(fault: Fault, flavour: str, link: str, realtime: bool) -> Result:
     import cv2
 
     from follower.faults.flight import Setup, fly_fault
+    from follower.faults.planned import PlannedFault
+    from follower.faults.results import Result
 
     cv2.setNumThreads(1)
     connection = _CONNECTION if realtime else None
