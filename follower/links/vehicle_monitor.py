@@ -140,7 +140,8 @@ class VehicleMonitor:
         self.state = replace(self.state, answered_s=now_s)
 
     def _on_ack(self, message: Any, now_s: float) -> None:
-        if message.target_component == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
+        # MAVLink 1 has no target here.
+        if getattr(message, "target_component", 0) == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
             self.hears_us(now_s)
         if message.result not in _DONE:
             command = mavlink.enums["MAV_CMD"].get(message.command)
