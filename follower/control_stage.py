@@ -67,6 +67,7 @@ class ControlStage:
         self._hand_back = HandBack(settings.release)
         self._supervisor = Supervisor(settings.supervisor)
         self.settings = settings
+        self._asks_often = settings.link.asks_often
         self._log = log
         self._needs_telemetry = needs_telemetry
         self._last_step_s: float | None = None
@@ -249,7 +250,7 @@ class ControlStage:
             failsafe=vehicle.failsafe,
             sticks_moved=humans.sticks_moved,
             mode_left=self._held and not vehicle.obeys_setpoints,
-            answer_age_s=vehicle.answer_age_s(now_s),
+            answer_age_s=vehicle.answer_age_s(now_s) if self._asks_often else 0.0,
             order=humans.order,
             battery_low=verdict.battery_low,
             navigation_poor=verdict.navigation_poor,

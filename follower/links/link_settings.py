@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+_OFTEN_HZ = 4.0
+
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
@@ -40,6 +42,11 @@ class LinkSettings:
     timesync_rate_hz: float = 5.0
     signing_key_file: str | None = None
     stall_s: float = 0.15
+
+    @property
+    def asks_often(self) -> bool:
+        """Whether so much is asked that an autopilot that hears us answers every second."""
+        return max(self.mode_rate_hz, self.timesync_rate_hz) >= _OFTEN_HZ
 
     def __post_init__(self) -> None:
         if self.vehicle_id is not None and not 1 <= self.vehicle_id <= 255:

@@ -280,6 +280,12 @@ def test_an_autopilot_that_talks_but_does_not_hear_us_is_let_go(flavour: str) ->
     assert rig.fly(2.0).state is R
 
 
+def test_who_asks_seldom_does_not_take_silence_for_deafness() -> None:
+    rig = Rig("ardupilot", "link.mode_rate_hz=0", "link.timesync_rate_hz=0.2")
+    rig.follow()
+    assert rig.fly(4.0).state is F
+
+
 def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows() -> None:
     rig = Rig("px4")
     rig.follow()
