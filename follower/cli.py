@@ -10,22 +10,61 @@ import typer
 
 from follower.command_options import Config, Out, Overrides, Video
 from follower.configs import scenario_files
+from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
 from follower.evaluate_command import evaluate_command
+from follower.faults.command import EPILOG as FAULTS_EPILOG
 from follower.faults.command import faults_command, list_faults
 from follower.fly_command import EPILOG as FLY_EPILOG
 from follower.fly_command import fly_command
 from follower.import_command import EPILOG as IMPORT_EPILOG
 from follower.import_command import import_command
+from follower.inspect_command import EPILOG as INSPECT_EPILOG
 from follower.inspect_command import inspect_command
 from follower.models_command import models_app
 from follower.preflight_command import EPILOG as PREFLIGHT_EPILOG
 from follower.preflight_command import preflight_command
+from follower.replay_command import EPILOG as REPLAY_EPILOG
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
 from follower_control.strict_yaml import SettingsError
 
 DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+
+_DEMO_EPILOG = """
+**Examples**
+
+`follower demo` – in real time, with MAVLink over UDP; wants two free cores
+
+`follower demo --lockstep --seed 3` – on a simulated clock, however busy the computer is
+
+`follower demo --autopilot ardupilot --set servo.distance_m=18` – another vehicle, another wish
+"""
+_SIM_EPILOG = """
+**Examples**
+
+`follower scenarios` – what there is; copy a file of configs/scenarios for one of your own
+
+`follower sim walker --lockstep` – the same setpoints each time
+
+`follower sim my.yaml --config mine.yaml --seed 5` – your own scenario and settings
+
+`follower sim demo --lockstep --fault frames-black@30:2` – what does it do when something breaks?
+
+`follower sim demo --autopilot external --connect udpin:0.0.0.0:14540` – PX4 or ArduPilot SITL
+
+Ctrl-C holds, lets go and leaves a complete report. Exit code 0: the scenario's limits were kept; 1:
+they were not; 2: an option cannot be used; 130: ended by Ctrl-C.
+"""
+_SETTINGS_EPILOG = """
+**Examples**
+
+`follower settings > mine.yaml` – everything, to edit; a file may also hold only what differs
+
+`follower settings --config mine.yaml --set envelope.max_speed_m_s=5` – what comes of both
+
+Units stand in the names: `_m` metres, `_s` seconds, `_m_s` metres a second, `_deg` degrees.
+"""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -43,10 +82,10 @@ app = typer.Typer(
 app.command("fly", epilog=FLY_EPILOG)(fly_command)
 app.command("preflight", epilog=PREFLIGHT_EPILOG)(preflight_command)
 app.command("track", epilog=EPILOG)(track_command)
-app.command("replay")(replay_command)
-app.command("evaluate")(evaluate_command)
-app.command("inspect")(inspect_command)
-app.command("faults")(faults_command)
+app.command("replay", epilog=REPLAY_EPILOG)(replay_command)
+app.command("evaluate", epilog=EVALUATE_EPILOG)(evaluate_command)
+app.command("inspect", epilog=INSPECT_EPILOG)(inspect_command)
+app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
@@ -94,7 +133,7 @@ Record = Annotated[
 ]
 
 
-@app.command()
+@app.command(epilog=_DEMO_EPILOG)
 def demo(
     autopilot: Autopilot = "px4",
     seed: Seed = None,
@@ -115,7 +154,7 @@ def demo(
     sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record, link)
 
 
-@app.command()
+@app.command(epilog=_SIM_EPILOG)
 def sim(
     scenario: Annotated[
         str, typer.Argument(help="A scenario file (YAML) or a name from `follower scenarios`.")
@@ -174,7 +213,7 @@ def trackers() -> None:
         typer.echo(name)
 
 
-@app.command()
+@app.command(epilog=_SETTINGS_EPILOG)
 def settings(config: Config = None, overrides: Overrides = None) -> None:
     """Print all settings as they resolve, as YAML to copy and edit."""
     from follower.settings import load_settings

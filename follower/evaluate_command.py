@@ -7,6 +7,19 @@ from typing import Annotated
 
 import typer
 
+EPILOG = """
+**Examples**
+
+`follower evaluate otb/ --trackers correlation,nanotrack-v3` – two trackers over a folder
+
+`follower evaluate otb/car4 --trackers fusion:nanotrack-v3+yolox-nano --sre` – one sequence, moved
+starts
+
+`follower evaluate otb/ --boxes theirs=results/` – beside another program's boxes
+
+`follower evaluate otb/ --resume runs/evaluate` – go on where a run was stopped
+"""
+
 
 def evaluate_command(
     folders: Annotated[

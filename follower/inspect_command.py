@@ -7,6 +7,14 @@ from typing import Annotated
 
 import typer
 
+EPILOG = """
+**Examples**
+
+`follower inspect runs/fly` – writes runs/fly/inspection.html
+
+`follower inspect runs/demo --out /tmp/demo.html` – somewhere else
+"""
+
 
 def inspect_command(
     flight: Annotated[

@@ -9,6 +9,16 @@ import typer
 
 from follower.command_options import Out, Overrides
 
+EPILOG = """
+**Examples**
+
+`follower replay runs/demo` – do the recorded frames and telemetry give the same setpoints again?
+
+`follower replay runs/demo --set servo.range.kp=0.8` – what would it have asked for?
+
+`follower replay runs/demo --tracker nanotrack-v3 --save` – another tracker; keep what comes of it
+"""
+
 
 def replay_command(
     flight: Annotated[Path, typer.Argument(help="A flight's folder, with flight.mcap in it.")],
