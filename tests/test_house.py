@@ -60,6 +60,12 @@ def test_a_flight_imports_neither_torch_nor_python_control_nor_the_simulator() -
     assert modules.isdisjoint({"torch", "control", "follower_sim", "mavsdk"})
 
 
+def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() -> None:
+    code = "import sys, follower.cli, follower.fly.fly; print(*sys.modules)"
+    modules = set(python(code).split())
+    assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
+
+
 def test_nothing_of_ours_imports_matplotlib_outside_reports() -> None:
     for package, folder in SOURCES.items():
         for path in folder.rglob("*.py"):
