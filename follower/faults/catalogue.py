@@ -509,7 +509,7 @@ def fault_named(name: str) -> Fault:
     for fault in CATALOGUE:
         if fault.name == name:
             return fault
-    raise ValueError(f"there is no fault {name!r}; `follower sim demo --fault list` shows all")
+    raise ValueError(f"there is no fault {name!r}; `follower faults list` shows them")
 
 
 def in_groups(faults: Iterable[Fault] = CATALOGUE) -> dict[str, list[Fault]]:
