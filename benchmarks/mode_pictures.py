@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from follower.recorder import RecordedFlight, open_flight
 from follower.supervisor import State
-from follower_sim.score import TruthSample
+from follower_sim.truth_sample import TruthSample
 
 EVERY_S = 3.0
 _VEHICLE, _TARGET, _SIGHT = "#0072b2", "#d55e00", "#98a2b0"

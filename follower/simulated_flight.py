@@ -34,8 +34,9 @@ from follower_sim.camera import SimCamera
 from follower_sim.gimbal import Gimbal
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
-from follower_sim.score import PursuitGoal, TruthSample
+from follower_sim.score import PursuitGoal
 from follower_sim.truth import TruthTeller
+from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.track import TrackState

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_sim.commanded import CommandedPeaks, PursuitStep, commanded_peaks
-from follower_sim.truth_sample import TruthSample as TruthSample
+from follower_sim.truth_sample import TruthSample
 
 STEERING = frozenset({"following", "coasting"})
 """Names of the supervisor's states in which the servo steers."""
