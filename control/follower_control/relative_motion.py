@@ -8,9 +8,15 @@ from __future__ import annotations
 import cmath
 import math
 
+from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
 from follower_control.sighting import SightFrame
 from follower_control.vehicle import VehicleState
+
+OLD_S = 0.5
+"""Older telemetry is not used; after a longer pause the loops begin anew."""
+
+_AHEAD_S = 0.1
 
 
 def offset(estimate: TargetEstimate, range_m: float) -> complex:
@@ -31,10 +37,43 @@ def offset_rate(estimate: TargetEstimate, range_m: float) -> complex:
     return closing + range_m * cmath.rect(1.0, azimuth) * complex(-steep * rise, level * turn)
 
 
-def own_velocity(estimate: TargetEstimate, vehicle: VehicleState, fresh_s: float) -> complex | None:
+def own_velocity(estimate: TargetEstimate, vehicle: VehicleState) -> complex | None:
     """Return our own horizontal velocity, None if it is too old or the frame is not the world's."""
     position = vehicle.position
-    fresh = vehicle.position_age_s(estimate.time_s) <= fresh_s
+    fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
     if position is None or not fresh or estimate.frame is SightFrame.BODY:
         return None
     return complex(position.north_m_s, position.east_m_s)
+
+
+def azimuth_of(estimate: TargetEstimate) -> float:
+    """Return the azimuth from north, or from the nose in the body's frame."""
+    if estimate.frame is SightFrame.DOWN:
+        return cmath.phase(offset(estimate, 1.0))
+    return estimate.azimuth_rad
+
+
+def heading_at(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
+    """Return the heading at the estimate's time, in the estimate's frame; None if unknown."""
+    if estimate.frame is SightFrame.BODY:
+        return 0.0
+    age_s = vehicle.attitude_age_s(estimate.time_s)
+    if vehicle.attitude is None or age_s > OLD_S:
+        return None
+    return turned_on(vehicle.attitude, min(max(age_s, -_AHEAD_S), _AHEAD_S)).yaw_rad
+
+
+def speed_towards(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
+    """Return our own speed towards the target, None if it is not known."""
+    position = vehicle.position
+    fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
+    if position is None or not fresh or estimate.frame is not SightFrame.WORLD:
+        return None
+    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
+    return position.north_m_s * north + position.east_m_s * east
+
+
+def centred_share(azimuth_rad: float, centred_rad: float, off_axis_rad: float) -> float:
+    """Return 1 for a target ahead, falling smoothly to 0 for one off-axis."""
+    x = min(max((off_axis_rad - abs(azimuth_rad)) / (off_axis_rad - centred_rad), 0.0), 1.0)
+    return x * x * (3 - 2 * x)

@@ -5,36 +5,33 @@ from __future__ import annotations
 import cmath
 import math
 
-from follower_control.attitude_history import turned_on
 from follower_control.estimate import TargetEstimate
 from follower_control.fade import Fade
-from follower_control.ground_range import ranged_by_ground
 from follower_control.nudge import Nudge
 from follower_control.overhead import Overhead
 from follower_control.pid import Pid
+from follower_control.pursuit_sight import PursuitSight
 from follower_control.reference import Reference
-from follower_control.relative_motion import offset, offset_rate, own_velocity
+from follower_control.relative_motion import (
+    OLD_S,
+    centred_share,
+    heading_at,
+    offset,
+    offset_rate,
+)
 from follower_control.servo_errors import ServoErrors
-from follower_control.servo_settings import Mode, RangeFrom, ServoSettings
+from follower_control.servo_settings import Mode, ServoSettings
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sideways import Sideways
 from follower_control.sighting import SightFrame
-from follower_control.target_motion import TargetMotion
-from follower_control.target_speed import TargetSpeed
 from follower_control.vehicle import VehicleState
-from follower_vision.lineofsight import wrap_angle
-
-PAUSE_S = 0.5
-"""Older telemetry is not used; after a longer pause the loops begin anew."""
 
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
 
-LOG_TEN = math.log(10)
 _STEEPEST_RAD = math.radians(60)
 
 
-_STRAIGHT_DOWN_RAD = -math.pi / 2
 _AROUND = (Mode.SIDE, Mode.ORBIT)
 
 
@@ -62,8 +59,7 @@ class VisualServo:
         self._range_pid = Pid(
             s.range, -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
         )
-        self._target_speed = TargetSpeed(s.target_speed_filter_s, s.own_speed_lag_s)
-        self._target = TargetMotion(s.course_filter_s, s.own_speed_lag_s)
+        self._sight = PursuitSight(s, self._reference)
         self._sideways = Sideways(s)
         self._overhead = Overhead(s)
         self._fade = Fade(s.range.bumpless_s)
@@ -74,13 +70,9 @@ class VisualServo:
 
         Without a `target_size_m`, the next estimate's size is the one that will be held.
         """
-        s = self._settings
-        self._wanted_log_scale: float | None = None
-        if s.target_size_m is not None:
-            self._wanted_log_scale = math.log(s.target_size_m / s.distance_m)
         self._errors: ServoErrors | None = None
         self._reference.start()
-        self._target.start()
+        self._sight.start()
         self.resume(present)
 
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
@@ -89,8 +81,7 @@ class VisualServo:
         self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
         self._fade.start()
-        self._target_speed.reset()
-        self._target.reset()
+        self._sight.pause()
 
     @property
     def mode(self) -> Mode:
@@ -119,7 +110,7 @@ class VisualServo:
         """Return the setpoint for the estimate's time.
 
         An estimate in the world's frame needs a fresh attitude: without one, the answer is to
-        hold. After a pause of more than `PAUSE_S`, and when time ran backwards, the loops resume
+        hold. After a pause of more than `OLD_S`, and when time ran backwards, the loops resume
         from `allowed`.
 
         Args:
@@ -128,40 +119,28 @@ class VisualServo:
                 forward.
             allowed: what the envelope let through of the last setpoint.
         """
-        estimate = self._ranged(estimate, vehicle)
-        yaw = _yaw(estimate, vehicle)
+        estimate = self._sight.ranged(estimate, vehicle)
+        yaw = heading_at(estimate, vehicle)
         if yaw is None:
             self.resume()
             return HOLD
-        if self._last_s is not None and not 0 <= estimate.time_s - self._last_s <= PAUSE_S:
+        if self._last_s is not None and not 0 <= estimate.time_s - self._last_s <= OLD_S:
             self.resume(allowed)
         interval_s = 0.0 if self._last_s is None else estimate.time_s - self._last_s
         if self._last_s is None:
             self._begin(estimate, yaw)
         self._reference.step(interval_s)
-        self._errors = self._see(estimate, yaw, vehicle, interval_s)
+        self._errors = self._sight.errors(estimate, yaw, vehicle, self._mode, interval_s)
         if interval_s > 0:
             self._last_s = estimate.time_s
             steered = self._steer(self._errors, estimate, yaw, allowed, interval_s)
             self._asked = self._fade.update(steered, interval_s)
         return self._asked
 
-    def _ranged(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
-        """Put the range by the ground into the place of the one by size, if that is wanted."""
-        position = vehicle.position
-        fresh = vehicle.position_age_s(estimate.time_s) <= PAUSE_S
-        if self._settings.range_from is RangeFrom.SIZE or position is None or not fresh:
-            return estimate
-        size_m = self._settings.target_size_m or self._settings.distance_m
-        self._wanted_log_scale = math.log(size_m / self._settings.distance_m)
-        above_m = position.height_m - self._settings.target_middle_m
-        return ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
-
     def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
-        if self._wanted_log_scale is None:
-            self._wanted_log_scale = estimate.log_scale
-        range_m, distance_m = self._range(estimate), self._settings.distance_m
+        self._sight.hold_size(estimate)
+        range_m, distance_m = self._sight.range_m(estimate), self._settings.distance_m
         present = complex(self._asked.forward_m_s, self._asked.right_m_s)
         ahead, rise = self._asked.forward_m_s, self._climb / range_m
         if self._mode in _AROUND:
@@ -175,45 +154,6 @@ class VisualServo:
         self._azimuth_pid.start(self._asked.yaw_rate_rad_s)
         self._elevation_pid.start(rise)
         self._range_pid.start(ahead / distance_m)
-
-    def _see(
-        self, estimate: TargetEstimate, yaw: float, vehicle: VehicleState, interval_s: float
-    ) -> ServoErrors:
-        range_m = self._range(estimate)
-        self._watch_motion(estimate, vehicle, range_m, interval_s)
-        wanted = self._reference.elevation_rad
-        wanted = _STRAIGHT_DOWN_RAD if self._mode is Mode.OVERHEAD else wanted
-        return ServoErrors(
-            azimuth_rad=wrap_angle(_azimuth(estimate) - yaw),
-            elevation_rad=estimate.height_angle_rad - wanted,
-            log_range=math.log(range_m / self._reference.distance_m),
-            range_m=range_m,
-            target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
-        )
-
-    def _watch_motion(
-        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
-    ) -> None:
-        own = own_velocity(estimate, vehicle, PAUSE_S)
-        if own is None:
-            self._target.reset()
-        else:
-            self._target.update(own, offset_rate(estimate, range_m), interval_s)
-
-    def _seen_speed(
-        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
-    ) -> float:
-        own_speed = _speed_towards(estimate, vehicle)
-        if own_speed is None:
-            self._target_speed.reset()
-            return 0.0
-        range_rate = -range_m * estimate.log_scale_rate_s
-        return self._target_speed.update(own_speed, range_rate, interval_s)
-
-    def _range(self, estimate: TargetEstimate) -> float:
-        """Return the distance to the target, within a factor of ten of the wanted one."""
-        wanted = estimate.log_scale if self._wanted_log_scale is None else self._wanted_log_scale
-        return self._settings.distance_m * math.exp(_clip(wanted - estimate.log_scale, LOG_TEN))
 
     def _steer(
         self,
@@ -236,12 +176,13 @@ class VisualServo:
         if self._mode in _AROUND:
             place, drift = (f(estimate, errors.range_m) for f in (offset, offset_rate))
             right = self._sideways.update(
-                place, drift, self._target, right, let_through.imag, interval_s
+                place, drift, self._sight.target, right, let_through.imag, interval_s
             )
             # The velocity comes later than the nose turns.
             turning = _clip((drift / place).imag if place else 0.0, 1.0)
             along *= cmath.rect(1.0, turning * TURN_LAG_S)
-        centred = self._centred_share(errors.azimuth_rad - self._reference.azimuth_rad)
+        off_nose = errors.azimuth_rad - self._reference.azimuth_rad
+        centred = centred_share(off_nose, self._centred, self._off_axis)
         velocity = complex(self._forward * centred, right * centred) * along
         return VelocitySetpoint(
             forward_m_s=velocity.real,
@@ -263,13 +204,13 @@ class VisualServo:
         place = offset(estimate, errors.range_m)
         let_through = complex(allowed.forward_m_s, allowed.right_m_s) * heading
         velocity = self._overhead.update(
-            place, errors.range_m, self._target, let_through, interval_s
+            place, errors.range_m, self._sight.target, let_through, interval_s
         )
         velocity /= heading
         # Closing in is sinking here.
         sink = self._close_in(errors, estimate, allowed.down_m_s, interval_s)
         self._forward = sink
-        error = self._overhead.heading_error(self._target, yaw)
+        error = self._overhead.heading_error(self._sight.target, yaw)
         cut = self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s
         return VelocitySetpoint(
             forward_m_s=velocity.real,
@@ -338,38 +279,6 @@ class VisualServo:
             feed_forward=errors.target_speed_m_s / distance,
             cut=(self._forward - allowed_m_s) / distance,
         )
-
-    def _centred_share(self, azimuth_rad: float) -> float:
-        """Return 1 for a target ahead, falling smoothly to 0 for one off-axis."""
-        width = self._off_axis - self._centred
-        x = min(max((self._off_axis - abs(azimuth_rad)) / width, 0.0), 1.0)
-        return x * x * (3 - 2 * x)
-
-
-def _azimuth(estimate: TargetEstimate) -> float:
-    if estimate.frame is SightFrame.DOWN:
-        return cmath.phase(offset(estimate, 1.0))
-    return estimate.azimuth_rad
-
-
-def _yaw(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
-    """Return the heading at the estimate's time, in the estimate's frame; None if unknown."""
-    if estimate.frame is SightFrame.BODY:
-        return 0.0
-    age_s = vehicle.attitude_age_s(estimate.time_s)
-    if vehicle.attitude is None or age_s > PAUSE_S:
-        return None
-    return turned_on(vehicle.attitude, _clip(age_s, 0.1)).yaw_rad
-
-
-def _speed_towards(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
-    """Return our own speed towards the target, None if it is not known."""
-    position = vehicle.position
-    fresh = vehicle.position_age_s(estimate.time_s) <= PAUSE_S
-    if position is None or not fresh or estimate.frame is not SightFrame.WORLD:
-        return None
-    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
-    return position.north_m_s * north + position.east_m_s * east
 
 
 def _clip(value: float, largest: float) -> float:
