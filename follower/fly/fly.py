@@ -27,6 +27,7 @@ from follower.preflight.observing import Observation, Surroundings
 from follower.preflight.running import check_names
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
+from follower.recorder.recorded_flight import open_flight
 from follower.run_folder import new_run_folder
 from follower.settings import Settings
 from follower.situation import Order
@@ -41,6 +42,8 @@ from follower_vision.fusion import BackgroundDetection
 from follower_vision.target_tracker import TargetTracker
 
 _SUCCESS, _REFUSED = 0, 1
+_KEPT = 3000
+"""A minute of control steps stays in memory, for the terminal; the recording has them all."""
 PREFLIGHT = "preflight.json"
 
 
@@ -135,7 +138,8 @@ class FlySession:
             },
             epoch_ns=epoch_now_ns(self._clock),
         )
-        recorder = Recorder(self._folder, config, self._clock, self._settings.recorder)
+        settings = self._settings.recorder
+        recorder = Recorder(self._folder, config, self._clock, settings, kept=_KEPT)
         with recorder:
             yield recorder
 
@@ -216,13 +220,14 @@ class FlySession:
 
     def _report(self, recorder: Recorder) -> None:
         # Plots need matplotlib, which has no place in a flight: it comes when that is over.
-        from follower.inspection import inspect_flight
+        from follower.inspection import inspect_recorded
 
-        write_boxes(self._folder / "boxes.csv", recorder.log.tracks)
-        write_setpoints(self._folder / "setpoints.csv", recorder.log.controls)
+        recorded = open_flight(self._folder)
+        write_boxes(self._folder / "boxes.csv", recorded.log.tracks)
+        write_setpoints(self._folder / "setpoints.csv", recorded.log.controls)
         for remark in recorder.remarks:
             self._say(remark)
-        inspect_flight(self._folder, console=self._console)
+        inspect_recorded(recorded, console=self._console)
 
     def _say(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
