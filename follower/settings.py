@@ -122,8 +122,8 @@ class Settings(BaseModel):
     recorder: RecorderSettings = RecorderSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
     autonomy: Literal["pilot", "full"] = "pilot"
-    """Who arms, takes off and changes the mode in `follower fly`: "pilot" is a person; "full" is
-    the program, for SITL alone."""
+    """Who arms, takes off and changes the mode in `follower fly` and `follower sim`: "pilot" is a
+    person; "full" is the program, for SITL and simulators alone."""
     takeoff_height_m: float = Field(default=10.0, gt=0, le=100)
     """How high to take off with `autonomy: full`."""
 
