@@ -9,12 +9,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
+from follower.links.mavsdk_link import MavsdkLink
 from follower.links.surroundings import clearance_by_rangefinder, gimbal_of
 from follower_control.gimbal import GimbalRates
 from follower_control.transport import MemoryTransport
 from follower_sim.autopilot import SimAutopilot
 from follower_sim.gimbal import Gimbal, GimbalModel
 from follower_sim.kinematics import BodyState
+from follower_vision.clock import MonotonicClock
 
 STEP_S = 0.02
 
@@ -131,3 +133,26 @@ def test_any_numbers_in_a_gimbal_s_attitude_are_survived(q, rates, flags) -> Non
     message = mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, 0, flags, q, *rates, 0)
     gimbal = gimbal_of(message, 1.0)
     assert gimbal is None or gimbal.is_finite
+
+
+@pytest.mark.slow
+def test_through_mavsdk_too() -> None:
+    """In real time, because mavsdk has threads and a clock of its own."""
+    clock, (ours, theirs) = MonotonicClock(), MemoryTransport.pair()
+    gimbal = Gimbal(GimbalModel(), -0.4, 0.5, 0.0)
+    start = BodyState(0.0, (0.0, 0.0, -10.0), attitude_rad=(0.0, 0.0, 0.5))
+    autopilot = SimAutopilot("px4", theirs, start, gimbal=gimbal)
+    autopilot.health.has_rangefinder = True
+    link = MavsdkLink(ours, LinkSettings(kind="mavsdk", listen_s=0.0), None, clock)
+    link.use_gimbal(0)
+    while clock.now() < 30.0 and abs(gimbal.state.attitude_rad[1] + 0.4) < 0.05:
+        autopilot.step(clock.now())
+        link.poll(clock.now())
+        link.turn_gimbal(GimbalRates(-0.2, 0.0))
+        clock.sleep_until(clock.now() + 0.01)
+    state = link.state
+    link.close()
+    assert gimbal.state.attitude_rad[1] < -0.44
+    assert state.gimbal.is_level
+    assert state.gimbal.from_north
+    assert state.clearance.height_m == pytest.approx(10.0, abs=0.1)
