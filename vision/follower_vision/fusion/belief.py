@@ -130,6 +130,10 @@ class Belief:
         """Return the place where the motion tracker looked ahead, if a place is about the same."""
         return self._forecasts.about_ahead(place)
 
+    def carried_on(self) -> Box:
+        """Return where the box of the last image is, by the forecast that is the better one."""
+        return self._forecasts.ahead_if_better or self.box
+
     def see(self, box: Box, confidence: float, produced_by: str) -> None:
         """The target is here."""
         self._forecasts.learn(box)

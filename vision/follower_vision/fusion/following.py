@@ -20,7 +20,7 @@ _VERY_CERTAIN = 0.995
 _LESS_CERTAIN = 0.7
 _OBJECTED = 4.0
 _USUAL_LOOKS = 0.85
-_HESITANT = 0.92
+_HESITANT = 0.9
 _JUMP_SIZES = 1.0
 _JUMP_SIZES_EDGE = 0.5
 _WHOLE = 0.85
@@ -272,5 +272,5 @@ def _breaks(frame: Frame, belief: Belief, evidence: Evidence) -> bool:
     """
     whole = belief.box.visible_share(frame.width, frame.height) >= _WHOLE
     reach = _JUMP_SIZES if whole else _JUMP_SIZES_EDGE
-    jumped = evidence.box.distance(belief.box) > reach * evidence.box.scale
+    jumped = evidence.box.distance(belief.carried_on()) > reach * evidence.box.scale
     return jumped or evidence.relative < _HESITANT

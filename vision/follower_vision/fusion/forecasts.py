@@ -38,14 +38,19 @@ class Forecasts:
         self._ahead_error = _drawn(self._ahead_error, self._ahead, box)
         self._expected_error = _drawn(self._expected_error, self._expected, box)
 
+    @property
+    def ahead_if_better(self) -> Box | None:
+        """The place ahead where it has lately been the better forecast, and a good one."""
+        better = self._ahead_error < min(self._expected_error, _GOOD_SIZES)
+        return self._ahead if better else None
+
     def about_ahead(self, place: Box) -> Box:
         """Return the place ahead if another is about the same, the other if not.
 
         Where the place ahead has lately been the better forecast, and a good one, it may be further
         away.
         """
-        better = self._ahead_error < min(self._expected_error, _GOOD_SIZES)
-        reach = _LENIENT_SIZES if better else CALM_SIZES
+        reach = CALM_SIZES if self.ahead_if_better is None else _LENIENT_SIZES
         return self._ahead if place.distance(self._ahead) < reach * place.scale else place
 
 
