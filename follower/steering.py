@@ -120,7 +120,8 @@ class Steering:
         elevation, range_m = estimate.height_angle_rad, context.target_range_m
         height_m = context.height_m if context.clearance_m is None else context.clearance_m
         if height_m is not None and range_m is not None:
-            range_m = min(range_m, range_to_ground(height_m, elevation))
+            above_m = height_m - self._settings.servo.target_middle_m
+            range_m = min(range_m, range_to_ground(above_m, elevation))
         return replace(
             context,
             target_range_m=range_m,

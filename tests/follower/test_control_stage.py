@@ -7,9 +7,11 @@ import pytest
 
 from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.links.vehicle_health import GpsHealth, SensorHealth, VehicleHealth
 from follower.settings import Settings, load_settings
 from follower.steering import heading_velocity
 from follower.supervisor import Reason, State
+from follower_control.servo_settings import Mode
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_vision.box import Box
@@ -180,3 +182,35 @@ def test_following_begins_at_the_vehicles_own_speed() -> None:
     assert present.forward_m_s == pytest.approx(4.0)
     assert present.right_m_s == pytest.approx(0.0, abs=1e-12)
     assert heading_velocity(VehicleState()) == VelocitySetpoint()
+
+
+@pytest.mark.parametrize(
+    ("health", "state", "reason"),
+    [
+        (VehicleHealth(sensors=SensorHealth(1, 1, 0.1, 1.0)), State.RELEASED, Reason.BATTERY_LOW),
+        (VehicleHealth(gps=GpsHealth(1, 3, 5.0, 1.0)), State.HOLDING, Reason.NAVIGATION_POOR),
+        (VehicleHealth(gps=GpsHealth(3, 12, 0.8, 1.0)), State.FOLLOWING, Reason.TARGET_SEEN),
+    ],
+)
+def test_a_vehicle_that_is_not_well_is_not_followed_with(
+    health: VehicleHealth, state: State, reason: Reason
+) -> None:
+    bench = Bench()
+    assert bench.fly(bench.box(), 1.0).state is State.FOLLOWING
+    record = bench.stage.step(bench.now_s, None, bench.vehicle, (), 0.0, health)
+    assert (record.state, record.reason) == (state, reason)
+    assert record.health == health
+    again = bench.stage.step(bench.now_s + STEP_S, None, bench.vehicle, (), 0.0, health)
+    assert again.health is None  # nothing new, nothing to record
+
+
+def test_a_change_of_mode_is_in_the_record_and_begins_where_it_flew() -> None:
+    bench = Bench()
+    before = bench.fly(bench.box(nearness=0.7), 2.0)
+    bench.stage.change_mode(Mode.WATCH)
+    record = bench.fly(bench.box(nearness=0.7), STEP_S)
+    assert record.mode_asked is Mode.WATCH
+    assert record.allowed.forward_m_s == pytest.approx(before.allowed.forward_m_s, abs=0.1)
+    later = bench.fly(bench.box(nearness=0.7), 3.0)
+    assert later.mode_asked is None
+    assert later.allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
