@@ -230,9 +230,6 @@ def main() -> NoReturn:
             raise
         typer.echo(f"follower: {_one_line(error)}", err=True)
         sys.exit(UNUSABLE)
-    except KeyboardInterrupt:
-        typer.echo("follower: interrupted", err=True)
-        sys.exit(INTERRUPTED)
     sys.exit(SUCCESS)
 
 

@@ -70,10 +70,6 @@ class Mesh:
         """Return the mesh turned about its origin by a 3x3 matrix."""
         return replace(self, vertices=self.vertices @ rotation.T)
 
-    def on_layer(self, layer: int) -> Mesh:
-        """Return the mesh with all its faces on one layer."""
-        return replace(self, layers=np.full(len(self.faces), layer, np.intp))
-
     @cached_property
     def normals(self) -> Vector:
         """(F, 3) outward unit vectors."""
