@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -78,6 +79,25 @@ app = typer.Typer(
         "Start with **follower demo**."
     ),
 )
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"follower {version('drone-target-follower')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _start(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Say which version this is.", callback=_show_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    pass
+
 
 app.command("fly", epilog=FLY_EPILOG)(fly_command)
 app.command("preflight", epilog=PREFLIGHT_EPILOG)(preflight_command)

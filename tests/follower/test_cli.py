@@ -140,6 +140,7 @@ def test_scenarios_and_settings_are_listed() -> None:
     assert "winding road" in run("scenarios").stdout
     assert "max_yaw_rate_deg_s" in run("settings").stdout
     assert "demo" in run("--help").stdout
+    assert run("--version").stdout.startswith("follower 0.")
 
 
 @pytest.mark.slow
