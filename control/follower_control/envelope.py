@@ -36,6 +36,9 @@ NOTICEABLE = 0.05
 
 
 _LEVEL = math.cos(math.radians(45))
+_AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
+"""How much is asked for against a velocity that is too fast, per velocity, and at most."""
+
 _NO_WAY = tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
 
 
@@ -150,8 +153,8 @@ class Envelope:
         if self._turns_out:
             # All of the acceleration goes into braking: what else is wanted has to wait.
             velocity = present
-        velocity = self._braked(velocity, context, fences)
         bounds = (*fences, *self._nearness(context))
+        velocity = self._braked(velocity, context, bounds)
         for bound in bounds:
             if bound.excess(velocity) > 0:
                 self._limits.append(bound.limit)
@@ -164,9 +167,9 @@ class Envelope:
         return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
 
     def _braked(
-        self, velocity: complex, context: FlightContext, fences: tuple[Bound, ...]
+        self, velocity: complex, context: FlightContext, bounds: tuple[Bound, ...]
     ) -> complex:
-        """Ask for less than a fence allows, or for back, while the vehicle itself is too fast.
+        """Ask for less than a bound allows, or for back, while the vehicle itself is too fast.
 
         PX4 lets a quarter of its velocity go only slowly.
         """
@@ -174,10 +177,10 @@ class Envelope:
         if known is None:
             return velocity
         own = complex(*known[1:]) * cmath.rect(1.0, -known[0])
-        for bound in fences:
+        for bound in bounds:
             too_fast = bound.excess(own)
             if too_fast > NOTICEABLE:
-                least = bound.max_speed_m_s - min(too_fast, self._settings.braking_m_s2)
+                least = bound.max_speed_m_s - min(_AGAINST * too_fast, _FASTEST_BACK_M_S)
                 velocity -= max(bound.speed(velocity) - least, 0.0) * bound.direction
         return velocity
 
@@ -196,7 +199,8 @@ class Envelope:
         if known is None:
             return _NO_WAY
         yaw, north, east = known
-        speed = self._braking_speed(radius - math.hypot(north, east))
+        room_m = radius - self._settings.fence_margin_m - math.hypot(north, east)
+        speed = self._braking_speed(room_m)
         bound = Bound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE)
         return bound.while_turning(turn)
 

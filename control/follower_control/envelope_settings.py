@@ -29,7 +29,7 @@ class EnvelopeSettings:
         fence_m: corners (north, east) in metres from home of a polygon that is not left; outside
             of it, there is only motion back.
         fence_deg: the same by corners (latitude, longitude), in degrees.
-        fence_margin_m: how far from the polygon's sides the vehicle stops.
+        fence_margin_m: how far inside the circle and the polygon's sides the vehicle stops.
         min_distance_m: to the target; no motion towards a standing target within that. A target
             that moves away is taken to brake like us (Gipps, 1981), so that it can be followed.
         braking_m_s2: with what deceleration speeds are reduced ahead of these four.

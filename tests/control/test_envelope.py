@@ -239,7 +239,8 @@ def heights_flown(asked: VelocitySetpoint) -> list[float]:
 def test_at_full_speed_the_vehicle_stops_at_the_fence():
     asked = VelocitySetpoint(10.0)
     reach = max(p[0] for p in flown(SETTINGS, asked, lambda p: replace(FREE, north_m=p[0])))
-    assert SETTINGS.fence_radius_m - 2.0 <= reach <= SETTINGS.fence_radius_m + PAST
+    stop_m = SETTINGS.fence_radius_m - SETTINGS.fence_margin_m
+    assert stop_m - 2.0 <= reach <= stop_m + PAST
 
 
 def test_at_full_descent_the_vehicle_stops_at_the_minimum_height():

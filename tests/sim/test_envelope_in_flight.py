@@ -38,11 +38,11 @@ FEW = settings(
 """A flight takes a good part of a second: no looking for a simpler one that fails."""
 
 
-def fly(firmware, start, manoeuvre) -> list[BodyState]:
+def fly(firmware, start, manoeuvre, limits=SETTINGS) -> list[BodyState]:
     """Ask for one velocity after the other and then to hold; return the way."""
     north, east, yaw = start
     body = BodyState(0.0, (north, east, -12.0), attitude_rad=(0.0, 0.0, yaw))
-    vehicle, envelope = Vehicle(firmware.response, body), Envelope(SETTINGS)
+    vehicle, envelope = Vehicle(firmware.response, body), Envelope(limits)
     envelope.start(HOLD, 0.0)
     way, step = [vehicle.state], 0
     for asked, seconds in (*manoeuvre, (HOLD, 1.0)):
@@ -101,3 +101,56 @@ def test_outside_it_comes_back_if_asked_and_otherwise_stays(firmware, away: floa
     for way in (VelocitySetpoint(-5.0), VelocitySetpoint(0.0, 5.0)):
         end = fly(firmware, start, [(way, 6.0)])[-1].position_m
         assert math.dist(end[:2], start[:2]) < 0.5 or end[0] > start[0]
+
+
+def approach(firmware, asked: VelocitySetpoint, start_m: float, height_m: float) -> list[float]:
+    """Fly at a standing target ahead on the ground for 15 s; return the distances to it."""
+    settings = EnvelopeSettings(fence_radius_m=None, min_distance_m=6.0, min_height_m=1.0)
+    body = BodyState(0.0, (0.0, 0.0, -height_m))
+    vehicle, envelope = Vehicle(firmware.response, body), Envelope(settings)
+    envelope.start(HOLD, 0.0)
+    distances = []
+    for step in range(0, 3000, CONTROL_STEPS):
+        state = vehicle.state
+        north, east, down = state.position_m
+        range_m = math.hypot(start_m - north, east, down)
+        distances.append(range_m)
+        bearing = math.atan2(-east, start_m - north) - state.yaw_rad
+        context = FlightContext(
+            state.yaw_rad,
+            *(north, east, -down),
+            target_range_m=range_m,
+            target_bearing_rad=bearing,
+            target_elevation_rad=-math.asin(-down / range_m),
+            north_m_s=state.velocity_m_s[0],
+            east_m_s=state.velocity_m_s[1],
+        )
+        allowed = envelope.limit(asked, step * STEP_S, context).allowed
+        for _ in range(CONTROL_STEPS):
+            vehicle.step(demand(allowed, vehicle.state.yaw_rad))
+    return distances
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize(
+    ("asked", "start_m", "height_m"),
+    [
+        (VelocitySetpoint(10.0), 60.0, 3.0),
+        (VelocitySetpoint(10.0, 0.0, 1.5), 40.0, 20.0),
+        (VelocitySetpoint(0.0, 0.0, 1.5), 0.5, 25.0),
+        (VelocitySetpoint(3.0, 3.0, 1.0, 0.3), 20.0, 8.0),
+    ],
+    ids=["level", "down a slope", "from above", "turning"],
+)
+def test_it_stops_before_a_target(firmware, asked, start_m: float, height_m: float) -> None:
+    assert min(approach(firmware, asked, start_m, height_m)) > 6.0 - 0.7
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("speed", [3.0, 6.0, 10.0])
+def test_from_any_speed_it_stops_within_the_radius(firmware, speed: float) -> None:
+    settings = EnvelopeSettings(fence_radius_m=60.0, min_distance_m=None)
+    start = (-50.0, 0.0, 0.0)
+    way = fly(firmware, start, [(VelocitySetpoint(speed), 50.0)], settings)
+    farthest = max(math.hypot(*state.position_m[:2]) for state in way)
+    assert 55.0 < farthest < 60.0
