@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 import yaml
 
+from follower.simulated_flight import gimbal_of
 from follower_control.strict_yaml import SettingsError
 from follower_sim.kinematics import BodyState
 from follower_sim.render import Renderer
 from follower_sim.scenario import Scenario
 from follower_sim.scenario_file import load_scenario
-from follower_sim.truth import target_truth
+from follower_sim.truth import TruthTeller, target_truth
 from follower_sim.world import World
 from follower_vision.acquire import colour_from_hex, find_by_colour
 
@@ -51,7 +52,11 @@ def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
         ("#e0401c", "orange", "targets[0].colour: String should match"),
         ("[100, 0]", "[20, 0]", "the path of target number 0 is 16 m too short for its speeds"),
         ("at_s: 1", "at_s: -1", "targets[0].path.speeds[0]: a speed change needs a time"),
-        ("duration_s: 10", "duration_s: ten", "duration_s: Input should be a valid number"),
+        (
+            "duration_s: 10",
+            "duration_s: ten",
+            "duration_s: 'ten' is no number; write one alone, in seconds",
+        ),
         ("duration_s: 10", "duration_s: .nan", "duration_s: Input should be"),
         ("duration_s: 10", "duration_s: 10\nfollowed: 1", "there is no target number 1"),
         ("start:", "starts:", "unknown key 'starts'; did you mean 'start'?"),
@@ -108,8 +113,10 @@ def test_a_shipped_target_can_be_found_by_its_colour_after_take_off(path: Path) 
     body = BodyState(
         10.0, (north, east, -scenario.takeoff_height_m), attitude_rad=(0.0, 0.0, heading)
     )
-    truth = target_truth(world, 10.0, body)
-    image = Renderer(world).render(10.0, body)
+    gimbal = gimbal_of(scenario)
+    camera = body if gimbal is None else gimbal.camera(body)
+    truth = TruthTeller(world).truth(10.0, body, camera)
+    image = Renderer(world).render(10.0, camera)
     select = scenario.select
     found = find_by_colour(image, colour_from_hex(select.colour), select.search)
     assert truth.in_frame_share > 0.999
