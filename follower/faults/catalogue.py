@@ -293,7 +293,8 @@ _AUTOPILOT = (
     Fault(
         "mode-refused",
         "autopilot",
-        "The autopilot refuses OFFBOARD or GUIDED: nothing but zero is ever sent.",
+        "The autopilot refuses OFFBOARD or GUIDED: nothing but zero is ever sent. (ArduCopter then "
+        "does not even take off.)",
         Outcome.NEVER_FOLLOWS,
         (Action(Kind.MODE_REFUSED),),
         state=State.IDLE,
@@ -385,9 +386,10 @@ _PILOT = (
         "pilot",
         "While it waits for its mode the pilot flies in another one: nothing but zero is sent.",
         Outcome.NEVER_FOLLOWS,
-        (Action(Kind.MODE_REFUSED), Action(Kind.PILOT_SWITCHES, after_s=2.0)),
-        state=State.READY,
+        (Action(Kind.MODE_REFUSED), _switch(State.READY, after_s=2.0)),
+        state=State.IDLE,
         in_state_s=0.0,
+        flavours=("px4",),  # ArduCopter takes off in GUIDED and so is never kept waiting for it
     ),
     _lets_go(
         "sticks-moved",

@@ -141,7 +141,8 @@ def _cases(names: list[str], autopilot: str, realtime: bool) -> Iterator[tuple[F
         raise SettingsError(str(error)) from None
     for fault in chosen:
         for flavour in FLAVOURS if autopilot == "both" else (autopilot,):
-            if fault.realtime if realtime else fault.lockstep:
+            here = fault.realtime if realtime else fault.lockstep
+            if here and flavour in fault.flavours:
                 yield fault, flavour
 
 

@@ -108,6 +108,7 @@ class Fault:
         lockstep: it can be put into a flight on a simulated clock.
         realtime: and into one in real time.
         signed: the link is signed.
+        flavours: the autopilots with which it can come about.
     """
 
     name: str
@@ -125,6 +126,7 @@ class Fault:
     lockstep: bool = True
     realtime: bool = True
     signed: bool = False
+    flavours: tuple[str, ...] = ("px4", "ardupilot")
 
     @property
     def signal(self) -> int | None:

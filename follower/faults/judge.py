@@ -27,6 +27,7 @@ STANDING_M_S = 0.5
 WIRE_WITHIN_S = 0.1
 _STANDS_FOR_S = 1.0
 _FOLLOWS_FOR_S = 0.5
+_NOTICED_WITHIN_S = 1.0
 _NEARER_M = 0.75
 _HEIGHT_M = 1.0
 
@@ -182,7 +183,7 @@ def _figures(case: Case) -> Figures:
     setpoints = case.evidence.setpoints
     if case.from_s is None:
         return Figures(setpoints=len(setpoints))
-    hold = _first_hold(case.controls, case.from_s)
+    hold = _first_hold(case.controls, case.from_s, case.until_s)
     sent = None if hold is None else _first_at(setpoints, hold.time_s)
     stops = case.planned.fault.rest_within_s is not None
     rest_s = _standing_from(case.evidence.motion, case.from_s) if stops else None
@@ -197,8 +198,11 @@ def _figures(case: Case) -> Figures:
     )
 
 
-def _first_hold(controls: Sequence[ControlRecord], from_s: float) -> ControlRecord | None:
-    later = (c for c in controls if c.time_s >= from_s)
+def _first_hold(
+    controls: Sequence[ControlRecord], from_s: float, until_s: float
+) -> ControlRecord | None:
+    """Return the first step that holds, of those that can have the fault for their reason."""
+    later = (c for c in controls if from_s <= c.time_s <= until_s + _NOTICED_WITHIN_S)
     return next((c for c in later if c.state in _HOLDS), None)
 
 

@@ -25,7 +25,6 @@ from follower.supervisor import State
 from follower_control.envelope import EnvelopeSettings
 from follower_control.strict_yaml import SettingsError
 
-FLAVOURS = ("px4", "ardupilot")
 CHOSEN = (
     ("vision-hangs", "ardupilot"),
     ("position-frozen", "px4"),
@@ -34,7 +33,9 @@ CHOSEN = (
     ("unsigned", "px4"),
     ("pilot-while-searching", "ardupilot"),
 )
-EVERYTHING = tuple((fault.name, flavour) for fault in CATALOGUE for flavour in FLAVOURS)
+EVERYTHING = tuple(
+    (fault.name, flavour) for fault in CATALOGUE if fault.lockstep for flavour in fault.flavours
+)
 CASES = EVERYTHING if os.environ.get("FOLLOWER_FAULTS") == "all" else CHOSEN
 
 
