@@ -27,7 +27,7 @@ from follower_control.transport import Transport
 from follower_sim.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 from follower_sim.world import World
-from follower_vision.clock import Clock
+from follower_vision.clock import Clock, SimulatedClock
 
 
 class FaultInjector:
@@ -81,6 +81,11 @@ class FaultInjector:
         trace: TracebackType | None,
     ) -> None:
         self._patches.close()
+
+    @property
+    def realtime(self) -> bool:
+        """Whether the flight has threads and a clock that runs by itself."""
+        return not isinstance(self._clock, SimulatedClock)
 
     def transport(self, inner: Transport) -> Transport:
         """Return the follower's transport with the faults in it and the watcher on it."""

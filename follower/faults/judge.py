@@ -24,6 +24,7 @@ from follower_control.envelope_settings import EnvelopeSettings
 from follower_sim.truth_sample import TruthSample
 
 STANDING_M_S = 0.5
+STEP_S = 0.02
 WIRE_WITHIN_S = 0.1
 _STANDS_FOR_S = 1.0
 _FOLLOWS_FOR_S = 0.5
@@ -44,6 +45,7 @@ class Case:
         truth: for the distance to the target.
         limits: of the envelope.
         alone: no other fault was in the flight, and this one was as the catalogue has it.
+        realtime: set-points leave some time after their step, and not always the same.
         error: what was raised and caught by nobody, "" if nothing.
     """
 
@@ -56,6 +58,7 @@ class Case:
     limits: EnvelopeSettings
     alone: bool = True
     error: str = ""
+    realtime: bool = False
 
 
 def judge(case: Case) -> Verdict:
@@ -82,7 +85,8 @@ def _failures(case: Case, figures: Figures) -> Iterator[str]:
 def _always(case: Case) -> Iterator[str]:
     """Yield what is against the rules that hold for every fault."""
     setpoints = case.evidence.setpoints
-    yield from envelope_failures(setpoints, case.limits)
+    unsure_s = case.limits.max_interval_s if case.realtime else STEP_S
+    yield from envelope_failures(setpoints, case.limits, unsure_s)
     yield from pilot_failures(case.evidence, ())
     yield from age_failures(setpoints, case.controls)
     yield from input_failures(case.controls, setpoints)

@@ -60,6 +60,7 @@ def verdicts(
             flight.settings.envelope,
             len(planned) == 1 and one.for_s == one.fault.for_s,
             error,
+            injector.realtime,
         )
         for one in planned
     )

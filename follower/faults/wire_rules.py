@@ -101,8 +101,10 @@ def told_of_leaving(evidence: Evidence, left_s: float) -> float:
 
 
 def _told_to_obey(evidence: Evidence, time_s: float) -> bool:
-    told = [obeys for t, obeys in evidence.told_s if t <= time_s - LET_GO_WITHIN_S]
-    return bool(told) and told[-1]
+    """Whether the newest word, or that of 0.1 s ago, was that our mode is flown."""
+    told = [(t, obeys) for t, obeys in evidence.told_s if t <= time_s]
+    before = [obeys for t, obeys in told if t <= time_s - LET_GO_WITHIN_S]
+    return bool(told) and (told[-1][1] or before[-1:] == [True])
 
 
 def age_failures(
