@@ -83,10 +83,15 @@ class ControlLoop:
     def _send(self, record: ControlRecord) -> None:
         if record.sent:
             self._link.send(record.allowed)
-        elif record.state is State.RELEASED and self._before.streams:
+        elif record.state is State.RELEASED and self._before.streams and not self._is_failsafe:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
         self._before = record.state
+
+    @property
+    def _is_failsafe(self) -> bool:
+        """Then the autopilot flies by itself, and a stream would call PX4 back into OFFBOARD."""
+        return self._link.state.failsafe
 
     def _obey(self, command: OperatorCommand, now_s: float) -> None:
         """Take an operator's consent or its withdrawal, and answer."""

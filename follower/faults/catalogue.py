@@ -431,13 +431,25 @@ _COMPUTER = (
     _lets_go(
         "control-stalls-2s",
         "computer",
-        "No control step for 2 s: the autopilot's own time-out may have acted; the first step "
-        "holds and lets go.",
+        "No control step for 2 s: the first step holds and lets go.",
         Action(Kind.CONTROL_STALLS),
         for_s=2.0,
         hold_within_s=2.2,
         rest_within_s=None,
         excursion_m=None,
+        flavours=("ardupilot",),
+    ),
+    _lets_go(
+        "control-stalls-into-failsafe",
+        "computer",
+        "No control step for 2 s, and the autopilot is in its own failsafe: lets go, and sends "
+        "nothing that calls it back.",
+        Action(Kind.CONTROL_STALLS),
+        for_s=2.0,
+        hold_within_s=None,
+        rest_within_s=None,
+        excursion_m=None,
+        flavours=("px4",),
     ),
     _carries_on(
         "cpu-starved",

@@ -65,8 +65,16 @@ def test_names_are_unique_and_every_kind_is_used() -> None:
 
 def test_each_way_to_be_let_go_has_its_time() -> None:
     for fault in CATALOGUE:
-        if fault.outcome is Outcome.LETS_GO:
+        if fault.outcome is Outcome.LETS_GO and "failsafe" not in fault.name:
             assert fault.hold_within_s is not None
+
+
+@pytest.mark.slow
+def test_an_autopilot_in_its_own_failsafe_is_not_called_back() -> None:
+    fault = fault_named("control-stalls-into-failsafe")
+    verdict = fly_fault(PlannedFault.of(fault), Setup("px4"))
+    assert verdict.failures == ()
+    assert verdict.figures.hold_s is None, "a hold after the stall would restart PX4's OFFBOARD"
 
 
 @pytest.mark.parametrize(
