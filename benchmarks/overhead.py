@@ -94,7 +94,7 @@ def main() -> None:
         now = frame.captured_s + 0.03
         record = TrackRecord(track, frame.sequence, frame.captured_s, now, now, 0.0)
         attitude = Attitude(0.0, 0.05, 0.1 * now, 0.0, 0.0, 0.1, now - 0.005)
-        position = LocalPosition(0.0, 0.0, -10.0, 1.0, 0.0, 0.0, now - 0.01)
+        position = LocalPosition(now - 0.01, 0.0, -10.0, 1.0, 0.0, 0.0, now - 0.01)
         state = VehicleState(attitude, position, "GUIDED", True, True, False, now)
         began = time.perf_counter()
         control.step(now, record, state, [attitude])
