@@ -130,12 +130,7 @@ class ControlStage:
         """
         timer = Stopwatch()
         vehicle, reported = self._sound.of(vehicle), vehicle
-        for attitude in attitudes:
-            if self._attitudes.add(attitude):
-                self._liveness.note(attitude, now_s)
-        self._place_liveness.note(vehicle.position, now_s)
-        if self._gimbals is not None and vehicle.gimbal is not None:
-            self._gimbals.add(vehicle.gimbal)
+        self._hear(vehicle, attitudes, now_s)
         mode_asked = self._take_mode()
         news = health if health is not None and health != self._health else None
         self._health = news or self._health
@@ -174,6 +169,15 @@ class ControlStage:
         self._last_step_s = now_s
         self._log.add_control(record)
         return record
+
+    def _hear(self, vehicle: VehicleState, attitudes: Sequence[Attitude], now_s: float) -> None:
+        """Remember what turns lines of sight, and when telemetry last was alive."""
+        for attitude in attitudes:
+            if self._attitudes.add(attitude):
+                self._liveness.note(attitude, now_s)
+        self._place_liveness.note(vehicle.position, now_s)
+        if self._gimbals is not None and vehicle.gimbal is not None:
+            self._gimbals.add(vehicle.gimbal)
 
     def _take_mode(self) -> Mode | None:
         """Begin to follow the way that was asked for, and return it."""
