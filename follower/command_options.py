@@ -18,3 +18,11 @@ Out: TypeAlias = Annotated[
     Path, typer.Option(help="Folder in which each run gets a folder of its own.")
 ]
 Video: TypeAlias = Annotated[bool, typer.Option(help="Write the video with overlay.")]
+Colour: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="#RRGGBB",
+        help="The largest thing of this colour.",
+        rich_help_panel="Which target",
+    ),
+]

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
+from follower.command_options import Colour, Config, Out, Overrides
 from follower.fly_options import (
     Camera,
-    Colour,
     Connect,
     Detector,
     LinkKind,

@@ -32,12 +32,6 @@ Select: TypeAlias = Annotated[
         rich_help_panel=_WHICH,
     ),
 ]
-Colour: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="#RRGGBB", help="The largest thing of this colour.", rich_help_panel=_WHICH
-    ),
-]
 Target: TypeAlias = Annotated[
     str | None,
     typer.Option(

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
-from follower.fly_options import Camera, Colour, Connect, Detector, LinkKind, Select, Skip, Target
+from follower.command_options import Colour, Config, Out, Overrides
+from follower.fly_options import Camera, Connect, Detector, LinkKind, Select, Skip, Target
 from follower.track_command import parse_box
 
 EPILOG = """

@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
+from follower.command_options import Colour, Config, Out, Overrides
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 
@@ -56,14 +56,6 @@ Selections: TypeAlias = Annotated[
         metavar="CLASS[:N]|N|list",
         help="By detector: the CLASS nearest to the centre, as soon as one is seen; the N-th "
         "of it, or of all, counted from the centre; **list** shows them. Up to four times.",
-        rich_help_panel=_WHICH,
-    ),
-]
-Colour: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="#RRGGBB",
-        help="The largest thing of this colour.",
         rich_help_panel=_WHICH,
     ),
 ]

@@ -65,11 +65,8 @@ def opened_link(options: FlyOptions, settings: Settings, clock: Clock) -> Iterat
     Raises:
         ConnectionFailedError: it cannot be opened.
     """
-    transport = open_connection(options.connect)
-    try:
-        link = open_link(transport, settings.link, clock, epoch_now_ns(clock))
-    except BaseException:
-        transport.close()
-        raise
-    with closing(link):
+    with (
+        closing(open_connection(options.connect)) as transport,
+        closing(open_link(transport, settings.link, clock, epoch_now_ns(clock))) as link,
+    ):
         yield link
