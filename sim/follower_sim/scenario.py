@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from follower_sim.course import Corners, Course
 from follower_sim.criteria import Criteria
 from follower_sim.gimbal import GimbalModel
+from follower_sim.path_shape import PathShape, drawn
 from follower_sim.paths import TargetPath
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
 from follower_sim.targets import TargetKind
@@ -31,6 +32,8 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
+_SHAPED_UNTIL_S = 80.0
+
 
 class _Section(BaseModel):
     """A part of a scenario: unknown keys are refused, nothing changes after loading."""
@@ -41,7 +44,9 @@ class _Section(BaseModel):
 class PathSettings(_Section):
     """A target's course and its speeds; without speeds it stands at the first point."""
 
-    points: list[CoursePoint] = Field(min_length=2)
+    points: list[CoursePoint] = Field(default_factory=list)
+    shape: PathShape | None = None
+    """In place of all the others: a way of moving, drawn from the seed."""
     corners: Corners = "winding"
     radius_m: Positive = 5.0
     closed: bool = False
@@ -49,13 +54,34 @@ class PathSettings(_Section):
 
     @model_validator(mode="after")
     def _can_be_built(self) -> Self:
+        if self.shape is not None and (self.points or self.speeds):
+            raise ValueError("a path has either points and speeds or a shape")
         self.build()
         return self
 
-    def build(self) -> TargetPath:
-        """Return the path that these settings describe."""
-        course = Course(self.points, self.corners, self.radius_m, self.closed)
-        return TargetPath(course, SpeedProfile(self.speeds))
+    def build(self, seed: int = 0, until_s: float = _SHAPED_UNTIL_S) -> TargetPath:
+        """Return the path that these settings describe.
+
+        Args:
+            seed: by which a shape is drawn; points are what they are.
+            until_s: how long a shape's path lasts at least.
+        """
+        plain = self.drawn(np.random.default_rng(seed), until_s)
+        course = Course(plain.points, plain.corners, plain.radius_m, plain.closed)
+        return TargetPath(course, SpeedProfile(plain.speeds))
+
+    def drawn(self, rng: np.random.Generator, until_s: float) -> PathSettings:
+        """Return the same with way points in the place of a shape."""
+        if self.shape is None:
+            return self
+        path = drawn(self.shape, rng, until_s)
+        return PathSettings(
+            points=path.points,
+            corners=path.corners,
+            radius_m=path.radius_m,
+            closed=path.closed,
+            speeds=path.speeds,
+        )
 
 
 class TargetSettings(_Section):
@@ -112,11 +138,13 @@ class SkySettings(_Section):
 class SceneryItem(_Section):
     """One thing that stands: it hides what is behind it and casts a shadow."""
 
-    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy"]
+    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy"]
     at: PlanePoint
     heading_deg: float = 0.0
     size_m: Positive | None = None
-    """Height of a tree, rock or buoy, length of a house, clear length of a bridge's deck."""
+    """Height of a tree, rock or buoy, length of a house, of a bridge's deck or a canopy."""
+    height_m: Positive = 2.6
+    """Of the space below a canopy."""
 
 
 class ScatterSettings(_Section):
@@ -129,6 +157,32 @@ class ScatterSettings(_Section):
     """Farthest distance from the paths."""
     size_m: tuple[Positive, Positive] | None = None
     """Smallest and largest size."""
+
+
+class OcclusionSettings(_Section):
+    """Canopies over the followed target's path, which hide it from a camera above them."""
+
+    hidden_s: NotNegative = 0.0
+    """How long the target takes to pass below each."""
+    count: Annotated[int, Field(ge=0, le=20)] = 2
+    first_s: NotNegative = 26.0
+    """When it comes to the first one."""
+    every_s: Positive = 14.0
+    """Time from one to the next."""
+    clearance_m: Positive = 0.6
+    """Between the target's top and a canopy."""
+
+
+class LookAlikeSettings(_Section):
+    """Others of the followed target's kind and colour, which cross close behind it."""
+
+    count: Annotated[int, Field(ge=0, le=10)] = 0
+    first_s: NotNegative = 32.0
+    """When the first one is nearest."""
+    every_s: Positive = 9.0
+    """Time from one to the next."""
+    beside_m: Positive = 3.0
+    """How near they come."""
 
 
 class WindSettings(_Section):
@@ -231,6 +285,8 @@ class Scenario(_Section):
     followed: Annotated[int, Field(ge=0)] = 0
     scenery: list[SceneryItem] = Field(default_factory=list)
     scatter: list[ScatterSettings] = Field(default_factory=list)
+    occlusions: OcclusionSettings = OcclusionSettings()
+    lookalikes: LookAlikeSettings = LookAlikeSettings()
     wind: WindSettings = WindSettings()
     camera: CameraSettings = CameraSettings()
     """The camera and its imperfections."""
@@ -254,7 +310,7 @@ class Scenario(_Section):
     @model_validator(mode="after")
     def _paths_are_long_enough(self) -> Self:
         for number, target in enumerate(self.targets):
-            short = target.path.build().shortfall_m(self.duration_s)
+            short = target.path.build(0, self.duration_s).shortfall_m(self.duration_s)
             if short > 0:
                 raise ValueError(
                     f"the path of target number {number} is {short:.0f} m too short for its speeds"

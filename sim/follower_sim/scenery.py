@@ -9,7 +9,7 @@ import numpy as np
 from follower_sim.mesh import Colour, Mesh
 from follower_sim.shapes import Outline, Point, ball, box, convex, panel, prism, ring
 
-SceneryKind = Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy"]
+SceneryKind = Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy"]
 
 SIZES_M: dict[SceneryKind, tuple[float, float]] = {
     "broadleaf": (4.0, 7.0),
@@ -19,6 +19,7 @@ SIZES_M: dict[SceneryKind, tuple[float, float]] = {
     "rock": (0.5, 1.6),
     "bale": (1.3, 1.6),
     "buoy": (1.0, 1.4),
+    "canopy": (3.0, 3.0),
 }
 """Usual smallest and largest size of each kind."""
 
@@ -30,11 +31,19 @@ _LEAVES: list[Colour] = [(52, 122, 84), (48, 112, 70), (60, 136, 104), (58, 128,
 _NEEDLES: list[Colour] = [(62, 96, 48), (56, 88, 40), (70, 104, 58)]
 _WALLS: list[Colour] = [(206, 222, 228), (188, 206, 222), (178, 196, 206), (210, 214, 210)]
 _ROOFS: list[Colour] = [(74, 82, 112), (66, 70, 84), (80, 92, 128)]
+_CANOPY_WIDTH_M, _CANOPY_THICK_M = 9.0, 0.3
 _CONCRETE: Colour = (172, 176, 178)
 
 
-def scenery_mesh(kind: SceneryKind, size_m: float, rng: np.random.Generator) -> Mesh:
-    """Return a body of the given kind; its looks vary with `rng`."""
+def scenery_mesh(
+    kind: SceneryKind, size_m: float, rng: np.random.Generator, height_m: float = 2.6
+) -> Mesh:
+    """Return a body of the given kind; its looks vary with `rng`.
+
+    `height_m` is that of the space below a canopy.
+    """
+    if kind == "canopy":
+        return _canopy(size_m, height_m, rng)
     if kind == "broadleaf":
         return _broadleaf(size_m, rng)
     if kind == "fir":
@@ -141,6 +150,14 @@ def _bridge(length: float) -> Mesh:
     ]
     piers = [box((length * 0.6, 0.9, low), _CONCRETE, (0, s * 5.5, 0)) for s in (1, -1)]
     return Mesh.joined([*piers, deck, *rails])
+
+
+def _canopy(length: float, height: float, rng: np.random.Generator) -> Mesh:
+    """Make a roof of leaves over a way that runs forward below it, on a pair of posts."""
+    roof = box((length, _CANOPY_WIDTH_M, _CANOPY_THICK_M), _pick(_LEAVES, rng), (0, 0, height))
+    side = _CANOPY_WIDTH_M / 2 - 0.2
+    posts = [box((0.15, 0.15, height), _TRUNK, (0, s * side, 0)) for s in (1, -1)]
+    return Mesh.joined([*posts, roof])
 
 
 def _rock(height: float, rng: np.random.Generator) -> Mesh:

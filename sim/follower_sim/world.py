@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from follower_sim.scenario import RoadSettings, Scenario, SceneryItem, TargetSet
 from follower_sim.scenery import DISTANT_KINDS, SIZES_M, distant_mesh, scenery_mesh
 from follower_sim.sky import panorama
 from follower_sim.solid import Solid
+from follower_sim.staging import staged
 from follower_sim.targets import HEIGHTS_M, target_mesh
 from follower_sim.terrain import PALETTES, ground_maps
 from follower_sim.wind import Wind
@@ -32,6 +33,7 @@ _MARGIN_M = 55.0
 _SMALLEST_PX = 1.2
 _SIMPLE_PX = 16.0
 _ROAD_GOES_ON_M = 200.0
+_STAGING = 10_000
 
 
 def colour_of(text: str) -> Colour:
@@ -49,8 +51,8 @@ class World:
     """
 
     def __init__(self, scenario: Scenario, seed: int | None = None) -> None:
-        self.scenario = scenario
         self.seed = scenario.seed if seed is None else seed
+        self.scenario = scenario = staged(scenario, self._rng(_STAGING))
         self.paths = [target.path.build() for target in scenario.targets]
         self.wind = Wind(scenario.wind, self._rng(0))
         self.sun = _sun(scenario.sky.sun_azimuth_deg, scenario.sky.sun_elevation_deg)
@@ -87,6 +89,8 @@ class World:
         item, rng = self._items[number], self._rng(100 + number)
         size = float(rng.uniform(*SIZES_M[item.kind])) if item.size_m is None else item.size_m
         turn = rotation(0, 0, math.radians(item.heading_deg))
+        if item.kind == "canopy":
+            make = partial(make, height_m=item.height_m)
         mesh = make(item.kind, size, rng)
         return Solid.placed(mesh, (*item.at, 0.0), turn, self.sun)
 

@@ -1,0 +1,137 @@
+"""Paths by shape, canopies that hide, look-alikes that cross: drawn from the seed, as promised."""
+
+import math
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from follower_sim.kinematics import BodyState
+from follower_sim.path_shape import PathShape, ShapeKind, drawn
+from follower_sim.scenario import PathSettings, Scenario
+from follower_sim.scenario_file import load_scenario
+from follower_sim.truth import TruthTeller
+from follower_sim.world import World
+
+FOLDER = Path(__file__).parents[2] / "configs" / "scenarios"
+KINDS = get_args(ShapeKind)
+SPEED, FROM_S, UNTIL_S = 5.0, 10.0, 70.0
+
+
+def shaped(kind: ShapeKind, **more: Any) -> PathSettings:
+    shape = {"kind": kind, "speed_m_s": SPEED, "from_s": FROM_S, "acceleration_m_s2": 2.2, **more}
+    return PathSettings.model_validate({"shape": shape})
+
+
+def speed_at(settings: PathSettings, time_s: float, seed: int = 0) -> float:
+    return math.hypot(*settings.build(seed, UNTIL_S).pose(time_s).velocity_m_s)
+
+
+def changed(name: str, **keys: Any) -> Scenario:
+    data = load_scenario(FOLDER / f"{name}.yaml").model_dump(mode="json")
+    for key, value in keys.items():
+        data[key] = value
+    return Scenario.model_validate(data)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(KINDS), st.integers(0, 10_000))
+def test_a_shape_lasts_and_its_target_accelerates_as_a_real_one_could(
+    kind: ShapeKind, seed: int
+) -> None:
+    path = shaped(kind).build(seed, UNTIL_S)
+    assert path.shortfall_m(UNTIL_S) == 0
+    velocities = np.array([path.pose(t).velocity_m_s for t in np.arange(0, UNTIL_S, 0.2)])
+    assert np.linalg.norm(np.diff(velocities, axis=0), axis=1).max() / 0.2 < 4.5
+    assert np.linalg.norm(velocities, axis=1).max() <= 1.2 * SPEED + 1e-6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_shape_stands_until_it_sets_off_in_its_direction(kind: ShapeKind) -> None:
+    settings = shaped(kind, start=(3.0, -2.0), heading_deg=60.0, height_m=7.0)
+    path = settings.build(1, UNTIL_S)
+    assert path.pose(FROM_S).position_m == pytest.approx((3.0, -2.0, -7.0))
+    later = path.pose(FROM_S + 2.5)
+    assert math.hypot(*later.velocity_m_s) > 0.5
+    assert math.degrees(later.heading_rad) == pytest.approx(60, abs=35)
+
+
+def test_a_seed_draws_the_same_path_and_another_seed_another_one() -> None:
+    shape = PathShape("evasive", SPEED)
+    first, again, other = (drawn(shape, np.random.default_rng(s), UNTIL_S) for s in (1, 1, 2))
+    assert first == again
+    assert first.points != other.points
+
+
+def test_stop_and_go_stops_and_goes() -> None:
+    speeds = np.array([speed_at(shaped("stop-and-go"), t) for t in range(10, 70)])
+    starts = np.count_nonzero((speeds[:-1] < 0.1) & (speeds[1:] >= 0.1))
+    assert starts >= 3
+    assert speeds.max() > 0.7 * SPEED
+
+
+def test_a_figure_eight_comes_back_through_its_crossing() -> None:
+    path = shaped("figure-eight", scale_m=20).build(0, UNTIL_S)
+    places = np.array([path.pose(t).position_m for t in np.arange(FROM_S, UNTIL_S, 0.1)])
+    away = np.linalg.norm(places, axis=1)
+    assert away.max() == pytest.approx(20, rel=0.1)
+    assert np.count_nonzero((away[1:] < 2) & (away[:-1] >= 2)) >= 3
+
+
+def test_a_path_has_either_points_or_a_shape() -> None:
+    with pytest.raises(ValidationError, match="either points and speeds or a shape"):
+        PathSettings.model_validate(
+            {"points": [[0, 0], [9, 0]], "shape": {"kind": "straight", "speed_m_s": 1}}
+        )
+    with pytest.raises(ValidationError, match="speed_m_s is positive"):
+        PathSettings.model_validate({"shape": {"kind": "straight", "speed_m_s": 0}})
+    with pytest.raises(ValidationError, match="at least 2 points"):
+        PathSettings.model_validate({})
+
+
+@pytest.mark.parametrize("name", ["person", "car", "boat", "quadrotor"])
+def test_a_canopy_hides_the_target_for_about_as_long_as_was_asked(name: str) -> None:
+    base = load_scenario(FOLDER / f"pursue-{name}.yaml")
+    shape = {**base.targets[0].path.model_dump(mode="json")["shape"], "kind": "straight"}
+    target = {**base.targets[0].model_dump(mode="json"), "path": {"shape": shape}}
+    hiding = {"hidden_s": 3.0, "count": 1, "first_s": 26.0}
+    world = World(changed(f"pursue-{name}", targets=[target], scatter=[], occlusions=hiding))
+    servo = base.follow["servo"]
+    down = math.radians(-servo["elevation_deg"])
+    teller = TruthTeller(world)
+    hidden = []
+    for time_s in np.arange(20.0, 40.0, 0.1):
+        north, east, target_down = world.target_centre(0, float(time_s))
+        behind, above = servo["distance_m"] * math.cos(down), servo["distance_m"] * math.sin(down)
+        body = BodyState(float(time_s), (north - behind, east, target_down - above))
+        hidden.append(teller.truth(float(time_s), body).visible_share < 0.1)
+    runs = np.flatnonzero(hidden)
+    assert np.all(np.diff(runs) == 1), "hidden once, without a gap"
+    assert 0.1 * len(runs) == pytest.approx(3.0, abs=1.6)
+
+
+def test_look_alikes_cross_close_behind_the_target_when_they_are_to() -> None:
+    others = {"count": 2, "first_s": 30.0, "every_s": 8.0, "beside_m": 3.0}
+    world = World(changed("pursue-car", lookalikes=others))
+    assert [target.colour for target in world.scenario.targets] == ["#e0401c"] * 3
+    for number, time_s in ((1, 30.0), (2, 38.0)):
+        target, other = (world.target_centre(n, time_s) for n in (0, number))
+        assert math.dist(target, other) == pytest.approx(3.0, abs=0.05)
+        assert math.dist(world.target_centre(0, 12.0), world.target_centre(number, 12.0)) > 20
+
+
+def test_the_seed_of_the_world_draws_the_path() -> None:
+    scenario = load_scenario(FOLDER / "pursue-car.yaml")
+    worlds = [World(scenario, seed) for seed in (1, 1, 2)]
+    places = [world.target_centre(0, 40.0) for world in worlds]
+    assert places[0] == places[1] != places[2]
+    assert worlds[0].scenario.targets[0].path.shape is None
+
+
+def test_a_scenario_without_shapes_is_left_as_it_is() -> None:
+    scenario = load_scenario(FOLDER / "demo.yaml")
+    assert World(scenario).scenario is scenario
