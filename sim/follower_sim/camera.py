@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -29,6 +30,14 @@ class Delivery:
     available_s: float
 
 
+class Draws(Protocol):
+    """Draws what a camera sees."""
+
+    def render(self, time_s: float, body: BodyState, exposure_s: float = 0.0) -> Image:
+        """Return the image, (H, W, 3) uint8 BGR, of an exposure."""
+        ...
+
+
 class SimCamera:
     """Takes pictures of a world from a moving vehicle.
 
@@ -48,14 +57,14 @@ class SimCamera:
         world: World,
         state_at: Callable[[float], BodyState],
         start_s: float = 0.0,
-        renderer: Renderer | None = None,
+        renderer: Draws | None = None,
         seed: int | None = None,
     ) -> None:
         self._settings: CameraSettings = world.scenario.camera
         self._faults = world.scenario.faults
         self._state_at = state_at
         self._start_s = start_s
-        self._renderer = renderer or Renderer(world)
+        self._renderer: Draws = renderer or Renderer(world)
         root = world.seed if seed is None else seed
         self._timing = np.random.default_rng([root, 11])
         self._sensor = Sensor(self._settings, np.random.default_rng([root, 12]))

@@ -14,6 +14,7 @@ from follower_sim.gimbal import GimbalModel
 from follower_sim.path_shape import PathShape, drawn
 from follower_sim.paths import TargetPath
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
+from follower_sim.stand_in_settings import StandInSettings
 from follower_sim.targets import TargetKind
 from follower_vision.acquire import ColourSearchSettings
 from follower_vision.camera import CameraModel
@@ -290,6 +291,8 @@ class Scenario(_Section):
     wind: WindSettings = WindSettings()
     camera: CameraSettings = CameraSettings()
     """The camera and its imperfections."""
+    stand_in: StandInSettings = StandInSettings()
+    """How well a stand-in sees in flights without pixels."""
     faults: list[FaultSettings] = Field(default_factory=list)
     start: StartSettings
     takeoff_height_m: Positive = 8.0

@@ -1,0 +1,55 @@
+"""Other values for single keys of a scenario: `wind.mean_m_s=6`, `targets.0.kind=boat`."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+
+from follower_control.strict_yaml import SettingsError
+
+
+def overridden(data: dict[str, Any], overrides: Sequence[str], option: str) -> dict[str, Any]:
+    """Return a scenario's mapping with other values; a part of a key that is a number counts.
+
+    Args:
+        data: as read from YAML.
+        overrides: `key.path=value` each, the value as YAML.
+        option: how the user gave them, for errors.
+
+    Raises:
+        SettingsError: one is no `key=value`, or counts where there is no list.
+    """
+    result = copy.deepcopy(data)
+    for text in overrides:
+        key, separator, value_text = text.partition("=")
+        if not separator or not key:
+            raise SettingsError(f"{option} {text}: write key=value, for example wind.mean_m_s=6")
+        try:
+            value = yaml.safe_load(value_text)
+        except yaml.YAMLError:
+            raise SettingsError(f"{option} {text}: the value is no valid YAML") from None
+        _put(result, key.split("."), value, f"{option} {text}")
+    return result
+
+
+def _put(section: Any, parts: Sequence[str], value: Any, source: str) -> None:
+    """Put a value where the parts of its key lead, making the sections between."""
+    first, *rest = parts
+    place: Any = _number(section, first, source) if isinstance(section, list) else first
+    if not isinstance(section, dict | list):
+        raise SettingsError(f"{source}: there is no section to hold {first!r}")
+    if not rest:
+        section[place] = value
+        return
+    if isinstance(section, dict):
+        section.setdefault(place, {})
+    _put(section[place], rest, value, source)
+
+
+def _number(section: list[Any], part: str, source: str) -> int:
+    if not part.isdigit() or int(part) >= len(section):
+        raise SettingsError(f"{source}: {part!r} is no number from 0 to {len(section) - 1}")
+    return int(part)
