@@ -17,7 +17,7 @@ from rich.console import Console
 from follower.configs import find_scenario
 from follower.faults.injector import FaultInjector
 from follower.faults.planned import PlannedFault
-from follower.faults.simulation import said_of, signed_where_needed, verdicts
+from follower.faults.simulation import as_faults_want, said_of, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
 from follower.flight_video import BackgroundVideo, OverlayVideo
@@ -178,7 +178,7 @@ def _fly(
     """Return the flight when it is over, what its reader must know, what came of its faults."""
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
     with (
-        signed_where_needed(planned, settings, ends, clock) as (settings, ends),
+        as_faults_want(planned, settings, ends, clock) as (settings, ends),
         _injector(planned, clock, options, world.seed) as injector,
         _video(options, folder, world.scenario.camera.rate_hz) as video,
         _recorder(options, world, settings, clock, folder) as recorder,

@@ -9,6 +9,7 @@ from follower_sim.firmware import ARDUCOPTER, PX4
 
 PILOTS_MODE = {"px4": "POSCTL", "ardupilot": "LOITER"}
 _FAILSAFE_MODE = {"px4": "LAND", "ardupilot": "LAND"}
+_OTHERS = ("LOITER", "BRAKE", "RTL", "LAND")
 _WELL, _BATTERY_PERCENT, _CENTRE_US = 0.1, 90.0, 1500.0
 _SETPOINT_MODE = {"px4": PX4.setpoint_mode, "ardupilot": ARDUCOPTER.setpoint_mode}
 
@@ -41,6 +42,7 @@ class AutopilotFaults:
         faults.yaw_jump_rad = self._amount(Kind.YAW_JUMPS, now_s)
         faults.clock_jump_s = self._amount(Kind.CLOCK_JUMPS, now_s)
         faults.refuses_setpoints = self._on(Kind.MODE_REFUSED, now_s)
+        faults.refused_modes = _OTHERS if self._on(Kind.OTHER_MODES_REFUSED, now_s) else ()
         self._autopilot.health.test_ratio = self._amount(Kind.ESTIMATOR_UNWELL, now_s, _WELL)
         self._autopilot.health.battery_percent = round(
             self._amount(Kind.BATTERY_LOW, now_s, _BATTERY_PERCENT)

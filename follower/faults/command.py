@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from rich.console import Console
@@ -14,14 +15,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from follower.faults.catalogue import CATALOGUE, fault_named, in_groups
-from follower.faults.fault import Fault
+from follower.faults.fault import FLAVOURS, LINKS, Fault
 from follower.stopwatch import Stopwatch
 from follower_control.strict_yaml import SettingsError
 
 if TYPE_CHECKING:
     from follower.faults.results import Result
 
-FLAVOURS = ("px4", "ardupilot")
 _CONNECTION = "udpin:127.0.0.1:14590"
 _NICE = 10
 _FAILED = 1
@@ -42,7 +42,10 @@ Names = Annotated[
 ]
 Autopilot = Annotated[str, typer.Option(metavar="px4|ardupilot|both")]
 LinkKind = Annotated[
-    str, typer.Option("--link", metavar="pymavlink|mavsdk", help="mavsdk flies in real time alone.")
+    str,
+    typer.Option(
+        "--link", metavar="pymavlink|mavsdk|both", help="mavsdk flies in real time alone."
+    ),
 ]
 RealtimeFlag = Annotated[
     bool, typer.Option("--realtime", help="Threads and UDP in place of lockstep.")
@@ -59,6 +62,14 @@ Out = Annotated[Path, typer.Option(help="Where results are kept from run to run.
 Docs = Annotated[
     Path | None, typer.Option(help="Put the tables of all results into this Markdown file.")
 ]
+
+
+class _Setup(NamedTuple):
+    """How a case is flown."""
+
+    flavour: str
+    link: str
+    realtime: bool
 
 
 def faults_command(
@@ -100,14 +111,25 @@ def faults_command(
 def list_faults(console: Console | None = None) -> None:
     """Show all faults with what must come of them."""
     table = Table(box=None)
-    for title in ("fault", "lasts", "what must happen"):
+    for title in ("fault", "lasts", "with", "what must happen"):
         table.add_column(title, overflow="fold")
     for group, faults in in_groups().items():
         table.add_row(f"[bold]{group}[/bold]")
         for fault in faults:
             lasts = "on" if fault.for_s == float("inf") else f"{fault.for_s:g} s"
-            table.add_row(fault.name, lasts, fault.must)
+            table.add_row(fault.name, lasts, applies_to(fault), fault.must)
     (console or Console()).print(table)
+
+
+def applies_to(fault: Fault) -> str:
+    """Return with which autopilots and links a fault can come about, "all" for all of them."""
+    limited = [
+        ", ".join(here)
+        for here, known in ((fault.flavours, FLAVOURS), (fault.links, LINKS))
+        if here != known
+    ]
+    clock = [] if fault.lockstep else ["in real time"]
+    return "; ".join((*limited, *clock)) or "all"
 
 
 def _fly_matrix(
@@ -116,12 +138,11 @@ def _fly_matrix(
     """Fly the cases one after the other; return whether any failed."""
     from follower.faults.results import Results
 
-    realtime = realtime or link == "mavsdk"
-    cases = list(_cases(names, autopilot, realtime))
+    cases = list(_cases(names, autopilot, link, realtime))
     results = Results(path)
     failed = 0
-    for number, (fault, flavour) in enumerate(cases, 1):
-        result = _fly_one(fault, flavour, link, realtime)
+    for number, (fault, setup) in enumerate(cases, 1):
+        result = _fly_one(fault, setup)
         results.add(result)
         failed += not result.verdict.passed
         mark = "[green]ok[/green]  " if result.verdict.passed else "[red]FAIL[/red]"
@@ -132,21 +153,31 @@ def _fly_matrix(
     return failed > 0
 
 
-def _cases(names: list[str], autopilot: str, realtime: bool) -> Iterator[tuple[Fault, str]]:
-    if autopilot not in (*FLAVOURS, "both"):
-        raise SettingsError(f"--autopilot {autopilot}: choose px4, ardupilot or both")
+def _cases(
+    names: list[str], autopilot: str, link: str, realtime: bool
+) -> Iterator[tuple[Fault, _Setup]]:
+    flavours = _chosen("--autopilot", autopilot, FLAVOURS)
+    links = _chosen("--link", link, LINKS)
     try:
         chosen = [fault_named(name) for name in names] or list(CATALOGUE)
     except ValueError as error:
         raise SettingsError(str(error)) from None
     for fault in chosen:
-        for flavour in FLAVOURS if autopilot == "both" else (autopilot,):
-            here = fault.realtime if realtime else fault.lockstep
-            if here and flavour in fault.flavours:
-                yield fault, flavour
+        for kind, flavour in product(links, flavours):
+            setup = _Setup(flavour, kind, realtime or kind == "mavsdk")
+            if fault.flies(flavour, kind, setup.realtime):
+                yield fault, setup
 
 
-def _fly_one(fault: Fault, flavour: str, link: str, realtime: bool) -> Result:
+def _chosen(option: str, value: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    if value == "both":
+        return known
+    if value not in known:
+        raise SettingsError(f"{option} {value}: choose {', '.join(known)} or both")
+    return (value,)
+
+
+def _fly_one(fault: Fault, setup: _Setup) -> Result:
     import cv2
 
     from follower.faults.flight import Setup, fly_fault
@@ -154,6 +185,7 @@ def _fly_one(fault: Fault, flavour: str, link: str, realtime: bool) -> Result:
     from follower.faults.results import Result
 
     cv2.setNumThreads(1)
+    flavour, link, realtime = setup
     connection = _CONNECTION if realtime else None
     if fault.signal is not None:
         from follower.faults.process import fly_process

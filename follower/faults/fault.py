@@ -8,6 +8,9 @@ from enum import StrEnum
 
 from follower.supervisor import State
 
+FLAVOURS = ("px4", "ardupilot")
+LINKS = ("pymavlink", "mavsdk")
+
 
 class Kind(StrEnum):
     """One thing that can be made to go wrong; what `amount` means stands behind it."""
@@ -43,6 +46,7 @@ class Kind(StrEnum):
     PILOT_SWITCHES = "pilot switches"
     PILOT_RETURNS = "pilot returns"
     MODE_REFUSED = "mode refused"
+    OTHER_MODES_REFUSED = "other modes refused"
     ESTIMATOR_FAILSAFE = "estimator failsafe"
     ESTIMATOR_UNWELL = "estimator unwell"  # innovation over its limit
     BATTERY_LOW = "battery low"  # percent left
@@ -65,6 +69,7 @@ class Outcome(StrEnum):
     LETS_GO = "holds, lets go"
     PILOT_HAS_IT = "pilot has it"
     NEVER_FOLLOWS = "never follows"
+    ENDS_IN_MODE = "holds, lets go, ends in a mode"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +114,10 @@ class Fault:
         realtime: and into one in real time.
         signed: the link is signed.
         flavours: the autopilots with which it can come about.
+        links: and the links.
+        settings: that the follower flies with, `key.path=value` each.
+        ends_in: the mode in which each autopilot must be at the fault's end.
+        silent_within_s: from its begin to the last set-point; None: they may go on.
     """
 
     name: str
@@ -126,7 +135,16 @@ class Fault:
     lockstep: bool = True
     realtime: bool = True
     signed: bool = False
-    flavours: tuple[str, ...] = ("px4", "ardupilot")
+    flavours: tuple[str, ...] = FLAVOURS
+    links: tuple[str, ...] = LINKS
+    settings: tuple[str, ...] = ()
+    ends_in: tuple[tuple[str, str], ...] = ()
+    silent_within_s: float | None = None
+
+    def flies(self, flavour: str, link: str, realtime: bool) -> bool:
+        """Whether it can come about there."""
+        timed = self.realtime if realtime else self.lockstep and link != "mavsdk"
+        return timed and flavour in self.flavours and link in self.links
 
     @property
     def signal(self) -> int | None:

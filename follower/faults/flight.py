@@ -12,7 +12,7 @@ from pathlib import Path
 from follower.faults.injector import FaultInjector
 from follower.faults.planned import PlannedFault
 from follower.faults.scene import scene
-from follower.faults.simulation import signed_where_needed, verdicts
+from follower.faults.simulation import as_faults_want, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
 from follower.flying import fly_lockstep, fly_realtime
@@ -45,8 +45,8 @@ def fly_fault(planned: PlannedFault, setup: Setup, seed: int = 0) -> Verdict:
     clock = SimulatedClock() if setup.connection is None else MonotonicClock()
     with ExitStack() as stack:
         ends = stack.enter_context(_ends(setup))
-        signed = signed_where_needed([planned], _settings(setup), ends, clock)
-        settings, ends = stack.enter_context(signed)
+        wanted = as_faults_want([planned], _settings(setup), ends, clock)
+        settings, ends = stack.enter_context(wanted)
         injector = FaultInjector([planned], clock, setup.flavour, seed, ends_flight=True)
         stack.enter_context(injector)
         recorder = None

@@ -174,12 +174,27 @@ def _never_follows(case: Case, _from_s: float, _figures: Figures) -> Iterator[st
         yield "something else than zero is sent"
 
 
+def _ends_in_mode(case: Case, from_s: float, figures: Figures) -> Iterator[str]:
+    yield from _lets_go(case, from_s, figures)
+    fault = case.planned.fault
+    wanted = dict(fault.ends_in)[case.evidence.flavour]
+    mode = next((m.mode for m in case.evidence.motion if m.time_s >= case.until_s), "no mode")
+    if mode != wanted:
+        yield f"{case.until_s - from_s:.0f} s on it is in {mode}, not in {wanted}"
+    last_s = max((s.time_s for s in case.evidence.setpoints), default=from_s) - from_s
+    if fault.silent_within_s is not None and last_s > fault.silent_within_s:
+        yield f"a set-point {last_s:.1f} s on, not within {fault.silent_within_s:.1f} s"
+    if fault.silent_within_s is None and last_s < case.until_s - from_s:
+        yield f"the last set-point came {last_s:.1f} s on"
+
+
 _OUTCOMES = {
     Outcome.CARRIES_ON: _carries_on,
     Outcome.COMES_BACK: _comes_back,
     Outcome.LETS_GO: _lets_go,
     Outcome.PILOT_HAS_IT: _pilot_has_it,
     Outcome.NEVER_FOLLOWS: _never_follows,
+    Outcome.ENDS_IN_MODE: _ends_in_mode,
 }
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from follower.faults.campaign.tally import Tally
 from follower.faults.catalogue import CATALOGUE, in_groups
+from follower.faults.fault import LINKS, Fault
 from follower.faults.results import Result, Results
 from follower.report.writer import write_whole
 
@@ -92,20 +93,34 @@ def _group(name: str, results: Sequence[Result]) -> str:
     rows = []
     for fault in faults:
         cases = [r for r in results if r.verdict.fault == fault.name]
-        passed = sum(case.verdict.passed for case in cases)
         rows.append(
             (
                 f"`{fault.name}`",
                 fault.must,
-                f"{passed} of {len(cases)}" if cases else "–",
+                *(passed_of(fault, link, cases) for link in LINKS),
                 _worst(cases, "hold_s", "s") if fault.hold_within_s else "–",
                 _worst(cases, "rest_s", "s"),
                 _worst(cases, "excursion_m", "m"),
                 _worst(cases, "back_s", "s") if fault.outcome in _RETURNING else "–",
             )
         )
-    head = ("fault", "what must happen", "passed", "hold", "rest", "excursion", "back")
+    head = ("fault", "what must happen", *LINKS, "hold", "rest", "excursion", "back")
     return f"### {name.capitalize()}\n\n" + _table(head, rows)
+
+
+def passed_of(fault: Fault, link: str, cases: Sequence[Result]) -> str:
+    """Return how many of a link's cases passed, lockstep and real time counted apart.
+
+    What cannot come about on the link has a sign of its own, and so has what was not flown.
+    """
+    if link not in fault.links:
+        return "does not apply"
+    here = [case for case in cases if case.link == link]
+    missing = [f for f in fault.flavours if f not in {case.flavour for case in here}]
+    if not here:
+        return "not flown"
+    told = f"{sum(case.verdict.passed for case in here)} of {len(here)}"
+    return f"{told}; {', '.join(missing)} not flown" if missing else told
 
 
 _RETURNING = ("follows on", "holds, follows again")

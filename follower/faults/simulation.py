@@ -13,7 +13,7 @@ from follower.faults.planned import PlannedFault
 from follower.faults.signing_peer import SigningPeer, write_key
 from follower.faults.verdict import Figures, Verdict
 from follower.recorder import LOCKSTEP_EPOCH_NS, epoch_now_ns
-from follower.settings import Settings
+from follower.settings import Settings, load_settings
 from follower.simulated_flight import SimulatedFlight
 from follower_control.transport import Transport
 from follower_vision.clock import Clock, SimulatedClock
@@ -22,10 +22,13 @@ Ends = tuple[Transport, Transport]
 
 
 @contextmanager
-def signed_where_needed(
+def as_faults_want(
     planned: Sequence[PlannedFault], settings: Settings, ends: Ends, clock: Clock
 ) -> Iterator[tuple[Settings, Ends]]:
-    """Give settings and transports of a signed link if a fault wants one, else as they are."""
+    """Give settings and transports as the faults want them: theirs, and a signed link's."""
+    overrides = [override for one in planned for override in one.fault.settings]
+    if overrides:
+        settings = load_settings(base=settings.model_dump(), overrides=overrides)
     if not any(one.fault.signed for one in planned):
         yield settings, ends
         return

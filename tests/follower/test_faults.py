@@ -16,14 +16,21 @@ from follower.faults.catalogue import CATALOGUE, fault_named
 from follower.faults.evidence import Evidence, Motion, WireSetpoint
 from follower.faults.fault import Kind, Outcome
 from follower.faults.flight import Setup, fly_fault
+from follower.faults.judge import Case, judge
+from follower.faults.page import passed_of, sections
 from follower.faults.planned import PlannedFault
 from follower.faults.results import Result, Results
 from follower.faults.schedule import FaultSchedule
 from follower.faults.verdict import Figures, Verdict
 from follower.faults.wire_rules import envelope_failures, pilot_failures
-from follower.supervisor import State
-from follower_control.envelope import EnvelopeSettings
+from follower.flightlog import ControlRecord
+from follower.release import ReleaseAction
+from follower.settings import load_settings
+from follower.supervisor import Reason, State
+from follower_control.envelope_settings import EnvelopeSettings
+from follower_control.setpoint import HOLD
 from follower_control.strict_yaml import SettingsError
+from follower_control.vehicle import VehicleState
 
 CHOSEN = (
     ("vision-hangs", "ardupilot"),
@@ -32,6 +39,7 @@ CHOSEN = (
     ("link-down-5s", "px4"),
     ("unsigned", "px4"),
     ("pilot-while-searching", "ardupilot"),
+    ("release-land", "ardupilot"),
 )
 EVERYTHING = tuple(
     (fault.name, flavour) for fault in CATALOGUE if fault.lockstep for flavour in fault.flavours
@@ -67,6 +75,67 @@ def test_each_way_to_be_let_go_has_its_time() -> None:
     for fault in CATALOGUE:
         if fault.outcome is Outcome.LETS_GO and "failsafe" not in fault.name:
             assert fault.hold_within_s is not None
+
+
+def test_a_release_is_judged_by_mode_and_silence() -> None:
+    def failures(mode: str, *times_s: float) -> str:
+        evidence = Evidence("px4")
+        evidence.motion = [Motion(12.0, (0, 0, -5), (0, 0, 0), mode, mode == "OFFBOARD", True)]
+        evidence.setpoints = sent(*((time_s, 0.0) for time_s in times_s))
+        controls = [released_at(1.5), released_at(12.0)]
+        planned = PlannedFault.of(fault_named("release-land"))
+        limits = EnvelopeSettings()
+        return "; ".join(judge(Case(planned, 1.0, 11.0, evidence, controls, (), limits)).failures)
+
+    assert "mode" not in failures("LAND", 1.0, 9.9)
+    assert "in LAND" in failures("OFFBOARD", 1.0, 9.9)
+    assert "9.5 s on, not within 9.0 s" in failures("LAND", 1.0, 10.5)
+    assert "set-point" not in failures("LAND", 1.0, 9.9)
+
+
+def released_at(time_s: float) -> ControlRecord:
+    return ControlRecord(
+        time_s=time_s,
+        late_s=0.0,
+        busy_s=0.0,
+        state=State.RELEASED,
+        reason=Reason.CONSENT_WITHDRAWN,
+        estimate=None,
+        track_captured_s=None,
+        vehicle=VehicleState(),
+        asked=HOLD,
+        allowed=HOLD,
+        limits=(),
+        sent=True,
+    )
+
+
+def test_what_a_fault_sets_can_be_set_and_names_a_mode_for_each_autopilot() -> None:
+    for fault in CATALOGUE:
+        load_settings(overrides=fault.settings)
+        assert {name for name, _ in fault.ends_in} in (set(), set(fault.flavours))
+        assert bool(fault.ends_in) is (fault.outcome is Outcome.ENDS_IN_MODE)
+    actions = {load_settings(overrides=fault.settings).release.action for fault in CATALOGUE}
+    assert actions == set(ReleaseAction)
+
+
+def test_mavsdk_flies_in_real_time_alone_and_both_links_fly_the_whole_catalogue() -> None:
+    for fault in CATALOGUE:
+        assert not fault.flies("px4", "mavsdk", realtime=False)
+        assert fault.flies(fault.flavours[0], "mavsdk", realtime=True)
+        assert fault.flies(fault.flavours[0], "pymavlink", realtime=not fault.lockstep)
+    assert not fault_named("pilot-while-ready").flies("ardupilot", "pymavlink", realtime=False)
+
+
+def test_the_page_tells_what_was_not_flown_and_what_does_not_apply(tmp_path: Path) -> None:
+    results = Results(tmp_path / "results.json")
+    verdict = Verdict("vision-dies", "hold", (), Figures(hold_s=0.5), "released")
+    results.add(Result("px4", "pymavlink", False, verdict))
+    text = "\n".join(sections(results, Tally.load(tmp_path / "random.json", 0)))
+    line = next(one for one in text.splitlines() if one.startswith("| `vision-dies`"))
+    assert line.split(" | ")[2:4] == ["1 of 1; ardupilot not flown", "not flown"]
+    alone = replace(fault_named("vision-dies"), links=("pymavlink",))
+    assert passed_of(alone, "mavsdk", list(results)) == "does not apply"
 
 
 @pytest.mark.slow

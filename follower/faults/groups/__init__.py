@@ -1,0 +1,1 @@
+"""The catalogue's faults, group by group."""
