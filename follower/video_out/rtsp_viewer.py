@@ -1,0 +1,200 @@
+"""One viewer's RTSP connection."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import secrets
+import socket
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+
+from follower.video_out.channel import Channel
+from follower.video_out.encoder import AccessUnit
+from follower.video_out.rtp import RtpPacketiser, session_description
+
+_METHODS = "OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN, GET_PARAMETER, SET_PARAMETER"
+_MOST_HEADERS = 40
+_MOST_BODY_BYTES = 4096
+_IDLE_S = 120.0
+_LONGEST_LINE_BYTES = 2048
+_BEHIND_BYTES = 400_000
+"""A viewer by TCP that is so far behind gets nothing more until the next key picture."""
+_FIRST_PICTURE_S = 3.0
+
+Headers = dict[str, str]
+
+
+class RtspViewer:
+    """Answers one connection until it ends, and sends it the stream.
+
+    Args:
+        channel: what is shown.
+        reader: of the connection.
+        writer: of the connection.
+    """
+
+    def __init__(
+        self, channel: Channel, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        self._channel = channel
+        self._reader = reader
+        self._writer = writer
+        self._loop = asyncio.get_running_loop()
+        self._packetiser = RtpPacketiser(secrets.randbits(32), secrets.randbits(16))
+        self._session = secrets.token_hex(8)
+        self._udp: socket.socket | None = None
+        self._is_set_up = False
+        self._playing = False
+        self._needs_key = True
+        self._leave: Callable[[], None] | None = None
+        self._keyed = asyncio.Event()
+
+    async def run(self) -> None:
+        """Answer until the viewer leaves or says nothing sensible."""
+        while (request := await self._request()) is not None:
+            method, url, headers = request
+            answer = await self._answer(method, url, headers)
+            self._writer.write(answer)
+            await self._writer.drain()
+            if method == "TEARDOWN":
+                return
+
+    def close(self) -> None:
+        """Send no more."""
+        self._playing = False
+        if self._leave is not None:
+            self._leave()
+        if self._udp is not None:
+            self._udp.close()
+        self._writer.close()
+
+    async def _request(self) -> tuple[str, str, Headers] | None:
+        """Return the next request's method, address and headers; None at its end."""
+        line = await self._line()
+        if line is None:
+            return None
+        words = line.split()
+        headers: Headers = {}
+        for _ in range(_MOST_HEADERS):
+            line = await self._line()
+            if not line:
+                break
+            name, _, value = line.partition(":")
+            headers[name.strip().lower()] = value.strip()
+        if len(words) != 3 or not words[2].startswith("RTSP/"):
+            return None
+        length = headers.get("content-length", "0")
+        if not length.isdecimal() or int(length) > _MOST_BODY_BYTES:
+            return None
+        await self._reader.readexactly(int(length))
+        return words[0], words[1], headers
+
+    async def _line(self) -> str | None:
+        """Return the next line, leaving out RTCP that comes between; None at the end."""
+        limit = None if self._playing and self._udp is None else _IDLE_S
+        async with asyncio.timeout(limit):
+            first = await self._reader.read(1)
+            while first == b"$":
+                _, length = struct.unpack("!BH", await self._reader.readexactly(3))
+                await self._reader.readexactly(length)
+                first = await self._reader.read(1)
+            try:
+                rest = b"" if first in (b"", b"\n") else await self._reader.readuntil(b"\n")
+            except asyncio.LimitOverrunError:
+                return None
+        if not first or len(rest) > _LONGEST_LINE_BYTES:
+            return None
+        return (first + rest).decode("utf-8", "replace").strip()
+
+    async def _answer(self, method: str, url: str, headers: Headers) -> bytes:
+        number = headers.get("cseq", "0")
+        if not number.isdecimal():
+            return _response(400, "Bad Request", "0")
+        if method == "OPTIONS":
+            return _response(200, "OK", number, f"Public: {_METHODS}")
+        if method == "DESCRIBE":
+            return await self._describe(url, number)
+        if method == "SETUP":
+            return self._set_up(headers.get("transport", ""), number)
+        if method == "PLAY":
+            return self._play(number)
+        if method in ("TEARDOWN", "GET_PARAMETER", "SET_PARAMETER"):
+            return _response(200, "OK", number, f"Session: {self._session}")
+        return _response(501, "Not Implemented", number)
+
+    async def _describe(self, url: str, number: str) -> bytes:
+        self._watch()
+        with suppress(TimeoutError):  # the description then goes without parameter sets
+            async with asyncio.timeout(_FIRST_PICTURE_S):
+                await self._keyed.wait()
+        body = session_description(self._channel.key_unit)
+        base = url.rstrip("/")
+        lines = (f"Content-Base: {base}/", "Content-Type: application/sdp")
+        return _response(200, "OK", number, *lines, body=body)
+
+    def _set_up(self, transport: str, number: str) -> bytes:
+        wish = transport.split(",")[0].replace(" ", "")
+        if "RTP/AVP/TCP" in wish:
+            agreed = "RTP/AVP/TCP;unicast;interleaved=0-1"
+        elif ports := re.search(r"client_port=(\d{1,5})", wish):
+            agreed = self._open_udp(int(ports[1]))
+        else:
+            return _response(461, "Unsupported Transport", number)
+        self._is_set_up = True
+        session = f"Session: {self._session};timeout={int(_IDLE_S)}"
+        return _response(200, "OK", number, f"Transport: {agreed}", session)
+
+    def _open_udp(self, port: int) -> str:
+        """Send to the asking computer alone, whatever it names as destination."""
+        peer = self._writer.get_extra_info("peername")
+        family = socket.AF_INET6 if ":" in peer[0] else socket.AF_INET
+        self._udp = socket.socket(family, socket.SOCK_DGRAM)
+        self._udp.setblocking(False)
+        self._udp.connect((peer[0], port))
+        ours = self._udp.getsockname()[1]
+        return f"RTP/AVP;unicast;client_port={port}-{port + 1};server_port={ours}-{ours + 1}"
+
+    def _play(self, number: str) -> bytes:
+        if not self._is_set_up:
+            return _response(455, "Method Not Valid in This State", number)
+        self._watch()
+        self._playing = self._needs_key = True
+        self._channel.ask_for_key()
+        return _response(200, "OK", number, f"Session: {self._session}", "Range: npt=0.000-")
+
+    def _watch(self) -> None:
+        if self._leave is None:
+            self._leave = self._channel.watch(self._hand_over)
+
+    def _hand_over(self, unit: AccessUnit) -> None:
+        """Take a picture on the encoder's thread."""
+        with suppress(RuntimeError):  # the loop was closed meanwhile
+            self._loop.call_soon_threadsafe(self._send, unit)
+
+    def _send(self, unit: AccessUnit) -> None:
+        if unit.is_key:
+            self._keyed.set()
+        if not self._playing or self._writer.is_closing():
+            return
+        behind = self._writer.transport.get_write_buffer_size() > _BEHIND_BYTES
+        self._needs_key = (self._needs_key and not unit.is_key) or behind
+        if self._needs_key:
+            return
+        for packet in self._packetiser.pack(unit):
+            self._send_packet(packet)
+
+    def _send_packet(self, packet: bytes) -> None:
+        if self._udp is None:
+            self._writer.write(struct.pack("!cBH", b"$", 0, len(packet)) + packet)
+            return
+        with suppress(OSError):  # the viewer's port is closed, or the network is gone for now
+            self._udp.send(packet)
+
+
+def _response(code: int, words: str, number: str, *lines: str, body: str = "") -> bytes:
+    head = [f"RTSP/1.0 {code} {words}", f"CSeq: {number}", *lines]
+    if body:
+        head.append(f"Content-Length: {len(body)}")
+    return ("\r\n".join([*head, "", ""]) + body).encode()
