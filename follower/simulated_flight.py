@@ -8,6 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
@@ -23,19 +25,22 @@ from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.selecting import colour_selector
 from follower.settings import Settings, merged
+from follower.sight import Sight
 from follower.situation import Order
 from follower.supervisor import State
 from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
+from follower.vision_stage import Selector, VisionStage
 from follower_control.transport import Transport
 from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
+from follower_sim.blind_camera import BlindCamera
 from follower_sim.camera import SimCamera
 from follower_sim.gimbal import Gimbal
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal
-from follower_sim.truth import TruthTeller
+from follower_sim.stand_in import StandIn
+from follower_sim.truth import TargetTruth, TruthTeller
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.clock import Clock, SimulatedClock
@@ -47,6 +52,7 @@ _STANDING_M_S = 0.3
 _AIRBORNE_M = 2.0
 _LONGEST_STOP_S = 6.0
 _FAREWELL_S = 1.0
+_STAND_IN = 21
 
 
 class SimulatedFlight:
@@ -65,6 +71,7 @@ class SimulatedFlight:
         video: takes every frame with its track, if given.
         recorder: records the flight, if given.
         faults: what is made to go wrong, if anything.
+        sight: what vision goes by. Without pixels, pictures are drawn for `video` alone.
     """
 
     def __init__(
@@ -77,6 +84,7 @@ class SimulatedFlight:
         video: FlightVideo | None = None,
         recorder: Recorder | None = None,
         faults: FaultInjector | None = None,
+        sight: Sight = Sight.PIXELS,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
@@ -93,15 +101,19 @@ class SimulatedFlight:
             wind, gimbal = world.wind.velocity_m_s, gimbal_of(scenario)
             self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal)
             self.vehicle = self.autopilot
-        make_camera = SimCamera if faults is None else faults.camera
+        self.sight = sight
+        is_blind = sight is Sight.TRUTH and video is None
+        make_camera = BlindCamera if is_blind else SimCamera if faults is None else faults.camera
         self.camera = make_camera(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
         self.chosen_s: float | None = None
         self._teller = TruthTeller(world)
+        self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
-        self._vision_stage = VisionStage(make_target_tracker(settings))
+        tracker = self._stand_in or make_target_tracker(settings)
+        self._vision_stage = VisionStage(tracker)
         make_vision = VisionLoop if faults is None else faults.vision
         self.vision = make_vision(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
@@ -189,10 +201,16 @@ class SimulatedFlight:
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
         if self.chosen_s is None and self._is_airborne:
             self.chosen_s = now_s
-            select = self.scenario.select
-            self._vision_stage.select(colour_selector(select.colour, select.search))
+            self._vision_stage.select(self._selector())
         if now_s >= self.scenario.duration_s:
             self.stop()
+
+    def _selector(self) -> Selector:
+        """Return the way in which the operator points out the target."""
+        select = self.scenario.select
+        if self._stand_in is not None:
+            return self._stand_in.select
+        return colour_selector(select.colour, select.search)
 
     @property
     def _is_airborne(self) -> bool:
@@ -237,10 +255,18 @@ class SimulatedFlight:
         track = record.track
         if track is None or track.state is not TrackState.TRACKING:
             return
-        true_s = record.captured_s - self.scenario.camera.stamp_offset_s
-        body, camera = self.vehicle.state_at(true_s), self._camera_at(true_s)
-        box = self._teller.truth(true_s, body, camera).box
+        box = self._truth_of(record.captured_s).box
         self.overlaps.append(0.0 if box is None else box.iou(track.box))
+
+    def _make_stand_in(self) -> StandIn:
+        camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _STAND_IN])
+        size = (camera.width, camera.height)
+        return StandIn(self._truth_of, size, self.scenario.stand_in, rng)
+
+    def _truth_of(self, stamp_s: float) -> TargetTruth:
+        """Return the truth about a frame with this capture stamp."""
+        true_s = stamp_s - self.scenario.camera.stamp_offset_s
+        return self._teller.truth(true_s, self.vehicle.state_at(true_s), self._camera_at(true_s))
 
     def _lines(self) -> Sequence[str]:
         """Return what the video shows in its corner."""
