@@ -185,6 +185,8 @@ class AutopilotLink(ABC):
         if self._monitor is not None:
             self._monitor.begin()
         self._receive(now_s)
+        if self._monitor is not None:
+            self._monitor.settle()
         if self._sends_heartbeats and now_s - self._heartbeat_sent_s >= _HEARTBEAT_S:
             self._heartbeat_sent_s = now_s
             self._send_heartbeat()
@@ -311,8 +313,7 @@ class AutopilotLink(ABC):
         """Take a message of the vehicle's autopilot."""
         if self._monitor is None:
             return
-        silent_s = self._monitor.state.heartbeat_age_s(now_s)
-        if name == "HEARTBEAT" and silent_s > _SILENCE_S:
+        if name == "HEARTBEAT" and self._monitor.state.heartbeat_age_s(now_s) > _SILENCE_S:
             self._rates.ask_anew()
         self._rates.count(name, now_s)
         if self._gimbal is not None and self._gimbal.take(name, message):

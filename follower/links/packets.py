@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
@@ -13,10 +13,13 @@ _V1, _V2 = 0xFE, 0xFD
 _V1_HEAD, _V2_HEAD, _CRC, SIGNATURE = 6, 10, 2, 13
 SIGNED_FLAG = 0x01
 _NOT_YET, _NEVER = 0, -1
+_CRC_EXTRA = {
+    ekf_status_report.MESSAGE_ID: ekf_status_report.CRC_EXTRA,
+    **{number: int(message.crc_extra) for number, message in mavlink.mavlink_map.items()},
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(NamedTuple):
     """One MAVLink packet whose checksum is right.
 
     Attributes:
@@ -69,6 +72,8 @@ class PacketReader:
         return packets
 
     def _next_start(self, stream: bytes, at: int) -> int:
+        if at < len(stream) and stream[at] in (_V1, _V2):
+            return at
         starts = [i for i in (stream.find(_V1, at), stream.find(_V2, at)) if i >= 0]
         start = min(starts, default=len(stream))
         self.skipped_bytes += start - at
@@ -83,10 +88,7 @@ def checksum(unsigned: bytes, crc_extra: int) -> bytes:
 
 def crc_extra_of(message_id: int) -> int | None:
     """Return the seed of a message's checksum, None if the dialect does not know it."""
-    if message_id == ekf_status_report.MESSAGE_ID:
-        return ekf_status_report.CRC_EXTRA
-    message = mavlink.mavlink_map.get(message_id)
-    return None if message is None else int(message.crc_extra)
+    return _CRC_EXTRA.get(message_id)
 
 
 def message_id_of(data: bytes) -> int:

@@ -41,7 +41,7 @@ class VehicleMonitor:
         clock: maps the autopilot's times to ours.
 
     Attributes:
-        state: the newest of everything.
+        state: the newest of everything, at the last `settle`.
         attitudes: those since `begin`.
         altitude_msl_m: None before it is known.
         boot_ms: the newest time on the autopilot's own clock.
@@ -65,6 +65,7 @@ class VehicleMonitor:
             "GPS_GLOBAL_ORIGIN": self._on_origin,
             "GIMBAL_DEVICE_ATTITUDE_STATUS": self._on_gimbal,
         }
+        self._news: dict[str, Any] = {}
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.altitude_msl_m: float | None = None
@@ -79,6 +80,12 @@ class VehicleMonitor:
     def begin(self) -> None:
         """Forget the attitudes of before."""
         self.attitudes = []
+
+    def settle(self) -> None:
+        """Put what has come since the last time into the state."""
+        if self._news:
+            self.state = replace(self.state, **self._news)
+            self._news = {}
 
     def take(self, name: str, message: Any, now_s: float) -> None:
         """Take one message: anything whose attributes are the message's fields."""
@@ -97,12 +104,12 @@ class VehicleMonitor:
         return notes
 
     def _on_heartbeat(self, message: Any, now_s: float) -> None:
+        self.settle()
         before = self.state
         mode = mode_name(self._autopilot, message.custom_mode)
         obeys = mode == setpoint_mode(self._autopilot)
         enters = obeys and not before.obeys_setpoints
-        self.state = replace(
-            before,
+        self._news.update(
             mode=mode,
             obeys_setpoints=obeys,
             armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
@@ -118,13 +125,13 @@ class VehicleMonitor:
         if numbers is not None:
             attitude = Attitude(*numbers, self._time_of(message, now_s))
             self.attitudes.append(attitude)
-            self.state = replace(self.state, attitude=attitude)
+            self._news["attitude"] = attitude
 
     def _on_position(self, message: Any, now_s: float) -> None:
         numbers = _finite(message, ("x", "y", "z", "vx", "vy", "vz"))
         if numbers is not None:
             position = LocalPosition(*numbers, self._time_of(message, now_s))
-            self.state = replace(self.state, position=position)
+            self._news["position"] = position
 
     def _on_global_position(self, message: Any, now_s: float) -> None:
         self._time_of(message, now_s)
@@ -133,11 +140,11 @@ class VehicleMonitor:
     def _on_landed_state(self, message: Any, _now_s: float) -> None:
         if message.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED:
             landed = message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
-            self.state = replace(self.state, landed=landed)
+            self._news["landed"] = landed
 
     def hears_us(self, now_s: float) -> None:
         """Note an answer to something that we asked."""
-        self.state = replace(self.state, answered_s=now_s)
+        self._news["answered_s"] = now_s
 
     def _on_ack(self, message: Any, now_s: float) -> None:
         # MAVLink 1 has no target here.
@@ -156,24 +163,24 @@ class VehicleMonitor:
         count = min(max(int(message.chancount), 0), _MOST_CHANNELS)
         pulses = [int(getattr(message, f"chan{number}_raw")) for number in range(1, count + 1)]
         if pulses:
-            self.state = replace(self.state, rc=RcChannels(tuple(pulses), now_s))
+            self._news["rc"] = RcChannels(tuple(pulses), now_s)
 
     def _on_distance(self, message: Any, now_s: float) -> None:
         clearance = clearance_by_rangefinder(message, now_s)
         if clearance is not None:
             self._range_s = now_s
-            self.state = replace(self.state, clearance=clearance)
+            self._news["clearance"] = clearance
 
     def _on_terrain(self, message: Any, now_s: float) -> None:
         # A rangefinder knows better than a map.
         clearance = clearance_by_terrain(message, now_s)
         if clearance is not None and now_s - self._range_s > _RANGE_HOLDS_S:
-            self.state = replace(self.state, clearance=clearance)
+            self._news["clearance"] = clearance
 
     def _on_origin(self, message: Any, _now_s: float) -> None:
         origin = origin_of(message)
         if origin is not None:
-            self.state = replace(self.state, origin=origin)
+            self._news["origin"] = origin
 
     def _on_gimbal(self, message: Any, now_s: float) -> None:
         self.take_gimbal(message, self._time_of(message, now_s))
@@ -182,7 +189,7 @@ class VehicleMonitor:
         """Take a gimbal's attitude that was true at a time of ours."""
         gimbal = gimbal_of(message, time_s)
         if gimbal is not None:
-            self.state = replace(self.state, gimbal=gimbal)
+            self._news["gimbal"] = gimbal
 
     def _time_of(self, message: Any, now_s: float) -> float:
         self.boot_ms = message.time_boot_ms
