@@ -1,0 +1,124 @@
+"""Where a body lies in an image, and how much of it nothing nearer hides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from follower_sim.lens import NEAR_M, Lens
+from follower_sim.noise import Grey
+from follower_sim.painter import FixedPoints, SolidBatch, SolidPainter
+from follower_sim.solid import Solid
+from follower_sim.view import View
+from follower_vision.box import Box
+from follower_vision.camera import CameraModel, Vector
+
+_MASK_PX = 64
+_SHIFT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class SeenBody:
+    """A body in an image.
+
+    Attributes:
+        box: tight box of its projected corners, beyond the image's edges too; None if it is
+            behind the camera or far outside the view.
+        in_frame_share: share of that box inside the image.
+        visible_share: share of its silhouette that nothing nearer hides.
+    """
+
+    box: Box | None
+    in_frame_share: float
+    visible_share: float
+
+
+UNSEEN = SeenBody(None, 0.0, 0.0)
+
+
+class Silhouettes:
+    """Finds bodies in the images of one camera.
+
+    Args:
+        camera: intrinsics and distortion.
+        standing: what never moves and may hide a body.
+    """
+
+    def __init__(self, camera: CameraModel, standing: Sequence[Solid]) -> None:
+        self._camera = camera
+        self._lens = Lens(camera)
+        self._painter = SolidPainter(self._lens)
+        self._standing = list(standing)
+        self._centres = np.array([body.centre for body in standing]).reshape(-1, 3)
+        self._radii = np.array([body.radius_m for body in standing])
+
+    def seen(self, solid: Solid, moving: Sequence[Solid], view: View) -> SeenBody:
+        """Return where a body is, among others that move."""
+        box = self._box(solid, view)
+        if box is None:
+            return UNSEEN
+        in_frame = min(1.0, box.visible_share(self._camera.width, self._camera.height))
+        return SeenBody(box, in_frame, self._visible_share(solid, moving, box, view))
+
+    def _box(self, solid: Solid, view: View) -> Box | None:
+        corners = view.to_camera(solid.vertices)
+        if not (corners[:, 2] > NEAR_M).any() or self._lens.outside(corners).all(axis=0).any():
+            return None
+        corners = corners[~self._lens.outside(corners).any(axis=1)]
+        if not len(corners):
+            return None
+        pixels = self._lens.pixels(corners)
+        (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+        if right - left < 1e-6 or bottom - top < 1e-6:
+            return None
+        return Box.from_xywh(float(left), float(top), float(right - left), float(bottom - top))
+
+    def _visible_share(self, solid: Solid, moving: Sequence[Solid], box: Box, view: View) -> float:
+        """Draw the silhouette, paint over it what is nearer, and count."""
+        nearer = self._nearer(solid, moving, view)
+        if not nearer:
+            return 1.0
+        own = self._drawn(np.zeros((_MASK_PX, _MASK_PX), np.uint8), [solid], box, view, 255)
+        before = cv2.countNonZero(own)
+        left = self._drawn(own, nearer, box, view, 0)
+        return cv2.countNonZero(left) / before if before else 1.0
+
+    def _nearer(self, solid: Solid, moving: Sequence[Solid], view: View) -> list[Solid]:
+        """Return the bodies whose spheres touch the line of sight in front of the body."""
+        bodies = [*self._standing, *moving]
+        if not bodies:
+            return []
+        centres = np.vstack([self._centres, *(body.centre for body in moving)]) - view.position_m
+        radii = np.append(self._radii, [body.radius_m for body in moving])
+        hit = _in_front(centres, radii, solid.centre - view.position_m, solid.radius_m)
+        return [bodies[i] for i in np.flatnonzero(hit)]
+
+    def _drawn(self, mask: Grey, solids: list[Solid], box: Box, view: View, value: int) -> Grey:
+        selection = self._painter.select([SolidBatch.of(solids)], view)
+        for _, polygon in self._painter.polygons(selection.corners, view):
+            cv2.fillConvexPoly(mask, _into(polygon, box), (value,), cv2.LINE_8, _SHIFT)
+        return mask
+
+
+def _in_front(
+    centres: Vector, radii: Vector, target: Vector, target_radius: float
+) -> npt.NDArray[np.bool_]:
+    """Return which spheres about points, (N, 3) seen from the camera, can hide the target."""
+    distance = float(np.linalg.norm(target))
+    along = centres @ target / distance
+    beside2 = (centres**2).sum(axis=1) - along**2
+    nearer = np.linalg.norm(centres, axis=1) < distance
+    touching = beside2 < (radii + target_radius) ** 2
+    return np.asarray(nearer & touching & (along > -radii))
+
+
+def _into(polygon: FixedPoints, box: Box) -> FixedPoints:
+    """Stretch image polygons so that the box fills the mask."""
+    corner = np.array([box.left, box.top]) - 0.5
+    scale = np.array([_MASK_PX / box.width, _MASK_PX / box.height])
+    pixels = (polygon / (1 << _SHIFT) - corner) * scale - 0.5
+    return np.asarray(np.clip(np.round(pixels * (1 << _SHIFT)), -1e6, 1e6), np.int32)
