@@ -50,6 +50,8 @@ _SIM_EPILOG = """
 
 `follower sim my.yaml --config mine.yaml --seed 5` – your own scenario and settings
 
+`follower sim pursue-car --lockstep --vision truth+noise --scene wind.mean_m_s=8` – no pixels, fast
+
 `follower sim demo --lockstep --fault frames-black@30:2` – what does it do when something breaks?
 
 `follower sim demo --autopilot external --connect udpin:0.0.0.0:14540` – PX4 or ArduPilot SITL
@@ -153,6 +155,23 @@ Record = Annotated[
 ]
 
 
+VisionBy = Annotated[
+    str,
+    typer.Option(
+        "--vision",
+        help="What sees: **pixels**, or **truth+noise**: a stand-in that is told where the target "
+        "is, for quick studies of control.",
+        metavar="pixels|truth+noise",
+    ),
+]
+Scene = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scene", metavar="KEY=VALUE", help="One key of the scenario, e.g. wind.mean_m_s=6."
+    ),
+]
+
+
 @app.command(epilog=_DEMO_EPILOG)
 def demo(
     autopilot: Autopilot = "px4",
@@ -190,8 +209,11 @@ def sim(
     record: Record = True,
     link: LinkKind = None,
     faults: Fault = None,
+    vision: VisionBy = "pixels",
+    scene: Scene = None,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
+    from follower.sight import Sight
     from follower.simulate import SimulationOptions, simulate
 
     if faults == ["list"]:
@@ -211,6 +233,8 @@ def sim(
         record,
         link,
         tuple(faults or ()),
+        Sight.of(vision),
+        tuple(scene or ()),
     )
     raise typer.Exit(simulate(options))
 

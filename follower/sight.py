@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 from follower_control.strict_yaml import SettingsError
+from follower_sim.scenario import Scenario
 
 
 class Sight(StrEnum):
@@ -26,3 +28,15 @@ class Sight(StrEnum):
             return cls(text)
         except ValueError:
             raise SettingsError(f"--vision {text}: choose {' or '.join(cls)}") from None
+
+
+def check_without_pixels(scenario: Scenario, faults: Sequence[str] = ()) -> None:
+    """Refuse what nobody could see without pixels.
+
+    Raises:
+        SettingsError: a fault of the camera was asked for.
+    """
+    kinds = {fault.kind for fault in scenario.faults} & {"black", "frozen"}
+    if kinds or faults:
+        named = faults[0] if faults else f"the scenario's fault {sorted(kinds)[0]!r}"
+        raise SettingsError(f"--vision {Sight.TRUTH}: {named} needs pixels; leave --vision out")

@@ -32,19 +32,22 @@ from follower.report.writer import write_report, write_score, write_whole
 from follower.run_folder import new_run_folder
 from follower.scoring import score_flight
 from follower.settings import Settings, load_settings
+from follower.sight import Sight, check_without_pixels
 from follower.simulated_flight import EXTERNAL, SimulatedFlight, base_settings
 from follower.terminal import Terminal, print_score
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
 from follower_sim.criteria import verdict
 from follower_sim.scenario import Scenario
-from follower_sim.scenario_file import load_scenario
+from follower_sim.scenario_file import SCENE, load_scenario
+from follower_sim.stand_in import LABEL
 from follower_sim.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 FLAVOURS = ("px4", "ardupilot", EXTERNAL)
 INTERRUPTED = "The user ended this flight."
+NO_PIXELS = LABEL[0].upper() + LABEL[1:]
 VIDEO = "overlay.mp4"
 FILES = (
     ("report.html", "this report"),
@@ -76,6 +79,13 @@ class SimulationOptions:
     record: bool = True
     link: str | None = None
     faults: tuple[str, ...] = ()
+    sight: Sight = Sight.PIXELS
+    scene: tuple[str, ...] = ()
+
+    @property
+    def recorded(self) -> bool:
+        """Whether it is recorded; a replay could see nothing in a recording without pixels."""
+        return self.record and self.sight is Sight.PIXELS
 
     @property
     def command(self) -> str:
@@ -88,6 +98,9 @@ class SimulationOptions:
         words += [] if self.config is None else ["--config", str(self.config)]
         for override in self.overrides:
             words += ["--set", override]
+        for override in self.scene:
+            words += [SCENE, override]
+        words += [] if self.sight is Sight.PIXELS else ["--vision", self.sight]
         for fault in self.faults:
             words += ["--fault", fault]
         return shlex.join(words)
@@ -102,7 +115,9 @@ def simulate(options: SimulationOptions) -> int:
     if options.faults and options.autopilot == EXTERNAL:
         raise SettingsError("--fault needs a simulated autopilot: px4 or ardupilot")
     planned = tuple(PlannedFault.parse(text) for text in options.faults)
-    scenario = load_scenario(find_scenario(options.scenario))
+    scenario = load_scenario(find_scenario(options.scenario), options.scene)
+    if options.sight is Sight.TRUTH:
+        check_without_pixels(scenario, options.faults)
     settings = simulation_settings(scenario, options)
     if options.lockstep and settings.link.kind == "mavsdk":
         raise SettingsError("--lockstep: mavsdk has its own threads and time; use --link pymavlink")
@@ -112,7 +127,8 @@ def simulate(options: SimulationOptions) -> int:
     with _transports(options) as ends:
         with console.status("Building the world"):
             world = World(scenario, options.seed)
-            _build(world)
+            if options.sight is Sight.PIXELS or options.video:
+                _build(world)
         # A flight has its own way to end; whatever is written after it is to be whole.
         with StopOnInterrupt() as early:
             folder = new_run_folder(options.out, scenario.name)
@@ -184,7 +200,15 @@ def _fly(
         _recorder(options, world, settings, clock, folder) as recorder,
     ):
         flight = SimulatedFlight(
-            world, settings, options.autopilot, clock, ends, video, recorder, injector
+            world,
+            settings,
+            options.autopilot,
+            clock,
+            ends,
+            video,
+            recorder,
+            injector,
+            sight=options.sight,
         )
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
@@ -204,7 +228,11 @@ def _fly(
                     fly_realtime(flight, clock, show)
     judged = [] if injector is None else verdicts(planned, flight, injector)
     interrupted = interrupt.interrupted or early.interrupted
-    remarks = (INTERRUPTED if interrupted else None, video.remark if video else None)
+    remarks = (
+        NO_PIXELS if options.sight is Sight.TRUTH else None,
+        INTERRUPTED if interrupted else None,
+        video.remark if video else None,
+    )
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
     return flight, (*said, *map(said_of, judged)), judged
@@ -237,7 +265,7 @@ def _video(
 def _recorder(
     options: SimulationOptions, world: World, settings: Settings, clock: Clock, folder: Path
 ) -> Iterator[Recorder | None]:
-    if not options.record:
+    if not options.recorded:
         yield None
         return
     config = FlightConfig.of(
@@ -279,7 +307,12 @@ def _report(
     write_boxes(folder / "boxes.csv", flight.log.tracks)
     write_setpoints(folder / "setpoints.csv", flight.log.controls)
     write_whole(folder / "settings.yaml", flight.settings.to_yaml())
-    run = {"scenario": flight.scenario.name, "autopilot": options.autopilot, "seed": flight.seed}
+    run = {
+        "scenario": flight.scenario.name,
+        "autopilot": options.autopilot,
+        "seed": flight.seed,
+        "vision": str(options.sight),
+    }
     write_score(folder, score, criteria, run)
     write_report(
         folder,
@@ -306,6 +339,7 @@ def _meta(
     flight: SimulatedFlight, options: SimulationOptions, remarks: tuple[str, ...]
 ) -> ReportMeta:
     how = "lockstep" if options.lockstep else "real time"
+    how += f" · {LABEL}" if options.sight is Sight.TRUTH else ""
     kind = flight.settings.link.kind
     link = "through memory" if options.lockstep else f"by {kind}, {options.connect}"
     return ReportMeta(
@@ -319,7 +353,7 @@ def _meta(
             ("Autopilot", options.autopilot),
             ("Link", f"MAVLink 2 {link}"),
             ("Link at the end", flight.link_status.line()),
-            ("Tracker", flight.settings.tracker),
+            ("Vision", NO_PIXELS if options.sight is Sight.TRUTH else flight.settings.tracker),
             ("Seed", str(flight.seed)),
         ),
         files=FILES,

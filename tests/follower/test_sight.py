@@ -1,0 +1,70 @@
+"""Flights without pixels: flown, labelled, repeatable, and refused where pixels are needed."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from follower.sight import Sight, check_without_pixels
+from follower.simulate import SimulationOptions, simulate
+from follower_control.strict_yaml import SettingsError
+from follower_sim.scenario_file import load_scenario
+from follower_sim.stand_in import LABEL
+
+SHORT = ("duration_s=16", "targets.0.path.shape.from_s=10")
+
+
+def options(out: Path, **more: object) -> SimulationOptions:
+    return SimulationOptions(
+        "pursue-quadrotor",
+        seed=5,
+        lockstep=True,
+        out=out,
+        video=False,
+        sight=Sight.TRUTH,
+        scene=SHORT,
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def test_a_flight_without_pixels_is_labelled_and_the_same_each_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(2):
+        simulate(options(tmp_path))
+    said = capsys.readouterr().out
+    assert LABEL.lower() in said.lower()
+    first, again = tmp_path / "pursue-quadrotor", tmp_path / "pursue-quadrotor-2"
+    score = json.loads((first / "score.json").read_text("utf-8"))
+    assert score["run"]["vision"] == "truth+noise"
+    assert score["score"]["time_to_acquire_s"] is not None
+    page = (first / "report.html").read_text("utf-8")
+    assert LABEL in page
+    assert "--vision truth+noise" in page
+    assert "--scene duration_s=16" in page
+    for name in ("score.json", "boxes.csv", "setpoints.csv"):
+        assert (first / name).read_bytes() == (again / name).read_bytes()
+    assert "truth+noise" in (first / "boxes.csv").read_text("utf-8")
+    assert not (first / "flight.mcap").exists()
+
+
+def test_faults_of_the_picture_need_pixels(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="frames-black@12:1 needs pixels"):
+        simulate(options(tmp_path, faults=("frames-black@12:1",)))
+    scenario = load_scenario(
+        Path(__file__).parents[2] / "configs" / "scenarios" / "pursue-car.yaml",
+        ("faults=[{kind: frozen, from_s: 3}]",),
+    )
+    with pytest.raises(SettingsError, match="the scenario's fault 'frozen' needs pixels"):
+        check_without_pixels(scenario)
+
+
+def test_another_sight_is_named() -> None:
+    with pytest.raises(SettingsError, match=r"--vision eyes: choose pixels or truth\+noise"):
+        Sight.of("eyes")
+
+
+def test_a_mistyped_key_of_the_scenario_is_named(tmp_path: Path) -> None:
+    wrong = SimulationOptions("pursue-car", lockstep=True, out=tmp_path, scene=("wind.mean=3",))
+    with pytest.raises(SettingsError, match=r"--scene wind.mean=3: unknown key 'wind.mean'"):
+        simulate(wrong)
