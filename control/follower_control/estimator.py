@@ -26,11 +26,6 @@ class Verdict(StrEnum):
     OUT_OF_ORDER = "not newer than the last sighting"
     NOT_FINITE = "not finite"
 
-    @property
-    def was_used(self) -> bool:
-        """Whether the sighting went into the filter."""
-        return self in (Verdict.STARTED, Verdict.FUSED, Verdict.RESTARTED)
-
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:

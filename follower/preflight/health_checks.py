@@ -35,6 +35,7 @@ _RESERVE = 0.15
 _FEW_SATELLITES, _POOR_HDOP = 8, 2.5
 _FIX_3D = 3
 _STALE_S = 5.0
+_RC_FRESH_S = 1.0
 
 
 def sensors(s: Snapshot) -> Finding:
@@ -170,6 +171,26 @@ def consent(s: Snapshot) -> Finding:
     if (pulse >= c.rc_threshold_us) is not c.rc_reversed:
         return warned(text, "switch it off: it counts once it was turned on")
     return passed(text)
+
+
+def sticks(s: Snapshot) -> Finding:
+    """The pilot's sticks are heard, if they are to do anything while we follow."""
+    wanted = s.settings.sticks
+    if not wanted.nudge and wanted.takeover is None:
+        return passed("the settings give them no effect")
+    rc = s.vehicle.fresh_rc(s.now_s, _RC_FRESH_S)
+    channels = (
+        wanted.roll_channel,
+        wanted.pitch_channel,
+        wanted.throttle_channel,
+        wanted.yaw_channel,
+    )
+    if rc is not None and all(rc.pulse_us(channel) is not None for channel in channels):
+        return passed("heard")
+    todo = "switch on the transmitter, and have the autopilot send RC_CHANNELS"
+    if wanted.nudge:
+        return failed("RC_CHANNELS do not come, and sticks.nudge is set", todo)
+    return warned("RC_CHANNELS do not come: a stick moved far will not take over", todo)
 
 
 def _named(mask: int, names: dict[int, str]) -> str:

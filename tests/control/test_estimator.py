@@ -197,11 +197,6 @@ def test_reset_forgets_the_target_and_the_time():
     assert estimator.observe(moving(0.2)) is Verdict.STARTED
 
 
-def test_only_sightings_that_went_in_count_as_used():
-    used = {verdict for verdict in Verdict if verdict.was_used}
-    assert used == {Verdict.STARTED, Verdict.FUSED, Verdict.RESTARTED}
-
-
 @pytest.mark.parametrize("field", ["gate", "log_scale_noise", "restart_after_s"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_nonsense_settings_are_refused(field, value):

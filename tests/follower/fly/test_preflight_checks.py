@@ -62,7 +62,16 @@ def with_gimbal() -> Settings:
 def rc_switch(pulse_us: int | None, **changes: Any) -> Change:
     """Ask for a switch's consent, and have it stand somewhere."""
     asked = {"camera": {"fov_deg": 70.0}, "consent": {"kind": "rc", "rc_channel": 2, **changes}}
-    rc = None if pulse_us is None else RcChannels((1500, pulse_us), NOW_S)
+    rc = None if pulse_us is None else RcChannels((1500, pulse_us, 1500, 1500), NOW_S)
+    return lambda s: replace(
+        s, settings=Settings.model_validate(asked), vehicle=replace(s.vehicle, rc=rc)
+    )
+
+
+def sticks(heard_s: float | None, **changes: Any) -> Change:
+    """Set what sticks do, and when the last four of them came."""
+    asked = {"camera": {"fov_deg": 70.0}, "sticks": changes}
+    rc = None if heard_s is None else RcChannels((1500,) * 4, heard_s)
     return lambda s: replace(
         s, settings=Settings.model_validate(asked), vehicle=replace(s.vehicle, rc=rc)
     )
@@ -87,6 +96,7 @@ def healthy(flavour: str) -> Snapshot:
             position=LocalPosition(0, 0, 0, 0, 0, 0, NOW_S - 0.05),
             mode="LOITER",
             heartbeat_s=NOW_S - 0.5,
+            rc=RcChannels((1500,) * 4, NOW_S),
             landed=True,
         ),
         health=VehicleHealth(
@@ -216,6 +226,12 @@ BOTH = [
     ("consent", rc_switch(1900), WARN, "1900"),
     ("consent", rc_switch(1100), PASS, "1100"),
     ("consent", rc_switch(1100, rc_reversed=True), WARN, "1100"),
+    ("sticks", sticks(None), WARN, "will not take over"),
+    ("sticks", sticks(None, nudge=True), FAIL, "sticks.nudge"),
+    ("sticks", sticks(NOW_S - 5.0), WARN, "do not come"),
+    ("sticks", sticks(NOW_S), PASS, "heard"),
+    ("sticks", sticks(NOW_S, yaw_channel=5), WARN, "do not come"),
+    ("sticks", sticks(None, takeover=None), PASS, "no effect"),
     ("camera", camera(frames=0, problem="the stream ended"), FAIL, "the stream ended"),
     ("frame-rate", camera(interval_s=0.1), WARN, "10 Hz"),
     ("frame-rate", camera(interval_s=0.5), FAIL, "2 Hz"),
