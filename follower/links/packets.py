@@ -64,6 +64,8 @@ class PacketReader:
                 packets.append(packet)
                 at = self._next_start(stream, at + length)
             elif length != _NEVER and _is_unknown(stream, at, length):
+                if at + length == len(stream):
+                    break  # what comes next will tell
                 at = self._next_start(stream, at + length)
             else:
                 self.skipped_bytes += 1

@@ -51,6 +51,16 @@ def test_the_same_packets_are_found_however_the_stream_is_cut(
     assert sum(map(len, found)) + cut.skipped_bytes <= len(stream)
 
 
+def test_garbage_that_looks_like_an_unknown_packet_hides_nothing_where_the_stream_is_cut() -> None:
+    garbage = b"\xfe\x63\x00\x00\x00\x96"
+    whole, cut = PacketReader(), PacketReader()
+    stream = garbage + 10 * BEAT
+    end_of_what_it_claims = 6 + 0x63 + 2
+    found = cut.feed(stream[:end_of_what_it_claims]) + cut.feed(stream[end_of_what_it_claims:])
+    assert found == whole.feed(stream)
+    assert len(found) == 10
+
+
 @given(PIECES)
 def test_a_signed_channel_believes_nothing_unsigned(pieces: list[bytes]) -> None:
     ours, theirs = MemoryTransport.pair()
