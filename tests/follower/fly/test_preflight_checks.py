@@ -61,8 +61,9 @@ def with_gimbal() -> Settings:
 
 def rc_switch(pulse_us: int | None, **changes: Any) -> Change:
     """Ask for a switch's consent, and have it stand somewhere."""
-    asked = {"camera": {"fov_deg": 70.0}, "consent": {"kind": "rc", "rc_channel": 2, **changes}}
-    rc = None if pulse_us is None else RcChannels((1500, pulse_us, 1500, 1500), NOW_S)
+    asked = {"camera": {"fov_deg": 70.0}, "consent": {"kind": "rc", "rc_channel": 5, **changes}}
+    switch = () if pulse_us is None else (pulse_us,)
+    rc = RcChannels((1500,) * 4 + switch, NOW_S)
     return lambda s: replace(
         s, settings=Settings.model_validate(asked), vehicle=replace(s.vehicle, rc=rc)
     )
