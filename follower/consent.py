@@ -6,11 +6,14 @@ See docs/supervisor.md for what renews consent after letting go.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from follower.situation import Order
 from follower.supervisor import State
 from follower_control.vehicle import VehicleState
+
+Way: TypeAlias = Literal["command", "terminal", "cockpit"]
+"""How an operator gives orders."""
 
 _HYSTERESIS_US = 50
 
@@ -21,7 +24,8 @@ class ConsentSettings:
 
     Attributes:
         kind: "mode" needs the pilot's OFFBOARD or GUIDED alone; "command" a MAVLink command to us,
-            "rc" a switch of the transmitter, "terminal" the Enter key, on top.
+            "rc" a switch of the transmitter, "terminal" the Enter key, "cockpit" the web page's
+            button, on top.
         again: for "mode": what begins anew after letting go. "operator": a target chosen anew or
             the Enter key alone. "mode": also the pilot, by staying in another mode for
             `own_mode_s`; after that zero setpoints are sent again, and taking the mode counts.
@@ -35,7 +39,7 @@ class ConsentSettings:
 
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
 
-    kind: Literal["mode", "command", "rc", "terminal"] = "mode"
+    kind: Literal["mode", "command", "rc", "terminal", "cockpit"] = "mode"
     again: Literal["operator", "mode"] = "operator"
     own_mode_s: float = 2.0
     command_system: int = 255
@@ -56,7 +60,7 @@ class ConsentSettings:
         if not 0 < self.rc_timeout_s <= 10:
             raise ValueError(f"rc_timeout_s lies between 0 and 10 s, not {self.rc_timeout_s}")
 
-    def takes_orders_by(self, way: Literal["command", "terminal"]) -> bool:
+    def takes_orders_by(self, way: Way) -> bool:
         """Whether consent can be given in this way; it can be withdrawn in any."""
         return self.kind in ("mode", way)
 

@@ -9,7 +9,9 @@ from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecor
 from follower.health import judge
 from follower.human_input import HumanInput
 from follower.links.vehicle_health import VehicleHealth
+from follower.operator_requests import NOTHING, OperatorRequests
 from follower.release import HandBack
+from follower.setting_change import SettingChange, changed
 from follower.settings import Settings
 from follower.situation import Order, Situation
 from follower.steering import Steering
@@ -26,6 +28,7 @@ from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
 from follower_control.sighter import Sighter
 from follower_control.sound_telemetry import SoundTelemetry
+from follower_control.strict_yaml import SettingsError
 from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
@@ -45,6 +48,7 @@ class ControlStage:
         camera: intrinsics at the size of the frames.
         log: where every step and change of state is noted.
         needs_telemetry: False for recorded video alone, which then runs in the body's frame.
+        requests: what operators want is taken from there, if given.
     """
 
     def __init__(
@@ -53,6 +57,7 @@ class ControlStage:
         camera: CameraModel,
         log: FlightLog,
         needs_telemetry: bool = True,
+        requests: OperatorRequests | None = None,
     ) -> None:
         mount = settings.camera.mount
         self._sighter = Sighter(camera, mount, settings.camera.latency_s)
@@ -78,6 +83,9 @@ class ControlStage:
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
         self._health = VehicleHealth()
+        self._requests = requests
+        self._target_requests = 0
+        self._changes_asked: list[SettingChange] = []
 
     @property
     def supervisor(self) -> Supervisor:
@@ -109,6 +117,10 @@ class ControlStage:
         """Ask for what was asked for in a recorded situation, before its step is replayed."""
         self._humans.repeat(recorded)
 
+    def repeat_changes(self, changes: Sequence[SettingChange]) -> None:
+        """Change settings with the next step, as they were changed in a recorded one."""
+        self._changes_asked += changes
+
     def step(
         self,
         now_s: float,
@@ -131,6 +143,7 @@ class ControlStage:
         timer = Stopwatch()
         vehicle, reported = self._sound.of(vehicle), vehicle
         self._hear(vehicle, attitudes, now_s)
+        changes = self._take_requests(now_s)
         mode_asked = self._take_mode()
         news = health if health is not None and health != self._health else None
         self._health = news or self._health
@@ -165,6 +178,7 @@ class ControlStage:
             gimbal=self._turn_gimbal(now_s, estimate, vehicle),
             mode_asked=mode_asked,
             health=news,
+            changes=changes,
         )
         self._last_step_s = now_s
         self._log.add_control(record)
@@ -178,6 +192,35 @@ class ControlStage:
         self._place_liveness.note(vehicle.position, now_s)
         if self._gimbals is not None and vehicle.gimbal is not None:
             self._gimbals.add(vehicle.gimbal)
+
+    def _take_requests(self, now_s: float) -> tuple[SettingChange, ...]:
+        """Obey the operators, and return the settings that were changed."""
+        asked = NOTHING if self._requests is None else self._requests.take()
+        for note in asked.notes:
+            self._log.note(now_s, "operator", note)
+        for order in asked.orders:
+            self._humans.give(order)
+        if asked.stop:
+            self._humans.stop_requested = True
+        if asked.settings is not None:
+            self._change_settings(asked.settings)
+        return (*self._repeated_changes(now_s), *asked.changes)
+
+    def _repeated_changes(self, now_s: float) -> tuple[SettingChange, ...]:
+        changes, self._changes_asked = tuple(self._changes_asked), []
+        if changes:
+            try:
+                self._change_settings(changed(self.settings, changes))
+            except SettingsError as error:
+                self._log.note(now_s, "operator", f"not changed: {error}")
+        return changes
+
+    def _change_settings(self, settings: Settings) -> None:
+        """Go on by other settings, without a step in the setpoints."""
+        self.settings = settings
+        self._steering.change(settings)
+        self._supervisor.change(settings.supervisor)
+        self._sighter.looks_down = self.servo.mode is Mode.OVERHEAD
 
     def _take_mode(self) -> Mode | None:
         """Begin to follow the way that was asked for, and return it."""
@@ -200,8 +243,19 @@ class ControlStage:
             return
         self._newest = newest
         track = newest.track
+        if newest.requests != self._target_requests:
+            self._target_requests = newest.requests
+            self._begin_with_another(track)
         if track is not None and track.state is TrackState.TRACKING:
             self._observe(track, now_s)
+
+    def _begin_with_another(self, track: Track | None) -> None:
+        """Forget the target before this one, which an operator chose, or wanted none."""
+        self._estimator.reset()
+        self._seen_s = -math.inf
+        if track is not None:
+            self._humans.choose()
+        self._steering.take_another()
 
     def _observe(self, track: Track, now_s: float) -> None:
         self._seen_s = track.captured_s

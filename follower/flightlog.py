@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from follower.links.vehicle_health import VehicleHealth
+from follower.setting_change import SettingChange
 from follower.situation import Situation
 from follower.supervisor import Reason, State
 from follower_control.estimate import TargetEstimate
@@ -32,6 +33,8 @@ class TrackRecord:
         done_s: when the answer was there.
         busy_s: how long vision worked on it by the computer's own clock (in lockstep the
             simulated clock stands still meanwhile).
+        requests: how many wishes of an operator for a target, or for none, were carried out up to
+            this frame.
     """
 
     track: Track | None
@@ -40,21 +43,22 @@ class TrackRecord:
     received_s: float
     done_s: float
     busy_s: float
+    requests: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """A target was chosen.
+    """A target was chosen, or given up.
 
     Attributes:
         sequence: the number of the frame in which it was.
         captured_s: when that frame was exposed.
-        box: what shows the target in it.
+        box: what shows the target in it; none if there is to be no target any more.
     """
 
     sequence: int
     captured_s: float
-    box: Box
+    box: Box | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +99,7 @@ class ControlRecord:
         gimbal: how fast its gimbal is to turn, None without one.
         mode_asked: the way of following that was asked for at this step, None if none was.
         health: what the vehicle told of its health since the step before, None if nothing.
+        changes: the settings that were changed in flight from this step on, in their order.
     """
 
     time_s: float
@@ -115,6 +120,7 @@ class ControlRecord:
     gimbal: GimbalRates | None = None
     mode_asked: Mode | None = None
     health: VehicleHealth | None = None
+    changes: tuple[SettingChange, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,11 @@ class HumanInput:
             self.stop_requested = False
         self._orders.append(order)
 
+    def choose(self) -> None:
+        """Note that the operator chose a target: that renews consent, unless stop was pressed."""
+        if not self.stop_requested:
+            self.give(Order.RENEW)
+
     def repeat(self, recorded: Situation) -> None:
         """Take what was ordered in a recorded situation."""
         self.stop_requested = recorded.stop_requested

@@ -58,8 +58,16 @@ class VisionLoop:
         track = self._stage.step(frame)
         busy_s = timer.elapsed_s()
         done_s = max(self._clock.now(), received_s + delay_s)
-        record = TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
-        if self._stage.chosen is not None:
+        record = TrackRecord(
+            track,
+            frame.sequence,
+            frame.captured_s,
+            received_s,
+            done_s,
+            busy_s,
+            self._stage.requests_done,
+        )
+        if self._stage.chosen is not None or self._stage.dropped:
             chosen = Selection(frame.sequence, frame.captured_s, self._stage.chosen)
             self._log.select(chosen, received_s)
         self._log.add_track(record)

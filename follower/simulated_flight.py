@@ -21,6 +21,7 @@ from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
 from follower.links.opening import open_link
 from follower.live_status import LiveStatus
+from follower.operator_requests import OperatorRequests
 from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.selecting import colour_selector
@@ -28,6 +29,7 @@ from follower.settings import Settings, merged
 from follower.sight import Sight
 from follower.situation import Order
 from follower.supervisor import State
+from follower.target_finder import TargetFinder
 from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
 from follower.vision_stage import Selector, VisionStage
@@ -72,6 +74,10 @@ class SimulatedFlight:
         recorder: records the flight, if given.
         faults: what is made to go wrong, if anything.
         sight: what vision goes by. Without pixels, pictures are drawn for `video` alone.
+        finder: finds what operators point at.
+
+    Attributes:
+        requests: where front ends put what their operators want.
     """
 
     def __init__(
@@ -85,6 +91,7 @@ class SimulatedFlight:
         recorder: Recorder | None = None,
         faults: FaultInjector | None = None,
         sight: Sight = Sight.PIXELS,
+        finder: TargetFinder | None = None,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
@@ -112,8 +119,9 @@ class SimulatedFlight:
         self._teller = TruthTeller(world)
         self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
+        self.requests = OperatorRequests(settings)
         tracker = self._stand_in or make_target_tracker(settings)
-        self._vision_stage = VisionStage(tracker)
+        self._vision_stage = VisionStage(tracker, self.requests, finder)
         make_vision = VisionLoop if faults is None else faults.vision
         self.vision = make_vision(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
@@ -121,7 +129,8 @@ class SimulatedFlight:
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
             self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
-        self.stage = ControlStage(settings, scenario.camera.model, self.log)
+        camera = scenario.camera.model
+        self.stage = ControlStage(settings, camera, self.log, requests=self.requests)
         make_control = ControlLoop if faults is None else faults.control
         self.control = make_control(
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step

@@ -53,6 +53,20 @@ class Steering:
         """Follow another way, without a step in the setpoints."""
         self.servo.change_mode(mode, self._allowed)
 
+    def change(self, settings: Settings) -> None:
+        """Go on by other settings, without a step in the setpoints."""
+        before, self._settings = self._settings, settings
+        self.servo.change(settings.servo)
+        if settings.servo.mode is not before.servo.mode:
+            self.change_mode(settings.servo.mode)
+        self._envelope.change(settings.envelope)
+        self._search.change(settings.search)
+
+    def take_another(self) -> None:
+        """Begin with another target, from the present setpoint; its size now is what is held."""
+        self.servo.start(self._allowed)
+        self._believed = None
+
     def stand_by(self, now_s: float) -> LimitedSetpoint:
         """Return a hold for a vehicle that others fly."""
         self._envelope.start(HOLD, now_s)

@@ -42,8 +42,9 @@ In FOLLOWING, COASTING, SEARCHING and HOLDING:
 | nothing answered for `alone_s`              | RELEASED   | not heard                 |
 | the control loop stood still for `alone_s`  | RELEASED   | control stalled           |
 | too little battery to go on                 | RELEASED   | battery low               |
-| a trouble, in HOLDING for `hold_s`          | RELEASED   | hold timed out            |
+| one of the next two, HOLDING for `hold_s`   | RELEASED   | hold timed out            |
 | a trouble                                   | HOLDING    | its own                   |
+| no target is chosen any more                | HOLDING    | no target                 |
 | target seen, estimate good                  | FOLLOWING  | target seen               |
 | HOLDING for `hold_s`                        | RELEASED   | hold timed out            |
 | HOLDING, unseen for `search_s`              | HOLDING    | search failed             |
@@ -243,6 +244,8 @@ def _wanted_when_engaged(
     trouble = _trouble(situation, settings)
     if trouble is not None:
         return State.HOLDING, trouble
+    if not situation.target_chosen:
+        return State.HOLDING, Reason.NO_TARGET
     if _target_seen(situation):
         return State.FOLLOWING, Reason.TARGET_SEEN
     if state is State.HOLDING:
@@ -283,6 +286,10 @@ class Supervisor:
         self._entered_s: float | None = None
         self.state = State.IDLE
         self.reason = Reason.NO_TARGET
+
+    def change(self, settings: SupervisorSettings) -> None:
+        """Decide by other times from now on."""
+        self._settings = settings
 
     def in_state_s(self, now_s: float) -> float:
         """Return how long the present state has lasted, in seconds."""

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
+from follower.operator_requests import OperatorRequests
+from follower.target_finder import TargetFinder
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.target_tracker import Learner, TargetTracker
@@ -24,21 +26,41 @@ class VisionStage:
 
     `select` may be called from any thread: it replaces one attribute.
 
+    Args:
+        tracker: fresh.
+        requests: wishes for a target are taken from there, one a frame.
+        finder: finds what they mean.
+
     Attributes:
         chosen: the box by which the newest step chose the target, None if it did not.
+        dropped: whether the newest step gave the target up, because somebody wanted none.
+        requests_done: how many wishes of an operator were carried out so far.
     """
 
-    def __init__(self, tracker: TargetTracker) -> None:
+    def __init__(
+        self,
+        tracker: TargetTracker,
+        requests: OperatorRequests | None = None,
+        finder: TargetFinder | None = None,
+    ) -> None:
         self._tracker = tracker
+        self._requests = requests
+        self._finder = finder or TargetFinder()
         self._selector: Selector | None = None
-        self._started = False
+        self._started = self._drops = False
         self._newest_s = -math.inf
         self._track: Track | None = None
         self.chosen: Box | None = None
+        self.dropped = False
+        self.requests_done = 0
 
     def select(self, selector: Selector) -> None:
         """Choose a new target in the coming frames, as soon as `selector` finds one."""
         self._selector = selector
+
+    def drop(self) -> None:
+        """Have no target from the next frame on; for a thread that steps."""
+        self._drops = True
 
     def step(self, frame: Frame) -> Track | None:
         """Return the target's track in this frame, None while there is no target.
@@ -46,10 +68,11 @@ class VisionStage:
         A frame that is not newer than the last one is not looked at, and answered with where the
         target was then, unseen: trackers measure by the time between frames.
         """
-        self.chosen = None
+        self.chosen, self.dropped = None, False
         if not frame.captured_s > self._newest_s:
             return self._out_of_order(frame)
         self._newest_s = frame.captured_s
+        self._take_request(frame)
         self._track = self._followed(frame)
         return self._track
 
@@ -58,7 +81,25 @@ class VisionStage:
         if isinstance(self._tracker, Learner):
             self._tracker.learn()
 
+    def _take_request(self, frame: Frame) -> None:
+        request = None if self._requests is None else self._requests.take_target()
+        if self._requests is None or request is None:
+            return
+        outcome = self._finder.find(request.wish, frame)
+        box = outcome.box
+        if outcome.accepted:
+            self.requests_done += 1
+            if box is None:
+                self.drop()
+            else:
+                self.select(lambda _: box)
+        self._requests.note((f"{request.wish}, by {request.by}: {outcome.text}",))
+        request.settle(outcome)
+
     def _followed(self, frame: Frame) -> Track | None:
+        if self._drops:
+            self.dropped, self._drops = self._started, False
+            self._started, self._selector = False, None
         if self._selector is not None:
             self.chosen = self._selector(frame)
         if self.chosen is not None:

@@ -78,8 +78,8 @@ class Envelope:
 
     def __init__(self, settings: EnvelopeSettings | None = None) -> None:
         self._settings = s = settings or EnvelopeSettings()
-        self._max_yaw_rate = math.radians(s.max_yaw_rate_deg_s)
-        self._max_yaw_acceleration = math.radians(s.max_yaw_acceleration_deg_s2)
+        self._too_fast_m_s = self._too_steep_m_s = 0.0
+        self._take_yaw()
         acceleration, jerk = s.max_acceleration_m_s2, s.max_jerk_m_s3
         self._horizontal = JerkLimit(acceleration, jerk, self._is_flyable)
         self._vertical = JerkLimit(acceleration, jerk, self._is_climbable)
@@ -90,12 +90,34 @@ class Envelope:
         self._limits: list[Limit] = []
         self._turns_out = False
 
+    def _take_yaw(self) -> None:
+        s = self._settings
+        self._max_yaw_rate = math.radians(s.max_yaw_rate_deg_s)
+        self._max_yaw_acceleration = math.radians(s.max_yaw_acceleration_deg_s2)
+
+    def change(self, settings: EnvelopeSettings) -> None:
+        """Keep other limits from now on; what is beyond them now is brought back within them.
+
+        A velocity above a lower limit is brought down with limited acceleration and jerk.
+
+        Raises:
+            ValueError: acceleration, jerk or the polygon is another: these stay as they were.
+        """
+        fixed = ("max_acceleration_m_s2", "max_jerk_m_s3", "fence_m", "fence_deg")
+        if any(getattr(settings, name) != getattr(self._settings, name) for name in fixed):
+            raise ValueError(f"{', '.join(fixed)} cannot be changed while flying")
+        self._settings = settings
+        self._take_yaw()
+        self._too_fast_m_s = self._horizontal.reach
+        self._too_steep_m_s = self._vertical.reach
+
     def start(self, velocity: VelocitySetpoint = HOLD, now_s: float | None = None) -> None:
         """Begin at the vehicle's present velocity, so that the first setpoint is no step.
 
         What exceeds the bounds is cut to them; a velocity that is not finite counts as standing.
         """
         known = velocity if velocity.is_finite else HOLD
+        self._too_fast_m_s = self._too_steep_m_s = 0.0
         self._horizontal.start(_horizontal(known))
         self._vertical.start(_clip(known.down_m_s, HUGE))
         self._yaw_rate = _clip(known.yaw_rate_rad_s, self._max_yaw_rate)
@@ -114,6 +136,8 @@ class Envelope:
         yaw_rate = self._turned_slowly(yaw_rate)
         velocity = self._horizontal.step(horizontal, interval_s)
         sink = self._vertical.step(down, interval_s).real
+        self._too_fast_m_s = min(self._too_fast_m_s, self._horizontal.reach)
+        self._too_steep_m_s = min(self._too_steep_m_s, self._vertical.reach)
         self._turn_towards(yaw_rate, interval_s)
         if abs(velocity - horizontal) > NOTICEABLE or abs(sink - down) > NOTICEABLE:
             self._limits.append(Limit.ACCELERATION)
@@ -321,11 +345,12 @@ class Envelope:
         return _clip(value, largest)
 
     def _is_flyable(self, velocity: complex) -> bool:
-        return abs(velocity) <= self._settings.max_speed_m_s + SLACK
+        return abs(velocity) <= max(self._settings.max_speed_m_s, self._too_fast_m_s) + SLACK
 
     def _is_climbable(self, velocity: complex) -> bool:
-        low, high = -self._settings.max_climb_m_s, self._settings.max_descent_m_s
-        return low - SLACK <= velocity.real <= high + SLACK
+        low = max(self._settings.max_climb_m_s, self._too_steep_m_s)
+        high = max(self._settings.max_descent_m_s, self._too_steep_m_s)
+        return -low - SLACK <= velocity.real <= high + SLACK
 
 
 def _clip(value: float, largest: float) -> float:

@@ -12,10 +12,13 @@ class Fade:
 
     Args:
         time_s: time constant with which the difference fades.
+
+    Attributes:
+        time_s: the same; may be changed.
     """
 
     def __init__(self, time_s: float) -> None:
-        self._time_s = time_s
+        self.time_s = time_s
         self._present: VelocitySetpoint | None = None
         self._bump = HOLD
 
@@ -32,7 +35,7 @@ class Fade:
         elif self._bump is HOLD:
             return asked
         else:
-            share = math.exp(-interval_s / self._time_s)
+            share = math.exp(-interval_s / self.time_s)
             self._bump = _sum(HOLD, self._bump, share)
         return _sum(asked, self._bump, 1.0)
 

@@ -39,6 +39,12 @@ class JerkLimit:
         self.velocity: complex = 0.0
         self.acceleration: complex = 0.0
 
+    @property
+    def reach(self) -> float:
+        """The largest speed on the way to where the velocity would come to rest by itself."""
+        at_rest = self.velocity + self.acceleration * abs(self.acceleration) / (2 * self._max_jerk)
+        return max(abs(self.velocity), abs(at_rest))
+
     def start(self, velocity: complex) -> None:
         """Begin at a steady velocity; outside the bounds it is scaled into them."""
         self.acceleration = 0.0

@@ -17,9 +17,17 @@ class Overhead:
 
     def __init__(self, settings: ServoSettings) -> None:
         self._settings = settings
-        most = settings.max_forward_m_s / settings.distance_m
-        self._north, self._east = (Pid(settings.overhead, -most, most) for _ in range(2))
+        self._north, self._east = (Pid(settings.overhead) for _ in range(2))
+        self.change(settings)
         self.start()
+
+    def change(self, settings: ServoSettings) -> None:
+        """Go on by other settings, without a step in the loops' outputs."""
+        before, self._settings = self._settings, settings
+        most = settings.max_forward_m_s / settings.distance_m
+        unit = settings.distance_m / before.distance_m
+        for loop in (self._north, self._east):
+            loop.change(settings.overhead, -most, most, unit)
 
     def start(self, present_m_s: complex = 0.0) -> None:
         """Begin at the present velocity, north + 1j * east."""

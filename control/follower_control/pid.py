@@ -62,10 +62,10 @@ class Pid:
     def __init__(
         self, settings: PidSettings, lowest: float = -math.inf, highest: float = math.inf
     ) -> None:
-        if not lowest < highest:
-            raise ValueError(f"an output needs room, not {lowest} to {highest}")
+        _check_room(lowest, highest)
         self._settings = settings
         self._lowest, self._highest = lowest, highest
+        self._error = 0.0
         self.start()
 
     def start(self, present_output: float | None = None) -> None:
@@ -78,7 +78,40 @@ class Pid:
         self._measurement: float | None = None
         self._bump = 0.0
         self._excess = 0.0
+        self._error = 0.0
         self._present = present_output
+
+    def change(
+        self,
+        settings: PidSettings,
+        lowest: float = -math.inf,
+        highest: float = math.inf,
+        unit: float = 1.0,
+    ) -> None:
+        """Go on by other gains or limits, without a step in the output.
+
+        The integral is kept as its contribution to the output and the derivative's filter by what
+        it has seen, so that neither jumps when its gain does. What the other gains would make of
+        the present error is taken out, and fades in over `bumpless_s`.
+
+        Args:
+            settings: gains and time constants from now on.
+            lowest: smallest output, in the new unit.
+            highest: largest output, likewise.
+            unit: the output's new unit in the old one: the integral is rescaled by it.
+
+        Raises:
+            ValueError: the limits leave no room.
+        """
+        _check_room(lowest, highest)
+        before, self._settings = self._settings, settings
+        self._lowest, self._highest = lowest, highest
+        self._integral /= unit
+        self._excess /= unit
+        self._present = None if self._present is None else self._present / unit
+        gained = (settings.kp - before.kp / unit) * self._error
+        damped = (settings.kd - before.kd / unit) * self._rate
+        self._bump = self._bump / unit - (gained - damped)
 
     @property
     def integral(self) -> float:
@@ -109,6 +142,7 @@ class Pid:
             raise ValueError("a PID loop needs finite numbers")
         if interval_s <= 0:
             raise ValueError(f"a PID loop needs a positive interval, not {interval_s}")
+        self._error = error
         self._differentiate(measurement, interval_s)
         self._integrate(error, interval_s, cut + self._excess)
         wanted = self._settings.kp * error + self._integral - self._settings.kd * self._rate
@@ -141,3 +175,8 @@ class Pid:
         limited = min(max(output, self._lowest), self._highest)
         self._excess = output - limited
         return limited
+
+
+def _check_room(lowest: float, highest: float) -> None:
+    if not lowest < highest:
+        raise ValueError(f"an output needs room, not {lowest} to {highest}")

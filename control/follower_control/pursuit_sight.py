@@ -52,6 +52,16 @@ class PursuitSight:
         self.target.start()
         self.pause()
 
+    def change(self, settings: ServoSettings) -> None:
+        """Go on by other settings; a size that is held stays as far away as it was."""
+        before, self._settings = self._settings, settings
+        if settings.target_size_m is not None:
+            self._wanted_log_scale = math.log(settings.target_size_m / settings.distance_m)
+        elif self._wanted_log_scale is not None:
+            self._wanted_log_scale += math.log(before.distance_m / settings.distance_m)
+        self._speed.change(settings.target_speed_filter_s, settings.own_speed_lag_s)
+        self.target.change(settings.course_filter_s, settings.own_speed_lag_s)
+
     def pause(self) -> None:
         """Forget the target's velocity."""
         self._speed.reset()

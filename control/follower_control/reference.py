@@ -42,6 +42,10 @@ class Reference:
         self.elevation_rad = self._elevation_rad
         self.azimuth_rad = self.side_m_s = 0.0
 
+    def change(self, distance_m: float, elevation_rad: float) -> None:
+        """Go on towards another distance and elevation, as smoothly as after a nudge."""
+        self._distance_m, self._elevation_rad = distance_m, elevation_rad
+
     def nudge(self, nudge: Nudge) -> None:
         """Go on towards this shift; one with a number that is not finite is no shift."""
         self._nudge = nudge if nudge.is_finite else NO_NUDGE

@@ -62,14 +62,18 @@ class Search:
     """
 
     def __init__(self, settings: SearchSettings) -> None:
-        self._settings = settings
-        self._rate = math.radians(settings.turn_rate_deg_s)
-        self._sweep = math.radians(settings.sweep_deg)
+        self.change(settings)
         self._centre_rad: float | None = None
         self._side = 1.0
         self._leg = 0
         self._looked_s: float | None = None
         self._top_m: float | None = None
+
+    def change(self, settings: SearchSettings) -> None:
+        """Go on by other settings; how far to climb counts from the next start on."""
+        self._settings = settings
+        self._rate = math.radians(settings.turn_rate_deg_s)
+        self._sweep = math.radians(settings.sweep_deg)
 
     def start(self, last: TargetEstimate | None, vehicle: VehicleState) -> None:
         """Begin where the target was last believed to be."""

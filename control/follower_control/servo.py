@@ -49,21 +49,46 @@ class VisualServo:
     def __init__(self, settings: ServoSettings, mount_pitch_rad: float = 0.0) -> None:
         self._settings = s = settings
         self._mode = s.mode
-        wanted = s.elevation_deg
-        elevation = mount_pitch_rad if wanted is None else math.radians(wanted)
-        self._reference = Reference(s.distance_m, elevation)
-        self._centred, self._off_axis = math.radians(s.centred_deg), math.radians(s.off_axis_deg)
-        turn = math.radians(s.max_yaw_rate_deg_s)
-        self._azimuth_pid = Pid(s.azimuth, -turn, turn)
-        self._elevation_pid = Pid(s.elevation)
-        self._range_pid = Pid(
-            s.range, -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
-        )
+        self._mount_pitch = mount_pitch_rad
+        self._reference = Reference(s.distance_m, self._wanted_elevation)
+        self._azimuth_pid, self._elevation_pid = Pid(s.azimuth), Pid(s.elevation)
+        self._range_pid = Pid(s.range)
         self._sight = PursuitSight(s, self._reference)
         self._sideways = Sideways(s)
         self._overhead = Overhead(s)
         self._fade = Fade(s.range.bumpless_s)
+        self._take(settings, settings)
         self.start()
+
+    @property
+    def _wanted_elevation(self) -> float:
+        wanted = self._settings.elevation_deg
+        return self._mount_pitch if wanted is None else math.radians(wanted)
+
+    def _take(self, s: ServoSettings, before: ServoSettings) -> None:
+        self._settings = s
+        self._centred, self._off_axis = math.radians(s.centred_deg), math.radians(s.off_axis_deg)
+        turn = math.radians(s.max_yaw_rate_deg_s)
+        self._azimuth_pid.change(s.azimuth, -turn, turn)
+        self._elevation_pid.change(s.elevation)
+        back, forth = -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
+        self._range_pid.change(s.range, back, forth, s.distance_m / before.distance_m)
+        self._fade.time_s = s.range.bumpless_s
+
+    def change(self, settings: ServoSettings) -> None:
+        """Go on by other settings, without a step in the setpoint; the mode stays as it is.
+
+        What is wanted goes over to the new wish as smoothly as after a nudge; the rest of what the
+        new settings change in the setpoint fades in.
+        """
+        before = self._settings
+        self._take(settings, before)
+        self._reference.change(settings.distance_m, self._wanted_elevation)
+        self._sight.change(settings)
+        self._sideways.change(settings)
+        self._overhead.change(settings)
+        if self._last_s is not None:
+            self._fade.start(self._asked)
 
     def start(self, present: VelocitySetpoint = HOLD) -> None:
         """Begin a pursuit; the first setpoint continues from `present`, the last one flown.

@@ -25,6 +25,15 @@ class Sideways:
         self._rate_pid = Pid(settings.orbit_rate, -most, most)
         self.start(Mode.CHASE)
 
+    def change(self, settings: ServoSettings) -> None:
+        """Go on by other settings; the loops go on where they were."""
+        turned = math.radians(settings.side_deg - self._settings.side_deg)
+        self._settings = settings
+        self._side_rad += turned
+        most = settings.max_sideways_m_s / settings.distance_m
+        self._bearing_pid.change(settings.bearing, -most, most)
+        self._rate_pid.change(settings.orbit_rate, -most, most)
+
     def start(self, mode: Mode, right_m_s: float = 0.0) -> None:
         """Begin at the present velocity to the right; the side is that of the settings."""
         self._mode = mode

@@ -28,6 +28,11 @@ class TargetMotion:
         self._course_rad: float | None = None
         self.reset()
 
+    def change(self, filter_s: float, own_lag_s: float) -> None:
+        """Go on with other time constants."""
+        self._north.change(filter_s, own_lag_s)
+        self._east.change(filter_s, own_lag_s)
+
     def reset(self) -> None:
         """Forget the velocity; the course stays."""
         self._north.reset()

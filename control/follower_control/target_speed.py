@@ -20,12 +20,20 @@ class TargetSpeed:
     """
 
     def __init__(self, filter_s: float, own_lag_s: float) -> None:
+        self.change(filter_s, own_lag_s)
+        self._own: float | None = None
+        self._speed = 0.0
+
+    def change(self, filter_s: float, own_lag_s: float) -> None:
+        """Go on with other time constants.
+
+        Raises:
+            ValueError: a time constant is negative or not finite.
+        """
         if not (0 <= filter_s < math.inf and 0 <= own_lag_s < math.inf):
             raise ValueError(f"time constants are not negative: {filter_s}, {own_lag_s}")
         self._filter_s = filter_s
         self._own_lag_s = own_lag_s
-        self._own: float | None = None
-        self._speed = 0.0
 
     def reset(self) -> None:
         """Forget; the next update takes the target to move as we do."""

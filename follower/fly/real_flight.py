@@ -13,10 +13,12 @@ from follower.fly.camera import SteadySource
 from follower.fly.waiting import waiting_for
 from follower.links.link import Link
 from follower.live_status import LiveStatus
+from follower.operator_requests import OperatorRequests
 from follower.realtime import RealtimeRun, VisionLoop
 from follower.release import ReleaseAction, is_resting
 from follower.settings import Settings
 from follower.supervisor import State
+from follower.target_finder import TargetFinder
 from follower.vision_stage import Selector, VisionStage
 from follower_vision.clock import Clock
 from follower_vision.target_tracker import TargetTracker
@@ -41,6 +43,10 @@ class RealFlight:
         tracker: fresh.
         clock: the system's.
         log: takes everything.
+        finder: finds what operators point at.
+
+    Attributes:
+        requests: where front ends put what their operators want.
     """
 
     def __init__(
@@ -52,6 +58,7 @@ class RealFlight:
         tracker: TargetTracker,
         clock: Clock,
         log: FlightLog,
+        finder: TargetFinder | None = None,
     ) -> None:
         self.settings = settings
         self.log = log
@@ -60,9 +67,11 @@ class RealFlight:
         self._clock = clock
         self._start_s = clock.now()
         self._ending = False
-        self._vision_stage = VisionStage(tracker)
+        self.requests = OperatorRequests(settings)
+        self._vision_stage = VisionStage(tracker, self.requests, finder)
         self._vision = VisionLoop(self._vision_stage, clock, log)
-        self.stage = ControlStage(settings, settings.camera.model(*size), log)
+        camera = settings.camera.model(*size)
+        self.stage = ControlStage(settings, camera, log, requests=self.requests)
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
             self._autonomy = Autonomy(link, settings.takeoff_height_m)

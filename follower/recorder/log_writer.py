@@ -106,5 +106,6 @@ def control_messages(record: ControlRecord) -> list[object]:
             record.track_sequence,
             record.track_captured_s,
             record.mode_asked,
+            record.changes,
         ),
     ]

@@ -46,7 +46,7 @@ MESSAGES = (
         "/vision/selection",
         Selection,
         "each choice of a target",
-        "The box by which a target was chosen; the same frame's track follows.",
+        "The box by which a target was chosen, none if it was given up; the frame's track follows.",
     ),
     Message(
         "/vision/track",

@@ -193,4 +193,5 @@ class _StepParts:
             gimbal=self.gimbal,
             mode_asked=step.mode_asked,
             health=self.health,
+            changes=step.changes,
         )

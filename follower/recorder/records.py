@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from follower.setting_change import SettingChange
 from follower.supervisor import Reason, State
 from follower_control.servo_settings import Mode
 from follower_control.setpoint import VelocitySetpoint
@@ -60,6 +61,7 @@ class StepRecord:
         track_sequence: frame number of the newest track; none before the first.
         track_captured_s: and that frame's capture time.
         mode_asked: the way of following that was asked for at this step; none if none was.
+        changes: the settings that were changed in flight from this step on.
     """
 
     time_s: float
@@ -70,3 +72,4 @@ class StepRecord:
     track_sequence: int | None = None
     track_captured_s: float | None = None
     mode_asked: Mode | None = None
+    changes: tuple[SettingChange, ...] = ()

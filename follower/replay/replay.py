@@ -97,11 +97,17 @@ class Replay:
         if isinstance(message, FrameRecord):
             self._frame = self._picture(message)
         elif isinstance(message, Selection) and not self._tracks_recorded:
-            self._stage.select(_recorded_choice(message.box))
+            self._choose(message.box)
         elif isinstance(message, TrackRecord):
             self._tracks[message.sequence] = self._track(message)
         elif isinstance(message, StepRecord):
             self._step(next(self._steps))
+
+    def _choose(self, box: Box | None) -> None:
+        if box is None:
+            self._stage.drop()
+        else:
+            self._stage.select(_recorded_choice(box))
 
     def _picture(self, record: FrameRecord) -> Frame | None:
         if record.video_index is None or self._tracks_recorded:
@@ -141,6 +147,7 @@ class Replay:
             self._control.repeat_requests(recorded.situation)
         if recorded.mode_asked is not None:
             self._control.change_mode(recorded.mode_asked)
+        self._control.repeat_changes(recorded.changes)
         self._control.step(
             recorded.time_s,
             newest,

@@ -68,8 +68,9 @@ ROWS = [
         let_go(Reason.STOP_REQUESTED),
     ),
     Row("our mode was left", {"mode_left": True}, let_go(Reason.PILOT_TOOK_OVER), FOLLOW),
-    # A target that is dropped while we follow is an unseen one: the track is gone.
-    Row("no target", {"target_chosen": False}, (State.IDLE, Reason.NO_TARGET), FOLLOW),
+    Row(
+        "no target", {"target_chosen": False}, (State.IDLE, Reason.NO_TARGET), (H, Reason.NO_TARGET)
+    ),
     trouble("no heartbeat", Reason.LINK_SILENT, heartbeat_age_s=3.01),
     trouble("stale telemetry", Reason.TELEMETRY_STALE, telemetry_age_s=0.51),
     trouble("no telemetry but heartbeats", Reason.TELEMETRY_STALE, telemetry_age_s=inf),

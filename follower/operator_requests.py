@@ -1,0 +1,213 @@
+"""Where every front end puts what its operator wants, and vision and control take it from.
+
+The MAVLink camera, MAVLink parameters and the web cockpit all call the same few methods, from any
+thread. Nothing here waits for the flight, and the flight never waits for a front end:
+
+- what can be judged at once is refused at once, by `RequestRefusedError` with a line to show;
+- vision takes the newest wish for a target with its next frame and settles the `TargetRequest`,
+  whose `outcome` or `wait` tells what became of it;
+- control takes orders and changed settings at the beginning of its next step.
+
+What is taken is recorded where it takes effect (selections, situations, control steps), so that a
+replay needs no front end. A chosen target renews consent after a release, as docs/supervisor.md
+says, unless somebody pressed stop: then consent has to be given. Nothing here can move the vehicle
+past the supervisor and the envelope; limits of the envelope can be tightened in flight alone.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from follower.consent import Way
+from follower.setting_change import SettingChange, changed, value_at
+from follower.settings import Settings
+from follower.situation import Order
+from follower.target_wish import (
+    NoTargetWish,
+    Outcome,
+    PointWish,
+    RectangleWish,
+    RequestRefusedError,
+    TargetRequest,
+    Wish,
+)
+from follower_control.strict_yaml import SettingsError
+
+_MOST_WAITING = 64
+_REPLACED = Outcome(False, "another target was asked for before a frame came")
+
+
+@dataclass(frozen=True, slots=True)
+class ControlRequests:
+    """What control is to take at the beginning of a step.
+
+    Attributes:
+        stop: somebody pressed stop; it overrules the orders.
+        orders: consent given or withdrawn, in their order.
+        changes: of settings, in their order.
+        settings: with these changes; None if there are none.
+        notes: all that in words, for the log.
+    """
+
+    stop: bool = False
+    orders: Sequence[Order] = ()
+    changes: tuple[SettingChange, ...] = ()
+    settings: Settings | None = None
+    notes: Sequence[str] = ()
+
+
+NOTHING = ControlRequests()
+
+
+class OperatorRequests:
+    """Takes requests from front ends and keeps them until the stages take them.
+
+    Args:
+        settings: those that the flight begins with.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._began = self._settings = settings
+        self._lock = threading.Lock()
+        self._target: TargetRequest | None = None
+        self._stop = False
+        self._orders: list[Order] = []
+        self._changes: list[SettingChange] = []
+        self._notes: list[str] = []
+        self._waiting = False
+
+    @property
+    def settings(self) -> Settings:
+        """The newest settings, with all changes accepted so far."""
+        return self._settings
+
+    def select_point(self, x: float, y: float, by: str) -> TargetRequest:
+        """Follow what is seen at a point: the detection there, else a box segmented around it.
+
+        Args:
+            x: share of the image's width, 0 at the left.
+            y: share of its height, 0 at the top.
+            by: who asks, such as "ground station 255".
+
+        Raises:
+            RequestRefusedError: that is no point in the image.
+        """
+        return self._ask(PointWish(x, y), by)
+
+    def select_rectangle(
+        self, left: float, top: float, right: float, bottom: float, by: str
+    ) -> TargetRequest:
+        """Follow what a rectangle shows; shares of the image's width and height.
+
+        Raises:
+            RequestRefusedError: that is no rectangle in the image.
+        """
+        return self._ask(RectangleWish(left, top, right, bottom), by)
+
+    def stop_tracking(self, by: str) -> TargetRequest:
+        """Have no target any more; a vehicle that follows holds, then lets go."""
+        return self._ask(NoTargetWish(), by)
+
+    def give_consent(self, way: Way, by: str) -> None:
+        """Allow following, also again after a release; the pilot's mode still has to.
+
+        Raises:
+            RequestRefusedError: `consent.kind` takes it in another way alone.
+        """
+        consent = self._settings.consent
+        if not consent.takes_orders_by(way):
+            raise RequestRefusedError(f"consent is given by {consent.kind} alone")
+        self._order(Order.GIVE, by)
+
+    def withdraw_consent(self, by: str) -> None:
+        """Allow following no longer: the vehicle brakes, holds, and is let go."""
+        self._order(Order.WITHDRAW, by)
+
+    def stop(self, by: str) -> None:
+        """Let go now, whatever the state: the vehicle brakes and holds until consent is given."""
+        with self._lock:
+            self._stop = True
+            self._note(f"stop, by {by}")
+
+    def change(self, key: str, value: Any, by: str) -> Settings:
+        """Change one setting; see `change_all`."""
+        return self.change_all({key: value}, by)
+
+    def change_all(self, values: Mapping[str, Any], by: str) -> Settings:
+        """Change settings in flight, checked together, and return the new ones.
+
+        Args:
+            values: by path, such as {"servo.azimuth.kp": 1.2}; see `live_keys`.
+            by: who asks.
+
+        Raises:
+            RequestRefusedError: one may not be changed in flight or cannot be used; then none is.
+        """
+        with self._lock:
+            try:
+                wanted = [SettingChange.of(key, value) for key, value in values.items()]
+                settings = changed(self._settings, wanted, self._began)
+            except SettingsError as error:
+                raise RequestRefusedError(str(error).removeprefix("in flight: ")) from None
+            if len(self._changes) + len(wanted) > _MOST_WAITING:
+                raise RequestRefusedError("control has not taken the last changes yet")
+            self._changes += wanted
+            for one in wanted:
+                before = value_at(self._settings, one.key)
+                self._note(f"{one.key}: {before} -> {one.value}, by {by}")
+            self._settings = settings
+            return settings
+
+    def take_target(self) -> TargetRequest | None:
+        """Return the newest wish for a target, once; for vision."""
+        if self._target is None:
+            return None
+        with self._lock:
+            target, self._target = self._target, None
+            return target
+
+    def take(self) -> ControlRequests:
+        """Return what came since the last call; for control."""
+        if not self._waiting:
+            return NOTHING
+        with self._lock:
+            taken = ControlRequests(
+                self._stop,
+                self._orders,
+                tuple(self._changes),
+                self._settings if self._changes else None,
+                self._notes,
+            )
+            self._stop = self._waiting = False
+            self._orders, self._changes, self._notes = [], [], []
+            return taken
+
+    def note(self, texts: Iterable[str]) -> None:
+        """Have these lines written into the log with the next control step."""
+        with self._lock:
+            for text in texts:
+                self._note(text)
+
+    def _ask(self, wish: Wish, by: str) -> TargetRequest:
+        request = TargetRequest(wish, by)
+        with self._lock:
+            before, self._target = self._target, request
+        if before is not None:
+            before.settle(_REPLACED)
+        return request
+
+    def _order(self, order: Order, by: str) -> None:
+        with self._lock:
+            if len(self._orders) < _MOST_WAITING:
+                self._orders.append(order)
+            elif order is Order.WITHDRAW:
+                self._orders[-1] = order
+            self._note(f"consent: {order}, by {by}")
+
+    def _note(self, text: str) -> None:
+        if len(self._notes) < _MOST_WAITING:
+            self._notes.append(text)
+        self._waiting = True

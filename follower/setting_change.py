@@ -1,0 +1,165 @@
+"""Settings that may be changed in flight: which, how far, and as what they are recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from follower.settings import Settings, merged
+from follower_control.strict_yaml import SettingsError, parse
+
+_SECTIONS = {
+    "servo": None,
+    "search": None,
+    "envelope": (
+        "max_speed_m_s",
+        "max_climb_m_s",
+        "max_descent_m_s",
+        "max_yaw_rate_deg_s",
+        "min_height_m",
+        "ceiling_m",
+        "min_clearance_m",
+        "fence_radius_m",
+        "min_distance_m",
+    ),
+    "supervisor": ("coast_s", "search_s", "hold_s"),
+}
+"""Sections with the keys of them that may change; None is all."""
+
+_LIMITS = "envelope"
+_SMALLER_IS_SAFER = ("max_", "ceiling_", "fence_radius_")
+
+
+@dataclass(frozen=True, slots=True)
+class SettingChange:
+    """One setting's new value, in force from the control step in which it is recorded.
+
+    Attributes:
+        key: its path in the settings, such as "servo.azimuth.kp".
+        value: as JSON, which keeps every bit of a number.
+    """
+
+    key: str
+    value: str
+
+    @classmethod
+    def of(cls, key: str, value: Any) -> SettingChange:
+        """Make one of a plain value.
+
+        Raises:
+            SettingsError: the value is no number, text, truth or None.
+        """
+        plain = value.value if isinstance(value, Enum) else value
+        finite = not isinstance(plain, float) or math.isfinite(plain)
+        if not finite or not isinstance(plain, bool | int | float | str | None):
+            raise SettingsError(f"{key}: {value} is no value for a setting")
+        return cls(key, json.dumps(plain))
+
+
+@dataclass(frozen=True, slots=True)
+class LiveKey:
+    """A setting that may be changed in flight.
+
+    Attributes:
+        key: its path, such as "servo.azimuth.kp".
+        kind: float, int, bool or an enumeration.
+        optional: whether it may be None.
+    """
+
+    key: str
+    kind: type
+    optional: bool
+
+
+def live_keys() -> Iterator[LiveKey]:
+    """Give every setting that may be changed in flight, in the order of the settings."""
+    for section, names in _SECTIONS.items():
+        law = Settings.model_fields[section].annotation
+        for one in _leaves(section, law):
+            if names is None or one.key.partition(".")[2] in names:
+                yield one
+
+
+def value_at(settings: Settings, key: str) -> Any:
+    """Return a setting's value by its path."""
+    value: Any = settings
+    for part in key.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def changed(
+    settings: Settings, changes: Iterable[SettingChange], began: Settings | None = None
+) -> Settings:
+    """Return the settings with these changes, checked as they are when read from a file.
+
+    Args:
+        settings: unchanged.
+        changes: in their order; they are checked together.
+        began: what the flight began with. Given that, a limit of the envelope may be tightened,
+            and loosened again no further than it was then.
+
+    Raises:
+        SettingsError: a key may not be changed in flight, or a value cannot be used.
+    """
+    allowed = {one.key for one in live_keys()}
+    data: dict[str, Any] = settings.model_dump(mode="json")
+    for change in changes:
+        if change.key not in allowed:
+            raise SettingsError(f"{change.key} cannot be changed in flight")
+        data = merged(data, _nested(change.key, json.loads(change.value)))
+    result = parse(Settings, data, "in flight")
+    if began is not None:
+        _check_limits(result, began, [change.key for change in changes])
+    return result
+
+
+def _check_limits(settings: Settings, began: Settings, keys: Iterable[str]) -> None:
+    for key in keys:
+        section, _, name = key.partition(".")
+        if section != _LIMITS:
+            continue
+        value, before = value_at(settings, key), value_at(began, key)
+        if not _is_as_tight(name, value, before):
+            raise SettingsError(
+                f"{key} was {before:g} at the start; in flight it may be tightened, not loosened "
+                f"beyond that to {'none' if value is None else format(value, 'g')}"
+            )
+
+
+def _is_as_tight(name: str, value: float | None, before: float | None) -> bool:
+    if before is None:
+        return True
+    if value is None:
+        return False
+    return value <= before if name.startswith(_SMALLER_IS_SAFER) else value >= before
+
+
+def _leaves(prefix: str, law: Any) -> Iterator[LiveKey]:
+    hints = get_type_hints(law)
+    for field in dataclasses.fields(law):
+        kind, optional = _without_none(hints[field.name])
+        key = f"{prefix}.{field.name}"
+        if dataclasses.is_dataclass(kind):
+            yield from _leaves(key, kind)
+        elif isinstance(kind, type) and issubclass(kind, float | int | Enum):
+            yield LiveKey(key, kind, optional)
+
+
+def _without_none(hint: Any) -> tuple[Any, bool]:
+    if get_origin(hint) not in (Union, UnionType):
+        return hint, False
+    others = [part for part in get_args(hint) if part is not type(None)]
+    return (others[0] if len(others) == 1 else hint), True
+
+
+def _nested(key: str, value: Any) -> dict[str, Any]:
+    for part in reversed(key.split(".")):
+        value = {part: value}
+    return dict(value)

@@ -1,0 +1,79 @@
+"""From an operator's wish to the box of what is meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from follower.target_wish import (
+    NoTargetWish,
+    Outcome,
+    PointWish,
+    RectangleWish,
+    RequestRefusedError,
+    Wish,
+)
+from follower_vision.box import Box
+from follower_vision.detection import Detection, Detector
+from follower_vision.frame import Frame
+from follower_vision.pointed import box_around
+
+_NEAR = 1.4
+"""A finger lands beside small things: a detection counts so many times as large."""
+_LOOK_SHARE = 0.35
+
+
+class TargetFinder:
+    """Finds the target that is meant in a frame.
+
+    Args:
+        detector: points snap to what it sees; not used by another thread. None segments alone.
+    """
+
+    def __init__(self, detector: Detector | None = None) -> None:
+        self._detector = detector
+
+    def find(self, wish: Wish, frame: Frame) -> Outcome:
+        """Return what is meant in this frame, or why nothing is."""
+        if isinstance(wish, NoTargetWish):
+            return Outcome(True, "no target any more")
+        if isinstance(wish, PointWish):
+            return self._at_point(wish, frame)
+        return _in_rectangle(wish, frame)
+
+    def _at_point(self, wish: PointWish, frame: Frame) -> Outcome:
+        x, y = wish.on(frame.width, frame.height)
+        seen = _under(self._seen_near(frame, x, y), x, y)
+        if seen is not None:
+            return Outcome(True, f"the {seen.class_name} there", seen.box)
+        box = box_around(frame.image, x, y)
+        if box is None:
+            return Outcome(False, "nothing stands out there: draw a rectangle around the target")
+        return Outcome(True, f"what stands out there, {box.width:.0f} x {box.height:.0f} px", box)
+
+    def _seen_near(self, frame: Frame, x: float, y: float) -> Iterable[Detection]:
+        """Give what the detector sees, first in an enlarged part around the point."""
+        if self._detector is None:
+            return
+        side = _LOOK_SHARE * max(frame.width, frame.height)
+        part = Box(x, y, side, side)
+        yield from (one for one in self._detector.detect(frame.image, part) if not one.cut)
+        yield from self._detector.detect(frame.image)
+
+
+def _in_rectangle(wish: RectangleWish, frame: Frame) -> Outcome:
+    try:
+        box = wish.on(frame.width, frame.height)
+    except RequestRefusedError as error:
+        return Outcome(False, str(error))
+    return Outcome(True, f"{box.width:.0f} x {box.height:.0f} px", box)
+
+
+def _under(detections: Iterable[Detection], x: float, y: float) -> Detection | None:
+    """Return the smallest detection at a point, else the nearest one just beside it."""
+    near = [one for one in detections if _holds(one.box.scaled(_NEAR), x, y)]
+    hit = [one for one in near if _holds(one.box, x, y)]
+    return min(hit or near, key=lambda one: one.box.area, default=None)
+
+
+def _holds(box: Box, x: float, y: float) -> bool:
+    return box.left <= x <= box.right and box.top <= y <= box.bottom

@@ -1,0 +1,275 @@
+"""What operators ask for from outside: refused at once, or carried out by the stages."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from follower.flightlog import FlightLog
+from follower.operator_requests import OperatorRequests
+from follower.realtime import VisionLoop
+from follower.setting_change import SettingChange, changed, live_keys, value_at
+from follower.settings import Settings, load_settings
+from follower.situation import Order
+from follower.target_finder import TargetFinder
+from follower.target_wish import PointWish, RectangleWish, RequestRefusedError
+from follower.vision_stage import VisionStage
+from follower_control.strict_yaml import SettingsError
+from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
+from follower_vision.detection import Detection
+from follower_vision.frame import Frame, Image
+from follower_vision.pointed import box_around
+from follower_vision.track import Track, TrackState
+
+WIDTH, HEIGHT = 160, 120
+BY = "somebody"
+
+
+class StillTracker:
+    """Says that the target is where it was chosen."""
+
+    def __init__(self) -> None:
+        self.box: Box | None = None
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        self.box = box
+        return self.step(frame)
+
+    def step(self, frame: Frame) -> Track:
+        assert self.box is not None
+        return Track(self.box, TrackState.TRACKING, 1.0, "still", frame.captured_s, frame.sequence)
+
+
+class SeesOne:
+    """A detector that sees one object, looked at closely or not."""
+
+    class_names = ("car",)
+
+    def __init__(self, box: Box) -> None:
+        self.box = box
+
+    def detect(self, _image: Image, _region: Box | None = None) -> list[Detection]:
+        return [Detection(self.box, 0, "car", 0.9)]
+
+
+def frame(number: int = 0) -> Frame:
+    rng = np.random.default_rng(3)
+    image = (90 + rng.normal(0, 4, (HEIGHT, WIDTH, 3))).astype(np.uint8)
+    image[40:60, 70:100] = (20, 90, 230)
+    return Frame(image, 0.1 * number, number)
+
+
+def rig(detector: SeesOne | None = None) -> tuple[OperatorRequests, VisionLoop]:
+    requests = OperatorRequests(Settings())
+    stage = VisionStage(StillTracker(), requests, TargetFinder(detector))
+    return requests, VisionLoop(stage, SimulatedClock(), FlightLog())
+
+
+def test_a_rectangle_is_followed_from_the_next_frame_on() -> None:
+    requests, vision = rig()
+    request = requests.select_rectangle(0.75, 0.5, 0.25, 0.25, BY)
+    assert request.outcome is None
+    record = vision.step(frame())
+    assert record.track is not None
+    assert record.requests == 1
+    assert record.track.box.xywh == pytest.approx((40, 30, 80, 30))
+    assert request.outcome is not None
+    assert request.outcome.accepted
+    assert vision.step(frame(1)).requests == 1
+
+
+def test_a_point_snaps_to_the_detection_there() -> None:
+    box = Box(80, 50, 40, 24)
+    requests, vision = rig(SeesOne(box))
+    requests.select_point(0.55, 0.4, BY)
+    track = vision.step(frame()).track
+    assert track is not None
+    assert track.box == box
+
+
+def test_a_point_without_a_detection_takes_what_stands_out() -> None:
+    requests, vision = rig(SeesOne(Box(20, 20, 10, 10)))
+    requests.select_point(85 / WIDTH, 50 / HEIGHT, BY)
+    track = vision.step(frame()).track
+    assert track is not None
+    assert track.box.iou(Box(85, 50, 30, 20)) > 0.7
+
+
+def test_a_point_on_the_ground_is_refused_and_changes_nothing() -> None:
+    requests, vision = rig()
+    requests.select_rectangle(0.4, 0.3, 0.6, 0.5, BY)
+    before = vision.step(frame()).track
+    request = requests.select_point(0.1, 0.9, BY)
+    after = vision.step(frame(1))
+    assert request.outcome is not None
+    assert not request.outcome.accepted
+    assert "rectangle" in request.outcome.text
+    assert after.requests == 1
+    assert after.track is not None
+    assert before is not None
+    assert after.track.box == before.box
+
+
+def test_no_target_any_more() -> None:
+    requests, vision = rig()
+    requests.select_rectangle(0.4, 0.3, 0.6, 0.5, BY)
+    assert vision.step(frame()).track is not None
+    requests.stop_tracking(BY)
+    record = vision.step(frame(1))
+    assert record.track is None
+    assert record.requests == 2
+    assert vision.step(frame(2)).track is None
+
+
+def test_the_newest_wish_counts_and_the_other_one_learns_it() -> None:
+    requests, vision = rig()
+    first = requests.select_rectangle(0.1, 0.1, 0.2, 0.2, BY)
+    second = requests.select_rectangle(0.4, 0.3, 0.6, 0.5, BY)
+    assert first.outcome is not None
+    assert not first.outcome.accepted
+    vision.step(frame())
+    assert second.outcome is not None
+    assert second.outcome.accepted
+
+
+def test_somebody_else_may_wait_for_the_outcome() -> None:
+    requests, vision = rig()
+    request = requests.select_rectangle(0.4, 0.3, 0.6, 0.5, BY)
+    assert request.wait(0.0) is None
+    waiter = threading.Thread(target=lambda: vision.step(frame()))
+    waiter.start()
+    outcome = request.wait(5.0)
+    waiter.join()
+    assert outcome is not None
+    assert outcome.box is not None
+
+
+any_number = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(any_number, any_number, any_number, any_number)
+def test_any_rectangle_is_refused_or_lies_in_the_image(
+    left: float, top: float, right: float, bottom: float
+) -> None:
+    try:
+        box = RectangleWish(left, top, right, bottom).on(WIDTH, HEIGHT)
+    except RequestRefusedError:
+        return
+    assert box.left >= -1e-9
+    assert box.top >= -1e-9
+    assert box.right <= WIDTH + 1e-9
+    assert box.bottom <= HEIGHT + 1e-9
+    assert min(box.width, box.height) >= 4.0
+
+
+@given(any_number, any_number)
+def test_any_point_is_refused_or_can_be_looked_at(x: float, y: float) -> None:
+    try:
+        wish = PointWish(x, y)
+    except RequestRefusedError:
+        return
+    outcome = TargetFinder().find(wish, frame())
+    assert outcome.accepted == (outcome.box is not None)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0, 0), (159.9, 0), (0, 119.9), (160, 120), (85, 50)])
+def test_a_box_around_a_point_holds_it(x: float, y: float) -> None:
+    box = box_around(frame().image, x, y)
+    if box is not None:
+        assert box.left <= x <= box.right
+        assert box.top <= y <= box.bottom
+
+
+def test_orders_and_a_stop_reach_control_once() -> None:
+    requests = OperatorRequests(Settings())
+    assert requests.take().orders == ()
+    requests.give_consent("command", BY)
+    requests.withdraw_consent(BY)
+    requests.stop(BY)
+    taken = requests.take()
+    assert list(taken.orders) == [Order.GIVE, Order.WITHDRAW]
+    assert taken.stop
+    assert not requests.take().stop
+
+
+@pytest.mark.parametrize("kind", ["rc", "terminal", "command"])
+def test_consent_is_given_by_the_way_that_is_set_alone(kind: str) -> None:
+    requests = OperatorRequests(load_settings(base={"consent": {"kind": kind}}))
+    with pytest.raises(RequestRefusedError, match=kind):
+        requests.give_consent("cockpit", BY)
+    requests.withdraw_consent(BY)
+
+
+def test_settings_change_together_or_not_at_all() -> None:
+    requests = OperatorRequests(Settings())
+    with pytest.raises(RequestRefusedError, match="kp"):
+        requests.change_all({"servo.distance_m": 20.0, "servo.azimuth.kp": -1.0}, BY)
+    assert requests.take().settings is None
+    requests.change_all({"servo.distance_m": 20.0, "servo.azimuth.kp": 1.0}, BY)
+    taken = requests.take()
+    assert taken.settings is not None
+    assert taken.settings.servo.distance_m == 20.0
+    assert changed(Settings(), taken.changes) == taken.settings == requests.settings
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, None, "fast", -1.0, 0.0, 1e9])
+def test_nonsense_is_refused(value: object) -> None:
+    requests = OperatorRequests(Settings())
+    with pytest.raises(RequestRefusedError, match="distance_m"):
+        requests.change("servo.distance_m", value, BY)
+    assert requests.settings == Settings()
+
+
+@pytest.mark.parametrize("key", ["link.vehicle_id", "envelope.max_jerk_m_s3", "consent.kind", ""])
+def test_what_is_not_for_flight_is_refused(key: str) -> None:
+    with pytest.raises(RequestRefusedError, match="in flight"):
+        OperatorRequests(Settings()).change(key, 1.0, BY)
+
+
+@pytest.mark.parametrize(
+    ("key", "tighter", "looser"),
+    [
+        ("envelope.max_speed_m_s", 4.0, 10.1),
+        ("envelope.min_height_m", 5.0, 2.9),
+        ("envelope.ceiling_m", 40.0, None),
+        ("envelope.fence_radius_m", 50.0, 201.0),
+        ("envelope.min_distance_m", 6.0, 3.0),
+    ],
+)
+def test_a_limit_is_tightened_and_loosened_to_what_it_was(
+    key: str, tighter: float, looser: float | None
+) -> None:
+    requests, before = OperatorRequests(Settings()), value_at(Settings(), key)
+    requests.change(key, tighter, BY)
+    assert value_at(requests.settings, key) == tighter
+    requests.change(key, before, BY)
+    with pytest.raises(RequestRefusedError, match="tightened"):
+        requests.change(key, looser, BY)
+    assert value_at(requests.settings, key) == before
+
+
+def test_every_live_key_is_there_and_may_be_set_to_what_it_is() -> None:
+    settings = load_settings(base={"servo": {"target_size_m": 1.5}})
+    keys = [one.key for one in live_keys()]
+    assert len(set(keys)) == len(keys) > 50
+    same = [SettingChange.of(key, value_at(settings, key)) for key in keys]
+    assert changed(settings, same, settings) == settings
+
+
+@given(st.sampled_from([one.key for one in live_keys()]), st.floats(allow_nan=True))
+def test_any_value_is_refused_or_replays_to_the_same_settings(key: str, value: float) -> None:
+    requests = OperatorRequests(Settings())
+    try:
+        settings = requests.change(key, value, BY)
+    except RequestRefusedError:
+        return
+    assert changed(Settings(), requests.take().changes) == settings
+
+
+def test_a_change_of_another_program_version_is_refused_in_words() -> None:
+    with pytest.raises(SettingsError, match=r"servo\.gone"):
+        changed(Settings(), [SettingChange("servo.gone", "1.0")])
