@@ -68,7 +68,7 @@ class ControlStage:
         self._sound = SoundTelemetry()
         self._estimator = TargetEstimator(settings.estimator)
         self._steering = Steering(settings)
-        self._humans = HumanInput(settings.consent, settings.sticks)
+        self._humans = HumanInput(settings.consent, settings.sticks, settings.cockpit)
         self._hand_back = HandBack(settings.release)
         self._supervisor = Supervisor(settings.supervisor)
         self.settings = settings
@@ -108,6 +108,10 @@ class ControlStage:
     def order(self, order: Order) -> None:
         """Take an operator's order for the next step; may be called from any thread."""
         self._humans.give(order)
+
+    def hear_cockpit(self) -> None:
+        """Note that the page in control is there; may be called from any thread."""
+        self._humans.cockpit.hear()
 
     def renew_consent(self) -> None:
         """Allow following again after a release; may be called from any thread."""
@@ -312,6 +316,7 @@ class ControlStage:
             order=humans.order,
             battery_low=verdict.battery_low,
             navigation_poor=verdict.navigation_poor,
+            cockpit_lost=humans.cockpit_lost,
         )
 
     def _unseen_s(self, track: Track | None, now_s: float) -> float:

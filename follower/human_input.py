@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
+from follower.cockpit.settings import CockpitSettings
+from follower.cockpit_watch import CockpitWatch
 from follower.consent import Consent, ConsentSettings
 from follower.situation import Order, Situation
 from follower.sticks import Sticks, StickSettings
@@ -18,15 +20,25 @@ class HumanInput:
     Attributes:
         stop_requested: somebody wants us to let go; until consent is given or renewed.
         order: what was ordered for the last step.
+        cockpit: hears the page in control.
+        cockpit_lost: it is missed.
     """
 
-    def __init__(self, consent: ConsentSettings, sticks: StickSettings) -> None:
+    def __init__(
+        self,
+        consent: ConsentSettings,
+        sticks: StickSettings,
+        cockpit: CockpitSettings | None = None,
+    ) -> None:
         self._consent = Consent(consent)
         self._sticks = Sticks(sticks)
         self._orders: deque[Order] = deque()
         self._entry = 0
         self.stop_requested = False
         self.order = Order.NONE
+        self.cockpit = CockpitWatch(cockpit or CockpitSettings())
+        self.cockpit_lost = False
+        self._cockpit_was_lost: bool | None = None
 
     @property
     def consent_given(self) -> bool:
@@ -63,6 +75,7 @@ class HumanInput:
         """Take what was ordered in a recorded situation."""
         self.stop_requested = recorded.stop_requested
         self._orders.append(recorded.order)
+        self._cockpit_was_lost = recorded.cockpit_lost
 
     def step(self, vehicle: VehicleState, state: State, now_s: float) -> None:
         """Take what came since the last step; `state` is the supervisor's before it decides."""
@@ -72,6 +85,8 @@ class HumanInput:
         self.order = Order.WITHDRAW if Order.WITHDRAW in orders else newest
         self._consent.step(self.order, vehicle, state, now_s)
         self._sticks.step(vehicle, state.engaged, now_s)
+        heard_none, recorded = self.cockpit.is_lost(now_s), self._cockpit_was_lost
+        self.cockpit_lost = heard_none if recorded is None else recorded
 
     def begin(self, vehicle: VehicleState) -> None:
         """Note that following begins, by this entry into the mode."""

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from follower.cockpit.settings import CockpitSettings
 from follower.consent import ConsentSettings
 from follower.health import HealthSettings
 from follower.links.link_settings import LinkSettings
@@ -18,6 +19,7 @@ from follower.recorder_settings import RecorderSettings
 from follower.release import ReleaseSettings
 from follower.sticks import StickSettings
 from follower.supervisor import SupervisorSettings
+from follower.video_out.settings import VideoSettings
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
 from follower_control.gimbal_servo import GimbalSettings
@@ -120,6 +122,9 @@ class Settings(BaseModel):
     release: ReleaseSettings = ReleaseSettings()
     link: LinkSettings = LinkSettings()
     recorder: RecorderSettings = RecorderSettings()
+    video: VideoSettings = VideoSettings()
+    """Live video that goes out."""
+    cockpit: CockpitSettings = CockpitSettings()
     control_rate_hz: float = Field(default=50.0, ge=5, le=500)
     autonomy: Literal["pilot", "full"] = "pilot"
     """Who arms, takes off and changes the mode in `follower fly` and `follower sim`: "pilot" is a

@@ -63,6 +63,7 @@ The troubles, in their order:
 | no frame for `frame_timeout_s`              | frames stale              |
 | the control loop itself came late           | control late              |
 | estimator or GPS of the autopilot not well  | navigation poor           |
+| no cockpit in control, if one has to be     | cockpit lost              |
 
 HOLDING returns to FOLLOWING when its cause has gone before `hold_s` is over: the pilot's consent
 still stands. RELEASED never returns by itself. After `alone_s` without a word either way, or
@@ -120,6 +121,7 @@ class Reason(StrEnum):
     FRAMES_STALE = "frames stale"
     CONTROL_LATE = "control late"
     NAVIGATION_POOR = "navigation poor"
+    COCKPIT_LOST = "cockpit lost"
     BATTERY_LOW = "battery low"
     NOT_FLYING = "not flying"
     TARGET_UNSEEN = "target unseen"
@@ -271,7 +273,9 @@ def _trouble(situation: Situation, settings: SupervisorSettings) -> Reason | Non
         return Reason.FRAMES_STALE
     if situation.control_gap_s > settings.control_timeout_s:
         return Reason.CONTROL_LATE
-    return Reason.NAVIGATION_POOR if situation.navigation_poor else None
+    if situation.navigation_poor:
+        return Reason.NAVIGATION_POOR
+    return Reason.COCKPIT_LOST if situation.cockpit_lost else None
 
 
 def _target_seen(situation: Situation) -> bool:

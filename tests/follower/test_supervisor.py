@@ -122,6 +122,7 @@ ROWS = [
     ),
     Row("sticks", {"sticks_moved": True}, FOLLOW, let_go(Reason.STICKS_MOVED)),
     trouble("poor navigation", Reason.NAVIGATION_POOR, navigation_poor=True),
+    trouble("no page in control", Reason.COCKPIT_LOST, cockpit_lost=True),
     Row(
         "little battery",
         {"battery_low": True},

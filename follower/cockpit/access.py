@@ -1,0 +1,122 @@
+"""Who may use the cockpit: by host name, origin and token."""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+from collections.abc import Iterable, Mapping
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from follower.cockpit.settings import CockpitSettings
+from follower_control.strict_yaml import SettingsError
+
+COOKIE = "follower_cockpit"
+_LEAST_TOKEN = 12
+_MOST_SESSIONS = 200
+_LOCAL_NAMES = frozenset({"localhost"})
+
+
+def token_for(settings: CockpitSettings) -> str | None:
+    """Return the token to ask for: from its file, else a new one off loopback, else none.
+
+    Raises:
+        SettingsError: the file cannot be read or the token is too short.
+    """
+    if settings.token_file is None:
+        return None if settings.on_loopback else secrets.token_urlsafe(18)
+    try:
+        lines = Path(settings.token_file).expanduser().read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"cockpit.token_file: cannot be read: {error}") from None
+    token = lines[0].strip() if lines else ""
+    if len(token) < _LEAST_TOKEN:
+        raise SettingsError(
+            f"cockpit.token_file: {settings.token_file}: its first line is to be a token of at "
+            f"least {_LEAST_TOKEN} characters"
+        )
+    return token
+
+
+class Access:
+    """Judges requests by their headers, whose names are in lower case.
+
+    Args:
+        token: that has to be known; None asks for none.
+        names: host names of ours, beside localhost and addresses in numbers.
+    """
+
+    def __init__(self, token: str | None, names: Iterable[str] = ()) -> None:
+        self._token = token
+        self._names = _LOCAL_NAMES | {name.lower() for name in names}
+        self._sessions: list[str] = []
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether there is one."""
+        return self._token is not None
+
+    def is_our_host(self, headers: Mapping[str, str]) -> bool:
+        """Whether we were called by a name of ours.
+
+        A web site that makes its own name point to this computer (DNS rebinding) cannot do so
+        with an address in numbers.
+        """
+        host = _host_name(headers.get("host", ""))
+        return host is not None and (host in self._names or _is_address(host))
+
+    def is_our_origin(self, headers: Mapping[str, str]) -> bool:
+        """Whether it comes from our own page, or from no page at all."""
+        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+            return False
+        origin = headers.get("origin")
+        if origin is None:
+            return True
+        parts = urlsplit(origin)
+        return parts.scheme in ("http", "https") and parts.netloc == headers.get("host")
+
+    def is_known(self, headers: Mapping[str, str]) -> bool:
+        """Whether whoever asks has shown the token before, or shows it now."""
+        if self._token is None:
+            return True
+        kind, _, shown = headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer" and self._is_token(shown.strip()):
+            return True
+        session = _cookie(headers.get("cookie", ""))
+        return any(secrets.compare_digest(session, one) for one in self._sessions)
+
+    def open_session(self, token: str) -> str | None:
+        """Return a new session's cookie for the right token, None for a wrong one."""
+        if self._token is not None and not self._is_token(token):
+            return None
+        session = secrets.token_urlsafe(24)
+        self._sessions = [*self._sessions, session][-_MOST_SESSIONS:]
+        return session
+
+    def _is_token(self, shown: str) -> bool:
+        return secrets.compare_digest(shown.encode(), (self._token or "").encode())
+
+
+def _host_name(host: str) -> str | None:
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _cookie(text: str) -> str:
+    try:
+        found = SimpleCookie(text).get(COOKIE)
+    except CookieError:
+        return ""
+    # compare_digest takes ASCII alone.
+    return "" if found is None or not found.value.isascii() else found.value

@@ -1,0 +1,63 @@
+"""The recorded flights of a folder."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+_LOG, _VIDEO, _REPORT = "flight.mcap", "video.mkv", "report.html"
+_MOST_FLIGHTS = 200
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """One recorded flight.
+
+    Attributes:
+        name: of its folder.
+        changed_s: when its log was written last, in seconds since 1970.
+        megabytes: of log and video.
+        has_video: whether frames were recorded.
+        has_report: whether there is a report to read.
+    """
+
+    name: str
+    changed_s: float
+    megabytes: float
+    has_video: bool
+    has_report: bool
+
+
+class Flights:
+    """Looks into a folder of flights.
+
+    Args:
+        folder: as given by `--out`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def listed(self) -> list[Flight]:
+        """Return the newest flights, the newest first."""
+        folders = [path.parent for path in self._folder.glob(f"*/{_LOG}")]
+        flights = [_flight(folder) for folder in folders if _NAME.fullmatch(folder.name)]
+        newest = sorted(flights, key=lambda flight: flight.changed_s, reverse=True)
+        return newest[:_MOST_FLIGHTS]
+
+    def report(self, name: str) -> Path | None:
+        """Return a flight's report, None if there is none. No name leads out of the folder."""
+        if _NAME.fullmatch(name) is None or name not in {flight.name for flight in self.listed()}:
+            return None
+        path = self._folder / name / _REPORT
+        return path if path.is_file() and not path.is_symlink() else None
+
+
+def _flight(folder: Path) -> Flight:
+    log, video = folder / _LOG, folder / _VIDEO
+    size = log.stat().st_size + (video.stat().st_size if video.is_file() else 0)
+    changed_s = log.stat().st_mtime
+    has_report = (folder / _REPORT).is_file()
+    return Flight(folder.name, changed_s, round(size / 1e6, 1), video.is_file(), has_report)

@@ -1,0 +1,143 @@
+"""Brings the flight's moments to all clients, and the wishes of one of them to the flight."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+from follower.cockpit.client import Client
+from follower.cockpit.requests import Consent, OperatorRequest, Stop
+from follower_vision.clock import Clock
+
+Message: TypeAlias = dict[str, Any]
+_ANSWER_S = 4.0
+_SILENT_S = 5.0
+"""Control of a client that says nothing for so long may be taken by another one."""
+_MOST_OPEN = 100
+
+
+class Hub:
+    """Knows the clients, and which one of them is in control; used on the server's loop alone.
+
+    Args:
+        page: what a client is told at first.
+        send: takes what goes to the flight.
+        clock: this process's.
+        most_clients: more are not let in.
+    """
+
+    def __init__(
+        self, page: Message, send: Callable[[Message], None], clock: Clock, most_clients: int
+    ) -> None:
+        self.page = page
+        self.state: Message = {}
+        self._send = send
+        self._clock = clock
+        self._most_clients = most_clients
+        self._clients: dict[str, Client] = {}
+        self._controller: Client | None = None
+        self._numbers = itertools.count(1)
+        self._open: dict[int, asyncio.Future[Message]] = {}
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    def join(self) -> Client | None:
+        """Let a client in; None if there are too many. The first one has control."""
+        if len(self._clients) >= self._most_clients:
+            return None
+        client = Client(self._clock.now())
+        self._clients[client.id] = client
+        if self._controller is None:
+            self._controller = client
+        client.tell("hello", _text("hello", client=client.id, page=self.page))
+        client.tell("state", _text("state", **self.state))
+        self._tell_control()
+        return client
+
+    def leave(self, client: Client) -> None:
+        """Note that a client is gone; whoever is left may take control."""
+        self._clients.pop(client.id, None)
+        if self._controller is client:
+            self._controller = None
+        self._tell_control()
+
+    def hear(self, client: Client) -> None:
+        """Note that a client is there."""
+        client.heard_s = self._clock.now()
+        if client is self._controller:
+            self._send({"kind": "heard"})
+
+    def take_control(self, client: Client) -> bool:
+        """Give a client control if nobody else has it; return whether it has it now."""
+        holder = self._controller
+        silent = holder is not None and self._clock.now() - holder.heard_s > _SILENT_S
+        if holder is None or silent:
+            self._controller = client
+            self._tell_control()
+        return self._controller is client
+
+    def give_control(self, client: Client) -> None:
+        """Let others take control."""
+        if self._controller is client:
+            self._controller = None
+            self._tell_control()
+
+    def may(self, client_id: str, request: OperatorRequest) -> bool:
+        """Whether a client may ask for this: anybody may stop, the one in control everything."""
+        if isinstance(request, Stop) or (isinstance(request, Consent) and not request.given):
+            return True
+        return self._controller is not None and self._controller.id == client_id
+
+    async def ask(self, request: OperatorRequest, by: str) -> Message:
+        """Have the flight carry out a request, and return its answer."""
+        if len(self._open) >= _MOST_OPEN:
+            return {"accepted": False, "text": "too much is asked at once"}
+        number = next(self._numbers)
+        future: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        self._open[number] = future
+        message = {"kind": "request", "number": number, "request": request.model_dump(), "by": by}
+        self._send(message)
+        try:
+            async with asyncio.timeout(_ANSWER_S):
+                return await future
+        except TimeoutError:
+            return {"accepted": False, "text": "the flight did not answer"}
+        finally:
+            self._open.pop(number, None)
+
+    def take(self, message: Message) -> None:
+        """Take a message from the flight."""
+        match message["kind"]:
+            case "state":
+                self.state = message["state"]
+                self.tell("state", **self.state)
+            case "page":
+                self.page = {**self.page, **message["page"]}
+                self.tell("page", page=self.page)
+            case "answer":
+                future = self._open.get(message["number"])
+                if future is not None and not future.done():
+                    answer = {"accepted": message["accepted"], "text": message["text"]}
+                    future.set_result(answer)
+
+    def tell(self, kind: str, **content: Any) -> None:
+        """Tell all clients."""
+        text = _text(kind, **content)
+        for client in self._clients.values():
+            client.tell(kind, text)
+
+    def _tell_control(self) -> None:
+        taken, clients = self._controller is not None, len(self._clients)
+        for client in self._clients.values():
+            yours = client is self._controller
+            client.tell("control", _text("control", yours=yours, taken=taken, clients=clients))
+
+
+def _text(kind: str, **content: Any) -> str:
+    return json.dumps({"kind": kind, **content}, allow_nan=False)

@@ -1,0 +1,68 @@
+"""Pictures as JPEG, one after the other, where a browser plays no other video."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+
+import cv2
+
+from follower.video_out.encoder import fitted
+from follower.video_out.picture import Picture
+
+BOUNDARY = "picture"
+_QUALITY = 70
+_MOST_WIDTH_PX = 960
+_LEAST_BETWEEN_S = 1 / 20
+_MOST_READERS = 8
+
+
+class JpegStream:
+    """The newest picture for each reader, encoded once for all and only while there are readers.
+
+    A slow reader misses pictures, and nothing waits for it.
+
+    Args:
+        loop: the server's.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._readers = 0
+        self._jpeg = b""
+        self._shown_s = 0.0
+        self._new = asyncio.Event()
+
+    @property
+    def full(self) -> bool:
+        """Whether there are as many readers as may be."""
+        return self._readers >= _MOST_READERS
+
+    def show(self, picture: Picture) -> None:
+        """Encode a picture if anybody reads; called on the studio's thread."""
+        early = 0 <= picture.captured_s - self._shown_s < _LEAST_BETWEEN_S
+        if self._readers == 0 or early:
+            return
+        self._shown_s = picture.captured_s
+        image = fitted(picture.image, _MOST_WIDTH_PX)
+        _, jpeg = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))
+        with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
+            self._loop.call_soon_threadsafe(self._take, jpeg.tobytes())
+
+    async def parts(self) -> AsyncIterator[bytes]:
+        """Give the parts of a multipart/x-mixed-replace answer."""
+        self._readers += 1
+        try:
+            while True:
+                await self._new.wait()
+                jpeg = self._jpeg
+                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}"
+                yield head.encode() + b"\r\n\r\n" + jpeg + b"\r\n"
+        finally:
+            self._readers -= 1
+
+    def _take(self, jpeg: bytes) -> None:
+        self._jpeg = jpeg
+        self._new.set()
+        self._new = asyncio.Event()

@@ -1,0 +1,62 @@
+"""Starts the station that a flight's settings and options ask for."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from follower.cockpit.access import token_for
+from follower.cockpit.settings import CockpitSettings
+from follower.settings import Settings
+from follower.station.station import Station
+from follower.video_out.settings import VideoSettings
+from follower_control.strict_yaml import SettingsError
+
+_NEEDED = ("aiortc", "fastapi", "uvicorn", "websockets")
+
+
+def open_station(
+    settings: Settings,
+    cockpit: bool,
+    page: dict[str, Any],
+    runs: Path,
+    say: Callable[[str], None],
+) -> Station | None:
+    """Return a running station; None if neither video nor a page is wanted, which costs nothing.
+
+    Args:
+        settings: of the flight.
+        cockpit: whether there is to be a page.
+        page: what it is to know from the start.
+        runs: folder with the flights that it lists.
+        say: is shown each line for the user.
+
+    Raises:
+        SettingsError: the page needs what is not installed, or its token cannot be read.
+    """
+    if not cockpit and not settings.video.on:
+        return None
+    begin: dict[str, Any] = {
+        "video": TypeAdapter(VideoSettings).dump_python(settings.video, mode="json"),
+        "page": page,
+        "runs": str(runs),
+        "detector": settings.detector,
+        "cockpit": None,
+    }
+    if cockpit:
+        _check_installed()
+        wanted = TypeAdapter(CockpitSettings).dump_python(settings.cockpit, mode="json")
+        begin |= {"cockpit": wanted, "token": token_for(settings.cockpit)}
+    return Station(begin, say)
+
+
+def _check_installed() -> None:
+    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise SettingsError(
+            f"--cockpit needs {', '.join(missing)}: pip install 'drone-target-follower[cockpit]'"
+        )

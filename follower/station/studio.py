@@ -1,0 +1,99 @@
+"""Makes streams of the pictures, on a thread of its own, for as long as somebody watches."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from follower.station.wire import Message, track_of
+from follower.video_out.channel import Channel
+from follower.video_out.encoder import EncoderError
+from follower.video_out.picture import Picture
+from follower.video_out.push import RtspPush
+from follower.video_out.rtp_sender import RtpSender
+from follower.video_out.settings import Address, VideoSettings
+from follower_vision.frame import Image
+from follower_vision.mailbox import Mailbox
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    picture: Picture
+    done: Callable[[], None]
+
+
+class Studio:
+    """Two streams: one for ground stations, one without anything drawn in for the page.
+
+    Without an overlay both are the same, encoded once.
+
+    Args:
+        settings: of the video.
+
+    Attributes:
+        ground: the stream for RTSP and UDP.
+        page: the stream for the cockpit.
+        newest: the newest picture, None before the first.
+        on_picture: is shown each picture, on the studio's thread.
+    """
+
+    def __init__(self, settings: VideoSettings) -> None:
+        self._settings = settings
+        self.ground = Channel(settings, settings.overlay)
+        self.page = Channel(settings, overlay=False) if settings.overlay else self.ground
+        self.newest: Picture | None = None
+        self.on_picture: Callable[[Picture], None] = _nobody
+        self._tasks: Mailbox[_Task] = Mailbox()
+        self._say: Callable[[str], None] = print
+        self._silent = False
+        threading.Thread(target=self._run, name="studio", daemon=True).start()
+
+    def start_senders(self, say: Callable[[str], None]) -> None:
+        """Begin to send by UDP and to push, as the settings want; `say` tells the user."""
+        self._say = say
+        if self._settings.udp is not None:
+            try:
+                self.ground.watch(RtpSender(Address.parse(self._settings.udp)))
+                say(f"Video: RTP to {self._settings.udp}")
+            except OSError as error:
+                say(f"No video by UDP: {self._settings.udp}: {error.strerror}")
+        if self._settings.push is not None:
+            self.ground.watch(RtspPush(self._settings.push))
+            say(f"Video: pushed to {self._settings.push}")
+
+    def take(self, message: Message, image: Image, done: Callable[[], None]) -> None:
+        """Take a picture; `done` is called when the next may come."""
+        picture = Picture(
+            image,
+            message["sequence"],
+            message["captured_s"],
+            tuple(track_of(track) for track in message["tracks"]),
+            tuple(message["lines"]),
+        )
+        self._tasks.put(_Task(picture, done))
+
+    def _run(self) -> None:
+        while (task := self._tasks.wait()) is not None:
+            self.newest = task.picture
+            self.on_picture(task.picture)
+            self._encode(task.picture)
+            with contextlib.suppress(OSError):  # the flight is over
+                task.done()
+
+    def _encode(self, picture: Picture) -> None:
+        if self._silent:
+            return
+        try:
+            self.ground.show(picture)
+            if self.page is not self.ground:
+                self.page.show(picture)
+        except EncoderError as error:
+            self._silent = True
+            self._say(f"No H.264: {error}")
+
+
+def _nobody(picture: Picture) -> None:
+    """Show a picture to nobody."""
+    del picture

@@ -1,0 +1,109 @@
+"""What the flight and its station say to each other: JSON, of bounded length.
+
+| from the flight | says                                                     |
+|-----------------|----------------------------------------------------------|
+| `begin`         | what to offer: settings of video and cockpit, and so on  |
+| `picture`       | an image lies in the slot; its size, time, tracks, lines |
+| `state`         | the newest moment, for the page                          |
+| `answer`        | what came of a request                                   |
+
+| from the station | says                                                    |
+|------------------|---------------------------------------------------------|
+| `ready`          | the slot was copied: the next picture may come          |
+| `request`        | what an operator wants, with a number for the answer    |
+| `heard`          | the operator in control is there                        |
+| `said`           | a line to show: where the page is, or what went wrong   |
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from multiprocessing.connection import Connection
+from typing import Any
+
+from follower_vision.box import Box
+from follower_vision.track import Track, TrackState
+
+Message = dict[str, Any]
+FROM_FLIGHT_BYTES = 1 << 21
+FROM_STATION_BYTES = 1 << 15
+
+
+class WireError(ValueError):
+    """The other side said something that is no message."""
+
+
+class Wire:
+    """One end of the line between the two processes; any thread may send, one receives.
+
+    Args:
+        connection: the end.
+        most_bytes: that a message from the other side may have.
+    """
+
+    def __init__(self, connection: Connection, most_bytes: int) -> None:
+        self._connection = connection
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+
+    def send(self, message: Message) -> None:
+        """Send; waits while the other side does not read.
+
+        Raises:
+            OSError: the other side is gone.
+        """
+        data = json.dumps(message, allow_nan=False).encode()
+        with self._lock:
+            self._connection.send_bytes(data)
+
+    def receive(self) -> Message:
+        """Wait for the next message.
+
+        Raises:
+            OSError, EOFError: the other side is gone, or sent more than it may.
+            WireError: that was no message.
+        """
+        try:
+            message = json.loads(self._connection.recv_bytes(self._most_bytes))
+        except ValueError as error:
+            raise WireError(f"no JSON: {error}") from None
+        if not isinstance(message, dict) or not isinstance(message.get("kind"), str):
+            raise WireError("no message: its kind is missing")
+        return message
+
+    def close(self) -> None:
+        """Hang up."""
+        self._connection.close()
+
+
+def socket_pair() -> tuple[Connection, Connection]:
+    """Return two ends that are connected."""
+    ours, theirs = socket.socketpair()
+    return Connection(ours.detach()), Connection(theirs.detach())
+
+
+def track_message(track: Track) -> Message:
+    """Return a track as plain values."""
+    box = track.box
+    return {
+        "box": [box.cx, box.cy, box.width, box.height],
+        "state": str(track.state),
+        "confidence": track.confidence,
+        "by": track.produced_by,
+        "captured_s": track.captured_s,
+        "sequence": track.sequence,
+    }
+
+
+def track_of(message: Message) -> Track:
+    """Return the track that `track_message` was given."""
+    return Track(
+        Box(*message["box"]),
+        TrackState(message["state"]),
+        message["confidence"],
+        message["by"],
+        message["captured_s"],
+        message["sequence"],
+    )

@@ -1,0 +1,51 @@
+"""The page that has to be there while following."""
+
+import pytest
+
+from follower.cockpit.settings import CockpitSettings
+from follower.cockpit_watch import CockpitWatch
+
+HOLD = CockpitSettings(when_lost="hold", lost_s=2.0)
+
+
+def test_by_default_nobody_is_missed() -> None:
+    watch = CockpitWatch(CockpitSettings())
+    assert not any(watch.is_lost(t) for t in (0.0, 5.0, 1e6))
+
+
+def test_a_page_that_never_came_is_missed_where_one_has_to_be_there() -> None:
+    assert CockpitWatch(HOLD).is_lost(0.0)
+
+
+def test_it_is_missed_after_its_time_and_no_longer_when_it_is_back() -> None:
+    watch = CockpitWatch(HOLD)
+    watch.hear()
+    assert not watch.is_lost(10.0)
+    assert not watch.is_lost(12.0)
+    assert watch.is_lost(12.01)
+    watch.hear()
+    assert not watch.is_lost(13.0)
+
+
+def test_it_counts_from_the_step_that_hears_it() -> None:
+    """No thread of a server's asks for the time: the control step's is what is recorded."""
+    watch = CockpitWatch(HOLD)
+    watch.hear()
+    watch.hear()
+    assert not watch.is_lost(100.0)
+    assert watch.is_lost(102.5)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"port": 70000},
+        {"host": " "},
+        {"tls_cert": "a.pem"},
+        {"lost_s": 0.1},
+        {"most_clients": 0},
+    ],
+)
+def test_nonsense_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        CockpitSettings(**wrong)
