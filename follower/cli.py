@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from follower.command_options import Config, Out, Overrides, Video
+from follower.command_options import Cockpit, Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
 from follower.evaluate_command import evaluate_command
@@ -53,6 +53,8 @@ _SIM_EPILOG = """
 `follower sim pursue-car --lockstep --vision truth+noise --scene wind.mean_m_s=8` – no pixels, fast
 
 `follower sim demo --lockstep --fault frames-black@30:2` – what does it do when something breaks?
+
+`follower sim demo --cockpit` – you choose the target and stop it, on a web page
 
 `follower sim demo --autopilot external --connect udpin:0.0.0.0:14540` – PX4 or ArduPilot SITL
 
@@ -211,6 +213,7 @@ def sim(
     faults: Fault = None,
     vision: VisionBy = "pixels",
     scene: Scene = None,
+    cockpit: Cockpit = False,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
     from follower.sight import Sight
@@ -235,6 +238,7 @@ def sim(
         tuple(faults or ()),
         Sight.of(vision),
         tuple(scene or ()),
+        cockpit,
     )
     raise typer.Exit(simulate(options))
 

@@ -26,3 +26,10 @@ Colour: TypeAlias = Annotated[
         rich_help_panel="Which target",
     ),
 ]
+Cockpit: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--cockpit",
+        help="Show it on a web page, at http://127.0.0.1:8080 unless the settings say otherwise.",
+    ),
+]

@@ -26,6 +26,18 @@ class FlightVideo(Protocol):
         ...
 
 
+class SeveralVideos:
+    """Hands each frame to several."""
+
+    def __init__(self, videos: Sequence[FlightVideo]) -> None:
+        self._videos = tuple(videos)
+
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        """Hand it on."""
+        for video in self._videos:
+            video.add(frame, tracks, lines)
+
+
 class OverlayVideo(ClosesItself):
     """Draws and encodes at once: lockstep runs, where time waits."""
 

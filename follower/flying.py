@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from follower.lockstep import Lockstep
+from follower.pace import Pace
 from follower.realtime import RealtimeRun
 from follower.simulated_flight import SimulatedFlight
 from follower_sim.autopilot import run_autopilot
@@ -19,10 +20,23 @@ from follower_vision.framesource import ClosesItself
 VISION_DELAY_S = 0.012
 """How long vision is held to take in lockstep, where its own time does not count."""
 SHOW_EVERY_S = 0.1
+PACE_S = 0.01
 
 
-def fly_lockstep(flight: SimulatedFlight, clock: SimulatedClock, show: Callable[[], None]) -> None:
-    """Fly to the end on a simulated clock: the same setpoints each time, bit for bit."""
+def fly_lockstep(
+    flight: SimulatedFlight,
+    clock: SimulatedClock,
+    show: Callable[[], None],
+    paced: bool = False,
+) -> None:
+    """Fly to the end on a simulated clock: the same setpoints each time, bit for bit.
+
+    Args:
+        flight: fresh.
+        clock: stands at 0.
+        show: is called ten times a simulated second.
+        paced: go no faster than a real clock does, for people who watch.
+    """
     lockstep = Lockstep(clock)
 
     autopilot = flight.autopilot
@@ -49,6 +63,8 @@ def fly_lockstep(flight: SimulatedFlight, clock: SimulatedClock, show: Callable[
     lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
     lockstep.every(1 / flight.settings.control_rate_hz, lambda: flight.control.step(clock.now()))
     lockstep.every(SHOW_EVERY_S, show)
+    if paced:
+        lockstep.every(PACE_S, Pace(clock).wait)
     lockstep.run(lambda: flight.finished)
 
 

@@ -6,7 +6,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,13 +14,15 @@ from pathlib import Path
 import cv2
 from rich.console import Console
 
+from follower.cockpit.opening import open_station
+from follower.cockpit.showing import FlightShow, first_page
 from follower.configs import find_scenario
 from follower.faults.injector import FaultInjector
 from follower.faults.planned import PlannedFault
 from follower.faults.simulation import as_faults_want, said_of, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
-from follower.flight_video import BackgroundVideo, OverlayVideo
+from follower.flight_video import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.fly.keyboard import Keyboard
 from follower.flying import fly_lockstep, fly_realtime
 from follower.interrupt import StopOnInterrupt
@@ -34,6 +36,7 @@ from follower.scoring import score_flight
 from follower.settings import Settings, load_settings
 from follower.sight import Sight, check_without_pixels
 from follower.simulated_flight import EXTERNAL, SimulatedFlight, base_settings
+from follower.station.station import Station
 from follower.terminal import Terminal, print_score
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
@@ -81,6 +84,7 @@ class SimulationOptions:
     faults: tuple[str, ...] = ()
     sight: Sight = Sight.PIXELS
     scene: tuple[str, ...] = ()
+    cockpit: bool = False
 
     @property
     def recorded(self) -> bool:
@@ -95,6 +99,7 @@ class SimulationOptions:
         words += [] if self.link is None else ["--link", self.link]
         words += [] if self.seed is None else ["--seed", str(self.seed)]
         words += ["--lockstep"] if self.lockstep else []
+        words += ["--cockpit"] if self.cockpit else []
         words += [] if self.config is None else ["--config", str(self.config)]
         for override in self.overrides:
             words += ["--set", override]
@@ -198,18 +203,22 @@ def _fly(
         _injector(planned, clock, options, world.seed) as injector,
         _video(options, folder, world.scenario.camera.rate_hz) as video,
         _recorder(options, world, settings, clock, folder) as recorder,
+        _station(options, world, settings, folder, console) as station,
     ):
+        videos = [one for one in (video, station) if one is not None]
         flight = SimulatedFlight(
             world,
             settings,
             options.autopilot,
             clock,
             ends,
-            video,
+            SeveralVideos(videos) if videos else None,
             recorder,
             injector,
             sight=options.sight,
         )
+        flight.operated = options.cockpit
+        page = None if station is None else FlightShow(station, flight)
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
             if early.interrupted:
@@ -217,13 +226,16 @@ def _fly(
             keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
-                terminal.show(flight.status())
+                status = flight.status()
+                terminal.show(status)
+                if page is not None:
+                    page.show(status)
                 if settings.consent.kind == "terminal":
                     flight.stage.order(keyboard.order())
 
             with suppress(InjectedDeathError):
                 if isinstance(clock, SimulatedClock):
-                    fly_lockstep(flight, clock, show)
+                    fly_lockstep(flight, clock, show, paced=options.cockpit)
                 else:
                     fly_realtime(flight, clock, show)
     judged = [] if injector is None else verdicts(planned, flight, injector)
@@ -232,6 +244,7 @@ def _fly(
         NO_PIXELS if options.sight is Sight.TRUTH else None,
         INTERRUPTED if interrupted else None,
         video.remark if video else None,
+        station.remark if station else None,
     )
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
@@ -259,6 +272,22 @@ def _video(
     kind = OverlayVideo if options.lockstep else BackgroundVideo
     with kind(folder / VIDEO, rate_hz) as video:
         yield video
+
+
+@contextmanager
+def _station(
+    options: SimulationOptions, world: World, settings: Settings, folder: Path, console: Console
+) -> Iterator[Station | None]:
+    """Give what shows the flight to others, None if nobody wants to see it."""
+
+    def say(text: str) -> None:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    recording = folder.name if options.recorded else ""
+    page = first_page("sim", world.scenario.title, settings, recording)
+    station = open_station(settings, options.cockpit, page, options.out, say)
+    with station or nullcontext():
+        yield station
 
 
 @contextmanager

@@ -78,6 +78,8 @@ class SimulatedFlight:
 
     Attributes:
         requests: where front ends put what their operators want.
+        operated: a person is at a cockpit. No target is chosen then but by them, and letting go
+            does not end the flight.
     """
 
     def __init__(
@@ -116,6 +118,8 @@ class SimulatedFlight:
         self.truth: list[TruthSample] = []
         self.overlaps: list[float] = []
         self.chosen_s: float | None = None
+        self.operated = False
+        self._ending = False
         self._teller = TruthTeller(world)
         self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
@@ -179,12 +183,15 @@ class SimulatedFlight:
 
     def stop(self) -> None:
         """Let go, from any thread: hold, then release."""
+        self._ending = True
         self.stage.request_stop()
 
     @property
     def finished(self) -> bool:
         """Whether the vehicle was let go and stands still, or has had time enough for it."""
         if self.stage.supervisor.state is not State.RELEASED:
+            return False
+        if self.operated and not self._ending:
             return False
         if self._faults is not None and not self._faults.is_over(self._clock.now()):
             return False
@@ -208,11 +215,18 @@ class SimulatedFlight:
         if self._faults is not None:
             supervisor = self.stage.supervisor
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
-        if self.chosen_s is None and self._is_airborne:
+        if self.chosen_s is None and self._may_be_chosen(record):
             self.chosen_s = now_s
-            self._vision_stage.select(self._selector())
+            if not self.operated:
+                self._vision_stage.select(self._selector())
         if now_s >= self.scenario.duration_s:
             self.stop()
+
+    def _may_be_chosen(self, record: ControlRecord) -> bool:
+        """Whether it is time to choose the target, or a person has chosen it."""
+        if self.operated:
+            return record.situation is not None and record.situation.target_chosen
+        return self._is_airborne
 
     def _selector(self) -> Selector:
         """Return the way in which the operator points out the target."""

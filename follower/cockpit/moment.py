@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from follower.flightlog import ControlRecord
 from follower.live_status import LiveStatus
@@ -12,15 +10,12 @@ from follower.station.wire import Message
 from follower_control.setpoint import VelocitySetpoint
 
 
-def moment(
-    status: LiveStatus, record: ControlRecord | None, settings: Mapping[str, Any]
-) -> Message:
+def moment(status: LiveStatus, record: ControlRecord | None) -> Message:
     """Return a moment as plain values, in the page's units: angles in degrees.
 
     Args:
         status: what any display shows.
         record: the newest control step.
-        settings: those that can be changed, by key.
     """
     azimuth, elevation = status.azimuth_error_rad, status.elevation_error_rad
     return {
@@ -42,7 +37,6 @@ def moment(
         "vision_ms": _finite(None if status.vision_s is None else 1000 * status.vision_s),
         "control_ms": _finite(None if status.control_s is None else 1000 * status.control_s),
         "link": status.link,
-        "settings": dict(settings),
         **_vehicle(record),
     }
 

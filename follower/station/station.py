@@ -85,6 +85,10 @@ class Station(ClosesItself):
         """Show a moment of the flight; an older one that was not sent yet is left out."""
         self._outbox.state({"kind": "state", "state": state})
 
+    def tell_page(self, news: Message) -> None:
+        """Tell the page something that lasts, now and to whoever comes later."""
+        self._outbox.tell({"kind": "page", "page": news})
+
     def wait_started(self, timeout_s: float) -> bool:
         """Wait until the child has said where it is; False if it has not in time."""
         return self._started.wait(timeout_s)

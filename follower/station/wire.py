@@ -5,6 +5,7 @@
 | `begin`         | what to offer: settings of video and cockpit, and so on  |
 | `picture`       | an image lies in the slot; its size, time, tracks, lines |
 | `state`         | the newest moment, for the page                          |
+| `page`          | something that lasts, for the page                       |
 | `answer`        | what came of a request                                   |
 
 | from the station | says                                                    |

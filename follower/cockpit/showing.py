@@ -1,0 +1,70 @@
+"""Shows a flight to its station, moment by moment."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from follower.cockpit.live_settings import setting_list, setting_values
+from follower.cockpit.moment import moment
+from follower.cockpit.operator import FlightOperator
+from follower.control_stage import ControlStage
+from follower.flightlog import FlightLog
+from follower.live_status import LiveStatus
+from follower.operator_requests import OperatorRequests
+from follower.settings import Settings
+from follower.station.station import Station
+from follower.station.wire import Message
+
+
+class ShownFlight(Protocol):
+    """A flight that a page can show and ask for something."""
+
+    requests: OperatorRequests
+    stage: ControlStage
+    log: FlightLog
+
+
+class FlightShow:
+    """Connects one flight with its station.
+
+    Args:
+        station: of the flight.
+        flight: that is beginning.
+    """
+
+    def __init__(self, station: Station, flight: ShownFlight) -> None:
+        self._station = station
+        self._flight = flight
+        self._settings: Settings | None = None
+        station.operator = FlightOperator(flight.requests, flight.stage.hear_cockpit)
+
+    def show(self, status: LiveStatus) -> None:
+        """Show the present moment."""
+        settings = self._flight.requests.settings
+        if settings is not self._settings:
+            self._settings = settings
+            self._station.tell_page({"values": setting_values(settings)})
+        controls = self._flight.log.controls
+        record = controls[-1] if controls else None
+        self._station.show(moment(status, record))
+
+
+def first_page(mode: str, title: str, settings: Settings, folder: str = "") -> Message:
+    """Return what a page knows from the start.
+
+    Args:
+        mode: "fly", "sim" or "replay".
+        title: of what is flown.
+        settings: that it begins with.
+        folder: name of the flight's recording, "" if it is not recorded.
+    """
+    return {
+        "mode": mode,
+        "title": title,
+        "settings": setting_list(settings),
+        "consent": settings.consent.kind,
+        "when_lost": settings.cockpit.when_lost,
+        "objects": settings.detector is not None,
+        "recording": folder,
+        "preflight": [],
+    }
