@@ -15,11 +15,13 @@ class NetworkLayout:
         height: of the input, in pixels.
         width: of the input, in pixels.
         outputs: name and shape of every output, in order.
+        anchors: widths and heights, in cells, that the file names; () if it names none.
     """
 
     height: int
     width: int
     outputs: tuple[tuple[str, tuple[int, ...]], ...]
+    anchors: tuple[tuple[float, float], ...] = ()
 
     @property
     def only_output(self) -> tuple[int, ...]:

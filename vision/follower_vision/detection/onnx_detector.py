@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -155,4 +157,17 @@ def _layout(network: Network, blank: Tensor) -> NetworkLayout:
     """Try a network on a blank image, because not every file states its outputs' shapes."""
     shapes = [output.shape for output in network.run(blank)]
     outputs = tuple(zip(network.outputs, shapes, strict=True))
-    return NetworkLayout(blank.shape[2], blank.shape[3], outputs)
+    anchors = _written_anchors(network)
+    return NetworkLayout(blank.shape[2], blank.shape[3], outputs, anchors)
+
+
+def _written_anchors(network: Network) -> tuple[tuple[float, float], ...]:
+    """Read widths and heights as a list of pairs, as `follower train detector` writes them."""
+    text = network.metadata.get("anchors", "[]")
+    try:
+        pairs = [(float(width), float(height)) for width, height in json.loads(text)]
+    except (ValueError, TypeError):
+        raise ModelError(f"{network.path}: its anchors are no list of pairs: {text}") from None
+    if not all(0 < side < math.inf for pair in pairs for side in pair):
+        raise ModelError(f"{network.path}: its anchors are not positive: {text}")
+    return tuple(pairs)

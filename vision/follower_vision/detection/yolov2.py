@@ -51,9 +51,10 @@ class YoloV2Decoder:
 
         Args:
             layout: the network's.
-            anchors: widths and heights in cells; None takes darknet's for VOC's twenty classes or,
-                for any other number, those for COCO.
+            anchors: widths and heights in cells; None takes those that the file names, or
+                darknet's for VOC's twenty classes or, for any other number, those for COCO.
         """
+        anchors = anchors or layout.anchors
         count = len(anchors) if anchors else len(COCO_ANCHORS)
         self.classes = layout.only_output[1] // count - 5
         known = VOC_ANCHORS if self.classes == 20 else COCO_ANCHORS
@@ -62,11 +63,12 @@ class YoloV2Decoder:
 
     @staticmethod
     def fits(layout: NetworkLayout) -> bool:
-        """Tell whether a network's outputs look like this family's, with five anchors."""
+        """Tell whether the outputs look like this family's, with the file's anchors or five."""
         shape = layout.only_output
         if len(shape) != 4 or shape[2:] != layout.grid(STRIDE):
             return False
-        return shape[1] % len(COCO_ANCHORS) == 0 and shape[1] // len(COCO_ANCHORS) > 5
+        count = len(layout.anchors or COCO_ANCHORS)
+        return shape[1] % count == 0 and shape[1] // count > 5
 
     def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
         """Return the boxes with at least a score, in input pixels."""

@@ -1,0 +1,1 @@
+"""Training of a detector of the YOLO v2 family."""

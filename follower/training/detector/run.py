@@ -1,0 +1,162 @@
+"""`follower train detector`: from a configuration to an ONNX file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.detector.anchors import find_anchors, mean_overlap
+from follower.training.detector.average_precision import Precision
+from follower.training.detector.config import DetectorConfig
+from follower.training.detector.export import Exported, export_detector
+from follower.training.detector.folder import FolderPictures
+from follower.training.detector.labelled import IGNORED, LabelledImage, Pictures
+from follower.training.detector.reading import AnswerReader
+from follower.training.detector.sheet import found_sheet, sample_sheet
+from follower.training.detector.trainer import DetectorTrainer, as_tensor
+from follower.training.progress_log import ProgressLog
+from follower_control.strict_yaml import SettingsError
+from follower_vision.detection.yolov2 import STRIDE
+
+SAMPLES, DETECTIONS, LOG = "samples.png", "detections.png", "log.csv"
+_SHEET_PICTURES = 40
+_SHOWN_SCORE = 0.3
+_SMOOTHED = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingRun:
+    """Where and how a training runs.
+
+    Attributes:
+        config: what is trained.
+        folder: where everything is written.
+        device: where it computes.
+        resume: go on from the folder's checkpoint.
+        console: where progress is shown.
+    """
+
+    config: DetectorConfig
+    folder: Path
+    device: torch.device
+    console: Console
+    resume: bool = False
+
+    def run(self) -> Exported:
+        """Train, measure and export.
+
+        Raises:
+            SettingsError: the data or the checkpoint cannot be used.
+        """
+        torch.set_num_threads(self.config.training.threads)
+        cv2.setNumThreads(1)
+        state = load_checkpoint(self.folder, self.device) if self.resume else None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / "config.yaml").write_text(self.config.to_yaml(), encoding="utf-8")
+        pictures = pictures_of(self.config)
+        trainer = self._trainer(pictures, state)
+        side, count = self.config.training.side_px, self.config.training.held_out_pictures
+        held_out = pictures.held_out(side, count)
+        measured = self._train(trainer, held_out)
+        self._show_found(trainer, held_out[:_SHEET_PICTURES])
+        return export_detector(trainer, self.config, measured, self.folder)
+
+    def _trainer(self, pictures: Pictures, state: dict[str, Any] | None) -> DetectorTrainer:
+        training, seed = self.config.training, self.config.seed
+        anchors = self._look(pictures) if state is None else np.array(state["anchors"])
+        trainer = DetectorTrainer(training, pictures, anchors, seed, self.device)
+        if state is not None:
+            trainer.restore(state)
+        return trainer
+
+    def _look(self, pictures: Pictures) -> np.ndarray:
+        """Draw some of the pictures, and return the anchors that fit their boxes."""
+        training, seed = self.config.training, self.config.seed
+        stream = pictures.training(training.side_px, seed)
+        count = max(training.anchor_pictures, _SHEET_PICTURES)
+        some = [next(stream) for _ in range(count)]
+        path = self.folder / SAMPLES
+        cv2.imwrite(str(path), sample_sheet(some[:_SHEET_PICTURES], pictures.class_names))
+        sizes = _sizes(some) / STRIDE
+        try:
+            anchors = find_anchors(sizes, training.anchors, np.random.default_rng(seed))
+        except ValueError as error:
+            raise SettingsError(f"too few boxes in {count} pictures: {error}") from error
+        self.console.print(
+            f"{path}: look at it. Anchors fit the boxes by {mean_overlap(sizes, anchors):.2f}.",
+            highlight=False,
+        )
+        return anchors
+
+    def _train(self, trainer: DetectorTrainer, held_out: list[LabelledImage]) -> Precision:
+        training = self.config.training
+        columns = ("loss", "learning_rate", "mean_average_precision")
+        log = ProgressLog(self.folder / LOG, columns, trainer.step_number)
+        smooth, measured = 0.0, None
+        with _progress(self.console) as bar:
+            task = bar.add_task("", total=training.steps, completed=trainer.step_number)
+            while trainer.step_number < training.steps:
+                rate, loss = trainer.learning_rate, trainer.step()
+                smooth = loss if not smooth else _SMOOTHED * smooth + (1 - _SMOOTHED) * loss
+                step, figures = trainer.step_number, {"loss": loss, "learning_rate": rate}
+                if step % training.validate_every == 0 or step == training.steps:
+                    measured = trainer.measure(held_out)
+                    self._say(step, smooth, measured)
+                    figures["mean_average_precision"] = measured.mean or 0.0
+                log.add(step, figures)
+                if step % training.save_every == 0 or step == training.steps:
+                    save_checkpoint(self.folder, trainer.state())
+                bar.update(task, completed=step, description=f"loss {smooth:.2f}")
+        return measured or trainer.measure(held_out)
+
+    def _say(self, step: int, loss: float, measured: Precision) -> None:
+        mean = "-" if measured.mean is None else f"{measured.mean:.3f}"
+        self.console.print(f"step {step}: loss {loss:.2f}, mAP@0.5 {mean}", highlight=False)
+
+    def _show_found(self, trainer: DetectorTrainer, pictures: list[LabelledImage]) -> None:
+        """Draw what the network finds in held-out pictures."""
+        if not pictures:
+            return
+        reader = AnswerReader(trainer.anchors, len(trainer.class_names), trainer.settings.side_px)
+        with torch.no_grad():
+            answers = trainer.averaged(as_tensor(pictures, self.device)).cpu().numpy()
+        found = [reader.read(answer, _SHOWN_SCORE) for answer in answers]
+        sheet = found_sheet(pictures, found, trainer.class_names)
+        cv2.imwrite(str(self.folder / DETECTIONS), sheet)
+
+
+def pictures_of(config: DetectorConfig) -> Pictures:
+    """Return where a configuration's pictures come from.
+
+    Raises:
+        SettingsError: the user's folder cannot be used.
+    """
+    if config.data is None:
+        return config.rendered
+    return FolderPictures(config.data, config.folder, config.seed)
+
+
+def _sizes(pictures: list[LabelledImage]) -> np.ndarray:
+    """Return widths and heights, (N, 2), of all that is to be found."""
+    sides = [one.boxes[one.classes != IGNORED] for one in pictures]
+    corners = np.concatenate([*sides, np.empty((0, 4), np.float32)]).astype(np.float64)
+    return np.asarray(corners[:, 2:] - corners[:, :2])
+
+
+def _progress(console: Console) -> Progress:
+    columns = (
+        TextColumn("{task.completed} of {task.total} steps"),
+        BarColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=console, transient=True)
