@@ -72,7 +72,20 @@ def test_nothing_of_ours_imports_matplotlib_outside_reports() -> None:
             if (ROOT / "follower" / "report") in path.parents:
                 continue
             tops = {name.split(".")[0] for name in imported(path)}
-            assert tops.isdisjoint({"matplotlib", "control", "torch"}), f"{package}: {path}"
+            assert tops.isdisjoint({"matplotlib", "torch"}), f"{package}: {path}"
+
+
+def test_python_control_and_scipy_are_for_tuning_alone() -> None:
+    tuning = (
+        ROOT / "control" / "follower_control" / "tuning",
+        ROOT / "follower" / "tune",
+        ROOT / "follower" / "identify",
+    )
+    for folder in SOURCES.values():
+        for path in folder.rglob("*.py"):
+            if not any(one in path.parents for one in tuning):
+                tops = {name.split(".")[0] for name in imported(path)}
+                assert tops.isdisjoint({"control", "scipy"}), path
 
 
 def test_no_ground_truth_is_imported_by_what_sees_or_steers() -> None:

@@ -1,0 +1,210 @@
+"""Gains from a model: as fast as is wanted, or as is allowed.
+
+The robustness is asked for as the largest sensitivity, after Åström and Hägglund, "Advanced PID
+Control", ch. 4 and 7: Ms ≤ 1.6 leaves a gain margin of at least 2.7 and a phase margin of at least
+36 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from follower_control.pid import PidSettings
+from follower_control.tuning.axes import Axis, Follower, axis_loop
+from follower_control.tuning.axis_loop import AxisLoop
+from follower_control.tuning.conditions import Conditions
+from follower_control.tuning.margins import bandwidth_rad_s, frequencies, margins_of
+from follower_control.tuning.response_model import VehicleModel
+
+_GRID = frequencies(0.03, 40.0)[::3]
+_STEP, _REFINEMENTS = 1.25, 4
+_LOWEST, _HIGHEST = 0.05, 20.0
+_INTEGRAL_PER_S = {Axis.AZIMUTH: (0.0,), Axis.ELEVATION: (0.05, 0.125), Axis.RANGE: (0.05, 0.1)}
+"""Integral gain over proportional gain, to choose from; the present ratio is tried too."""
+_DERIVATIVE_S = {Axis.AZIMUTH: (0.0,), Axis.ELEVATION: (0.0, 0.2), Axis.RANGE: (0.0, 0.3, 0.6, 1.0)}
+"""Derivative gain over proportional gain, likewise."""
+_USUAL_ERROR = {Axis.AZIMUTH: 0.15, Axis.ELEVATION: 0.08, Axis.RANGE: 0.2}
+_SMOOTH_PEAK = 1.25
+"""What is wanted is followed without more resonance than this; a steady error aside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a loop is to be like.
+
+    Attributes:
+        bandwidth_rad_s: up to which frequency it is to follow; None: as fast as the rest allows.
+        max_sensitivity: Ms.
+        jitter_factor: by how much the setpoints may shake more than with the present gains.
+        error: a usual error, in the loop's unit: what it makes the vehicle do at once has to lie
+            within the envelope. None: 9 degrees of azimuth, 5 of elevation, a fifth of the range.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    bandwidth_rad_s: float | None = None
+    max_sensitivity: float = 1.6
+    jitter_factor: float = 1.5
+    error: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.bandwidth_rad_s is not None and not 0.01 <= self.bandwidth_rad_s <= 30:
+            raise ValueError(
+                f"a bandwidth lies between 0.01 and 30 rad/s, not {self.bandwidth_rad_s:g}"
+            )
+        if not 1.1 <= self.max_sensitivity <= 4:
+            raise ValueError(f"Ms lies between 1.1 and 4, not {self.max_sensitivity:g}")
+        if not self.jitter_factor > 0 or (self.error is not None and not self.error > 0):
+            raise ValueError("jitter_factor and error are above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """Gains, the loop that they make, and what kept them from being higher.
+
+    Attributes:
+        gains: of the loop.
+        loop: with them.
+        reached: whether everything that was wished for holds.
+        because: what the gains end at, in words.
+    """
+
+    gains: PidSettings
+    loop: AxisLoop
+    reached: bool
+    because: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    gains: PidSettings
+    bandwidth_rad_s: float
+    sensitivity: float
+    because: str
+
+
+def tune(
+    axis: Axis, vehicle: VehicleModel, follower: Follower, conditions: Conditions, wish: Wish
+) -> Tuned:
+    """Return gains for one axis.
+
+    For each ratio of integral and derivative to proportional gain, the gain is raised from almost
+    nothing until one of the wishes would no longer hold. Of the ends, the one with the highest
+    bandwidth is taken; with a bandwidth wished for, of those that reach it, the most robust one.
+    """
+    search = _Search(axis, vehicle, follower, conditions, wish)
+    ends = [one for start in search.starts() if (one := search.raised(start)) is not None]
+    found = [one for one in ends if search.settles(one.gains)]
+    if not found:
+        present = follower.gains(axis)
+        loop = axis_loop(axis, present, vehicle, follower, conditions)
+        because = f"no gains keep Ms below {wish.max_sensitivity:g}: kept as they are"
+        return Tuned(present, loop, False, because)
+    best = max(found, key=lambda one: one.bandwidth_rad_s)
+    wanted = wish.bandwidth_rad_s
+    reached = wanted is None or best.bandwidth_rad_s >= 0.97 * wanted
+    if wanted is not None and reached:
+        able = [one for one in found if one.bandwidth_rad_s >= 0.97 * wanted]
+        best = min(able, key=lambda one: one.sensitivity)
+    loop = axis_loop(axis, best.gains, vehicle, follower, conditions)
+    return Tuned(best.gains, loop, reached, best.because)
+
+
+class _Search:
+    def __init__(
+        self,
+        axis: Axis,
+        vehicle: VehicleModel,
+        follower: Follower,
+        conditions: Conditions,
+        wish: Wish,
+    ) -> None:
+        self._axis, self._vehicle, self._follower = axis, vehicle, follower
+        self._conditions, self._wish = conditions, wish
+        self._present = follower.gains(axis)
+        self._most_jitter = wish.jitter_factor * self._loop(self._present).jitter()
+
+    def starts(self) -> Iterator[PidSettings]:
+        """Yield gains of almost nothing with each ratio between them."""
+        present, axis = self._present, self._axis
+        size = max(present.kp, 1e-9)
+        for integral in sorted({*_INTEGRAL_PER_S[axis], round(present.ki / size, 4)}):
+            for derivative in sorted({*_DERIVATIVE_S[axis], round(present.kd / size, 4)}):
+                ki, kd = _LOWEST * integral, _LOWEST * derivative
+                yield replace(present, kp=_LOWEST, ki=ki, kd=kd)
+
+    def raised(self, gains: PidSettings) -> _Candidate | None:
+        """Return the highest of these gains up to which everything holds, None if none does."""
+        best: _Candidate | None = None
+        while gains.kp < _HIGHEST:
+            candidate = self._judged(gains)
+            if not candidate.because:
+                best = candidate
+            elif best is not None:
+                # A weak loop with an integral swings too: what fails before it holds is no end.
+                return self._refined(best, candidate)
+            gains = _times(gains, _STEP)
+        return best
+
+    def _refined(self, holds: _Candidate, fails: _Candidate) -> _Candidate:
+        """Return the highest gains between some that hold and some that do not."""
+        factor = fails.gains.kp / holds.gains.kp
+        for _ in range(_REFINEMENTS):
+            factor = math.sqrt(factor)
+            middle = self._judged(_times(holds.gains, factor))
+            if middle.because:
+                fails = middle
+            else:
+                holds = middle
+        return replace(holds, because=fails.because)
+
+    def settles(self, gains: PidSettings) -> bool:
+        """Whether the closed loop is stable, by its poles."""
+        return self._loop(gains).is_stable()
+
+    def _judged(self, gains: PidSettings) -> _Candidate:
+        """Return what gains are worth, and what does not hold with them."""
+        loop, wish = self._loop(gains), self._wish
+        following = loop.following(_GRID)
+        bandwidth = bandwidth_rad_s(_GRID, following)
+        sensitivity = margins_of(_GRID, loop.open_loop(_GRID)).max_sensitivity
+        because = ""
+        if sensitivity > 0.995 * wish.max_sensitivity:
+            because = f"Ms reaches {wish.max_sensitivity:g}"
+        elif wish.bandwidth_rad_s is not None and bandwidth > 1.03 * wish.bandwidth_rad_s:
+            because = f"the wanted bandwidth of {wish.bandwidth_rad_s:g} rad/s is there"
+        elif float(np.abs(following).max()) > max(_SMOOTH_PEAK, wish.max_sensitivity / 1.2):
+            because = "it would swing about what is wanted"
+        elif loop.jitter() > self._most_jitter:
+            because = f"the setpoints shake {wish.jitter_factor:g} times as much as now"
+        elif self._demand(loop, gains, bandwidth) > 1.0:
+            because = "a usual error asks for all that the envelope allows"
+        return _Candidate(gains, bandwidth, sensitivity, because)
+
+    def _demand(self, loop: AxisLoop, gains: PidSettings, bandwidth_rad_s: float) -> float:
+        """Return what a usual error asks for, over what the envelope allows."""
+        envelope = self._follower.envelope
+        error = self._wish.error or _USUAL_ERROR[self._axis]
+        asked = loop.motion_scale * gains.kp * error
+        fastest, hardest = {
+            Axis.AZIMUTH: (envelope.max_yaw_rate_deg_s, envelope.max_yaw_acceleration_deg_s2),
+            Axis.ELEVATION: (
+                min(envelope.max_climb_m_s, envelope.max_descent_m_s),
+                envelope.max_acceleration_m_s2,
+            ),
+            Axis.RANGE: (envelope.max_speed_m_s, envelope.max_acceleration_m_s2),
+        }[self._axis]
+        asked = math.degrees(asked) if self._axis is Axis.AZIMUTH else asked
+        return max(asked / fastest, asked * bandwidth_rad_s / hardest)
+
+    def _loop(self, gains: PidSettings) -> AxisLoop:
+        return axis_loop(self._axis, gains, self._vehicle, self._follower, self._conditions)
+
+
+def _times(gains: PidSettings, factor: float) -> PidSettings:
+    return replace(gains, kp=gains.kp * factor, ki=gains.ki * factor, kd=gains.kd * factor)

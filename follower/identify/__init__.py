@@ -1,0 +1,1 @@
+"""`follower identify`: how a vehicle answers, from recordings of its flights."""

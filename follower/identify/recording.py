@@ -1,0 +1,75 @@
+"""What was asked of a vehicle and what it did, axis by axis, wherever it was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from follower_control.tuning.rational import Array
+from follower_control.tuning.response_data import ResponseData
+
+
+class VehicleAxis(StrEnum):
+    """What a setpoint asks for."""
+
+    FORWARD = "forward"
+    RIGHT = "right"
+    DOWN = "down"
+    YAW_RATE = "yaw_rate"
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it is in radians a second."""
+        return self is VehicleAxis.YAW_RATE
+
+    @property
+    def least_excitation(self) -> float:
+        """How much has to be asked for, RMS, to be told from hovering; m/s or rad/s."""
+        return 0.03 if self.is_turn else 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class SizeSample:
+    """The target's angular size in radians, and its distance by other means than size."""
+
+    size_rad: float
+    range_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """All that one recording has to say.
+
+    Attributes:
+        name: of the file or folder.
+        axes: stretches of each axis; an axis that was never asked to move may be missing.
+        camera_delays_s: from each frame's capture to the first setpoint made from it.
+        frame_intervals_s: from each frame to the next.
+        attitude_ages_s, position_ages_s: how old the newest telemetry was at each control step.
+        sizes: how large the target looked from how far.
+        remarks: what could not be used, in sentences.
+    """
+
+    name: str
+    axes: Mapping[VehicleAxis, Sequence[ResponseData]]
+    camera_delays_s: Sequence[float] = ()
+    frame_intervals_s: Sequence[float] = ()
+    attitude_ages_s: Sequence[float] = ()
+    position_ages_s: Sequence[float] = ()
+    sizes: Sequence[SizeSample] = ()
+    remarks: Sequence[str] = field(default_factory=tuple)
+
+
+def is_excited(record: ResponseData, axis: VehicleAxis) -> bool:
+    """Whether a stretch asks its axis to move at all."""
+    inputs = record.inputs
+    return bool(len(inputs) and np.ptp(inputs) > axis.least_excitation)
+
+
+def in_heading(north: Array, east: Array, yaw_rad: Array) -> tuple[Array, Array]:
+    """Return forward and right of what is north and east."""
+    cos_yaw, sin_yaw = np.cos(yaw_rad), np.sin(yaw_rad)
+    return north * cos_yaw + east * sin_yaw, east * cos_yaw - north * sin_yaw

@@ -1,0 +1,190 @@
+"""Margins of loops that are known in closed form, and gains that keep what was wished for."""
+
+import math
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+
+from follower_control.envelope_settings import EnvelopeSettings
+from follower_control.estimator import EstimatorSettings
+from follower_control.pid import PidSettings
+from follower_control.servo_settings import RangeFrom, ServoSettings
+from follower_control.tuning.axes import Axis, Follower, axis_loop
+from follower_control.tuning.conditions import Conditions, LoopDelays
+from follower_control.tuning.margins import bandwidth_rad_s, frequencies, margins_of
+from follower_control.tuning.rational import Rational, integrator, low_pass
+from follower_control.tuning.response_model import ResponseModel, VehicleModel
+from follower_control.tuning.steady_filter import SteadyFilter
+from follower_control.tuning.synthesis import Wish, tune
+
+VEHICLE = VehicleModel(
+    forward=ResponseModel(1.0, 0.3, 0.4, 1.0),
+    right=ResponseModel(1.0, 0.3, 0.4, 1.0),
+    down=ResponseModel(1.0, 0.15, 0.3, 0.7),
+    yaw_rate=ResponseModel(1.0, 0.17, 0.2),
+)
+FOLLOWER = Follower(ServoSettings(), EstimatorSettings(), EnvelopeSettings())
+HERE = Conditions()
+
+
+def loop(axis: Axis, conditions: Conditions = HERE, **gains: float):
+    present = replace(FOLLOWER.gains(axis), **gains)
+    return axis_loop(axis, present, VEHICLE, FOLLOWER, conditions)
+
+
+@pytest.mark.parametrize(("gain", "dead_s"), [(1.0, 0.2), (2.5, 0.1), (0.4, 0.9)])
+def test_an_integrator_with_dead_time_has_the_margins_of_the_textbook(
+    gain: float, dead_s: float
+) -> None:
+    grid = frequencies()
+    found = margins_of(grid, integrator(gain).delayed(dead_s).at(grid))
+    phase = math.pi / 2 - gain * dead_s
+    assert found.crossover_rad_s == pytest.approx(gain, rel=1e-4)
+    assert found.phase_rad == pytest.approx(phase, abs=1e-4)
+    assert found.delay_s == pytest.approx(phase / gain, rel=1e-3)
+    assert found.gain == pytest.approx(math.pi / (2 * gain * dead_s), rel=1e-3)
+    assert found.gain_at_rad_s == pytest.approx(math.pi / (2 * dead_s), rel=1e-3)
+
+
+def test_a_loop_without_delay_that_never_turns_far_bears_any_gain() -> None:
+    grid = frequencies()
+    found = margins_of(grid, integrator(1.0).at(grid))
+    assert found.gain == math.inf
+    assert found.phase_rad == pytest.approx(math.pi / 2)
+    assert found.max_sensitivity == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_margins_agree_with_python_control() -> None:
+    grid = frequencies()
+    plant = Rational((2.0,), (0.3, 1.0)) * integrator() * low_pass(0.1)
+    found = margins_of(grid, plant.at(grid))
+    gain, phase, stability, crossing, crossover, _ = control.stability_margins(plant.system())
+    assert found.gain == pytest.approx(gain, rel=1e-3)
+    assert math.degrees(found.phase_rad) == pytest.approx(phase, abs=0.01)
+    assert found.max_sensitivity == pytest.approx(1 / stability, rel=1e-3)
+    assert found.gain_at_rad_s == pytest.approx(crossing, rel=1e-3)
+    assert found.crossover_rad_s == pytest.approx(crossover, rel=1e-3)
+
+
+def test_the_bandwidth_of_a_low_pass_is_one_over_its_time_constant() -> None:
+    grid = frequencies()
+    assert bandwidth_rad_s(grid, low_pass(0.5).at(grid)) == pytest.approx(2.0, rel=1e-3)
+    assert bandwidth_rad_s(grid, Rational((1.0,)).at(grid)) == math.inf
+
+
+def test_pade_is_the_delay_where_the_loops_live() -> None:
+    grid = frequencies(0.1, 10.0)
+    system = Rational((1.0,), (0.2, 1.0), 0.4)
+    by_pade = control.frequency_response(system.system(), grid).complex
+    assert np.abs(by_pade - system.at(grid)).max() < 0.01
+
+
+def test_the_settled_filter_follows_a_steady_motion_without_error() -> None:
+    sight = SteadyFilter.of(0.35, 0.004, 1 / 30)
+    slow = np.array([1e-4])
+    for age_s in (0.0, 0.1):
+        # d/ds of the response at 0 is how late a ramp comes out.
+        late_s = -np.angle(sight.value(age_s).at(slow))[0] / slow[0]
+        assert late_s == pytest.approx(0.0, abs=1e-3)
+    assert sight.rate(0.1).at(slow)[0] / (1j * slow[0]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_more_noise_makes_the_filter_slower() -> None:
+    quick, slow = (SteadyFilter.of(0.35, noise, 1 / 30) for noise in (0.002, 0.02))
+    assert quick.natural_frequency_rad_s > slow.natural_frequency_rad_s
+
+
+@pytest.mark.parametrize("axis", Axis)
+def test_the_default_loops_are_stable_and_follow_what_is_wanted(axis: Axis) -> None:
+    found = loop(axis)
+    assert found.is_stable()
+    _, values = found.step_response(60.0)
+    assert values[0] == pytest.approx(0.0, abs=1e-6)
+    assert values[-1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_gain_above_the_gain_margin_makes_each_loop_unstable_and_one_below_does_not() -> None:
+    # The range loop's feed-forward has a gain of its own: its margin is not that of kp.
+    for axis in (Axis.AZIMUTH, Axis.ELEVATION):
+        present, margin = FOLLOWER.gains(axis), loop(axis).margins().gain
+        for factor, stable in ((0.93, True), (1.07, False)):
+            more = {name: factor * margin * getattr(present, name) for name in ("kp", "ki", "kd")}
+            assert loop(axis, **more).is_stable() is stable
+
+
+def test_a_delay_beyond_the_delay_margin_makes_a_loop_unstable() -> None:
+    margin = loop(Axis.AZIMUTH).margins().delay_s
+    for factor, stable in ((0.95, True), (1.05, False)):
+        later = replace(HERE, delays=LoopDelays(extra_s=factor * margin))
+        assert loop(Axis.AZIMUTH, later).is_stable() is stable
+
+
+def test_a_target_at_steady_speed_is_kept_without_error_by_the_feed_forward() -> None:
+    for axis in (Axis.AZIMUTH, Axis.RANGE):
+        _, error = loop(axis).disturbance_response(60.0)
+        assert abs(error).max() > 0.05
+        assert error[-1] == pytest.approx(0.0, abs=0.03)
+
+
+def test_the_cameras_delay_is_no_part_of_the_azimuth_loop_unless_stamps_are_wrong() -> None:
+    late = replace(HERE, delays=LoopDelays(camera_s=0.3))
+    wrong = replace(HERE, delays=LoopDelays(camera_s=0.3, stamp_error_s=0.15))
+    known = loop(Axis.AZIMUTH).margins()
+    assert loop(Axis.AZIMUTH, late).margins() == known
+    assert loop(Axis.AZIMUTH, wrong).margins().max_sensitivity > 1.1 * known.max_sensitivity
+    assert loop(Axis.ELEVATION, late).margins().phase_rad < loop(Axis.ELEVATION).margins().phase_rad
+
+
+@pytest.mark.parametrize("axis", Axis)
+@pytest.mark.parametrize("range_from", RangeFrom)
+@pytest.mark.parametrize("most", [1.4, 1.6])
+def test_tuned_gains_keep_the_sensitivity_and_settle(
+    axis: Axis, range_from: RangeFrom, most: float
+) -> None:
+    follower = replace(FOLLOWER, servo=ServoSettings(range_from=range_from))
+    found = tune(axis, VEHICLE, follower, HERE, Wish(max_sensitivity=most, jitter_factor=3.0))
+    assert found.reached, found.because
+    assert found.loop.is_stable()
+    assert found.loop.margins().max_sensitivity <= most
+    assert min(found.gains.kp, found.gains.ki + 1e-12, found.gains.kd + 1e-12) > 0
+
+
+def test_a_wanted_bandwidth_is_met_or_said_to_be_out_of_reach() -> None:
+    slow = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=0.8))
+    assert slow.reached
+    assert slow.loop.bandwidth_rad_s() == pytest.approx(0.8, rel=0.1)
+    fast = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=15.0))
+    assert not fast.reached
+    assert fast.because
+    assert fast.loop.margins().max_sensitivity <= 1.6
+
+
+def test_an_envelope_that_allows_little_keeps_the_gains_low() -> None:
+    tight = replace(FOLLOWER, envelope=EnvelopeSettings(max_yaw_rate_deg_s=5.0))
+    found = tune(Axis.AZIMUTH, VEHICLE, tight, HERE, Wish())
+    assert math.degrees(0.15 * found.gains.kp) <= 5.0
+    assert "envelope" in found.because
+
+
+def test_what_is_no_model_or_wish_is_refused() -> None:
+    for wrong in (
+        lambda: ResponseModel(0.0, 0.1, 0.2),
+        lambda: ResponseModel(1.0, -0.1, 0.2),
+        lambda: ResponseModel(1.0, 0.1, math.nan),
+        lambda: ResponseModel(1.0, 0.1, 0.2, damping=0.0),
+        lambda: ResponseModel(1.0, 0.1, 0.2, rate_limit=0.0),
+        lambda: LoopDelays(camera_s=-0.1),
+        lambda: LoopDelays(camera_s=0.05, stamp_error_s=0.1),
+        lambda: Conditions(range_m=0.0),
+        lambda: Conditions(elevation_rad=2.0),
+        lambda: Wish(max_sensitivity=1.0),
+        lambda: Wish(bandwidth_rad_s=0.0),
+        lambda: SteadyFilter.of(1.0, 0.0, 0.03),
+        lambda: Rational((1.0,), (0.0,)),
+        lambda: Rational((1.0,), (1.0,), -1.0),
+        lambda: PidSettings(kp=-1.0),
+    ):
+        with pytest.raises(ValueError, match=r"."):
+            wrong()
