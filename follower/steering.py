@@ -121,27 +121,27 @@ class Steering:
         errors, context = self.servo.errors, FlightContext.of(vehicle, now_s)
         if errors is None:
             return context
-        context = replace(
-            context,
-            target_range_m=errors.range_m,
-            target_bearing_rad=errors.azimuth_rad,
-            target_speed_m_s=errors.target_speed_m_s,
-        )
-        return context if estimate is None else self._seen_from(context, estimate)
-
-    def _seen_from(self, context: FlightContext, estimate: TargetEstimate) -> FlightContext:
-        """Add what the estimate says; the target is no farther away than the ground behind it."""
-        elevation, range_m = estimate.height_angle_rad, context.target_range_m
-        height_m = context.height_m if context.clearance_m is None else context.clearance_m
-        if height_m is not None and range_m is not None:
-            above_m = height_m - self._settings.servo.target_middle_m
-            range_m = min(range_m, range_to_ground(above_m, elevation))
+        range_m, elevation, trust = errors.range_m, None, None
+        if estimate is not None:
+            elevation = estimate.height_angle_rad
+            range_m = self._before_the_ground(range_m, elevation, context)
+            trust = trust_in(estimate, self._settings.envelope.trust)
         return replace(
             context,
             target_range_m=range_m,
+            target_bearing_rad=errors.azimuth_rad,
+            target_speed_m_s=errors.target_speed_m_s,
             target_elevation_rad=elevation,
-            trust=trust_in(estimate, self._settings.envelope.trust),
+            trust=trust,
         )
+
+    def _before_the_ground(self, range_m: float, elevation: float, context: FlightContext) -> float:
+        """Return the range; the target is no farther away than the ground behind it."""
+        height_m = context.height_m if context.clearance_m is None else context.clearance_m
+        if height_m is None:
+            return range_m
+        above_m = height_m - self._settings.servo.target_middle_m
+        return min(range_m, range_to_ground(above_m, elevation))
 
 
 def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:

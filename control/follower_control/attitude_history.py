@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 from itertools import pairwise
 
 from follower_control.vehicle import Attitude
@@ -41,7 +40,7 @@ class AttitudeHistory:
 
         Refused are samples that are not finite and those not newer than the newest one.
         """
-        if not all(math.isfinite(getattr(sample, name)) for name in sample.__slots__):
+        if not sample.is_finite:
             return False
         if self._samples and sample.time_s <= self._samples[-1].time_s:
             return False
@@ -82,12 +81,14 @@ def turned_on(start: Attitude, interval_s: float) -> Attitude:
     turn = (start.pitch_rate_rad_s * sr + start.yaw_rate_rad_s * cr) / level
     roll = start.roll_rate_rad_s + turn * math.sin(start.pitch_rad)
     pitch = start.pitch_rate_rad_s * cr - start.yaw_rate_rad_s * sr
-    return replace(
-        start,
-        roll_rad=wrap_angle(start.roll_rad + roll * interval_s),
-        pitch_rad=start.pitch_rad + pitch * interval_s,
-        yaw_rad=wrap_angle(start.yaw_rad + turn * interval_s),
-        time_s=start.time_s + interval_s,
+    return Attitude(
+        wrap_angle(start.roll_rad + roll * interval_s),
+        start.pitch_rad + pitch * interval_s,
+        wrap_angle(start.yaw_rad + turn * interval_s),
+        start.roll_rate_rad_s,
+        start.pitch_rate_rad_s,
+        start.yaw_rate_rad_s,
+        start.time_s + interval_s,
     )
 
 

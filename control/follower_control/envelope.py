@@ -130,8 +130,9 @@ class Envelope:
         self._limits = []
         wanted = asked if asked.is_finite else self._refused()
         interval_s = self._interval(now_s)
-        horizontal = self._wanted_horizontal(wanted, context)
-        down = self._wanted_down(wanted.down_m_s, context)
+        closing = self._closing_speed(context)
+        horizontal = self._wanted_horizontal(wanted, context, closing)
+        down = self._wanted_down(wanted.down_m_s, context, closing)
         yaw_rate = self._cut(wanted.yaw_rate_rad_s, self._max_yaw_rate, Limit.YAW_RATE)
         yaw_rate = self._turned_slowly(yaw_rate)
         velocity = self._horizontal.step(horizontal, interval_s)
@@ -161,7 +162,9 @@ class Envelope:
         self._last_s = now_s
         return min(max(interval_s, 0.0), self._settings.max_interval_s)
 
-    def _wanted_horizontal(self, wanted: VelocitySetpoint, context: FlightContext) -> complex:
+    def _wanted_horizontal(
+        self, wanted: VelocitySetpoint, context: FlightContext, closing: float | None
+    ) -> complex:
         velocity, top = _horizontal(wanted), self._settings.max_speed_m_s
         if abs(velocity) > top:
             self._limits.append(Limit.SPEED)
@@ -177,7 +180,7 @@ class Envelope:
         if self._turns_out:
             # All of the acceleration goes into braking: what else is wanted has to wait.
             velocity = present
-        bounds = (*fences, *self._nearness(context))
+        bounds = (*fences, *_nearness(context, closing))
         velocity = self._braked(velocity, context, bounds)
         for bound in bounds:
             if bound.excess(velocity) > 0:
@@ -248,18 +251,6 @@ class Envelope:
             self._polygon, self._origin_deg = Fence.around(origin, corners), origin
         return self._polygon
 
-    def _nearness(self, context: FlightContext) -> tuple[Bound, ...]:
-        known = context.known("target_range_m", "target_bearing_rad")
-        speed = self._closing_speed(context)
-        if speed is None:
-            return ()
-        if known is None:
-            return (Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
-        (elevation,) = context.known("target_elevation_rad") or (0.0,)
-        # What goes past above a target comes no nearer to it.
-        level = min(math.cos(elevation) / _LEVEL, 1.0)
-        return (Bound.towards(known[1], speed / max(level, 1e-3), Limit.TARGET_NEAR),)
-
     def _closing_speed(self, context: FlightContext) -> float | None:
         """Return how fast the target may be come nearer to; None if that is not limited."""
         nearest = self._settings.min_distance_m
@@ -272,7 +263,7 @@ class Envelope:
         moves_on = min(max(target_speed, 0.0), HUGE) ** 2 / (2 * self._settings.braking_m_s2)
         return self._braking_speed(known[0] + moves_on - nearest)
 
-    def _wanted_down(self, wanted: float, context: FlightContext) -> float:
+    def _wanted_down(self, wanted: float, context: FlightContext, closing: float | None) -> float:
         s = self._settings
         down = wanted
         if down > s.max_descent_m_s:
@@ -282,7 +273,7 @@ class Envelope:
             down = -s.max_climb_m_s
             self._limits.append(Limit.CLIMB)
         down = self._between_heights(down, context)
-        return self._off_the_target(self._off_the_ground(down, context), context)
+        return self._off_the_target(self._off_the_ground(down, context), context, closing)
 
     def _off_the_ground(self, down: float, context: FlightContext) -> float:
         lowest, known = self._settings.min_clearance_m, context.known("clearance_m")
@@ -295,10 +286,9 @@ class Envelope:
         self._limits.append(Limit.MIN_CLEARANCE)
         return most
 
-    def _off_the_target(self, down: float, context: FlightContext) -> float:
+    def _off_the_target(self, down: float, context: FlightContext, speed: float | None) -> float:
         """Neither sink onto a target nor climb into it."""
         known = context.known("target_elevation_rad", "target_range_m")
-        speed = self._closing_speed(context)
         if known is None or speed is None:
             return down
         closing = -math.sin(known[0]) * down
@@ -351,6 +341,19 @@ class Envelope:
         low = max(self._settings.max_climb_m_s, self._too_steep_m_s)
         high = max(self._settings.max_descent_m_s, self._too_steep_m_s)
         return -low - SLACK <= velocity.real <= high + SLACK
+
+
+def _nearness(context: FlightContext, closing: float | None) -> tuple[Bound, ...]:
+    """Return how fast a target may be come nearer to, at most `closing`; None is no limit."""
+    if closing is None:
+        return ()
+    known = context.known("target_range_m", "target_bearing_rad")
+    if known is None:
+        return (Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
+    (elevation,) = context.known("target_elevation_rad") or (0.0,)
+    # What goes past above a target comes no nearer to it.
+    level = min(math.cos(elevation) / _LEVEL, 1.0)
+    return (Bound.towards(known[1], closing / max(level, 1e-3), Limit.TARGET_NEAR),)
 
 
 def _clip(value: float, largest: float) -> float:

@@ -15,6 +15,8 @@ from follower_control.sighting import SightFrame, Sighting
 from follower_vision.camera import Vector
 from follower_vision.lineofsight import wrap_angle
 
+_IDENTITY = np.eye(6)
+
 
 class Verdict(StrEnum):
     """What became of a sighting."""
@@ -87,10 +89,10 @@ class TargetEstimator:
                 math.radians(self._settings.elevation_acceleration_deg_s2),
                 self._settings.log_scale_acceleration_s2,
             ]
-        )
+        ).tolist()
         start_rate = math.radians(self._settings.start_rate_deg_s)
         scale_rate = self._settings.start_log_scale_rate_s
-        self._start_variances = np.square([start_rate, start_rate, scale_rate])
+        self._start_variances = np.square([start_rate, start_rate, scale_rate]).tolist()
         self._filter: KalmanFilter | None = None
         self._frame = SightFrame.WORLD
         self._filter_s = -math.inf
@@ -153,8 +155,9 @@ class TargetEstimator:
     def _start(self, sighting: Sighting, verdict: Verdict) -> Verdict:
         self._filter = KalmanFilter(dim_x=6, dim_z=3)
         self._filter.H = np.eye(3, 6)
+        self._filter.inv = _inverse_of_diagonal
         self._filter.x = np.array([*sighting.values, 0.0, 0.0, 0.0])
-        self._filter.P = np.diag([*np.diag(self._noise(sighting)), *self._start_variances])
+        self._filter.P = np.diag([*self._noise(sighting), *self._start_variances])
         self._frame = sighting.frame
         self._filter_s = sighting.time_s
         self._gated_in_a_row = 0
@@ -164,14 +167,15 @@ class TargetEstimator:
         before = kalman.x, kalman.P
         kalman.predict(F=_transition(gap_s), Q=self._process_noise(gap_s))
         noise = self._noise(sighting)
-        innovation = np.array(sighting.values) - kalman.x[:3]
+        expected, variances = kalman.x[:3].tolist(), kalman.P.diagonal()[:3].tolist()
+        innovation = [seen - x for seen, x in zip(sighting.values, expected, strict=True)]
         innovation[0] = wrap_angle(innovation[0])
         # Nothing couples the three, so that what is measured of their covariance is diagonal.
-        distance = np.sum(innovation**2 / np.diag(kalman.P[:3, :3] + noise))
-        if distance > self._settings.gate:
+        parts = zip(innovation, variances, noise, strict=True)
+        if sum(off * off / (variance + r) for off, variance, r in parts) > self._settings.gate:
             kalman.x, kalman.P = before
             return self._gate_out(sighting)
-        kalman.update(kalman.x[:3] + innovation, R=noise)
+        kalman.update(kalman.x[:3] + innovation, R=np.diag(noise))
         self._filter_s = sighting.time_s
         self._gated_in_a_row = 0
         return Verdict.FUSED
@@ -197,17 +201,22 @@ class TargetEstimator:
             noise[i + 3, i + 3] = density * interval_s
         return noise
 
-    def _noise(self, sighting: Sighting) -> Vector:
-        """Covariance of a sighting; near the zenith and nadir the azimuth says little."""
+    def _noise(self, sighting: Sighting) -> tuple[float, float, float]:
+        """Variances of a sighting; near the zenith and nadir the azimuth says little."""
         share = self._settings.direction_noise_share * math.exp(min(sighting.log_scale, 2.0))
         direction = math.hypot(self._direction_noise, share)
         level = max(math.cos(sighting.line_of_sight.elevation_rad), 0.01)
         factor = self._settings.cut_noise_factor if sighting.is_cut else 1.0
-        deviations = (direction / level, direction, self._settings.log_scale_noise)
-        return np.diag(np.square(deviations)) * factor**2
+        across, worse = direction / level, factor**2
+        scale = self._settings.log_scale_noise
+        return across * across * worse, direction * direction * worse, scale * scale * worse
 
 
 def _transition(interval_s: float) -> Vector:
-    matrix = np.eye(6)
-    matrix[[0, 1, 2], [3, 4, 5]] = interval_s
+    matrix = _IDENTITY.copy()
+    matrix[0, 3] = matrix[1, 4] = matrix[2, 5] = interval_s
     return matrix
+
+
+def _inverse_of_diagonal(matrix: Vector) -> Vector:
+    return np.diag(1.0 / matrix.diagonal())

@@ -74,10 +74,13 @@ class FlightContext:
 
     def known(self, *names: str) -> tuple[float, ...] | None:
         """Return the named numbers, None if any of them is missing or not finite."""
-        values = tuple(getattr(self, name) for name in names)
-        if any(value is None or not math.isfinite(value) for value in values):
-            return None
-        return values
+        values: list[float] = []
+        for name in names:
+            value = getattr(self, name)
+            if value is None or not math.isfinite(value):
+                return None
+            values.append(value)
+        return tuple(values)
 
 
 NOTHING_KNOWN = FlightContext()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from follower_control.vehicle import Attitude, LocalPosition
 
@@ -57,4 +56,4 @@ class PositionLiveness:
 
 def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:
     moves = math.hypot(position.north_m_s, position.east_m_s, position.down_m_s) > _MOVING_M_S
-    return moves and replace(last, time_s=position.time_s) == position
+    return moves and last.numbers == position.numbers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,12 @@ class Nudge:
     @property
     def is_finite(self) -> bool:
         """Whether all numbers are finite."""
-        return all(map(math.isfinite, astuple(self)))
+        return all(map(math.isfinite, self.values))
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """(distance, elevation, azimuth, side) in m, rad, rad and m/s."""
+        return self.distance_m, self.elevation_rad, self.azimuth_rad, self.side_m_s
 
 
 NO_NUDGE = Nudge()

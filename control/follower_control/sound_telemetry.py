@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
@@ -20,9 +19,9 @@ class SoundTelemetry:
 
     def of(self, vehicle: VehicleState) -> VehicleState:
         """Return the state with nothing in it that is not finite."""
-        if _is_sound(vehicle.attitude):
+        if vehicle.attitude is not self._attitude and _is_sound(vehicle.attitude):
             self._attitude = vehicle.attitude
-        if _is_sound(vehicle.position):
+        if vehicle.position is not self._position and _is_sound(vehicle.position):
             self._position = vehicle.position
         if vehicle.attitude is self._attitude and vehicle.position is self._position:
             return vehicle
@@ -30,4 +29,4 @@ class SoundTelemetry:
 
 
 def _is_sound(part: Attitude | LocalPosition | None) -> bool:
-    return part is None or all(math.isfinite(getattr(part, name)) for name in part.__slots__)
+    return part is None or part.is_finite

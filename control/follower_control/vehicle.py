@@ -40,6 +40,11 @@ class Attitude:
             self.yaw_rate_rad_s,
         )
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite."""
+        return all(map(math.isfinite, self.numbers)) and math.isfinite(self.time_s)
+
 
 @dataclass(frozen=True, slots=True)
 class LocalPosition:
@@ -58,6 +63,23 @@ class LocalPosition:
     east_m_s: float
     down_m_s: float
     time_s: float
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The position and the velocity."""
+        return (
+            self.north_m,
+            self.east_m,
+            self.down_m,
+            self.north_m_s,
+            self.east_m_s,
+            self.down_m_s,
+        )
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite."""
+        return all(map(math.isfinite, self.numbers)) and math.isfinite(self.time_s)
 
     @property
     def height_m(self) -> float:
@@ -105,7 +127,7 @@ class GimbalState:
     @property
     def is_finite(self) -> bool:
         """Whether all numbers are finite."""
-        return all(map(math.isfinite, (*self.attitude.numbers, self.time_s)))
+        return self.attitude.is_finite
 
 
 @dataclass(frozen=True, slots=True)
