@@ -31,6 +31,7 @@ from follower_control.strict_yaml import SettingsError
 
 DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+from follower.training.command import train_app
 
 _DEMO_EPILOG = """
 **Examples**
@@ -118,6 +119,7 @@ Autopilot = Annotated[
     typer.Option(
         "--autopilot",
         help="Which autopilot to simulate: **px4** or **ardupilot**; **external** flies one that "
+app.add_typer(train_app, name="train")
         "runs elsewhere, such as SITL, in our world.",
         metavar="px4|ardupilot|external",
     ),

@@ -1,0 +1,85 @@
+"""The command `follower train detector`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from follower.command_options import Overrides
+
+if TYPE_CHECKING:
+    from follower.training.detector.config import DetectorConfig
+
+EPILOG = """
+**Examples**
+
+`follower train detector` – the detector that comes along, from the simulator's scenes
+
+`follower train detector --data my-drone/ --set name=my-drone` – your own target, from a folder in
+YOLO's or COCO's form; then `follower fly --set detector=runs/train/my-drone/my-drone.onnx`
+
+`follower train detector --resume runs/train/my-drone` – go on where it was stopped
+
+Look at samples.png before you wait for the rest, and at detections.png after it.
+"""
+
+
+def train_detector_command(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", help="The recipe (YAML); configs/train/detector.yaml otherwise."
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Pictures of your own, in YOLO's form (a text file each) or COCO's."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder in which each training gets its own.")] = Path(
+        "runs/train"
+    ),
+    resume: Annotated[
+        Path | None, typer.Option(help="Go on with a training's folder, with its own recipe.")
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="**auto** takes a GPU if there is one.", metavar="auto|cpu|cuda")
+    ] = "auto",
+) -> None:
+    """Train a small detector (YOLO v2's family) and write it as an ONNX file.
+
+    Gives the network, its card with the quality on held-out pictures (mAP at an overlap of 0.5),
+    the log, and pictures of what was learnt from and what is found. Half an hour on one core.
+    """
+    from follower.training.extra import check_extra
+
+    check_extra()
+    from rich.console import Console
+
+    from follower.training.detector.run import TrainingRun
+    from follower.training.device import find_device
+
+    settings = _config(resume / "config.yaml" if resume else config, overrides or [], data)
+    folder = resume or out / settings.name
+    console = Console()
+    run = TrainingRun(settings, folder, find_device(device), console, resume is not None)
+    exported = run.run()
+    for path in (exported.path, exported.card):
+        console.print(str(path), highlight=False)
+
+
+def _config(path: Path | None, overrides: list[str], data: Path | None) -> DetectorConfig:
+    from follower.configs import configs_folder
+    from follower.settings import settings_data
+    from follower.training.detector.config import DetectorConfig
+    from follower_control.strict_yaml import parse
+
+    said, source = settings_data(
+        path or configs_folder() / "train" / "detector.yaml", overrides=overrides
+    )
+    if data is not None:
+        said["data"] = str(data)
+        said["licence"] = "that of the pictures it learnt from"
+    return parse(DetectorConfig, said, source)
