@@ -108,7 +108,8 @@ class SimulatedFlight:
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
         if flavour != EXTERNAL:
             wind, gimbal = world.wind.velocity_m_s, gimbal_of(scenario)
-            self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal)
+            drag = scenario.vehicle.drag
+            self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal, drag=drag)
             self.vehicle = self.autopilot
         self.sight = sight
         is_blind = sight is Sight.TRUTH and video is None

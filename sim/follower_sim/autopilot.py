@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from follower_sim.mavlink_endpoint import MavlinkEndpoint
 from follower_sim.parameter_protocol import ParameterProtocol
 from follower_sim.position_target import PositionTarget
 from follower_sim.px4 import Px4Controller
+from follower_sim.response import Drag, VehicleResponse
 from follower_sim.telemetry import Telemetry
 from follower_sim.vehicle import STEP_S, Vehicle, WindField
 from follower_vision.clock import Clock
@@ -44,6 +46,7 @@ class SimAutopilot:
         start: where it stands at the start and when; in the air it is armed and holds its place.
         wind: the air's velocity at a time; None is still air.
         gimbal: hangs below it, if given.
+        drag: of its airframe; None is that of the recorded one.
         rng: makes the attitude's noise and, when faults ask for it, chooses the lost packets.
 
     Attributes:
@@ -64,11 +67,12 @@ class SimAutopilot:
         wind: WindField | None = None,
         rng: np.random.Generator | None = None,
         gimbal: Gimbal | None = None,
+        drag: Drag | None = None,
     ) -> None:
         self.faults = Faults()
         self.health = Health()
         self.on_step: Callable[[float], None] | None = None
-        self._controller = _controller(flavour, start, wind)
+        self._controller = _controller(flavour, start, wind, drag)
         self._start_s = start.time_s
         self._steps = 0
         self._now_s = start.time_s
@@ -228,12 +232,18 @@ class SimAutopilot:
             self._link.send(mavlink.MAVLink_timesync_message(boot_ns, m.ts1))
 
 
-def _controller(flavour: str, start: BodyState, wind: WindField | None) -> FlightController:
+def _controller(
+    flavour: str, start: BodyState, wind: WindField | None, drag: Drag | None
+) -> FlightController:
     if flavour == PX4.name:
-        return Px4Controller(Vehicle(PX4.response, start, wind))
+        return Px4Controller(Vehicle(_with(PX4.response, drag), start, wind))
     if flavour == ARDUCOPTER.name:
-        return ArduCopterController(Vehicle(ARDUCOPTER.response, start, wind))
+        return ArduCopterController(Vehicle(_with(ARDUCOPTER.response, drag), start, wind))
     raise ValueError(f"no autopilot {flavour!r}; there are px4 and ardupilot")
+
+
+def _with(response: VehicleResponse, drag: Drag | None) -> VehicleResponse:
+    return response if drag is None else replace(response, drag=drag)
 
 
 def _is_for_us(message: Any) -> bool:

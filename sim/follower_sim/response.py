@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +111,8 @@ class Drag:
     linear_per_s: float
     quadratic_per_m: float
     vertical_per_s: float
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
         if min(self.linear_per_s, self.quadratic_per_m, self.vertical_per_s) < 0:

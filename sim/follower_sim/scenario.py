@@ -13,6 +13,7 @@ from follower_sim.criteria import Criteria
 from follower_sim.gimbal import GimbalModel
 from follower_sim.path_shape import PathShape, drawn
 from follower_sim.paths import TargetPath
+from follower_sim.response import Drag
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
 from follower_sim.stand_in_settings import StandInSettings
 from follower_sim.targets import TargetKind
@@ -256,6 +257,14 @@ class FaultSettings(_Section):
     until_s: Positive = 1e9
 
 
+class VehicleSettings(_Section):
+    """The airframe that flies."""
+
+    drag: Drag | None = None
+    """None is what the recorded vehicles have; that of PX4's own simulator is several times a real
+    one's, so that it cannot fly in strong wind."""
+
+
 class StartSettings(_Section):
     """Where the vehicle stands before it takes off."""
 
@@ -294,6 +303,7 @@ class Scenario(_Section):
     stand_in: StandInSettings = StandInSettings()
     """How well a stand-in sees in flights without pixels."""
     faults: list[FaultSettings] = Field(default_factory=list)
+    vehicle: VehicleSettings = VehicleSettings()
     start: StartSettings
     takeoff_height_m: Positive = 8.0
     select: SelectSettings

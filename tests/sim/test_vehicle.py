@@ -197,3 +197,14 @@ def test_parameters_without_sense_are_refused(nonsense: object) -> None:
     assert callable(nonsense)
     with pytest.raises(ValueError, match=r"."):
         nonsense()
+
+
+def test_less_drag_needs_less_tilt_to_stand_in_the_wind() -> None:
+    def tilt_deg(drag: Drag) -> float:
+        vehicle = hovering(replace(PX4_RESPONSE, drag=drag), lambda _: (8.0, 0.0, 0.0))
+        return math.degrees(abs(fly(vehicle, 15.0, STAND_STILL)[-1].attitude_rad[1]))
+
+    level_m_s2 = 8 * (0.25 + 8 * 0.01)
+    expected_deg = math.degrees(math.atan2(level_m_s2, 9.80665))
+    assert tilt_deg(Drag(0.25, 0.01, 0.3)) == pytest.approx(expected_deg, abs=1.5)
+    assert tilt_deg(PX4_RESPONSE.drag) > 35
