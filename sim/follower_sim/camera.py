@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,9 @@ from follower_sim.sensor import Sensor
 from follower_sim.world import World
 from follower_vision.clock import Clock
 from follower_vision.frame import Frame, Image
+
+_SHAKEN_RAD_S = 1.6
+_SHAKEN_EXPOSURE_S = 0.022
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +71,7 @@ class SimCamera:
         self._renderer: Draws = renderer or Renderer(world)
         root = world.seed if seed is None else seed
         self._timing = np.random.default_rng([root, 11])
+        self._shaking = np.random.default_rng([root, 13])
         self._sensor = Sensor(self._settings, np.random.default_rng([root, 12]))
         self._sequence = 0
         self._last_image: Image | None = None
@@ -116,8 +121,10 @@ class SimCamera:
         if fault == "black":
             shape = self._settings.height, self._settings.width, 3
             return self._sensor.expose(np.zeros(shape, np.uint8), time_s)
-        body = self._state_at(captured_s)
-        image = self._renderer.render(time_s, body, self._settings.exposure_s)
+        body, exposure_s = self._state_at(captured_s), self._settings.exposure_s
+        if fault == "shaken":
+            body, exposure_s = _shaken(body, self._shaking), _SHAKEN_EXPOSURE_S
+        image = self._renderer.render(time_s, body, exposure_s)
         self._last_image = self._sensor.expose(image, time_s)
         return self._last_image
 
@@ -135,3 +142,10 @@ class SimCamera:
             return None
         clock.sleep_until(delivery.available_s)
         return delivery.frame
+
+
+def _shaken(body: BodyState, rng: np.random.Generator) -> BodyState:
+    """Return the body turning quickly about a random axis that blurs the picture."""
+    angle = float(rng.uniform(0, 2 * math.pi))
+    down, right = _SHAKEN_RAD_S * math.cos(angle), _SHAKEN_RAD_S * math.sin(angle)
+    return replace(body, rates_rad_s=(body.rates_rad_s[0], right, down))

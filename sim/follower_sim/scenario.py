@@ -140,13 +140,13 @@ class SkySettings(_Section):
 class SceneryItem(_Section):
     """One thing that stands: it hides what is behind it and casts a shadow."""
 
-    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy"]
+    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy", "hall"]
     at: PlanePoint
     heading_deg: float = 0.0
     size_m: Positive | None = None
-    """Height of a tree, rock or buoy, length of a house, of a bridge's deck or a canopy."""
+    """Height of a tree, rock or buoy, length of a house, of a bridge's deck, a canopy or a hall."""
     height_m: Positive = 2.6
-    """Of the space below a canopy."""
+    """Of the space below a canopy or in a hall."""
 
 
 class ScatterSettings(_Section):
@@ -162,8 +162,10 @@ class ScatterSettings(_Section):
 
 
 class OcclusionSettings(_Section):
-    """Canopies over the followed target's path, which hide it from a camera above them."""
+    """Roofs over the followed target's path, which hide it from a camera above them."""
 
+    kind: Literal["canopy", "hall"] = "canopy"
+    """Leaves on posts, or a building that the path runs through."""
     hidden_s: NotNegative = 0.0
     """How long the target takes to pass below each."""
     count: Annotated[int, Field(ge=0, le=20)] = 2
@@ -172,7 +174,7 @@ class OcclusionSettings(_Section):
     every_s: Positive = 14.0
     """Time from one to the next."""
     clearance_m: Positive = 0.6
-    """Between the target's top and a canopy."""
+    """Between the target's top and a roof."""
 
 
 class LookAlikeSettings(_Section):
@@ -252,7 +254,8 @@ class CameraSettings(_Section):
 class FaultSettings(_Section):
     """A fault of the camera, or the followed target taken out of the world, for some time."""
 
-    kind: Literal["black", "frozen", "silent", "target_removed"]
+    kind: Literal["black", "frozen", "silent", "shaken", "target_removed"]
+    """`shaken`: the camera trembles during long exposures, so that its pictures are blurred."""
     from_s: NotNegative
     until_s: Positive = 1e9
 

@@ -9,7 +9,9 @@ import numpy as np
 from follower_sim.mesh import Colour, Mesh
 from follower_sim.shapes import Outline, Point, ball, box, convex, panel, prism, ring
 
-SceneryKind = Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy"]
+SceneryKind = Literal[
+    "broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy", "hall"
+]
 
 SIZES_M: dict[SceneryKind, tuple[float, float]] = {
     "broadleaf": (4.0, 7.0),
@@ -20,6 +22,7 @@ SIZES_M: dict[SceneryKind, tuple[float, float]] = {
     "bale": (1.3, 1.6),
     "buoy": (1.0, 1.4),
     "canopy": (3.0, 3.0),
+    "hall": (3.0, 3.0),
 }
 """Usual smallest and largest size of each kind."""
 
@@ -40,8 +43,10 @@ def scenery_mesh(
 ) -> Mesh:
     """Return a body of the given kind; its looks vary with `rng`.
 
-    `height_m` is that of the space below a canopy.
+    `height_m` is that of the space below a canopy or in a hall.
     """
+    if kind == "hall":
+        return _hall(size_m, height_m)
     if kind == "canopy":
         return _canopy(size_m, height_m, rng)
     if kind == "broadleaf":
@@ -158,6 +163,14 @@ def _canopy(length: float, height: float, rng: np.random.Generator) -> Mesh:
     side = _CANOPY_WIDTH_M / 2 - 0.2
     posts = [box((0.15, 0.15, height), _TRUNK, (0, s * side, 0)) for s in (1, -1)]
     return Mesh.joined([*posts, roof])
+
+
+def _hall(length: float, height: float) -> Mesh:
+    """Make a slice of a building that a road runs through, open at both ends."""
+    walls, roof, side = _WALLS[2], _ROOFS[0], _CANOPY_WIDTH_M / 2
+    sides = [box((length, 0.3, height), walls, (0, s * (side - 0.3), 0)) for s in (1, -1)]
+    slab = box((length, _CANOPY_WIDTH_M, _CANOPY_THICK_M), roof, (0, 0, height), layer=1)
+    return Mesh.joined([*sides, slab])
 
 
 def _rock(height: float, rng: np.random.Generator) -> Mesh:

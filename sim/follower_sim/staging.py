@@ -9,7 +9,13 @@ import numpy as np
 
 from follower_sim.path_shape import Place
 from follower_sim.paths import TargetPath, TargetPose
-from follower_sim.scenario import PathSettings, Scenario, SceneryItem, TargetSettings
+from follower_sim.scenario import (
+    OcclusionSettings,
+    PathSettings,
+    Scenario,
+    SceneryItem,
+    TargetSettings,
+)
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
 from follower_sim.targets import HEIGHTS_M
 
@@ -64,7 +70,7 @@ def _canopies(
         first_m = path.pose(from_s).distance_m
         length_m = max(_LEAST_M, path.pose(from_s + settings.hidden_s).distance_m - first_m)
         for along_m, piece_m in _pieces(first_m, length_m):
-            yield _canopy(path, along_m, piece_m, followed, settings.clearance_m)
+            yield _roof(path, along_m, piece_m, followed, settings)
 
 
 def _pieces(first_m: float, length_m: float) -> Iterator[tuple[float, float]]:
@@ -75,15 +81,23 @@ def _pieces(first_m: float, length_m: float) -> Iterator[tuple[float, float]]:
     yield from ((first_m + (i + 0.5) * step_m, piece_m) for i in range(count))
 
 
-def _canopy(
-    path: TargetPath, along_m: float, piece_m: float, followed: TargetSettings, clearance_m: float
+def _roof(
+    path: TargetPath,
+    along_m: float,
+    piece_m: float,
+    followed: TargetSettings,
+    settings: OcclusionSettings,
 ) -> SceneryItem:
     north, east, down = (float(x) for x in path.course.position(along_m))
     direction = path.course.direction(along_m)
     heading = math.degrees(math.atan2(float(direction[1]), float(direction[0])))
-    height_m = HEIGHTS_M[followed.kind] + clearance_m - down
+    height_m = HEIGHTS_M[followed.kind] + settings.clearance_m - down
     return SceneryItem(
-        kind="canopy", at=(north, east), heading_deg=heading, size_m=piece_m, height_m=height_m
+        kind=settings.kind,
+        at=(north, east),
+        heading_deg=heading,
+        size_m=piece_m,
+        height_m=height_m,
     )
 
 
