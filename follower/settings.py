@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from follower.cockpit.settings import CockpitSettings
 from follower.consent import ConsentSettings
+from follower.ground_station.settings import GroundStationSettings
 from follower.health import HealthSettings
 from follower.links.link_settings import LinkSettings
 from follower.recorder_settings import RecorderSettings
@@ -42,7 +43,9 @@ class CameraSettings:
     Attributes:
         fov_deg: horizontal field of view; used unless `focal_px` is given.
         focal_px: focal length in pixels at `focal_width_px`, from a calibration.
-        focal_width_px: image width for which `focal_px` holds.
+        focal_width_px: image width for which `focal_px` and `center_px` hold.
+        center_px: where the optical axis meets the image, from its top left corner, as
+            `follower calibrate` finds it; None is the image's middle.
         distortion: k1, k2, p1, p2, k3 as OpenCV's calibration gives them.
         roll_deg: how the camera is rolled against the body; right side down is positive.
         pitch_deg: how it is pitched; looking down is negative.
@@ -57,6 +60,7 @@ class CameraSettings:
     fov_deg: float = 70.0
     focal_px: float | None = None
     focal_width_px: int = 640
+    center_px: tuple[float, float] | None = None
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     roll_deg: float = 0.0
     pitch_deg: float = 0.0
@@ -69,6 +73,10 @@ class CameraSettings:
             raise ValueError(f"fov_deg lies between 4 and 179 degrees, not {self.fov_deg:g}")
         if self.focal_px is not None and not 1 < self.focal_px < 1e5:
             raise ValueError(f"focal_px is a focal length in pixels, not {self.focal_px}")
+        if self.center_px is not None and not self._is_inside(*self.center_px):
+            raise ValueError(
+                f"center_px lies in an image {self.focal_width_px} px wide, not at {self.center_px}"
+            )
         if not abs(self.latency_s) < 2:
             raise ValueError(f"latency_s is in seconds, not {self.latency_s}")
         angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
@@ -87,9 +95,17 @@ class CameraSettings:
     def model(self, width: int, height: int) -> CameraModel:
         """Return the intrinsics for images of this size."""
         if self.focal_px is None:
-            return CameraModel.from_fov(width, height, math.radians(self.fov_deg), self.distortion)
-        focal = self.focal_px * width / self.focal_width_px
-        return CameraModel(width, height, focal, focal, width / 2, height / 2, self.distortion)
+            lens = CameraModel.from_fov(width, height, math.radians(self.fov_deg), self.distortion)
+            focal = lens.fx
+        else:
+            focal = self.focal_px * width / self.focal_width_px
+        x, y = width / 2, height / 2
+        if self.center_px is not None:
+            x, y = (place * width / self.focal_width_px for place in self.center_px)
+        return CameraModel(width, height, focal, focal, x, y, self.distortion)
+
+    def _is_inside(self, x: float, y: float) -> bool:
+        return 0 < x < self.focal_width_px and 0 < y < 2 * self.focal_width_px
 
 
 class Settings(BaseModel):
@@ -122,6 +138,7 @@ class Settings(BaseModel):
     release: ReleaseSettings = ReleaseSettings()
     link: LinkSettings = LinkSettings()
     recorder: RecorderSettings = RecorderSettings()
+    ground_station: GroundStationSettings = GroundStationSettings()
     video: VideoSettings = VideoSettings()
     """Live video that goes out."""
     cockpit: CockpitSettings = CockpitSettings()

@@ -1,0 +1,1 @@
+"""A camera's focal length, centre and distortion from pictures of a printed board."""

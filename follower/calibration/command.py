@@ -1,0 +1,121 @@
+"""The command `follower calibrate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from follower.command_options import Config
+from follower_control.strict_yaml import SettingsError
+
+if TYPE_CHECKING:
+    from follower.calibration.board import Board
+
+EPILOG = """
+**Examples**
+
+`follower calibrate --board board.pdf` – print it at 100 %, measure a square, glue it onto something
+flat
+
+`follower calibrate 0` – with a camera: wave the board about until the terminal says it is enough
+
+`follower calibrate clip.mp4 --square-mm 24.8 --out wide.yaml` – from a video, a square as measured
+
+`follower calibrate photos/ --kind chessboard --squares 10x7` – from a folder of images
+
+`follower track clip.mp4 -c wide.yaml --select person` – use it
+
+Exit code 0: there is a calibration; 1: the views do not tell the lens, and why; 2: an option or a
+source cannot be used.
+"""
+_PRINTED = "The board"
+
+
+def calibrate_command(
+    source: Annotated[
+        str | None,
+        typer.Argument(
+            help="A camera (0 or /dev/video0), a stream, a video file or a folder of images."
+        ),
+    ] = None,
+    board: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.PDF|OUT.PNG",
+            help="Write the board to print, to scale, and do nothing else.",
+            rich_help_panel=_PRINTED,
+        ),
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(
+            metavar="charuco|chessboard",
+            help="**charuco** may be seen in part; **chessboard** has to be seen whole.",
+            rich_help_panel=_PRINTED,
+        ),
+    ] = "charuco",
+    squares: Annotated[
+        str,
+        typer.Option(
+            metavar="ACROSSxDOWN", help="How many squares it has.", rich_help_panel=_PRINTED
+        ),
+    ] = "7x10",
+    square_mm: Annotated[
+        float,
+        typer.Option(
+            help="Side of a square; the lens does not depend on it.", rich_help_panel=_PRINTED
+        ),
+    ] = 25.0,
+    every_s: Annotated[
+        float,
+        typer.Option(
+            min=0.0, help="Look at one frame in so many seconds; a folder's are all seen."
+        ),
+    ] = 0.3,
+    config: Config = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="OUT.YAML",
+            help="Where the settings with the lens go; a picture goes beside it. With --config "
+            "they have that file's settings, too.",
+        ),
+    ] = Path("camera.yaml"),
+) -> None:
+    """Find the camera's focal length, axis and distortion with a printed board.
+
+    Hold the board into all parts of the image, near and far, tilted to each side: 20 views are
+    good. Views that are blurred or show nothing new are left out by themselves.
+    """
+    from follower.calibration.printing import write_board
+    from follower.calibration.session import CalibrateOptions, run
+
+    chosen = _board(kind, squares, square_mm)
+    if board is not None:
+        if source is not None:
+            raise SettingsError("--board writes the board to print; give no source with it")
+        try:
+            size = write_board(chosen, board)
+        except ValueError as error:
+            raise SettingsError(str(error)) from None
+        typer.echo(f"{board}: {size}. Print it at 100 %, and measure a square afterwards.")
+        return
+    if source is None:
+        raise SettingsError("which source? give a camera, a video or a folder; or --board OUT.PDF")
+    raise typer.Exit(run(CalibrateOptions(source, chosen, out, config, every_s)))
+
+
+def _board(kind: str, squares: str, square_mm: float) -> Board:
+    from follower.calibration.board import Board, Kind
+
+    if kind not in ("charuco", "chessboard"):
+        raise SettingsError(f"--kind {kind}: choose charuco or chessboard")
+    across, _, down = squares.lower().partition("x")
+    if not (across.isdigit() and down.isdigit()):
+        raise SettingsError(f"--squares {squares}: write it like 7x10")
+    try:
+        return Board(cast(Kind, kind), int(across), int(down), square_mm / 1e3)
+    except ValueError as error:
+        raise SettingsError(f"--kind {kind} --squares {squares}: {error}") from None
