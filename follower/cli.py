@@ -9,6 +9,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from follower.calibration.command import EPILOG as CALIBRATE_EPILOG
+from follower.calibration.command import calibrate_command
 from follower.command_options import Cockpit, Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
@@ -111,6 +113,7 @@ app.command("replay", epilog=REPLAY_EPILOG)(replay_command)
 app.command("evaluate", epilog=EVALUATE_EPILOG)(evaluate_command)
 app.command("inspect", epilog=INSPECT_EPILOG)(inspect_command)
 app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
+app.command("calibrate", epilog=CALIBRATE_EPILOG)(calibrate_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 
