@@ -157,7 +157,7 @@ class ControlStage:
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
         self._sent = self._sends(state, vehicle)
-        if state is State.READY or not self._sent:
+        if state is State.READY or not self._sent or situation.stop_at_once:
             limited = self._steering.stand_by(now_s)
         else:
             self.servo.nudge(self._humans.nudge)
@@ -205,7 +205,7 @@ class ControlStage:
         for order in asked.orders:
             self._humans.give(order)
         if asked.stop:
-            self._humans.stop_requested = True
+            self._humans.press_stop()
         if asked.settings is not None:
             self._change_settings(asked.settings)
         return (*self._repeated_changes(now_s), *asked.changes)
@@ -316,6 +316,7 @@ class ControlStage:
             order=humans.order,
             battery_low=verdict.battery_low,
             navigation_poor=verdict.navigation_poor,
+            stop_at_once=humans.stop_at_once,
             cockpit_lost=humans.cockpit_lost,
         )
 

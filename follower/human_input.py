@@ -19,6 +19,7 @@ class HumanInput:
 
     Attributes:
         stop_requested: somebody wants us to let go; until consent is given or renewed.
+        stop_at_once: they pressed a button for it.
         order: what was ordered for the last step.
         cockpit: hears the page in control.
         cockpit_lost: it is missed.
@@ -34,7 +35,7 @@ class HumanInput:
         self._sticks = Sticks(sticks)
         self._orders: deque[Order] = deque()
         self._entry = 0
-        self.stop_requested = False
+        self.stop_requested = self.stop_at_once = False
         self.order = Order.NONE
         self.cockpit = CockpitWatch(cockpit or CockpitSettings())
         self.cockpit_lost = False
@@ -63,8 +64,12 @@ class HumanInput:
     def give(self, order: Order) -> None:
         """Take an order for the next step; may be called from any thread."""
         if order in (Order.RENEW, Order.GIVE):
-            self.stop_requested = False
+            self.stop_requested = self.stop_at_once = False
         self._orders.append(order)
+
+    def press_stop(self) -> None:
+        """Take the stop button."""
+        self.stop_requested = self.stop_at_once = True
 
     def choose(self) -> None:
         """Note that the operator chose a target: that renews consent, unless stop was pressed."""
@@ -74,6 +79,7 @@ class HumanInput:
     def repeat(self, recorded: Situation) -> None:
         """Take what was ordered in a recorded situation."""
         self.stop_requested = recorded.stop_requested
+        self.stop_at_once = recorded.stop_at_once
         self._orders.append(recorded.order)
         self._cockpit_was_lost = recorded.cockpit_lost
 

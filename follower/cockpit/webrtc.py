@@ -98,26 +98,15 @@ class Peers:
         if len(self._peers) >= _MOST_PEERS:
             raise OfferError("too many watch already")
         peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-        track: StreamTrack | None = None
+        track = StreamTrack(self._channel)
+        peer.addTrack(track)
+        # aiortc settles on a codec while it reads the offer.
+        _prefer_h264(peer)
         try:
             await peer.setRemoteDescription(RTCSessionDescription(sdp, "offer"))
-            if not any(one.kind == "video" for one in peer.getTransceivers()):
-                raise OfferError("nothing to see is asked for")
-            track = StreamTrack(self._channel)
-            peer.addTrack(track)
-            _prefer_h264(peer)
             await peer.setLocalDescription(await peer.createAnswer())
-        except (
-            ValueError,
-            AttributeError,
-            KeyError,
-            IndexError,
-            AssertionError,
-            TypeError,
-        ) as error:
-            # aiortc says by any of these that it cannot read an offer.
-            if track is not None:
-                track.stop()
+        except _UNREADABLE as error:
+            track.stop()
             await peer.close()
             raise OfferError(f"this offer cannot be answered: {error}") from None
         self._keep(peer, track)
