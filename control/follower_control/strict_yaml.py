@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -108,9 +108,14 @@ def _suggestion(model: type[BaseModel], location: Sequence[str | int]) -> str:
 def _keys_at(model: type[BaseModel], location: Sequence[str | int]) -> list[str]:
     """Return the keys that the section at `location` knows."""
     section: Any = model
+    is_name = False
     for part in location:
-        if not isinstance(part, int):
-            section = _section_of(_fields(section)[part])
+        if isinstance(part, int) or is_name:  # chooses among alike sections
+            is_name = False
+            continue
+        annotation = _fields(section)[part]
+        is_name = get_origin(annotation) is dict
+        section = _section_of(annotation)
     return list(_fields(section))
 
 
@@ -123,6 +128,8 @@ def _fields(section: Any) -> dict[str, Any]:
 
 
 def _section_of(annotation: Any) -> Any:
-    """Return the section inside list[...], `... | None` and the like."""
+    """Return the section inside list[...], dict[str, ...], `... | None` and the like."""
+    if get_origin(annotation) is dict:
+        return _section_of(get_args(annotation)[1])
     inner = [_section_of(a) for a in get_args(annotation) if a is not type(None)]
     return inner[0] if inner else annotation

@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 class StandInSettings:
     """How well the stand-in sees. Sizes are shares of the true box's side (root of its area).
 
+    The noise is as measured of the correlation tracker's boxes on the scenarios `pursue-…`.
+
     Attributes:
         centre_noise: standard deviation of the centre's error, along each axis.
         size_noise: standard deviation of the error of the side's natural logarithm.
@@ -25,9 +27,9 @@ class StandInSettings:
         false_s: how long it is taken for it.
     """
 
-    centre_noise: float = 0.03
-    size_noise: float = 0.03
-    noise_s: float = 0.5
+    centre_noise: float = 0.04
+    size_noise: float = 0.08
+    noise_s: float = 1.5
     offset: tuple[float, float] = (0.0, 0.0)
     size_factor: float = 1.0
     least_visible: float = 0.4

@@ -1,0 +1,1 @@
+"""Monte-Carlo campaigns: many simulated flights, counted."""

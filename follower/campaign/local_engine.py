@@ -1,0 +1,89 @@
+"""Flies runs in processes on this machine, and goes on when one of them is killed."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any
+
+from follower.campaign.flying import fly_run, row_of
+from follower.campaign.run_spec import RunSpec
+
+_TRIES = 3
+_Flights = dict[Future[dict[str, Any]], RunSpec]
+
+
+class LocalEngine:
+    """A pool of processes, one run each at a time.
+
+    When the system kills a process, the pool is made anew and what it had in hand is flown again; a
+    run whose process died three times is given up.
+
+    Args:
+        workers: how many processes.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._pool: ProcessPoolExecutor | None = None
+
+    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+        """Yield a row for each run as it is finished."""
+        waiting, tries = deque(specs), Counter[int]()
+        flying: _Flights = {}
+        while waiting or flying:
+            # Little more is handed out than is flown: what a dead pool had in hand is tried again.
+            while waiting and len(flying) < self.workers + 1:
+                spec = waiting.popleft()
+                flying[self._submit(spec)] = spec
+            done, _ = wait(flying, return_when=FIRST_COMPLETED)
+            for future in done:
+                spec = flying.pop(future)
+                error = future.exception()
+                if not isinstance(error, BrokenProcessPool):
+                    yield row_of(spec, said_of(error)) if error else future.result()
+                elif self._is_worth_another(spec, tries):
+                    waiting.appendleft(spec)
+                else:
+                    yield row_of(spec, f"its process died {_TRIES} times")
+
+    def _submit(self, spec: RunSpec) -> Future[dict[str, Any]]:
+        """Hand out a run; to a new pool if the last one is broken."""
+        if self._pool is not None:
+            try:
+                return self._pool.submit(fly_run, spec)
+            except BrokenProcessPool:
+                self._pool.shutdown(wait=False)
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(self.workers, mp_context=context)
+        return self._pool.submit(fly_run, spec)
+
+    def _is_worth_another(self, spec: RunSpec, tries: Counter[int]) -> bool:
+        tries[spec.number] += 1
+        return tries[spec.number] < _TRIES
+
+    def close(self) -> None:
+        """End the processes after the runs in hand."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+
+class InlineEngine:
+    """Flies runs here, one after the other, without any process."""
+
+    workers = 1
+
+    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+        """Yield a row for each run as it is finished; what fails is raised."""
+        yield from (fly_run(spec) for spec in specs)
+
+    def close(self) -> None:
+        """Do nothing: nothing was begun."""
+
+
+def said_of(error: BaseException) -> str:
+    """Return an error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

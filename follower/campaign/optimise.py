@@ -1,0 +1,147 @@
+"""Searches settings with a smaller cost, by Optuna, over the campaign's own runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rich.console import Console
+
+from follower.campaign.campaign_config import CampaignConfig, OptimiseSettings
+from follower.campaign.cost import cost
+from follower.campaign.engine import Engine
+from follower.campaign.extra import needed
+from follower.campaign.figures import Figures
+from follower.campaign.progress import CampaignProgress
+from follower.campaign.run_spec import RunSpec
+from follower.campaign.store import Store
+from follower.report.writer import write_whole
+from follower.settings import Settings, load_settings
+from follower_control.strict_yaml import SettingsError
+
+BEST = "best.yaml"
+TRIALS = "trials.json"
+_NOT_FLOWN = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One set of values that was tried.
+
+    Attributes:
+        values: by the settings' keys.
+        cost: mean over the runs.
+    """
+
+    values: dict[str, float]
+    cost: float
+
+
+def optimise(
+    config: CampaignConfig,
+    specs: Sequence[RunSpec],
+    engine: Engine,
+    store: Store,
+    folder: Path,
+    console: Console,
+) -> int:
+    """Search, write the best settings, and return the exit code.
+
+    The first trial has the settings that the campaign begins with: the defaults, or those of its
+    `config` file. All trials fly the same runs, so that luck does not choose between them. Optuna's
+    sampler is seeded and every run is kept: a search that was stopped goes on where it was.
+
+    Raises:
+        SettingsError: the campaign's file says nothing of what to search.
+    """
+    wanted = config.optimise
+    if wanted is None:
+        raise SettingsError("--optimise: the campaign's file has no section `optimise`")
+    flown = specs[: wanted.runs_per_trial]
+    study = _study(config, wanted)
+    trials: list[Trial] = []
+    with CampaignProgress(console, f"{config.name}: trials", wanted.trials, 0) as progress:
+        for _ in range(wanted.trials):
+            asked = study.ask()
+            values = {key: _rounded(asked.suggest_float(key, *wanted.settings[key]))
+                      for key in wanted.settings}  # fmt: skip
+            trials.append(Trial(values, _mean_cost(flown, values, engine, store)))
+            study.tell(asked, trials[-1].cost)
+            progress.finished()
+    _write(trials, folder)
+    _say(trials, folder, console)
+    return 0
+
+
+def _study(config: CampaignConfig, wanted: OptimiseSettings) -> Any:
+    """Return a study whose first trial is what there is now.
+
+    Raises:
+        SettingsError: what there is now lies outside of what is to be tried.
+    """
+    optuna = needed("optuna")
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    sampler = optuna.samplers.TPESampler(seed=wanted.seed)
+    study = optuna.create_study(sampler=sampler)
+    now = load_settings(config.config, overrides=config.set)
+    first = {key: present(now, key) for key in wanted.settings}
+    for key, (low, high) in wanted.settings.items():
+        if not low <= first[key] <= high:
+            raise SettingsError(f"optimise.settings: {key} is {first[key]:g}, outside its range")
+    study.enqueue_trial(first)
+    return study
+
+
+def present(settings: Settings, key: str) -> float:
+    """Return the number that a setting has now.
+
+    Raises:
+        SettingsError: there is no such setting, or it is no number.
+    """
+    value: Any = settings
+    for part in key.split("."):
+        value = getattr(value, part, None)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise SettingsError(f"optimise.settings: {key!r} is no setting with a number")
+    return float(value)
+
+
+def _mean_cost(
+    specs: Sequence[RunSpec], values: dict[str, float], engine: Engine, store: Store
+) -> float:
+    changes = tuple(f"{key}={value}" for key, value in values.items())
+    tried = [replace(spec, overrides=(*spec.overrides, *changes)) for spec in specs]
+    for row in engine.fly([spec for spec in tried if spec.key not in store.rows]):
+        store.add(row)
+    rows = [store.rows[spec.key] for spec in tried]
+    costs = [_NOT_FLOWN if row["error"] else cost(Figures.from_dict(row)) for row in rows]
+    return sum(costs) / len(costs)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _write(trials: Sequence[Trial], folder: Path) -> None:
+    listed = [{"cost": trial.cost, **trial.values} for trial in trials]
+    write_whole(folder / TRIALS, json.dumps(listed, indent=1) + "\n")
+    best: dict[str, Any] = {}
+    for key, value in min(trials, key=lambda trial: trial.cost).values.items():
+        *sections, name = key.split(".")
+        place = best
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[name] = value
+    write_whole(folder / BEST, yaml.safe_dump(best, sort_keys=False))
+
+
+def _say(trials: Sequence[Trial], folder: Path, console: Console) -> None:
+    first, best = trials[0], min(trials, key=lambda trial: trial.cost)
+    console.print(f"Cost {first.cost:.3f} before, {best.cost:.3f} after {len(trials)} trials")
+    for key, value in best.values.items():
+        console.print(f"  {key}: {first.values[key]:g} → {value:g}", highlight=False)
+    console.print(f"  {folder / BEST}: for `follower sim --config`", highlight=False)

@@ -1,0 +1,152 @@
+"""What a campaign's runs come to: each goal, met or not, with how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from follower.campaign.cost import cost
+from follower.campaign.figures import Figures
+from follower.campaign.goals import Goals
+from follower.campaign.wilson import wilson
+
+
+@dataclass(frozen=True, slots=True)
+class GoalLine:
+    """One goal over all runs.
+
+    Attributes:
+        name: in words.
+        value: what was reached, as people read it.
+        wanted: likewise.
+        met: whether the value is what was wanted.
+        share: (runs or occlusions that reach it, all of them).
+    """
+
+    name: str
+    value: str
+    wanted: str
+    met: bool
+    share: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Everything in a few numbers.
+
+    Attributes:
+        runs: how many.
+        passed: of them, those that reached every goal.
+        errors: of them, those that could not be flown.
+        lines: the goals.
+        failures: how often each goal was missed, the most frequent first.
+        worst: the runs that failed, the worst first.
+    """
+
+    runs: int
+    passed: int
+    errors: int
+    lines: tuple[GoalLine, ...]
+    failures: tuple[tuple[str, int], ...]
+    worst: tuple[dict[str, Any], ...]
+
+    @property
+    def reached(self) -> bool:
+        """Whether every goal was met."""
+        return self.errors == 0 and all(line.met for line in self.lines)
+
+
+def summary_of(rows: Sequence[dict[str, Any]], goals: Goals) -> Summary:
+    """Sum up judged rows."""
+    flown = [row for row in rows if not row["error"]]
+    figures = [Figures.from_dict(row) for row in flown]
+    failures = Counter(name for row in rows for name in row["failures"])
+    return Summary(
+        len(rows),
+        sum(row["passed"] for row in rows),
+        len(rows) - len(flown),
+        _lines(figures, goals),
+        tuple(failures.most_common()),
+        tuple(sorted((row for row in rows if not row["passed"]), key=_badness, reverse=True)),
+    )
+
+
+def share_text(successes: int, count: int) -> str:
+    """Return a counted share with its 95 % interval."""
+    if count == 0:
+        return "nothing counted"
+    low, high = wilson(successes, count)
+    share = 100 * successes / count
+    return f"{share:.1f} % ({100 * low:.1f}–{100 * high:.1f} %; {successes} of {count})"
+
+
+def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
+    return (
+        _followed(figures),
+        _in_frame(figures, goals),
+        _reacquired(figures, goals),
+        _line_of_sight(figures, goals),
+        _none_of(
+            "Envelope violations",
+            [one.envelope_violations > goals.max_violations for one in figures],
+        ),
+        _none_of("Runs inside the target's keep-out", [one.is_too_near for one in figures]),
+    )
+
+
+def _followed(figures: Sequence[Figures]) -> GoalLine:
+    good = sum(one.approach_s is not None for one in figures)
+    count = len(figures)
+    return GoalLine(
+        "Target acquired and approached", share_text(good, count), "100 %", good == count,
+        (good, count),
+    )  # fmt: skip
+
+
+def _in_frame(figures: Sequence[Figures], goals: Goals) -> GoalLine:
+    """Weigh each run by its scored time; a run that never approached had nothing in frame."""
+    scored = [(one.in_frame_share or 0.0, one.scored_s) for one in figures]
+    total_s = sum(seconds for _, seconds in scored)
+    share = sum(part * seconds for part, seconds in scored) / total_s if total_s else 0.0
+    good = sum((one.in_frame_share or 0.0) >= goals.min_in_frame_share for one in figures)
+    value = f"{100 * share:.2f} % of the time; runs: {share_text(good, len(figures))}"
+    wanted = f"≥ {100 * goals.min_in_frame_share:g} % of the time"
+    met = share >= goals.min_in_frame_share
+    name = "Target in frame, outside occlusions"
+    return GoalLine(name, value, wanted, met, (good, len(figures)))
+
+
+def _reacquired(figures: Sequence[Figures], goals: Goals) -> GoalLine:
+    count = sum(len(goals.short(one)) for one in figures)
+    good = count - sum(goals.late(one) for one in figures)
+    name = f"Re-acquired within {goals.reacquired_s:g} s, occlusions up to {goals.occlusion_s:g} s"
+    wanted = f"≥ {100 * goals.reacquired_share:g} % of them"
+    met = count > 0 and good / count >= goals.reacquired_share
+    return GoalLine(name, share_text(good, count), wanted, met, (good, count))
+
+
+def _line_of_sight(figures: Sequence[Figures], goals: Goals) -> GoalLine:
+    angles = [one.line_of_sight_rms_deg for one in figures]
+    known = [angle for angle in angles if angle is not None]
+    limit = goals.max_line_of_sight_rms_deg
+    good = sum(angle <= limit for angle in known)
+    pooled = math.sqrt(sum(angle * angle for angle in known) / len(known)) if known else math.inf
+    value = f"{pooled:.2f}° over all; runs: {share_text(good, len(angles))}"
+    name = "Line-of-sight error, RMS"
+    return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)))
+
+
+def _none_of(name: str, broken: Sequence[bool]) -> GoalLine:
+    good = len(broken) - sum(broken)
+    value = f"{sum(broken)} of {len(broken)} runs"
+    return GoalLine(name, value, "none", not any(broken), (good, len(broken)))
+
+
+def _badness(row: dict[str, Any]) -> tuple[float, ...]:
+    """Order failed runs: errors, then the number of goals missed, then the cost."""
+    if row["error"]:
+        return (math.inf, 0.0)
+    return float(len(row["failures"])), cost(Figures.from_dict(row))

@@ -1,0 +1,347 @@
+"""The parts of a campaign: what it plans, what it refuses, what it keeps, what it counts."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from follower.campaign.campaign import check, judged
+from follower.campaign.campaign_config import campaign_files, load_campaign
+from follower.campaign.cost import cost
+from follower.campaign.figures import Figures
+from follower.campaign.goals import Goals
+from follower.campaign.optimise import present
+from follower.campaign.plan import planned
+from follower.campaign.progress import CampaignProgress, in_words
+from follower.campaign.store import ROWS, Store, read_rows
+from follower.campaign.summary import summary_of
+from follower.campaign.tables import write_parquet
+from follower.campaign.wilson import wilson
+from follower.settings import load_settings
+from follower_control.strict_yaml import SettingsError
+from follower_sim.kinematics import BodyState
+from follower_sim.occlusions import Sighted, hidden_spans, occlusions
+from follower_sim.truth_sample import TruthSample
+from follower_vision.clock import SimulatedClock
+
+MINE = """
+name: mine
+title: Mine.
+runs: 20
+seed: 3
+vision: truth+noise
+scenarios: [pursue-car, pursue-boat]
+autopilots: [px4, ardupilot]
+parameters:
+  course: {key: scene.targets.0.path.shape.kind, values: [straight, winding]}
+  wind: {keys: {scene.wind.mean_m_s: 1.0, scene.wind.gust_m_s: 0.5}, between: [0, 8]}
+  yaw: {key: servo.azimuth.kp, between: [1, 2]}
+"""
+GOOD = Figures(
+    time_to_acquire_s=0.5,
+    approach_s=4.0,
+    scored_s=40.0,
+    in_frame_share=1.0,
+    in_frame_share_all=0.99,
+    line_of_sight_rms_deg=2.0,
+    line_of_sight_rms_seen_deg=1.5,
+    range_error_median=0.05,
+    range_error_p95=0.2,
+    occlusion_s=(2.0,),
+    reacquired_s=(0.3,),
+    losses=1,
+    wrong_box_share=0.0,
+    delay_median_s=0.07,
+    envelope_violations=0,
+    nearest_m=9.0,
+    keep_out_m=4.0,
+    acceleration_rms_m_s2=1.0,
+    yaw_acceleration_rms_deg_s2=20.0,
+)
+
+
+def written(folder: Path, text: str = MINE) -> str:
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def row(number: int = 0, error: str = "", **changes: Any) -> dict[str, Any]:
+    figures = replace(GOOD, **changes).to_dict()
+    return {
+        "key": f"k{number}",
+        "number": number,
+        "scenario": "pursue-car",
+        "autopilot": "px4",
+        "seed": 1,
+        "vision": "truth+noise",
+        "values": {"course": "straight", "wind": 3.0},
+        "command": "follower sim pursue-car",
+        "version": "0",
+        "error": error,
+        **({} if error else figures),
+        "wall_s": 1.0,
+    }
+
+
+def sample(time_s: float, visible: float) -> TruthSample:
+    zero = (0.0, 0.0, 0.0)
+    return TruthSample(time_s, BodyState(time_s, zero), zero, zero, 1.0, visible, 9.0, 0.0, 0.0)
+
+
+def test_the_first_runs_are_the_same_however_many_are_drawn(tmp_path: Path) -> None:
+    config = written(tmp_path)
+    few = planned(load_campaign(config, runs=5))
+    many = planned(load_campaign(config))
+    assert many[:5] == few
+    assert len({spec.key for spec in many}) == 20
+    assert {spec.scenario for spec in many} == {"pursue-car", "pursue-boat"}
+    assert {spec.autopilot for spec in many} == {"px4", "ardupilot"}
+
+
+def test_a_drawn_parameter_goes_to_each_of_its_keys(tmp_path: Path) -> None:
+    spec = planned(load_campaign(written(tmp_path)))[0]
+    wind = float(spec.values["wind"])
+    scene = dict(text.split("=") for text in spec.scene)
+    assert float(scene["wind.mean_m_s"]) == wind
+    assert float(scene["wind.gust_m_s"]) == pytest.approx(wind / 2, rel=1e-3)
+    assert scene["targets.0.path.shape.kind"] == spec.values["course"]
+    assert spec.overrides == (f"servo.azimuth.kp={spec.values['yaw']}",)
+    assert 1 <= float(spec.values["yaw"]) <= 2
+    for part in ("--lockstep", "--vision truth+noise", f"--seed {spec.seed}", "--scene wind."):
+        assert part in spec.command
+
+
+def test_without_a_number_of_runs_every_combination_is_flown(tmp_path: Path) -> None:
+    text = MINE.replace("runs: 20", "repeats: 2").replace("between: [0, 8]", "values: [0, 4, 8]")
+    text = text.replace("between: [1, 2]", "values: [1.5]")
+    specs = planned(load_campaign(written(tmp_path, text)))
+    assert len(specs) == 2 * 2 * 2 * 3 * 1 * 2
+    assert {spec.seed for spec in specs} == {3, 4}
+    assert len({spec.key for spec in specs}) == len(specs)
+
+
+def test_the_key_knows_the_flight_and_not_its_number(tmp_path: Path) -> None:
+    spec = planned(load_campaign(written(tmp_path)))[0]
+    assert replace(spec, number=99).key == spec.key
+    for change in ({"seed": 0}, {"sight": "pixels"}, {"scene": ()}, {"overrides": ("a=1",)}):
+        assert replace(spec, **change).key != spec.key  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seed: 3", "sed: 3", "unknown key 'sed'; did you mean 'seed'?"),
+        ("runs: 20", "runs: 0", "runs: Input should be greater than or equal to 1"),
+        ("pursue-boat", "pursue-bot", "there is no scenario 'pursue-bot'"),
+        ("between: [1, 2]", "between: [2, 1]", "parameters.yaw: a parameter lies `between`"),
+        ("between: [1, 2]", "value: [1]", "unknown key 'parameters.yaw.value'"),
+        ("key: servo.azimuth.kp, ", "", "parameters.yaw: a parameter has either `key` or `keys`"),
+        ("runs: 20", "repeats: 1", "parameter 'wind': every combination needs `values`"),
+        ("vision: truth+noise", "vision: eyes", "vision: Input should be 'pixels' or"),
+        ("[px4, ardupilot]", "[px5]", "autopilots[0]: Input should be 'px4' or 'ardupilot'"),
+        ("seed: 3", "seed: 3\ngoals: {reacquired: 1}", "unknown key 'goals.reacquired'"),
+    ],
+)
+def test_a_campaign_that_cannot_be_used_is_refused_by_the_keys_name(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(SettingsError) as caught:
+        load_campaign(written(tmp_path, MINE.replace(old, new)))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("servo.azimuth.kp", "servo.azimut.kp", "unknown key 'servo.azimut'"),
+        ("scene.wind.mean_m_s", "scene.wind.mean", "unknown key 'wind.mean'"),
+        ("targets.0.path", "targets.3.path", "'3' is no number from 0 to 0"),
+    ],
+)
+def test_a_parameter_that_leads_nowhere_is_refused_before_all_flying(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    specs = planned(load_campaign(written(tmp_path, MINE.replace(old, new))))
+    with pytest.raises(SettingsError) as caught:
+        check(specs)
+    assert message in str(caught.value)
+
+
+def test_an_unknown_campaign_is_named_with_those_that_there_are() -> None:
+    with pytest.raises(SettingsError, match=r"no campaign 'all'.*quick, standard"):
+        load_campaign("all")
+
+
+@pytest.mark.parametrize("name", campaign_files())
+def test_a_shipped_campaign_is_named_after_its_file_and_can_be_flown(name: str) -> None:
+    config = load_campaign(name)
+    assert config.name == name
+    check(planned(config))
+
+
+def test_the_standard_campaign_covers_what_was_asked() -> None:
+    config = load_campaign("standard")
+    specs = planned(config)
+    assert len(specs) == 1000
+    assert len(config.scenarios) == 4
+    assert config.vision == "pixels"
+    assert set(config.autopilots) == {"px4", "ardupilot"}
+    assert config.parameters["latency_s"].between == (0.05, 0.2)
+    assert len({spec.values["course"] for spec in specs}) == 5
+    assert max(float(spec.values["wind_m_s"]) for spec in specs) > 9.5
+
+
+def test_wilsons_interval_is_the_roots_of_its_equation() -> None:
+    for good, count in ((0, 10), (3, 10), (50, 100), (981, 1000), (7, 7)):
+        share, z = good / count, 1.959963984540054
+        for bound in wilson(good, count):
+            error = abs(bound - share) - z * math.sqrt(bound * (1 - bound) / count)
+            assert error == pytest.approx(0, abs=1e-9)
+    assert wilson(1, 10) == pytest.approx((0.01788, 0.40415), abs=1e-5)
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+@given(st.integers(0, 500), st.integers(0, 500))
+def test_wilsons_interval_holds_the_share_and_mirrors(good: int, bad: int) -> None:
+    low, high = wilson(good, good + bad)
+    assert 0 <= low <= high <= 1
+    if good + bad:
+        assert low - 1e-12 <= good / (good + bad) <= high + 1e-12
+    assert wilson(bad, good + bad) == pytest.approx((1 - high, 1 - low))
+
+
+def test_a_share_of_more_than_all_is_refused() -> None:
+    with pytest.raises(ValueError, match="3 of 2"):
+        wilson(3, 2)
+
+
+def test_rows_are_kept_through_a_torn_line_and_appended_after_it(tmp_path: Path) -> None:
+    with Store(tmp_path) as store:
+        store.add(row(1))
+        store.add(row(2))
+    path = tmp_path / ROWS
+    path.write_bytes(path.read_bytes()[:-40])
+    with Store(tmp_path) as store:
+        assert set(store.rows) == {"k1"}
+        store.add(row(3))
+    assert set(read_rows(path)) == {"k1", "k3"}
+    assert read_rows(path)["k1"] == row(1)
+
+
+def test_a_row_is_on_the_disk_when_it_was_added(tmp_path: Path) -> None:
+    with Store(tmp_path) as store:
+        store.add(row(1))
+        assert json.loads((tmp_path / ROWS).read_text("utf-8")) == row(1)
+
+
+def test_two_campaigns_do_not_write_into_one_folder(tmp_path: Path) -> None:
+    with Store(tmp_path), pytest.raises(SettingsError, match="a campaign is running there"):
+        Store(tmp_path)
+
+
+def test_hidden_times_are_joined_over_flickers_and_blinks_are_none() -> None:
+    hidden = {*range(10, 40), *range(45, 60), 80, 81, 82}
+    truth = [sample(n / 50, 0.0 if n in hidden else 1.0) for n in range(100)]
+    assert hidden_spans(truth) == [(0.2, 1.2)]
+
+
+def test_re_acquisition_is_measured_from_the_occlusions_end_to_what_control_knew() -> None:
+    truth = [sample(n / 50, 0.0 if 50 <= n < 100 or 200 <= n < 250 else 1.0) for n in range(500)]
+    sighted = [Sighted(1.5, 1.6), Sighted(2.3, 2.4), Sighted(5.5, 5.6)]
+    found = occlusions(truth, sighted, 0.0, 10.0)
+    assert [one.length_s for one in found] == pytest.approx([1.0, 1.0])
+    assert [one.reacquired_s for one in found] == pytest.approx([0.4, 0.6])
+    assert occlusions(truth, sighted, 2.0, 10.0)[0].start_s == 4.0
+    assert len(occlusions(truth, sighted, 0.0, 5.5)) == 1
+    assert occlusions(truth, [Sighted(5.5, 5.6)], 0.0, 10.0)[0].reacquired_s is None
+    assert occlusions(truth[:20], [], 0.0, 10.0) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "failures"),
+    [
+        ({}, []),
+        ({"in_frame_share": 0.98}, ["in frame"]),
+        ({"line_of_sight_rms_deg": 3.1}, ["line of sight"]),
+        ({"reacquired_s": (1.1,)}, ["re-acquisition"]),
+        ({"reacquired_s": (None,)}, ["re-acquisition"]),
+        ({"occlusion_s": (3.5,), "reacquired_s": (None,)}, []),
+        ({"envelope_violations": 1}, ["envelope"]),
+        ({"nearest_m": 3.9}, ["keep-out"]),
+        ({"nearest_m": 3.9, "keep_out_m": None}, []),
+        ({"approach_s": None}, ["never approached"]),
+        ({"time_to_acquire_s": None}, ["never followed"]),
+    ],
+)
+def test_each_goal_is_held_against_its_figure(changes: dict[str, Any], failures: list[str]) -> None:
+    assert Goals().failures(replace(GOOD, **changes)) == failures
+
+
+def test_worse_costs_more() -> None:
+    worse = (
+        {"line_of_sight_rms_deg": 4.0},
+        {"range_error_median": 0.2},
+        {"in_frame_share": 0.9},
+        {"reacquired_s": (2.0,)},
+        {"acceleration_rms_m_s2": 2.0},
+        {"envelope_violations": 1},
+        {"approach_s": None},
+    )
+    for change in worse:
+        assert cost(replace(GOOD, **change)) > cost(GOOD)  # type: ignore[arg-type]
+
+
+def test_goals_are_pooled_over_the_runs() -> None:
+    rows = [row(n) for n in range(8)]
+    rows += [row(8, line_of_sight_rms_deg=9.0), row(9, error="it broke")]
+    summary = summary_of(judged(rows, Goals()), Goals())
+    assert (summary.runs, summary.passed, summary.errors) == (10, 8, 1)
+    assert [one["number"] for one in summary.worst] == [9, 8]
+    assert dict(summary.failures) == {"line of sight": 1, "error": 1}
+    lines = {line.name: line for line in summary.lines}
+    pooled = math.sqrt((8 * 4 + 81) / 9)
+    assert f"{pooled:.2f}°" in lines["Line-of-sight error, RMS"].value
+    assert not lines["Line-of-sight error, RMS"].met
+    assert lines["Target in frame, outside occlusions"].met
+    assert not summary.reached
+
+
+def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    rows = judged([row(0), row(1, reacquired_s=(None,)), row(2, error="it broke")], Goals())
+    table = pq.read_table(write_parquet(tmp_path / "results.parquet", rows)).to_pydict()
+    assert table["number"] == [0, 1, 2]
+    assert table["passed"] == [True, False, False]
+    assert table["reacquired_s"] == [[0.3], [None], None]
+    assert table["p_wind"] == [3.0, 3.0, 3.0]
+    assert table["p_course"] == ["straight"] * 3
+    assert table["failures"] == [[], ["re-acquisition"], ["error"]]
+
+
+def test_time_to_go_is_told_when_the_pace_is_known() -> None:
+    from rich.console import Console
+
+    clock = SimulatedClock()
+    progress = CampaignProgress(Console(quiet=True), "x", 100, 40, clock)
+    assert progress.left() == "time to go not known yet"
+    for second in (10, 20, 30):
+        clock.sleep_until(float(second))
+        progress.finished()
+    assert progress.left() == "about 10 min to go"
+    assert in_words(59) == "59 s"
+    assert in_words(7200) == "2.0 h"
+
+
+def test_what_a_setting_is_now_is_where_a_search_begins() -> None:
+    settings = load_settings()
+    assert present(settings, "servo.azimuth.kp") == settings.servo.azimuth.kp
+    for wrong in ("servo.azimuth.gain", "servo.mode", "servo.hold_height"):
+        with pytest.raises(SettingsError, match="no setting with a number"):
+            present(settings, wrong)
