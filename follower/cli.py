@@ -11,6 +11,8 @@ import typer
 
 from follower.calibration.command import EPILOG as CALIBRATE_EPILOG
 from follower.calibration.command import calibrate_command
+from follower.campaign.command import EPILOG as CAMPAIGN_EPILOG
+from follower.campaign.command import campaign_command
 from follower.command_options import Cockpit, Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
@@ -111,6 +113,7 @@ app.command("preflight", epilog=PREFLIGHT_EPILOG)(preflight_command)
 app.command("track", epilog=EPILOG)(track_command)
 app.command("replay", epilog=REPLAY_EPILOG)(replay_command)
 app.command("evaluate", epilog=EVALUATE_EPILOG)(evaluate_command)
+app.command("campaign", epilog=CAMPAIGN_EPILOG)(campaign_command)
 app.command("inspect", epilog=INSPECT_EPILOG)(inspect_command)
 app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
 app.command("calibrate", epilog=CALIBRATE_EPILOG)(calibrate_command)
