@@ -1,0 +1,144 @@
+"""Each `follower …` line of the README, the pages and the help exists, with the options used.
+
+Nothing is run: lines are read with the parsers of the commands themselves.
+"""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from follower.cli import app
+from follower.configs import find_scenario
+from follower.faults.catalogue import fault_named
+from follower.settings import load_settings
+from follower_control.strict_yaml import SettingsError
+
+ROOT = Path(__file__).parents[2]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md")))
+FENCED = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+INLINE = re.compile(r"`(follower [^`\n]+)`")
+OTHER_SETTINGS = ("detector", "campaign")
+"""Commands whose --set is not of a flight's settings alone."""
+BRACKETS = re.compile(r"[][]")
+BEGINS = re.compile(r"^(?:\$ )?(?:\.venv/bin/|/\S*/bin/|ExecStart=/\S*/)?(follower\s.*)$")
+LEFT_OUT = {"…", "..."}
+GROUP = typer.main.get_command(app)
+UsageError = typer.BadParameter.__base__ or typer.BadParameter
+"""Of the click that typer has."""
+WORDS = re.compile(r"[a-z][a-z-]*")
+
+
+def fenced(text: str) -> Iterator[str]:
+    """Yield the commands of a page's code blocks, continued lines joined."""
+    for language, block in FENCED.findall(text):
+        if language not in ("", "bash", "sh", "console", "ini", "text"):
+            continue
+        for line in block.replace("\\\n", " ").splitlines():
+            if match := BEGINS.match(line.strip()):
+                yield match[1]
+
+
+def inline(text: str) -> Iterator[str]:
+    """Yield the commands in running text."""
+    yield from INLINE.findall(FENCED.sub("", text))
+
+
+def words_of(line: str) -> list[str]:
+    """Return a command's words, without a comment, a redirection or what is behind a pipe."""
+    shell = shlex.shlex(line, posix=True, punctuation_chars="|>;&")
+    shell.whitespace_split = True
+    words: list[str] = []
+    for word in shell:
+        if word and set(word) <= set("|>;&"):
+            break
+        words.append(word)
+    return words[1:]
+
+
+def command_of(words: list[str]) -> tuple[Any, list[str]]:
+    """Return the command that is meant, and what is left for it."""
+    command: Any = GROUP
+    while words and hasattr(command, "commands") and not words[0].startswith("-"):
+        if words[0] not in command.commands:
+            raise ValueError(f"there is no command {words[0]!r}")
+        command, words = command.commands[words[0]], words[1:]
+    return command, words
+
+
+def problem_with(line: str) -> str:
+    """Say what is wrong with a documented command; "" if nothing is."""
+    try:
+        command, rest = command_of(words_of(BRACKETS.sub("", line)))
+        context = command.context_class(command, info_name="follower")
+        values, left, _ = command.make_parser(context).parse_args(rest)
+    except (ValueError, UsageError) as error:
+        return f"{line}: {error}"
+    return wrong_value(line, command, values, left)
+
+
+def wrong_value(line: str, command: Any, values: dict[str, Any], left: list[str]) -> str:
+    """Say what a command would refuse of the names and settings it is given."""
+    if not_said := [word for word in left if word not in LEFT_OUT]:
+        return f"{line}: too much: {not_said}"
+    for text in (values.get("overrides") or ()) if command.name not in OTHER_SETTINGS else ():
+        key, _, value = text.partition("=")
+        if not knows_setting(key, yaml.safe_load(value)):
+            return f"{line}: no setting {text}"
+    for text in values.get("faults") or ():
+        if text not in ("list", "NAME@time:duration"):
+            fault_named(text.partition("@")[0])
+    scenario = values.get("scenario")
+    if command.name == "sim" and scenario and WORDS.fullmatch(str(scenario)):
+        find_scenario(scenario)
+    return ""
+
+
+def knows_setting(key: str, value: Any) -> bool:
+    if "$" in str(value) or "…" in str(value):
+        return True
+    try:
+        load_settings(overrides=[f"{key}={yaml.safe_dump(value, default_flow_style=True)[:-1]}"])
+    except SettingsError as error:
+        return "unknown" not in str(error) and "no such" not in str(error)
+    return True
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_of_a_page_exist_with_their_options(page: Path) -> None:
+    text = page.read_text("utf-8")
+    lines = [*fenced(text), *inline(text)]
+    assert [wrong for line in lines if (wrong := problem_with(line))] == []
+
+
+def helps(command: Any, name: str = "follower") -> Iterator[tuple[str, str]]:
+    yield name, f"{command.help or ''}\n{command.epilog or ''}"
+    for one, below in getattr(command, "commands", {}).items():
+        yield from helps(below, f"{name} {one}")
+
+
+def test_commands_of_the_help_exist_with_their_options() -> None:
+    texts = dict(helps(GROUP))
+    assert sum(len(list(inline(text))) for text in texts.values()) > 20
+    wrong = [
+        problem
+        for text in texts.values()
+        for line in inline(text)
+        if (problem := problem_with(line))
+    ]
+    assert wrong == []
+
+
+def test_the_pages_have_commands_and_a_wrong_one_is_noticed() -> None:
+    assert sum(len(list(fenced(page.read_text("utf-8")))) for page in PAGES) > 30
+    assert problem_with("follower sim demo --lockstep > out.txt  # a comment") == ""
+    assert "no command 'simulate'" in problem_with("follower simulate demo")
+    assert "--quick" in problem_with("follower sim demo --quick")
+    assert "too much" in problem_with("follower sim demo walker")
+    assert "requires an argument" in problem_with("follower sim demo --seed")
+    assert "no setting" in problem_with("follower sim demo --set servo.distance=3")
