@@ -31,11 +31,11 @@ from follower.preflight_command import preflight_command
 from follower.replay_command import EPILOG as REPLAY_EPILOG
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
+from follower.training.command import train_app
 from follower_control.strict_yaml import SettingsError
 
 DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
-from follower.training.command import train_app
 
 _DEMO_EPILOG = """
 **Examples**
@@ -119,13 +119,13 @@ app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
 app.command("calibrate", epilog=CALIBRATE_EPILOG)(calibrate_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
+app.add_typer(train_app, name="train")
 
 Autopilot = Annotated[
     str,
     typer.Option(
         "--autopilot",
         help="Which autopilot to simulate: **px4** or **ardupilot**; **external** flies one that "
-app.add_typer(train_app, name="train")
         "runs elsewhere, such as SITL, in our world.",
         metavar="px4|ardupilot|external",
     ),
