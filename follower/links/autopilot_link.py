@@ -18,6 +18,7 @@ from follower.links.link_status import LinkStatus
 from follower.links.message_rates import MessageRates
 from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
 from follower.links.operator_commands import OperatorCommand, OperatorCommands
+from follower.links.packet_port import PacketPort
 from follower.links.packets import Packet
 from follower.links.parameter_reader import ParameterReader
 from follower.links.sequence import SequenceCounter
@@ -140,6 +141,21 @@ class AutopilotLink(ABC):
     def parameters(self) -> ParameterReader | None:
         """The parameters asked for, None before the vehicle is found."""
         return None if self._health is None else self._health.parameters
+
+    @property
+    def vehicle_id(self) -> int | None:
+        """The vehicle's MAVLink system id, None before it is found."""
+        return None if self._vehicle is None else self._vehicle.system
+
+    def open_port(self, message_ids: frozenset[int]) -> PacketPort:
+        """Return a port for another component on this link; there is one at a time.
+
+        Args:
+            message_ids: of what it is to hear, from whomever it comes.
+        """
+        port = PacketPort(message_ids, self._channel.send)
+        self._channel.tap = port.hear
+        return port
 
     def watch_health(self) -> None:
         """From now on have the vehicle tell its firmware and, once a second, its health."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from collections.abc import Callable
 
 from follower.links.packets import Packet, PacketReader
 from follower.links.signing import Signer
@@ -22,6 +23,7 @@ class PacketChannel:
     Attributes:
         received: packets that were believed.
         refused: how many packets were not, by the reason.
+        tap: is shown every packet that is believed, on the thread that receives.
     """
 
     def __init__(self, transport: Transport, signer: Signer | None = None) -> None:
@@ -32,6 +34,7 @@ class PacketChannel:
         self._now_s = 0.0
         self.received = 0
         self.refused: Counter[str] = Counter()
+        self.tap: Callable[[Packet], None] | None = None
 
     @property
     def skipped_bytes(self) -> int:
@@ -44,6 +47,9 @@ class PacketChannel:
         packets = self._reader.feed(self._transport.receive())
         believed = [packet for packet in packets if self._believes(packet)]
         self.received += len(believed)
+        if self.tap is not None:
+            for packet in believed:
+                self.tap(packet)
         return believed
 
     def send(self, packet: bytes) -> None:

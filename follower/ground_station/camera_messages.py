@@ -1,0 +1,184 @@
+"""What the camera says about itself and its target, as MAVLink messages."""
+
+from __future__ import annotations
+
+import math
+from importlib.metadata import version
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.ground_station.place import Place
+from follower.ground_station.settings import GroundStationSettings
+from follower_vision.track import Track, TrackState
+
+_NAN = math.nan
+_NOWHERE = 2**31 - 1
+_VIDEO_MODE = int(mavlink.CAMERA_MODE_VIDEO)
+_TRACKS = (
+    mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT
+    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_RECTANGLE
+    | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
+)
+STREAM = 1
+_ACTIVE = mavlink.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE
+_COASTING = mavlink.CAMERA_TRACKING_STATUS_FLAGS_COASTING
+_ERROR = mavlink.CAMERA_TRACKING_STATUS_FLAGS_ERROR
+
+
+def heartbeat() -> Any:
+    """Return the camera's heartbeat."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_CAMERA,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )
+
+
+def camera_information(
+    settings: GroundStationSettings, size: tuple[int, int], definition_uri: str, boot_ms: int
+) -> Any:
+    """Return CAMERA_INFORMATION; `definition_uri` is empty where there is no definition."""
+    video = mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM if settings.video_uri else 0
+    return mavlink.MAVLink_camera_information_message(
+        boot_ms,
+        _text("follower"),
+        _text("tracking camera"),
+        _firmware_version(),
+        *(_NAN, _NAN, _NAN),
+        *size,
+        0,
+        _TRACKS | video,
+        1 if definition_uri else 0,
+        definition_uri.encode(),
+    )
+
+
+def camera_settings(boot_ms: int) -> Any:
+    """Return CAMERA_SETTINGS: it films, and has neither zoom nor focus."""
+    return mavlink.MAVLink_camera_settings_message(boot_ms, _VIDEO_MODE, _NAN, _NAN)
+
+
+def storage_information(boot_ms: int) -> Any:
+    """Return STORAGE_INFORMATION: recordings are the follower's, not the camera's."""
+    unsupported = mavlink.STORAGE_STATUS_NOT_SUPPORTED
+    return mavlink.MAVLink_storage_information_message(boot_ms, 0, 0, unsupported, *([0.0] * 5))
+
+
+def capture_status(boot_ms: int) -> Any:
+    """Return CAMERA_CAPTURE_STATUS: nothing is captured at anybody's wish."""
+    return mavlink.MAVLink_camera_capture_status_message(boot_ms, 0, 0, 0.0, 0, 0.0)
+
+
+def video_stream_information(
+    settings: GroundStationSettings, size: tuple[int, int], rate_hz: float, fov_deg: float
+) -> Any:
+    """Return VIDEO_STREAM_INFORMATION of the one stream."""
+    kind, uri = _stream_of(settings.video_uri)
+    return mavlink.MAVLink_video_stream_information_message(
+        STREAM,
+        1,
+        kind,
+        mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+        rate_hz,
+        *size,
+        0,
+        0,
+        round(fov_deg),
+        b"follower",
+        uri.encode(),
+        mavlink.VIDEO_STREAM_ENCODING_H264,
+    )
+
+
+def video_stream_status(size: tuple[int, int], rate_hz: float, fov_deg: float) -> Any:
+    """Return VIDEO_STREAM_STATUS of the one stream."""
+    running = mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING
+    return mavlink.MAVLink_video_stream_status_message(
+        STREAM, running, rate_hz, *size, 0, 0, round(fov_deg)
+    )
+
+
+def tracking_status(track: Track | None, active_only: bool) -> int:
+    """Return CAMERA_TRACKING_STATUS_FLAGS.
+
+    A target that is lost has no box: some ground stations draw one for every flag but idle.
+    """
+    if track is None:
+        return 0
+    if track.state is TrackState.TRACKING:
+        return int(_ACTIVE)
+    if track.state is TrackState.COASTING:
+        return int(_ACTIVE if active_only else _ACTIVE | _COASTING)
+    return 0 if active_only else int(_ERROR)
+
+
+def tracking_image_status(track: Track | None, size: tuple[int, int], active_only: bool) -> Any:
+    """Return CAMERA_TRACKING_IMAGE_STATUS: a rectangle, also for a target chosen by a point."""
+    status = tracking_status(track, active_only)
+    if track is None or not status:
+        nothing = (_NAN,) * 7
+        none = mavlink.CAMERA_TRACKING_MODE_NONE
+        return mavlink.MAVLink_camera_tracking_image_status_message(status, none, 0, *nothing)
+    box, (width, height) = track.box, size
+    return mavlink.MAVLink_camera_tracking_image_status_message(
+        status,
+        mavlink.CAMERA_TRACKING_MODE_RECTANGLE,
+        mavlink.CAMERA_TRACKING_TARGET_DATA_IN_STATUS,
+        box.cx / width,
+        box.cy / height,
+        box.scale / 2 / width,
+        box.left / width,
+        box.top / height,
+        box.right / width,
+        box.bottom / height,
+    )
+
+
+def tracking_geo_status(track: Track | None, place: Place | None, active_only: bool) -> Any:
+    """Return CAMERA_TRACKING_GEO_STATUS; without a place all its numbers are unknown."""
+    status = tracking_status(track, active_only)
+    if place is None or not status:
+        unknown = (_NOWHERE, _NOWHERE, *([_NAN] * 10))
+        return mavlink.MAVLink_camera_tracking_geo_status_message(status, *unknown)
+    fix = place.fix
+    north, east, down = fix.velocity_m_s
+    return mavlink.MAVLink_camera_tracking_geo_status_message(
+        status,
+        round(place.latitude_deg * 1e7),
+        round(place.longitude_deg * 1e7),
+        place.altitude_m,
+        fix.horizontal_m,
+        fix.vertical_m,
+        *(north, east, down),
+        fix.speed_m_s,
+        fix.range_m,
+        math.atan2(east, north) % math.tau,
+        _heading_deviation(fix.speed_m_s, math.hypot(north, east)),
+    )
+
+
+def _heading_deviation(deviation_m_s: float, speed_m_s: float) -> float:
+    """Standard deviation of a course, at most half a turn."""
+    return min(deviation_m_s / speed_m_s, math.pi) if speed_m_s > 0 else math.pi
+
+
+def _stream_of(uri: str) -> tuple[int, str]:
+    """Return the kind of stream and its address as QGroundControl wants it."""
+    if uri.startswith("rtsp://"):
+        return int(mavlink.VIDEO_STREAM_TYPE_RTSP), uri
+    port = uri.rpartition(":")[2]
+    return int(mavlink.VIDEO_STREAM_TYPE_RTPUDP), uri if uri.startswith("udp://") else port
+
+
+def _text(text: str) -> list[int]:
+    return list(text.encode().ljust(32, b"\0")[:32])
+
+
+def _firmware_version() -> int:
+    """Return the version as CAMERA_INFORMATION packs it: major in the lowest byte."""
+    numbers = [int(part) for part in version("drone-target-follower").split(".") if part.isdigit()]
+    return sum((number & 0xFF) << (8 * place) for place, number in enumerate(numbers[:4]))

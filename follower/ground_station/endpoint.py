@@ -1,0 +1,42 @@
+"""One MAVLink component of ours: who it is, and its own count of what it sends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+
+class Endpoint:
+    """Sends messages as one component of a system.
+
+    Args:
+        system: MAVLink system id.
+        component: MAVLink component id.
+        send: takes packed messages.
+    """
+
+    def __init__(self, system: int, component: int, send: Callable[[bytes], None]) -> None:
+        self.system = system
+        self.component = component
+        self._codec = mavlink.MAVLink(None, system, component)
+        self._send = send
+
+    def send(self, message: Any) -> None:
+        """Pack and send a message."""
+        data = message.pack(self._codec)
+        self._codec.seq = (self._codec.seq + 1) % 256
+        self._send(data)
+
+    def is_for(self, message: Any) -> bool:
+        """Whether a message is addressed to this component and no other."""
+        return (message.target_system, message.target_component) == (self.system, self.component)
+
+    def acknowledge(self, command: int, result: int, system: int, component: int) -> None:
+        """Answer a command."""
+        self.send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, system, component))
+
+    def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
+        """Send a line for the pilot to read, cut to the 50 bytes there are."""
+        self.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))

@@ -1,0 +1,147 @@
+"""Runs camera, parameters and the target's report on a thread of their own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.ground_station.camera import Camera
+from follower.ground_station.endpoint import Endpoint
+from follower.ground_station.flight_view import FlightView
+from follower.ground_station.parameter_server import ParameterServer
+from follower.ground_station.settings import GroundStationSettings, TargetMessage
+from follower.ground_station.target_report import TargetReport
+from follower.links.autopilot_link import COMPONENT_ID
+from follower.links.packets import Packet
+from follower_vision.clock import Clock
+from follower_vision.framesource import ClosesItself
+
+_WAIT_S = 0.02
+_COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
+_PARAMETERS = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_SET,
+    }
+)
+HEARD = frozenset({*_COMMANDS, *_PARAMETERS, mavlink.MAVLINK_MSG_ID_HEARTBEAT})
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """What the ground station is told of the frames.
+
+    Attributes:
+        fov_deg: horizontal field of view.
+        rate_hz: frames a second.
+    """
+
+    fov_deg: float
+    rate_hz: float
+
+
+class GroundStation(ClosesItself):
+    """What a ground station sees of the follower, on the link to the autopilot.
+
+    It begins when the link has found its vehicle, under whose system id it speaks. The link's own
+    thread hands packets over and goes on; everything else is done here.
+
+    Args:
+        settings: see there.
+        view: of the flight.
+        lens: what the camera is like.
+        clock: the system's.
+        save: writes the changed settings to their file and says where; None without a file.
+    """
+
+    def __init__(
+        self,
+        settings: GroundStationSettings,
+        view: FlightView,
+        lens: Lens,
+        clock: Clock,
+        save: Callable[[], str] | None = None,
+    ) -> None:
+        self._settings = settings
+        self._view = view
+        self._lens = lens
+        self._clock = clock
+        self._save = save
+        self._decoder = mavlink.MAVLink(None)
+        self._port = view.link.open_port(HEARD)
+        self._camera: Camera | None = None
+        self._parameters: ParameterServer | None = None
+        self._target: TargetReport | None = None
+        self._clashed = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ground station", daemon=True)
+
+    def start(self) -> None:
+        """Begin to answer, on a thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def step(self, now_s: float, wait_s: float = 0.0) -> None:
+        """Answer what has come and send what is due; what the thread does again and again."""
+        packets = self._port.wait(wait_s)
+        if self._camera is None and self._view.link.vehicle_id is not None:
+            self._begin(self._view.link.vehicle_id)
+        if self._camera is None:
+            return
+        for packet in packets:
+            self._hear(packet, now_s)
+        if not self._clashed:
+            self._camera.step(now_s)
+        if self._parameters is not None:
+            self._parameters.step(now_s)
+        if self._target is not None:
+            self._target.step(now_s)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self.step(self._clock.now(), _WAIT_S)
+
+    def _begin(self, system: int) -> None:
+        settings, view, send = self._settings, self._view, self._port.send
+        endpoint = Endpoint(system, settings.camera_component, send)
+        lens, uri = self._lens, settings.definition_uri
+        self._camera = Camera(settings, endpoint, view, lens.fov_deg, lens.rate_hz, uri, self._save)
+        if settings.parameters:
+            computer = Endpoint(system, COMPONENT_ID, send)
+            self._parameters = ParameterServer(computer, view.requests, self._save)
+        if settings.target is not TargetMessage.NONE:
+            target = Endpoint(settings.target_system, COMPONENT_ID, send)
+            self._target = TargetReport(settings, target, view)
+
+    def _hear(self, packet: Packet, now_s: float) -> None:
+        message = self._decoder.decode(bytearray(packet.data))
+        if packet.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            self._look_for_another(packet, message)
+        elif packet.message_id in _COMMANDS and self._camera is not None and not self._clashed:
+            self._camera.hear(message, now_s)
+        if packet.message_id not in _COMMANDS and self._parameters is not None:
+            self._parameters.hear(message, now_s)
+
+    def _look_for_another(self, packet: Packet, message: Any) -> None:
+        """Be silent as a camera where another one has the same number."""
+        ours = self._view.link.vehicle_id, self._settings.camera_component
+        if (packet.system, packet.component) != ours or self._clashed:
+            return
+        self._clashed = True
+        number = self._settings.camera_component
+        self._view.requests.note(
+            (
+                f"another camera (type {message.type}) has component {number} already: "
+                "ours is silent; set ground_station.camera_component",
+            )
+        )

@@ -1,0 +1,297 @@
+"""Gains and limits as MAVLink parameters: all of them arrive, and nothing bad is taken."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.ground_station.parameter_table import (
+    NONE,
+    by_name,
+    float32,
+    parameters,
+    shortest,
+)
+from follower.setting_change import live_keys, value_at
+from follower.settings import Settings, load_settings
+from follower.target_wish import RequestRefusedError
+from follower_control.servo_settings import Mode
+
+MakeRig = Callable[..., Any]
+REAL, UINT = mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_UINT32
+COMPANION = 191
+KP = "SRV_AZ_KP"
+
+
+def station(rig: Any, **options: Any) -> Any:
+    peer = rig.peer(**options)
+    rig.everybody.append(peer)
+    return peer
+
+
+def put(peer: Any, name: str, value: float, kind: int = REAL, component: int = COMPANION) -> None:
+    peer.send(mavlink.MAVLink_param_set_message(1, component, name.encode(), value, kind))
+
+
+def read(peer: Any, name: str = "", index: int = -1, component: int = COMPANION) -> None:
+    peer.send(mavlink.MAVLink_param_request_read_message(1, component, name.encode(), index))
+
+
+def ask_for_all(peer: Any, component: int = COMPANION) -> None:
+    peer.send(mavlink.MAVLink_param_request_list_message(1, component))
+
+
+def told(peer: Any) -> dict[str, float]:
+    return {one.param_id: one.param_value for one in peer.of("PARAM_VALUE", COMPANION)}
+
+
+def test_every_live_setting_has_a_name_of_its_own_that_fits() -> None:
+    names = [one.name for one in parameters()]
+    assert [one.live for one in parameters()] == list(live_keys())
+    assert len(set(names)) == len(names)
+    assert all(0 < len(name) <= 16 and name.isascii() for name in names)
+    assert {name.partition("_")[0] for name in names} == {"SRV", "SRCH", "ENV", "SUP"}
+
+
+@pytest.mark.parametrize("base", [{}, {"servo": {"target_size_m": 1.7, "mode": "orbit"}}])
+def test_a_value_survives_the_way_there_and_back(base: dict[str, Any]) -> None:
+    settings = load_settings(base=base)
+    for one in parameters():
+        value = one.value(one.number(settings))
+        assert value == value_at(settings, one.live.key)
+        assert type(value) is type(value_at(settings, one.live.key))
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_the_shortest_decimal_is_the_same_32_bit_number(number: float) -> None:
+    assert float32(shortest(number)) == number
+
+
+def test_a_round_decimal_stays_round() -> None:
+    assert [shortest(float32(x)) for x in (0.1, 1.3, 12.34, 100.0)] == [0.1, 1.3, 12.34, 100.0]
+
+
+class QGroundControl:
+    """Its way to fetch a companion's parameters: by index, ten at a time, five tries each."""
+
+    BATCH, MOST_TRIES, TIMEOUT_S = 10, 5, 3.0
+
+    def __init__(self, peer: Any) -> None:
+        self.peer = peer
+        self.tries: dict[int, int] = {}
+        self.asked: set[int] = set()
+        self.quiet_since_s = 0.0
+        self.heard = 0
+
+    @property
+    def missing(self) -> list[int]:
+        values = self.peer.of("PARAM_VALUE", COMPANION)
+        if not values:
+            return []
+        return sorted(set(range(values[0].param_count)) - {one.param_index for one in values})
+
+    def step(self, now_s: float) -> None:
+        self.peer.say_hello(now_s)
+        heard = len(self.peer.of("PARAM_VALUE", COMPANION))
+        if heard != self.heard:
+            self.heard, self.quiet_since_s = heard, now_s
+        if self.asked & set(self.missing) and now_s - self.quiet_since_s < self.TIMEOUT_S:
+            return
+        tries = [index for index in self.missing if self.tries.get(index, 0) < self.MOST_TRIES]
+        self.asked, self.quiet_since_s = set(tries[: self.BATCH]), now_s
+        for index in self.asked:
+            self.tries[index] = self.tries.get(index, 0) + 1
+            read(self.peer, index=index)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_parameter_that_is_announced_arrives_though_packets_are_lost(
+    make_rig: MakeRig, seed: int
+) -> None:
+    rig = make_rig()
+    qgc = QGroundControl(station(rig, loss=0.3, seed=seed))
+    rig.run(90.0, qgc.step)
+    values = qgc.peer.of("PARAM_VALUE", COMPANION)
+    assert {one.param_count for one in values} == {len(parameters())}
+    assert qgc.missing == []
+    assert max(qgc.tries.values()) < QGroundControl.MOST_TRIES
+    wanted = {one.name: one.number(rig.settings) for one in parameters()}
+    assert told(qgc.peer) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("component", [COMPANION, 0])
+def test_a_list_brings_all_of_them_soon(make_rig: MakeRig, component: int) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    rig.run(0.1)
+    ask_for_all(peer, component)
+    rig.run(1.0)
+    assert set(told(peer)) == {one.name for one in parameters()}
+    assert all(one.param_type == REAL for one in peer.of("PARAM_VALUE"))
+
+
+def test_it_is_announced_after_a_ground_station_was_heard_and_not_for_ever(
+    make_rig: MakeRig,
+) -> None:
+    rig = make_rig()
+    peer = rig.peer(1, 154)  # a component of the vehicle is no ground station
+    rig.everybody.append(peer)
+    rig.run(3.0)
+    qgc = station(rig)
+    rig.run(100.0, qgc.say_hello)
+    announced = qgc.of("PARAM_VALUE", COMPANION)
+    assert 10 <= len(announced) <= 12
+    assert {(one.param_index, one.param_count) for one in announced} == {(0, len(parameters()))}
+
+
+def test_without_parameters_nothing_is_announced_or_answered(make_rig: MakeRig) -> None:
+    rig = make_rig(parameters=False)
+    peer = station(rig)
+    rig.run(0.1)
+    ask_for_all(peer)
+    rig.run(3.0, peer.say_hello)
+    assert not peer.of("PARAM_VALUE")
+
+
+def test_a_gain_is_set_told_and_taken_by_control(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    put(peer, KP, 0.7)
+    rig.run(0.1)
+    assert told(peer)[KP] == float32(0.7)
+    taken = rig.requests.take()
+    assert taken.settings.servo.azimuth.kp == 0.7, "the decimal, not its neighbour of 32 bits"
+    assert "255" in taken.notes[0]
+    put(peer, KP, 0.7)
+    rig.run(0.1)
+    assert rig.requests.take().settings is None, "said twice, done once"
+    assert len(peer.of("PARAM_VALUE")) >= 2
+
+
+def test_a_mode_is_a_number(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    put(peer, "SRV_MODE", list(Mode).index(Mode.ORBIT))
+    rig.run(0.1)
+    assert rig.requests.settings.servo.mode is Mode.ORBIT
+
+
+def test_none_is_a_number_too(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    put(peer, "SRV_TGTSIZE", 1.5)
+    rig.run(0.1)
+    assert rig.requests.settings.servo.target_size_m == 1.5
+    put(peer, "SRV_TGTSIZE", NONE)
+    rig.run(0.1)
+    assert rig.requests.settings.servo.target_size_m is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind"),
+    [
+        (KP, -1.0, REAL),
+        (KP, math.nan, REAL),
+        (KP, math.inf, REAL),
+        (KP, 1.0, UINT),
+        ("SRV_DIST", 1e9, REAL),
+        ("SRV_MODE", 1.5, REAL),
+        ("SRV_MODE", 99.0, REAL),
+        ("SRV_HOLDHGT", 2.0, REAL),
+        ("ENV_MAXSPD", 11.0, REAL),
+        ("ENV_MINHGT", 1.0, REAL),
+        ("ENV_CEIL", NONE, REAL),
+        ("SRV_DIST", NONE, REAL),
+    ],
+)
+def test_a_bad_value_is_refused_with_the_old_one(
+    make_rig: MakeRig, name: str, value: float, kind: int
+) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    put(peer, name, value, kind)
+    rig.run(0.1)
+    old = by_name()[name].number(rig.settings)
+    assert [one.param_value for one in peer.of("PARAM_VALUE") if one.param_id == name][-1] == old
+    (error,) = peer.of("PARAM_ERROR")
+    assert (error.param_id, error.target_system) == (name, 255)
+    assert error.error == mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+    assert peer.of("STATUSTEXT")
+    assert rig.requests.settings == rig.settings
+
+
+@pytest.mark.parametrize("ask", ["read", "set", "index"])
+def test_what_is_not_there_is_said_not_to_be(make_rig: MakeRig, ask: str) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    if ask == "read":
+        read(peer, "MPC_XY_VEL_MAX")
+    elif ask == "set":
+        put(peer, "MPC_XY_VEL_MAX", 1.0)
+    else:
+        read(peer, index=500)
+    rig.run(0.1)
+    assert peer.of("PARAM_ERROR")[0].error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+
+
+def test_what_is_asked_of_others_is_left_to_them(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    rig.run(0.1)
+    before = len(peer.messages)
+    put(peer, KP, 0.7, component=1)
+    read(peer, "MPC_XY_VEL_MAX", component=0)
+    ask_for_all(peer, 1)
+    rig.run(0.5)
+    assert not [one for one in peer.messages[before:] if one.get_type().startswith("PARAM")]
+    assert rig.requests.settings == rig.settings
+
+
+def test_what_another_front_end_changes_is_told(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    rig.run(0.1)
+    rig.requests.change("servo.azimuth.kp", 0.9, "a web page")
+    rig.run(0.1)
+    assert told(peer)[KP] == float32(0.9)
+
+
+def test_settings_are_saved_on_request(make_rig: MakeRig) -> None:
+    saved: list[int] = []
+
+    def save() -> str:
+        saved.append(1)
+        return "saved to mine.yaml"
+
+    rig = make_rig(save=save)
+    peer = station(rig)
+    put(peer, "CFG_SAVE", 1.0)
+    rig.run(0.1)
+    assert told(peer)["CFG_SAVE"] == 1.0
+    assert "mine.yaml" in peer.of("STATUSTEXT")[0].text
+    peer.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0)
+    rig.run(0.1)
+    assert len(saved) == 2
+
+
+def test_what_cannot_be_saved_is_refused(make_rig: MakeRig) -> None:
+    def save() -> str:
+        raise RequestRefusedError("the disk is full")
+
+    rig = make_rig(save=save)
+    peer = station(rig)
+    put(peer, "CFG_SAVE", 1.0)
+    rig.run(0.1)
+    assert told(peer)["CFG_SAVE"] == 0.0
+    assert "disk is full" in peer.of("STATUSTEXT")[0].text
+
+
+def test_the_defaults_are_what_they_are_said_to_be() -> None:
+    settings = Settings()
+    assert by_name()["SRV_DIST"].number(settings) == 15.0
+    assert by_name()["SRV_RNG_KP"].number(settings) == 0.5
+    assert by_name()["SRV_TGTSIZE"].number(settings) == NONE
