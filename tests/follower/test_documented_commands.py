@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import typer
 import yaml
+from typer.exceptions import TyperException
 
 from follower.cli import app
 from follower.configs import find_scenario
@@ -29,8 +30,8 @@ BRACKETS = re.compile(r"[][]")
 BEGINS = re.compile(r"^(?:\$ )?(?:\.venv/bin/|/\S*/bin/|ExecStart=/\S*/)?(follower\s.*)$")
 LEFT_OUT = {"…", "..."}
 GROUP = typer.main.get_command(app)
-UsageError = typer.BadParameter.__base__ or typer.BadParameter
-"""Of the click that typer has."""
+
+
 WORDS = re.compile(r"[a-z][a-z-]*")
 
 
@@ -77,7 +78,7 @@ def problem_with(line: str) -> str:
         command, rest = command_of(words_of(BRACKETS.sub("", line)))
         context = command.context_class(command, info_name="follower")
         values, left, _ = command.make_parser(context).parse_args(rest)
-    except (ValueError, UsageError) as error:
+    except (ValueError, TyperException) as error:
         return f"{line}: {error}"
     return wrong_value(line, command, values, left)
 
