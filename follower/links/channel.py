@@ -44,7 +44,7 @@ class PacketChannel:
     def receive(self, now_s: float) -> list[Packet]:
         """Return the packets that have come and are believed."""
         self._now_s = now_s
-        packets = self._reader.feed(self._transport.receive())
+        packets = self._reader.feed(self._transport.receive(), now_s)
         believed = [packet for packet in packets if self._believes(packet)]
         self.received += len(believed)
         if self.tap is not None:

@@ -13,6 +13,8 @@ _V1, _V2 = 0xFE, 0xFD
 _V1_HEAD, _V2_HEAD, _CRC, SIGNATURE = 6, 10, 2, 13
 SIGNED_FLAG = 0x01
 _NOT_YET, _NEVER = 0, -1
+_SOON_S = 0.05
+"""The longest packet takes as long at 57600 baud; UDP brings packets as a whole."""
 _CRC_EXTRA = {
     ekf_status_report.MESSAGE_ID: ekf_status_report.CRC_EXTRA,
     **{number: int(message.crc_extra) for number, message in mavlink.mavlink_map.items()},
@@ -42,8 +44,9 @@ class PacketReader:
     """Finds the packets in a stream that may hold anything.
 
     After a byte that fits nowhere it looks on at the next one, so that garbage never hides a
-    packet behind it. Messages that the dialect does not know cannot be checked and are passed
-    over.
+    packet behind it. Messages that the dialect does not know cannot be checked: they are passed
+    over if they come from somebody whose packets were right, and are garbage else. What begins like
+    a packet and is not complete soon is garbage too.
 
     Attributes:
         skipped_bytes: how many bytes belonged to no packet.
@@ -51,26 +54,33 @@ class PacketReader:
 
     def __init__(self) -> None:
         self._rest = b""
+        self._came: list[tuple[int, float]] = []
+        self._senders: set[bytes] = set()
         self.skipped_bytes = 0
 
-    def feed(self, data: bytes) -> list[Packet]:
+    def feed(self, data: bytes, now_s: float = 0.0) -> list[Packet]:
         """Take bytes as they came; return the packets that are complete now."""
+        if not (data or self._rest):
+            return []
         stream = self._rest + data
+        self._came.append((len(stream), now_s))
         packets: list[Packet] = []
         at = self._next_start(stream, 0)
-        while (length := _length(stream, at)) != _NOT_YET:
+        while (length := self._length(stream, at, now_s)) != _NOT_YET:
             packet = None if length == _NEVER else _packet(stream[at : at + length])
             if packet is not None:
                 packets.append(packet)
+                self._senders.add(_sender(packet.data))
                 at = self._next_start(stream, at + length)
-            elif length != _NEVER and _is_unknown(stream, at, length):
-                if at + length == len(stream):
+            elif length != _NEVER and self._is_unknown(stream, at, length):
+                if at + length == len(stream) and not self._is_overdue(at, now_s):
                     break  # what comes next will tell
                 at = self._next_start(stream, at + length)
             else:
                 self.skipped_bytes += 1
                 at = self._next_start(stream, at + 1)
         self._rest = stream[at:]
+        self._came = [(end - at, came_s) for end, came_s in self._came if end > at]
         return packets
 
     def _next_start(self, stream: bytes, at: int) -> int:
@@ -80,6 +90,23 @@ class PacketReader:
         start = min(starts, default=len(stream))
         self.skipped_bytes += start - at
         return start
+
+    def _length(self, stream: bytes, at: int, now_s: float) -> int:
+        """Return the length of the packet at `at`, if it is complete and can be one."""
+        length = _length(stream, at)
+        return _NEVER if length == _NOT_YET and self._is_overdue(at, now_s) else length
+
+    def _is_overdue(self, at: int, now_s: float) -> bool:
+        """Whether the byte at `at` came so long ago that the rest should have come too."""
+        came_s = next((came_s for end, came_s in self._came if end > at), now_s)
+        return now_s - came_s > _SOON_S
+
+    def _is_unknown(self, stream: bytes, at: int, length: int) -> bool:
+        """Whether this looks like a packet of another dialect: what follows begins one too."""
+        data, end = stream[at : at + length], at + length
+        if crc_extra_of(message_id_of(data)) is not None or _sender(data) not in self._senders:
+            return False
+        return end == len(stream) or stream[end] in (_V1, _V2)
 
 
 def checksum(unsigned: bytes, crc_extra: int) -> bytes:
@@ -125,9 +152,6 @@ def _packet(data: bytes) -> Packet | None:
     return Packet(system, component, message_id, sequence, signed, data)
 
 
-def _is_unknown(stream: bytes, at: int, length: int) -> bool:
-    """Whether this looks like a packet of another dialect: what follows begins one, or nothing."""
-    if crc_extra_of(message_id_of(stream[at : at + length])) is not None:
-        return False
-    end = at + length
-    return end == len(stream) or stream[end] in (_V1, _V2)
+def _sender(data: bytes) -> bytes:
+    """Return who says that it sent this packet: system and component."""
+    return data[3:5] if data[0] == _V1 else data[5:7]

@@ -68,6 +68,23 @@ def test_another_dialects_message_is_passed_over_as_a_whole() -> None:
     assert [packet.message_id for packet in packets] == [0]
 
 
+def test_a_strangers_unknown_message_hides_nothing() -> None:
+    """Garbage can look like one, and end just where a true packet begins."""
+    reader = PacketReader()
+    reader.feed(_beat())
+    claims = 2 * len(_beat()) - 8
+    garbage = bytes((0xFE, claims, 0, 66, 9, 150))
+    assert len(reader.feed(garbage + 4 * _beat())) == 4
+
+
+def test_a_header_that_is_never_completed_holds_nothing_back_for_long() -> None:
+    reader = PacketReader()
+    header = b"\xfd\xff\x00\x00\x00\x07\x01\x1e\x00\x00"
+    assert reader.feed(header, 1.0) == []
+    assert reader.feed(_beat(), 1.02) == []
+    assert [packet.data for packet in reader.feed(b"", 1.06)] == [_beat()]
+
+
 def test_mavlink_1_is_understood() -> None:
     message = mavlink.MAVLink_heartbeat_message(2, 12, 129, 6 << 16, 4, 3)
     (packet,) = PacketReader().feed(bytes(message.pack(_codec(9), force_mavlink1=True)))

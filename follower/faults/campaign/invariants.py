@@ -11,8 +11,7 @@ from follower.settings import Settings
 
 LET_GO_WITHIN_S = 0.1
 _GRACE_S = 0.1
-_GROWS_M_S = 0.7
-"""What jerk-limited braking may still add when it begins in full acceleration, and a little."""
+_NOTICEABLE_M_S = 0.1
 
 
 class InvariantError(AssertionError):
@@ -51,6 +50,9 @@ class Invariants:
     def __init__(self, settings: Settings, own_mode: int, begun_anew_by_mode: bool) -> None:
         self._limits = settings.envelope
         self._patience = settings.supervisor
+        acceleration, jerk = self._limits.max_acceleration_m_s2, self._limits.max_jerk_m_s3
+        # Horizontally and vertically, what braking still adds that begins in full acceleration.
+        self._grows_m_s = math.sqrt(2) * acceleration**2 / (2 * jerk) + _NOTICEABLE_M_S
         self._own_mode = own_mode
         self._by_mode = begun_anew_by_mode
         self._before: WireSetpoint | None = None
@@ -137,7 +139,7 @@ class Invariants:
         if self._blind_since_s is None:
             return
         speed, since_s = setpoint.speed_m_s, setpoint.time_s - self._blind_since_s
-        if speed > self._blind_speed + _GROWS_M_S:
+        if speed > self._blind_speed + self._grows_m_s:
             raise InvariantError(
                 f"the speed grows to {speed:.2f} m/s, {since_s:.2f} s after the last good input"
             )

@@ -66,6 +66,7 @@ class CheapVehicle:
         self.distort: Callable[[Any], Any] = lambda message: message
         self._setpoint = (0.0, 0.0, 0.0, 0.0)
         self._setpoint_s = -math.inf
+        self._now_s = now_s
         self._count = 0
         self._beat_s = -math.inf
 
