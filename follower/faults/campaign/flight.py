@@ -156,16 +156,23 @@ class _RandomFlight:
         engages = self._stage.supervisor.state.engaged and not before.engaged
         for mode in self._watch.modes:
             self._invariants.tell(mode, now_s)
+        if self._record is not None:
+            inputs = self._inputs(self._record, now_s, interval_s)
+            self._invariants.look(self._watch.setpoints, now_s, inputs, engages)
+        self._watch.setpoints, self._watch.modes = [], []
+
+    def _inputs(self, record: ControlRecord, now_s: float, interval_s: float) -> Inputs:
         newest = self._sight.newest
         captured_s = -math.inf if newest is None else newest.captured_s
-        inputs = Inputs(
+        return Inputs(
             now_s - captured_s,
             now_s - self._sight.shows_s,
             self._invariants.heartbeat_age_s(now_s),
             interval_s,
+            max(record.vehicle.attitude_age_s(now_s), record.vehicle.position_age_s(now_s)),
+            record.state.steers,
+            record.allowed.values,
         )
-        self._invariants.look(self._watch.setpoints, now_s, inputs, engages)
-        self._watch.setpoints, self._watch.modes = [], []
 
     def _note(self, record: ControlRecord) -> None:
         result = self._result

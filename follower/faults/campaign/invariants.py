@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from follower.faults.campaign.sent_motion import SentMotion
 from follower.faults.evidence import WireSetpoint
 from follower.faults.wire_rules import envelope_failure, jump_failure
 from follower.settings import Settings
@@ -12,6 +13,8 @@ from follower.settings import Settings
 LET_GO_WITHIN_S = 0.1
 _GRACE_S = 0.1
 _NOTICEABLE_M_S = 0.1
+_FLOAT32 = 1e-5
+"""Numbers on the wire have 32 bits."""
 
 
 class InvariantError(AssertionError):
@@ -27,12 +30,18 @@ class Inputs:
         shown_age_s: since the capture of the newest one that shows the target.
         heartbeat_age_s: since the newest heartbeat that reached it.
         step_gap_s: since the control step before.
+        telemetry_age_s: the older one of attitude and position, as the follower knows them.
+        steers: whether it flies by the target.
+        allowed: what the control step of this moment let through: forward, right, down, yaw rate.
     """
 
     frame_age_s: float
     shown_age_s: float
     heartbeat_age_s: float
     step_gap_s: float
+    telemetry_age_s: float
+    steers: bool
+    allowed: tuple[float, float, float, float]
 
 
 class Invariants:
@@ -55,6 +64,7 @@ class Invariants:
         self._grows_m_s = math.sqrt(2) * acceleration**2 / (2 * jerk) + _NOTICEABLE_M_S
         self._own_mode = own_mode
         self._by_mode = begun_anew_by_mode
+        self._motion = SentMotion(self._limits)
         self._before: WireSetpoint | None = None
         self._told_obeys = False
         self._told_s = -math.inf
@@ -89,11 +99,14 @@ class Invariants:
         Where following begins, the first set-point is the vehicle's own velocity, whatever was
         sent before.
         """
-        self._before = None if engages else self._before
+        if engages:
+            self._before = None
+            self._motion.start()
         self._note_blindness(now_s, inputs)
         for setpoint in setpoints:
             self.setpoints += 1
             self._within_envelope(setpoint)
+            self._of_this_step(setpoint, now_s, inputs)
             self._in_our_mode(setpoint)
             self._not_blind(setpoint)
             self._flown = self._flown or not setpoint.is_zero
@@ -106,6 +119,17 @@ class Invariants:
             failure := jump_failure(self._before, setpoint, self._limits)
         ):
             raise InvariantError(failure)
+        if failure := self._motion.failure(setpoint):
+            raise InvariantError(failure)
+
+    def _of_this_step(self, setpoint: WireSetpoint, now_s: float, inputs: Inputs) -> None:
+        """Nothing old is sent, and nothing is steered by old telemetry."""
+        pairs = zip(setpoint.values, inputs.allowed, strict=True)
+        same = all(abs(sent - allowed) <= _FLOAT32 for sent, allowed in pairs)
+        if not setpoint.is_zero and not (same and setpoint.time_s == now_s):
+            raise InvariantError("a velocity is sent that this step did not allow")
+        if inputs.steers and inputs.telemetry_age_s > self._patience.telemetry_timeout_s:
+            raise InvariantError(f"steering by telemetry of {inputs.telemetry_age_s:.2f} s ago")
 
     def _in_our_mode(self, setpoint: WireSetpoint) -> None:
         if setpoint.time_s > self._let_go_s + LET_GO_WITHIN_S:

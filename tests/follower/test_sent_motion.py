@@ -1,0 +1,63 @@
+"""Acceleration and jerk, seen from the packets alone."""
+
+import pytest
+
+from follower.faults.campaign.invariants import Inputs, InvariantError, Invariants
+from follower.faults.campaign.sent_motion import SentMotion
+from follower.faults.evidence import WireSetpoint
+from follower.faults.wire_rules import BODY_FRAME, VELOCITY_AND_YAW_RATE
+from follower.settings import Settings
+from follower_control.envelope_settings import EnvelopeSettings
+
+LIMITS = EnvelopeSettings(max_acceleration_m_s2=3.0, max_jerk_m_s3=10.0)
+STEP_S = 0.02
+
+
+def _sent(number: int, forward: float, down: float = 0.0) -> WireSetpoint:
+    values = (forward, 0.0, down, 0.0)
+    return WireSetpoint(number * STEP_S, BODY_FRAME, VELOCITY_AND_YAW_RATE, values)
+
+
+def _failures(speeds: list[float]) -> list[str]:
+    motion = SentMotion(LIMITS)
+    told = [motion.failure(_sent(number, speed)) for number, speed in enumerate(speeds)]
+    return [failure for failure in told if failure]
+
+
+def test_speeding_up_within_the_limits_is_no_failure() -> None:
+    speeds, acceleration = [1.0], 0.0
+    for _ in range(40):
+        acceleration = min(acceleration + 10.0 * STEP_S, 3.0)
+        speeds.append(speeds[-1] + acceleration * STEP_S)
+    assert _failures(speeds) == []
+
+
+def test_more_acceleration_than_allowed_is_told() -> None:
+    assert _failures([1.0, 1.0 + 3.2 * STEP_S]) == ["an acceleration of 3.20 m/s2 is sent"]
+
+
+def test_more_jerk_than_allowed_is_told() -> None:
+    ahead, back = 1.0 + 1.0 * STEP_S, 1.0
+    assert _failures([1.0, ahead, back]) == ["a jerk of 100.0 m/s3 is sent"]
+
+
+def test_a_zero_may_come_at_any_time_and_following_may_begin_after_it() -> None:
+    assert _failures([5.0, 5.0, 0.0, 4.0, 4.0]) == []
+
+
+def _look(setpoint: WireSetpoint, allowed: float, telemetry_age_s: float = 0.02) -> None:
+    inputs = Inputs(0.05, 0.05, 0.5, STEP_S, telemetry_age_s, True, (allowed, 0.0, 0.0, 0.0))
+    invariants = Invariants(Settings(), own_mode=4, begun_anew_by_mode=False)
+    invariants.tell(4, setpoint.time_s)
+    invariants.look([setpoint], setpoint.time_s, inputs, engages=True)
+
+
+def test_a_velocity_that_its_step_did_not_allow_is_told() -> None:
+    _look(_sent(5, 1.0), allowed=1.0)
+    with pytest.raises(InvariantError, match="did not allow"):
+        _look(_sent(5, 1.0), allowed=0.9)
+
+
+def test_steering_by_old_telemetry_is_told() -> None:
+    with pytest.raises(InvariantError, match="telemetry of 0.60 s ago"):
+        _look(_sent(5, 1.0), allowed=1.0, telemetry_age_s=0.6)
