@@ -59,5 +59,5 @@ def test_a_velocity_that_its_step_did_not_allow_is_told() -> None:
 
 
 def test_steering_by_old_telemetry_is_told() -> None:
-    with pytest.raises(InvariantError, match="telemetry of 0.60 s ago"):
+    with pytest.raises(InvariantError, match="steering by telemetry"):
         _look(_sent(5, 1.0), allowed=1.0, telemetry_age_s=0.6)
