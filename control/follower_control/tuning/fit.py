@@ -17,6 +17,7 @@ FIT_SHARE = 0.6
 """The part of the excitation, from the beginning, that the fit sees; it is judged by the rest."""
 _LEAST_S = 3.0
 _LEAST_SAMPLES = 60
+_REST_S = 1.5
 _BETTER = 0.93
 """A more complicated model has to bring the held-out error down to this share to be taken."""
 _MEMORY_S = 1.0
@@ -153,7 +154,7 @@ def _split_s(record: ResponseData) -> float:
     passed = np.cumsum(changes) / total
     at = float(record.input_s[1:][int(np.argmax(passed >= FIT_SHARE))])
     early = float(record.input_s[1:][int(np.argmax(changes > 0))])
-    return at if early < at and at < end - 0.1 * (end - start) else middle
+    return at if early < at < end - min(_REST_S, 0.1 * (end - start)) else middle
 
 
 @dataclass(frozen=True, slots=True)

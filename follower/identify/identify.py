@@ -1,0 +1,184 @@
+"""`follower identify`: read, fit, tell, write."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from follower.identify.flights import read_flight
+from follower.identify.recording import Recording, VehicleAxis
+from follower.identify.result import Identification, Spread
+from follower.identify.step_files import read_steps
+from follower.run_folder import new_run_folder
+from follower_control.strict_yaml import SettingsError
+from follower_control.tuning.fit import ResponseFit, fit_response
+from follower_control.tuning.response_data import ResponseData, TooLittleError
+from follower_control.tuning.size_relation import SizeFit, fit_size
+
+VEHICLE_FILE, REPORT = "vehicle.yaml", "identification.html"
+_POOR = 0.5
+UNITS = {axis: "rad/s" if axis.is_turn else "m/s" for axis in VehicleAxis}
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifyOptions:
+    """What the command line was given; see `follower identify --help`."""
+
+    sources: tuple[Path, ...]
+    out: Path = Path("runs")
+    report: bool = True
+
+    @property
+    def command(self) -> str:
+        """The command line that does this again."""
+        return shlex.join(["follower", "identify", *map(str, self.sources)])
+
+
+def identify(options: IdentifyOptions) -> int:
+    """Identify, write the result and its report; the exit code is 0.
+
+    Raises:
+        SettingsError: nothing could be told from any of the recordings.
+    """
+    console = Console()
+    recordings = [
+        read_recording(path)
+        for path in track(options.sources, "Reading", console=console, transient=True)
+    ]
+
+    def show(axes: Sequence[VehicleAxis]) -> Sequence[VehicleAxis]:
+        return list(track(axes, "Fitting", console=console, transient=True))
+
+    found = identification(recordings, show)
+    folder = new_run_folder(options.out, "identify")
+    path = folder / VEHICLE_FILE
+    path.write_text(found.to_yaml(), "utf-8")
+    _tell(console, found)
+    files = [path]
+    if options.report:
+        from follower.report.identification import write_identification
+
+        files.append(write_identification(folder / REPORT, found, options.command))
+    for file in files:
+        console.print(str(file), highlight=False)
+    console.print(f"Next: follower tune {shlex.quote(str(path))} -c my.yaml", highlight=False)
+    return 0
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a flight's folder or a CSV file of steps.
+
+    Raises:
+        SettingsError: it is neither.
+        FlightFileError: it is a folder without a flight.
+    """
+    if not path.exists():
+        raise SettingsError(f"{path}: there is no such file or folder")
+    try:
+        if path.is_dir() or path.suffix == ".mcap":
+            return read_flight(path if path.is_dir() else path.parent)
+        if path.suffix == ".csv":
+            return read_steps(path)
+    except TooLittleError as error:
+        raise SettingsError(f"{path}: {error}") from None
+    raise SettingsError(f"{path}: give flights' folders, or CSV files of recorded steps")
+
+
+def identification(
+    recordings: Sequence[Recording],
+    each: Callable[[Sequence[VehicleAxis]], Sequence[VehicleAxis]] = list,
+) -> Identification:
+    """Fit everything that the recordings tell.
+
+    Args:
+        recordings: of one vehicle.
+        each: passes the axes on, one by one: for a progress bar.
+
+    Raises:
+        SettingsError: they tell nothing; the message says why.
+    """
+    remarks = [remark for one in recordings for remark in one.remarks]
+    fits: dict[VehicleAxis, ResponseFit] = {}
+    data: dict[VehicleAxis, Sequence[ResponseData]] = {}
+    for axis in each(list(VehicleAxis)):
+        records = [record for one in recordings for record in one.axes.get(axis, ())]
+        try:
+            fits[axis] = fit_response(records, axis.least_excitation)
+            data[axis] = records
+        except TooLittleError as error:
+            remarks.append(f"{axis}: {error}" if records else f"{axis}: nothing moved this axis")
+    delays, size = _delays(recordings), _size(recordings, remarks)
+    if not fits and not delays and size is None:
+        raise SettingsError("nothing can be identified: " + "; ".join(remarks))
+    remarks += [
+        f"{axis}: the model explains only {100 * fit.held_out_fit:.0f} % of what it was not "
+        "fitted to: do not tune by it without a look at the report"
+        for axis, fit in fits.items()
+        if fit.held_out_fit < _POOR
+    ]
+    sources = tuple(one.name for one in recordings)
+    return Identification(sources, fits, data, delays, size, tuple(remarks))
+
+
+def _delays(recordings: Sequence[Recording]) -> dict[str, Spread]:
+    every = {
+        "camera_s": [value for one in recordings for value in one.camera_delays_s],
+        "frame_interval_s": [value for one in recordings for value in one.frame_intervals_s],
+        "position_s": [max(value, 0.0) for one in recordings for value in one.position_ages_s],
+    }
+    found = {name: Spread.of(values) for name, values in every.items()}
+    return {name: spread for name, spread in found.items() if spread is not None}
+
+
+def _size(recordings: Sequence[Recording], remarks: list[str]) -> SizeFit | None:
+    samples = [sample for one in recordings for sample in one.sizes]
+    if not samples:
+        return None
+    try:
+        return fit_size([s.size_rad for s in samples], [s.range_m for s in samples])
+    except TooLittleError as error:
+        remarks.append(f"target: {error}")
+        return None
+
+
+def _tell(console: Console, found: Identification) -> None:
+    table = Table("Axis", "Order", "Gain", "Dead time", "Time const.", "Damping", "Rate limit")
+    table.add_column("Held-out fit", justify="right")
+    for axis, fit in found.fits.items():
+        row = model_row(axis, fit)
+        table.add_row(*(cell.partition(" (")[0] for cell in row))
+    console.print(table)
+    for name, spread in found.delays.items():
+        console.print(
+            f"{name}: {1e3 * spread.median.value:.0f} ms in the middle, 95 % below "
+            f"{1e3 * spread.most:.0f} ms",
+            highlight=False,
+        )
+    if found.size is not None:
+        size = found.size.size_m
+        console.print(
+            f"target_size_m: {size.value:.2f} ({size.low:.2f} to {size.high:.2f})", highlight=False
+        )
+    for remark in found.remarks:
+        console.print(remark, highlight=False)
+
+
+def model_row(axis: VehicleAxis, fit: ResponseFit) -> tuple[str, ...]:
+    """Return one axis' numbers with their intervals, as text."""
+
+    def said(name: str, digits: int = 2) -> str:
+        one = fit.intervals.get(name)
+        if one is None:
+            return "–"
+        return f"{one.value:.{digits}f} ({one.low:.{digits}f}–{one.high:.{digits}f})"
+
+    order = f"{fit.model.order}{' with lead' if fit.model.lead_s else ''}"
+    names = ("gain", "dead_time_s", "time_constant_s", "damping", "rate_limit")
+    numbers = (said(name) for name in names)
+    return (f"{axis} [{UNITS[axis]}]", order, *numbers, f"{100 * fit.held_out_fit:.0f} %")

@@ -1,0 +1,151 @@
+"""The identification pattern: where it leads, who may end it, and that its recording tells."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from follower.excite.flight import ExcitationFlight, fly_simulated, run_of
+from follower.excite.pattern import ExcitationSettings, Pattern, PatternKind
+from follower.excite.stage import ExcitationStage, excitation_settings
+from follower.flightlog import FlightLog
+from follower.identify.identify import identification, read_recording
+from follower.identify.recording import VehicleAxis
+from follower.recorder import FlightConfig, Recorder
+from follower.settings import load_settings
+from follower.supervisor import Reason, State
+from follower_control.setpoint import HOLD
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_vision.clock import SimulatedClock
+
+SETTINGS = excitation_settings(load_settings(base={"autonomy": "full"}))
+SHORT = ExcitationSettings(forward_m_s=1.5, right_m_s=0, vertical_m_s=0, yaw_deg_s=0, hold_s=2.5)
+
+
+def vehicle(now_s: float, **changes: object) -> VehicleState:
+    attitude = Attitude(0.0, 0.0, 0.01 * now_s, 0.0, 0.0, 0.0, now_s)
+    position = LocalPosition(0.01 * now_s, 0.0, -10.0, 0.0, 0.0, 0.0, now_s)
+    state = VehicleState(attitude, position, "OFFBOARD", True, True, False, now_s, entries=1)
+    return replace(state, **changes)
+
+
+def step(stage: ExcitationStage, now_s: float, state: VehicleState, told: bool = True):
+    attitudes = (state.attitude,) if told and state.attitude is not None else ()
+    return stage.step(now_s, None, state, attitudes)
+
+
+def stage_of(settings=SETTINGS, excitation=SHORT) -> ExcitationStage:
+    camera = settings.camera.model(640, 480)
+    return ExcitationStage(settings, Pattern(excitation), camera, FlightLog())
+
+
+@pytest.mark.parametrize("kind", PatternKind)
+def test_a_pattern_asks_for_no_more_than_is_set_and_ends_where_it_began(kind: PatternKind) -> None:
+    settings = ExcitationSettings(kind)
+    pattern = Pattern(settings)
+    times = np.arange(0.0, pattern.length_s, 0.01)
+    asked = np.array([pattern.setpoint(float(t)).values for t in times])
+    most = (2.0, 2.0, 0.8, math.radians(30.0))
+    shares = np.abs(asked).max(axis=0) / most
+    assert shares.max() <= 1.0 + 1e-9
+    assert shares.min() >= 0.8
+    # Where it has led to, over how far it was away: back home but for rounding.
+    assert np.abs(asked.sum(axis=0) * 0.01) == pytest.approx(0.0, abs=0.15)
+    assert (np.count_nonzero(asked, axis=1) <= 1).all()
+    assert pattern.setpoint(-1.0) == pattern.setpoint(pattern.length_s + 1.0) == HOLD
+
+
+def test_what_is_no_pattern_is_refused() -> None:
+    for wrong in (
+        {"forward_m_s": -1.0},
+        {"yaw_deg_s": math.nan},
+        {"hold_s": 0.0},
+        {"forward_m_s": 0, "right_m_s": 0, "vertical_m_s": 0, "yaw_deg_s": 0},
+    ):
+        with pytest.raises(ValueError, match=r"within|axis"):
+            ExcitationSettings(**wrong)
+
+
+def test_nothing_moves_before_it_is_ready_and_the_pilot_chose_the_mode() -> None:
+    stage = stage_of()
+    for i in range(20):
+        record = step(stage, 0.02 * i, vehicle(0.02 * i))
+    assert record.state is State.IDLE
+    stage.ready = True
+    for i in range(20, 40):
+        record = step(stage, 0.02 * i, vehicle(0.02 * i, obeys_setpoints=False, mode="POSCTL"))
+    assert record.state is State.READY
+    assert record.allowed == HOLD
+
+
+def test_the_pilot_ends_it_by_the_mode() -> None:
+    stage = stage_of()
+    stage.ready = True
+    for i in range(200):
+        record = step(stage, 0.02 * i, vehicle(0.02 * i))
+    assert record.state is State.FOLLOWING
+    assert record.allowed.forward_m_s > 0.3
+    record = step(stage, 4.0, vehicle(4.0, obeys_setpoints=False, mode="POSCTL"))
+    assert (record.state, record.reason) == (State.RELEASED, Reason.PILOT_TOOK_OVER)
+    assert not record.sent
+
+
+def test_stale_telemetry_holds_and_the_pattern_goes_on_where_it_was() -> None:
+    stage = stage_of()
+    stage.ready = True
+    for i in range(200):
+        step(stage, 0.02 * i, vehicle(0.02 * i))
+    flown_s = stage.elapsed_s
+    for i in range(200, 240):
+        record = step(stage, 0.02 * i, vehicle(3.98, heartbeat_s=0.02 * i), told=False)
+    assert record.state is State.HOLDING
+    assert stage.elapsed_s == pytest.approx(flown_s, abs=0.6)
+    for i in range(240, 260):
+        record = step(stage, 0.02 * i, vehicle(0.02 * i))
+    assert record.state is State.FOLLOWING
+    assert stage.elapsed_s < flown_s + 1.1
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ExcitationFlight]:
+    folder = tmp_path_factory.mktemp("flight") / "excite"
+    folder.mkdir()
+    clock = SimulatedClock()
+    camera = SETTINGS.camera.model(640, 480)
+    config = FlightConfig.of("simulated", SETTINGS, run=run_of(SHORT), camera=camera)
+    with Recorder(folder, config, clock, SETTINGS.recorder, threaded=False) as recorder:
+        flight = fly_simulated("ardupilot", SETTINGS, SHORT, recorder, clock, lambda _: None)
+    return folder, flight
+
+
+def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
+    flown: tuple[Path, ExcitationFlight],
+) -> None:
+    _, flight = flown
+    assert flight.complete
+    assert flight.finished
+    controls = flight.log.controls
+    assert controls[-1].state is State.RELEASED
+    assert controls[-1].reason is Reason.STOP_REQUESTED
+    sent = [record for record in controls if record.sent]
+    assert sent[-1].allowed.forward_m_s == pytest.approx(0.0, abs=1e-6)
+    speeds = np.array([record.allowed.forward_m_s for record in sent])
+    assert np.abs(np.diff(speeds)).max() <= 3.0 * 0.0201
+    position = controls[-1].vehicle.position
+    assert position is not None
+    assert math.hypot(position.north_m, position.east_m) < 2.0
+
+
+def test_its_recording_tells_how_the_vehicle_answers(
+    flown: tuple[Path, ExcitationFlight],
+) -> None:
+    folder, _ = flown
+    found = identification([read_recording(folder)])
+    assert set(found.fits) == {VehicleAxis.FORWARD}
+    fit = found.fits[VehicleAxis.FORWARD]
+    assert fit.held_out_fit > 0.9
+    assert fit.model.gain == pytest.approx(1.0, abs=0.06)
+    assert 0.03 < fit.model.dead_time_s < 0.4
+    assert any("down: nothing moved this axis" in remark for remark in found.remarks)

@@ -1,0 +1,105 @@
+"""Identification from files: the recorded steps of real autopilots, and what is refused."""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from follower.identify.identify import IdentifyOptions, identification, identify, read_recording
+from follower.identify.recording import VehicleAxis
+from follower.identify.result import Spread, load_vehicle
+from follower.report.identification import write_identification
+from follower_control.strict_yaml import SettingsError
+from follower_control.tuning.response_data import TooLittleError
+from follower_control.tuning.size_relation import fit_size
+
+ROOT = Path(__file__).parents[2]
+STEPS = Path(os.environ.get("FOLLOWER_DATA", ROOT / "../shared/data")) / "autopilot_steps"
+needs_steps = pytest.mark.skipif(not STEPS.is_dir(), reason=f"no recorded steps in {STEPS}")
+
+
+@needs_steps
+def test_recorded_steps_of_arducopter_give_its_known_limits(tmp_path: Path) -> None:
+    names = ("ap_vx3_f9", "ap_vx8_f9", "ap_yawrate30_f9", "ap_vz_up1_f9", "ap_takeoff10")
+    found = identification([read_recording(STEPS / f"{name}.csv") for name in names])
+    forward, turning = found.fits[VehicleAxis.FORWARD], found.fits[VehicleAxis.YAW_RATE]
+    assert forward.held_out_fit > 0.9
+    assert forward.model.gain == pytest.approx(1.0, abs=0.05)
+    # WPNAV_ACCEL is 2.5 m/s2 by default.
+    assert forward.model.rate_limit == pytest.approx(2.5, abs=0.2)
+    assert turning.model.gain == pytest.approx(1.0, abs=0.05)
+    assert any("ap_takeoff10" in remark for remark in found.remarks)
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(found.to_yaml(), "utf-8")
+    model = load_vehicle(path).model()
+    assert model.forward == model.right
+    assert model.yaw_rate.gain == pytest.approx(turning.model.gain, rel=1e-3)
+    page = write_identification(tmp_path / "page.html", found, "follower identify …").read_text()
+    assert page.count("<svg") == len(found.fits)
+    assert "held out" in page
+
+
+@needs_steps
+def test_a_file_without_steps_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="nothing can be identified"):
+        identify(IdentifyOptions((STEPS / "px_takeoff10.csv",), tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_recording_is_refused_in_plain_words(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="no such file"):
+        read_recording(tmp_path / "missing")
+    other = tmp_path / "a.txt"
+    other.write_text("x")
+    with pytest.raises(SettingsError, match="folders, or CSV files"):
+        read_recording(other)
+    csv = tmp_path / "a.csv"
+    csv.write_text("time,value\n1,2\n")
+    with pytest.raises(SettingsError, match="column 't_boot' is missing"):
+        read_recording(csv)
+    csv.write_text("")
+    with pytest.raises(SettingsError, match="recorded steps"):
+        read_recording(csv)
+
+
+def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
+    rng = np.random.default_rng(3)
+    ranges = np.linspace(8.0, 25.0, 60)
+    angles = 1.7 / ranges * np.exp(rng.normal(0.0, 0.05, 60))
+    found = fit_size(angles.tolist(), ranges.tolist())
+    assert found.size_m.low <= 1.7 <= found.size_m.high
+    assert found.slope is not None
+    assert found.slope.low <= 1.0 <= found.slope.high
+    assert found.spread == pytest.approx(0.05, rel=0.5)
+    steady = fit_size((1.7 / np.full(60, 12.0)).tolist(), [12.0] * 60)
+    assert steady.slope is None
+    with pytest.raises(TooLittleError, match="only 3 sightings"):
+        fit_size([0.1] * 3, [10.0] * 3)
+    with pytest.raises(TooLittleError, match="finite"):
+        fit_size([math.nan] * 20, [10.0] * 20)
+
+
+def test_the_median_of_delays_has_an_interval_that_holds_it() -> None:
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(100):
+        spread = Spread.of(rng.exponential(0.1, 200).tolist())
+        assert spread is not None
+        inside += spread.median.low <= 0.1 * math.log(2) <= spread.median.high
+    assert inside >= 88
+    assert Spread.of([0.1] * 3) is None
+    assert Spread.of([math.inf] * 50) is None
+
+
+def test_a_vehicle_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.yaml"
+    axis = {"gain": 1.0, "dead_time_s": 0.2, "time_constant_s": 0.3}
+    path.write_text(yaml.safe_dump({"vehicle": {"forward": axis}}))
+    with pytest.raises(SettingsError, match="not known for right, down, yaw_rate"):
+        load_vehicle(path).model()
+    path.write_text(yaml.safe_dump({"vehicle": {"forward": {**axis, "gian": 1.0}}}))
+    with pytest.raises(SettingsError, match="gian"):
+        load_vehicle(path)
