@@ -29,6 +29,11 @@ class Autonomy:
 
     Stepped beside the control loop. Each command is repeated once a second until telemetry shows
     its effect; nothing is believed by its acknowledgement.
+
+    Attributes:
+        phase: how far the flight has come.
+        resumes: after letting go, take the mode again when the supervisor is ready again, because
+            an operator consented anew.
     """
 
     def __init__(self, link: Link, takeoff_height_m: float) -> None:
@@ -37,11 +42,14 @@ class Autonomy:
         self._asked_s = float("-inf")
         self._ground_down_m: float | None = None
         self.phase = Phase.CONNECTING
+        self.resumes = False
 
     def step(self, now_s: float, state: State) -> None:
         """Do what the phase asks for; `state` is the supervisor's."""
         if state is State.RELEASED:
             self.phase = Phase.DONE
+        elif self.resumes and self.phase is Phase.DONE and state is State.READY:
+            self.phase = Phase.AIRBORNE
         actions: dict[Phase, Callable[[float], None]] = {
             Phase.CONNECTING: self._connect,
             Phase.ARMING: self._arm,

@@ -217,7 +217,8 @@ def _fly(
             injector,
             sight=options.sight,
         )
-        flight.operated = options.cockpit
+        if options.cockpit:
+            flight.operate()
         page = None if station is None else FlightShow(station, flight)
         terminal = Terminal(console, world.scenario.title)
         with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
@@ -331,6 +332,7 @@ def _report(
         flight.truth,
         flight.goal,
         overlaps=flight.overlaps,
+        identity=flight.identity,
         chosen_s=flight.chosen_s,
     )
     write_boxes(folder / "boxes.csv", flight.log.tracks)

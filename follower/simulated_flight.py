@@ -38,6 +38,7 @@ from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.blind_camera import BlindCamera
 from follower_sim.camera import SimCamera
 from follower_sim.gimbal import Gimbal
+from follower_sim.identity_score import IdentityScore, TrackedFrame, identity_score
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal
@@ -45,6 +46,7 @@ from follower_sim.stand_in import StandIn
 from follower_sim.truth import TargetTruth, TruthTeller
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
+from follower_vision.box import Box
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.track import TrackState
 
@@ -60,7 +62,7 @@ _STAND_IN = 21
 class SimulatedFlight:
     """A drone with our follower in a simulated world.
 
-    The scenario's time 0 is the clock's time 0. Of the truth, nothing but `truth` and `overlaps`
+    The scenario's time 0 is the clock's time 0. Of the truth, nothing but `truth` and `tracked`
     is kept, and nothing of it goes to vision or control: they see frames and MAVLink.
 
     Args:
@@ -78,8 +80,6 @@ class SimulatedFlight:
 
     Attributes:
         requests: where front ends put what their operators want.
-        operated: a person is at a cockpit. No target is chosen then but by them, and letting go
-            does not end the flight.
     """
 
     def __init__(
@@ -117,9 +117,9 @@ class SimulatedFlight:
         self.camera = make_camera(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self.truth: list[TruthSample] = []
-        self.overlaps: list[float] = []
+        self.tracked: list[TrackedFrame] = []
         self.chosen_s: float | None = None
-        self.operated = False
+        self._operated = False
         self._ending = False
         self._teller = TruthTeller(world)
         self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
@@ -182,6 +182,15 @@ class SimulatedFlight:
         if self._faults is not None:
             self._faults.end()
 
+    def operate(self) -> None:
+        """Leave it to a person at a cockpit to choose the target and to begin again.
+
+        No target is chosen then but by them, and letting go does not end the flight.
+        """
+        self._operated = True
+        if self._autonomy is not None:
+            self._autonomy.resumes = True
+
     def stop(self) -> None:
         """Let go, from any thread: hold, then release."""
         self._ending = True
@@ -192,7 +201,7 @@ class SimulatedFlight:
         """Whether the vehicle was let go and stands still, or has had time enough for it."""
         if self.stage.supervisor.state is not State.RELEASED:
             return False
-        if self.operated and not self._ending:
+        if self._operated and not self._ending:
             return False
         if self._faults is not None and not self._faults.is_over(self._clock.now()):
             return False
@@ -218,14 +227,14 @@ class SimulatedFlight:
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
         if self.chosen_s is None and self._may_be_chosen(record):
             self.chosen_s = now_s
-            if not self.operated:
+            if not self._operated:
                 self._vision_stage.select(self._selector())
         if now_s >= self.scenario.duration_s:
             self.stop()
 
     def _may_be_chosen(self, record: ControlRecord) -> bool:
         """Whether it is time to choose the target, or a person has chosen it."""
-        if self.operated:
+        if self._operated:
             return record.situation is not None and record.situation.target_chosen
         return self._is_airborne
 
@@ -280,7 +289,20 @@ class SimulatedFlight:
         if track is None or track.state is not TrackState.TRACKING:
             return
         box = self._truth_of(record.captured_s).box
-        self.overlaps.append(0.0 if box is None else box.iou(track.box))
+        overlap = 0.0 if box is None else box.iou(track.box)
+        others = [other.iou(track.box) for other in self._others_of(record.captured_s)]
+        frame = TrackedFrame(record.captured_s, overlap, max(others, default=0.0))
+        self.tracked.append(frame)
+
+    @property
+    def overlaps(self) -> list[float]:
+        """Intersection over union with the true box, one for each tracked frame."""
+        return [frame.overlap for frame in self.tracked]
+
+    @property
+    def identity(self) -> IdentityScore:
+        """What has become of the target's identity."""
+        return identity_score(self.truth, self.tracked, len(self._world.paths) > 1)
 
     def _make_stand_in(self) -> StandIn:
         camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _STAND_IN])
@@ -291,6 +313,13 @@ class SimulatedFlight:
         """Return the truth about a frame with this capture stamp."""
         true_s = stamp_s - self.scenario.camera.stamp_offset_s
         return self._teller.truth(true_s, self.vehicle.state_at(true_s), self._camera_at(true_s))
+
+    def _others_of(self, stamp_s: float) -> list[Box]:
+        """Return the true boxes of the targets that are not followed."""
+        if len(self._world.paths) == 1:
+            return []
+        true_s = stamp_s - self.scenario.camera.stamp_offset_s
+        return self._teller.others(true_s, self.vehicle.state_at(true_s), self._camera_at(true_s))
 
     def _lines(self) -> Sequence[str]:
         """Return what the video shows in its corner."""

@@ -44,8 +44,8 @@ class Situation:
         answer_age_s: how long the autopilot has not answered us, though it may talk.
         battery_low: less is left of the battery than is asked, now or to begin.
         navigation_poor: the autopilot does not know well where it is.
-        stop_at_once: the operator pressed it as a button: zero is sent with the next step, which the
-            autopilot brakes to as hard as it may, and not the envelope's gentler way there.
+        stop_at_once: the operator pressed it as a button: zero is sent with the next step, without
+            the envelope's gentler way there.
         cockpit_lost: the page that has to be there while following is not.
         order: what the operator asked for; the consents above follow from it and from telemetry.
     """

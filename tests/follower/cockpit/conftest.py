@@ -1,0 +1,229 @@
+"""A running simulation with its cockpit, once for all tests; and a cockpit with nothing behind."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from follower.cockpit.opening import open_station
+from follower.cockpit.operator import FlightOperator
+from follower.cockpit.showing import FlightShow, first_page
+from follower.configs import find_scenario
+from follower.flight_video import SeveralVideos
+from follower.flying import fly_lockstep
+from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
+from follower.selecting import colour_selector
+from follower.settings import Settings, load_settings
+from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.station.station import Station
+from follower.station.wire import Message
+from follower_control.transport import MemoryTransport
+from follower_sim.scenario_file import load_scenario
+from follower_sim.world import World
+from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
+from follower_vision.frame import Frame
+from follower_vision.track import Track
+
+WIDTH, HEIGHT = 320, 240
+COLOUR = "#e0401c"
+_STARTS_WITHIN_S = 60.0
+
+
+def circling_car(folder: Path) -> Path:
+    """The demo's car on a circle that is in view from where the drone takes off."""
+    scenario = yaml.safe_load(find_scenario("demo").read_text("utf-8"))
+    angles = np.arange(0, 80 * 2 * math.pi, math.pi / 6)
+    points = [[12 - 12 * math.cos(a), 12 * math.sin(a)] for a in angles.tolist()]
+    scenario["targets"][0]["path"] = {
+        "points": points,
+        "speeds": [{"at_s": 0.0, "speed_m_s": 2.0, "acceleration_m_s2": 1.0}],
+    }
+    scenario["camera"] |= {"width": WIDTH, "height": HEIGHT, "rate_hz": 15, "drop_probability": 0}
+    scenario |= {
+        "name": "circle",
+        "title": "A car drives round and round.",
+        "duration_s": 900,
+        "scatter": [],
+        "start": {"at": [-12, 0], "heading_deg": 0},
+        "takeoff_height_m": 7,
+    }
+    scenario["ground"]["roads"] = []
+    scenario.pop("expect", None)
+    path = folder / "circle.yaml"
+    path.write_text(yaml.safe_dump(scenario), "utf-8")
+    return path
+
+
+class Eye:
+    """Keeps the newest frame, to see where the car is as a person would."""
+
+    def __init__(self) -> None:
+        self.frame: Frame | None = None
+
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        del tracks, lines
+        self.frame = frame
+
+    def car(self) -> Box | None:
+        return None if self.frame is None else colour_selector(COLOUR)(self.frame)
+
+
+class TimedOperator(FlightOperator):
+    """Notes when a stop was received, on the flight's clock."""
+
+    def __init__(self, flight: SimulatedFlight, clock: SimulatedClock) -> None:
+        super().__init__(flight.requests, flight.stage.hear_cockpit)
+        self._clock = clock
+        self.stops_s: list[float] = []
+
+    def ask(self, request: Message, by: str) -> Message | None:
+        if request["kind"] == "stop":
+            self.stops_s.append(self._clock.now())
+        return super().ask(request, by)
+
+
+@dataclass
+class Served:
+    """Where a cockpit is."""
+
+    port: int
+    station: Station
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+
+@dataclass
+class FlyingSimulation(Served):
+    """A simulation that goes on while tests look at it."""
+
+    flight: SimulatedFlight
+    clock: SimulatedClock
+    eye: Eye
+    operator: TimedOperator
+    folder: Path
+    began: Settings
+
+
+@dataclass
+class Said:
+    """What a station said, and where it is."""
+
+    lines: list[str] = field(default_factory=list)
+    port: int = 0
+    known: threading.Event = field(default_factory=threading.Event)
+
+    def __call__(self, line: str) -> None:
+        self.lines.append(line)
+        found = re.search(r"Cockpit: https?://[^/]*:(\d+)", line)
+        if found:
+            self.port = int(found[1])
+            self.known.set()
+
+
+def start_station(settings: Settings, page: Message, runs: Path) -> tuple[Station, Said]:
+    said = Said()
+    station = open_station(settings, True, page, runs, said)
+    assert station is not None
+    if not said.known.wait(_STARTS_WITHIN_S):
+        station.close()
+        pytest.fail(f"no cockpit within {_STARTS_WITHIN_S} s; it said {said.lines}")
+    return station, said
+
+
+@pytest.fixture(scope="session")
+def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FlyingSimulation]:
+    runs = tmp_path_factory.mktemp("cockpit_runs")
+    folder = runs / "circle"
+    folder.mkdir()
+    scenario = load_scenario(circling_car(runs))
+    overrides = ["cockpit.port=0", "recorder.video=none"]
+    settings = load_settings(None, base_settings(scenario), overrides)
+    world, clock, eye = World(scenario, 3), SimulatedClock(), Eye()
+    _ = world.ground, world.sky, world.scenery_batch
+    page = first_page("sim", scenario.title, settings, folder.name)
+    station, said = start_station(settings, page, runs)
+    camera = scenario.camera.model
+    config = FlightConfig.of("simulated", settings, camera=camera, epoch_ns=LOCKSTEP_EPOCH_NS)
+    with station, Recorder(folder, config, clock, settings.recorder, threaded=True) as recorder:
+        ends, videos = MemoryTransport.pair(), SeveralVideos((eye, station))
+        flight = SimulatedFlight(world, settings, "px4", clock, ends, videos, recorder)
+        flight.operate()
+        show = FlightShow(station, flight)
+        operator = TimedOperator(flight, clock)
+        station.operator = operator
+        thread = threading.Thread(
+            target=fly_lockstep,
+            args=(flight, clock, lambda: show.show(flight.status()), True),
+            daemon=True,
+        )
+        thread.start()
+        yield FlyingSimulation(said.port, station, flight, clock, eye, operator, folder, settings)
+        flight.stop()
+        thread.join(60)
+        flight.close()
+
+
+@dataclass
+class Script:
+    """An operator that notes what it is asked for."""
+
+    asked: list[Message] = field(default_factory=list)
+    heard_times: int = 0
+
+    def ask(self, request: Message, by: str) -> Message:
+        self.asked.append({**request, "by": by})
+        return {"accepted": True, "text": "noted"}
+
+    def late_answers(self) -> Sequence[Message]:
+        return ()
+
+    def heard(self) -> None:
+        self.heard_times += 1
+
+
+Serve = Callable[..., Served]
+
+
+@pytest.fixture(scope="session")
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """Make cockpits with a scripted operator behind, that live as long as the tests."""
+    stations: list[Station] = []
+    runs = tmp_path_factory.mktemp("served_runs")
+
+    def make(*overrides: str) -> Served:
+        settings = load_settings(None, None, ("cockpit.port=0", *overrides))
+        page = first_page("fly", "a test", settings, "")
+        station, said = start_station(settings, page, runs)
+        station.operator = Script()
+        stations.append(station)
+        return Served(said.port, station)
+
+    yield make
+    for station in stations:
+        station.close()
+
+
+@pytest.fixture(scope="session")
+def served(serve: Serve) -> Served:
+    return serve()
+
+
+def noise_frame(number: int, width: int = 160, height: int = 120) -> Frame:
+    image = np.random.default_rng(number).integers(0, 255, (height, width, 3), np.uint8)
+    return Frame(image, number / 30, number)
+
+
+def state(**values: Any) -> Message:
+    return {"time_s": 0.0, "state": "idle", "reason": "no target", **values}

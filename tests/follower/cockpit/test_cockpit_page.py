@@ -1,0 +1,210 @@
+"""The page in a real browser, on a running simulation: drag, follow, tune, stop."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from follower.flightlog import ControlRecord
+from follower.recorder import open_flight
+from follower.replay import Replay, compare, replay_settings
+from follower.supervisor import State
+from follower_control.setpoint import HOLD
+
+PATIENCE_MS = 120_000
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to test the page with"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, simulation: Any) -> Iterator[Page]:
+    page = browser.new_page(viewport={"width": 1280, "height": 1000})
+    page.set_default_timeout(PATIENCE_MS)
+    trouble: list[str] = []
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.goto(simulation.url)
+    page.wait_for_selector("#connection:has-text('connected')")
+    yield page
+    page.close()
+    assert not trouble
+
+
+def wait_for(page: Page, condition: Callable[[], Any], what: str) -> None:
+    for _ in range(PATIENCE_MS // 100):
+        if condition():
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"waited in vain: {what}")
+
+
+def picture(page: Page, name: str) -> None:
+    """Keep a screenshot where somebody asks for it, to look at and for the docs."""
+    folder = os.environ.get("FOLLOWER_SCREENSHOTS")
+    if folder:
+        page.screenshot(path=Path(folder) / f"{name}.png")
+
+
+def drag_over_car(page: Page, simulation: Any) -> None:
+    wait_for(page, simulation.eye.car, "the car in view")
+    car, frame = simulation.eye.car(), simulation.eye.frame
+    glass = page.locator("#glass").bounding_box()
+    assert glass is not None
+    assert glass["width"] / glass["height"] == pytest.approx(frame.width / frame.height, rel=0.02)
+    across, down = glass["width"] / frame.width, glass["height"] / frame.height
+    page.mouse.move(glass["x"] + across * (car.left - 1), glass["y"] + down * (car.top - 1))
+    page.mouse.down()
+    page.mouse.move(glass["x"] + across * car.cx, glass["y"] + down * car.cy)
+    page.mouse.move(glass["x"] + across * (car.right + 1), glass["y"] + down * (car.bottom + 1))
+    page.mouse.up()
+
+
+def follow(page: Page, simulation: Any) -> None:
+    """Choose the car, again if the tracker did not take to it, until it is followed."""
+    for _ in range(3):
+        drag_over_car(page, simulation)
+        try:
+            page.wait_for_selector("#state[data-state=following]", timeout=PATIENCE_MS / 3)
+        except TimeoutError:
+            continue
+        return
+    page.wait_for_selector("#state[data-state=following]")
+
+
+def controls(simulation: Any) -> list[ControlRecord]:
+    return list(simulation.flight.log.controls)
+
+
+def is_on_target(simulation: Any) -> bool:
+    """Whether what is followed is the car, as a person would see it."""
+    car = simulation.eye.car()
+    tracks = simulation.flight.log.tracks
+    track = tracks[-1].track if tracks else None
+    return car is not None and track is not None and car.iou(track.box) > 0.3
+
+
+def test_the_page_shows_live_video(page: Page) -> None:
+    page.wait_for_selector("#stage:not([data-video=none])")
+    way = page.get_attribute("#stage", "data-video")
+    print(f"video by {way}")
+    shown = "#video" if way == "webrtc" else "#mjpeg"
+    width = "videoWidth" if way == "webrtc" else "naturalWidth"
+    assert page.evaluate(f"document.querySelector('{shown}').{width}") == 320
+
+
+def test_a_target_that_is_dragged_over_is_followed(page: Page, simulation: Any) -> None:
+    page.wait_for_selector("#reason:has-text('airborne')")
+    assert page.get_attribute("#state", "data-state") == "idle"
+    follow(page, simulation)
+    wait_for(page, lambda: is_on_target(simulation), "the car followed")
+    wait_for(
+        page,
+        lambda: max(map(abs, controls(simulation)[-1].allowed.values)) > 0.3,
+        "the drone moving",
+    )
+    page.wait_for_timeout(3000)
+    picture(page, "cockpit")
+
+
+def test_a_gain_is_changed_and_control_goes_by_it(page: Page, simulation: Any) -> None:
+    field = page.locator("[data-key='servo.azimuth.kp'] input[type=number]")
+    field.fill("1.25")
+    field.press("Enter")
+    wait_for(page, lambda: simulation.flight.stage.settings.servo.azimuth.kp == 1.25, "the gain")
+    page.wait_for_selector("[data-key='servo.azimuth.kp'].changed")
+    keys = {change.key for record in controls(simulation) for change in record.changes}
+    assert "servo.azimuth.kp" in keys
+
+
+def test_a_limit_cannot_be_loosened_and_the_page_says_so(page: Page, simulation: Any) -> None:
+    before = simulation.began.envelope.max_speed_m_s
+    field = page.locator("[data-key='envelope.max_speed_m_s'] input[type=number]")
+    field.fill(str(before + 5))
+    field.press("Enter")
+    page.wait_for_selector("#hint.bad:has-text('tightened')")
+    assert simulation.flight.requests.settings.envelope.max_speed_m_s == before
+
+
+def test_stop_stops_the_vehicle_within_300_ms(page: Page, simulation: Any) -> None:
+    page.wait_for_selector("#state[data-state=following]")
+    page.click("#stop")
+    page.wait_for_selector("#state[data-state=released]")
+    page.wait_for_selector("#reason:has-text('stop requested')")
+    stopped_s = simulation.operator.stops_s[0]
+    sent = [record for record in controls(simulation) if record.time_s >= stopped_s]
+    zero_s = next(r.time_s for r in sent if r.sent and r.allowed == HOLD) - stopped_s
+    assert zero_s <= 0.3
+    print(f"zero setpoint {1000 * zero_s:.0f} ms after STOP was received")
+    wait_for(page, lambda: speed(simulation) < 0.2, "the drone standing")
+    assert all(record.allowed == HOLD for record in sent if record.time_s > stopped_s + 0.3)
+    picture(page, "cockpit-stopped")
+
+
+def speed(simulation: Any) -> float:
+    return float(sum(v * v for v in simulation.flight.vehicle.state.velocity_m_s) ** 0.5)
+
+
+def test_consent_on_the_page_begins_again(page: Page, simulation: Any) -> None:
+    page.click("#consent:has-text('Allow following')")
+    wait_for(
+        page,
+        lambda: simulation.flight.stage.supervisor.state is not State.RELEASED,
+        "not let go any more",
+    )
+    if not is_on_target(simulation):
+        follow(page, simulation)
+    page.wait_for_selector("#state[data-state=following]")
+
+
+def test_a_phone_watches_and_stops(browser: Browser, page: Page, simulation: Any) -> None:
+    size = {"width": 412, "height": 839}
+    context = browser.new_context(
+        viewport=size, device_scale_factor=2.0, is_mobile=True, has_touch=True
+    )
+    phone = context.new_page()
+    phone.set_default_timeout(PATIENCE_MS)
+    phone.goto(simulation.url)
+    phone.wait_for_selector("#control:has-text('watching')")
+    phone.wait_for_selector("#stage:not([data-video=none])")
+    assert phone.evaluate("document.documentElement.scrollWidth") <= size["width"]
+    for name in ("#stop", "#consent", "#stage"):
+        box = phone.locator(name).bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= size["height"]
+    phone.wait_for_timeout(1500)
+    picture(phone, "cockpit-phone")
+    phone.tap("#glass")
+    phone.wait_for_selector("#hint.bad:has-text('You watch')")
+    phone.tap("#stop")
+    phone.wait_for_selector("#state[data-state=released]")
+    page.wait_for_selector("#state[data-state=released]")
+    context.close()
+
+
+def test_what_people_did_on_the_page_is_replayed_bit_for_bit(page: Page, simulation: Any) -> None:
+    """Control alone, from the recorded tracks: the rest of the flight is still going on."""
+    wait_for(page, lambda: speed(simulation) < 0.2, "the drone standing")
+    simulation.flight.stop()
+    wait_for(page, lambda: simulation.flight.finished, "the end of the flight")
+    page.wait_for_timeout(1500)  # what waits is written to the log once a second
+    flight = open_flight(simulation.folder)
+    assert len(flight.log.controls) > 500
+    replay = Replay(flight, replay_settings(flight), tracks_recorded=True)
+    assert compare(flight.log, replay.run()).identical
