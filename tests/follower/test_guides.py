@@ -1,0 +1,98 @@
+"""The guides say what the program says, and link to what is there."""
+
+import configparser
+import re
+from pathlib import Path
+
+import pytest
+
+from follower.cli import app
+from follower.preflight.table import CHECKS
+from follower.supervisor import Reason
+
+ROOT = Path(__file__).parents[2]
+GUIDES = ("start-simulator.md", "start-raspberry-pi.md", "calibration.md", "when-it-goes-wrong.md")
+PACKAGES = ("follower", "control/follower_control", "vision/follower_vision")
+GLUED = re.compile(r'"\s*\n\s*f?"')
+CODE = re.compile(r"`([^`]+)`")
+UNIT = ROOT / "configs" / "systemd" / "follower.service"
+
+
+def guide(name: str) -> str:
+    return (ROOT / "docs" / name).read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def sources() -> str:
+    """All our code, with strings that go on in the next line glued together."""
+    texts = (p.read_text("utf-8") for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
+    return GLUED.sub("", "\n".join(texts))
+
+
+def first_cells(text: str, heading: str) -> list[str]:
+    section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| ")]
+    return [row.split(" | ")[0].removeprefix("| ") for row in rows[1:]]
+
+
+def parts(phrase: str) -> list[str]:
+    """Return what of a phrase stands still: around … and example names."""
+    pieces = re.split(r"…|/dev/\w+\d*|\b\d+\b(?: of [\d.]+)?|\budpin:", phrase)
+    return [piece.strip(" :()") for piece in pieces if len(piece.split()) > 1]
+
+
+@pytest.mark.parametrize(
+    ("page", "heading"),
+    [("when-it-goes-wrong.md", "Starting"), ("calibration.md", "What it refuses")],
+)
+def test_errors_of_the_tables_are_the_programs_own(page: str, heading: str, sources: str) -> None:
+    phrases = [p for cell in first_cells(guide(page), heading) for p in CODE.findall(cell)]
+    assert len(phrases) > 5
+    missing = [part for phrase in phrases for part in parts(phrase) if part not in sources]
+    assert missing == []
+
+
+def test_checks_and_reasons_of_the_tables_exist() -> None:
+    text = guide("when-it-goes-wrong.md")
+    checks = {name for cell in first_cells(text, "The checklist") for name in CODE.findall(cell)}
+    assert checks <= {check.name for check in CHECKS}
+    reasons = {name for cell in first_cells(text, "It let go") for name in CODE.findall(cell)}
+    assert reasons <= set(map(str, Reason))
+    assert len(reasons) > 8
+
+
+WRITTEN_ELSEWHERE = {"cockpit.md", "ground-station.md"}
+
+
+@pytest.mark.parametrize("name", GUIDES)
+def test_links_of_the_guides_lead_somewhere(name: str) -> None:
+    links = re.findall(r"\]\(([^)#]+)", guide(name))
+    assert links
+    missing = {one for one in links if not (ROOT / "docs" / one).exists()}
+    assert missing <= WRITTEN_ELSEWHERE
+
+
+def test_the_service_stops_by_holding_and_is_begun_anew_only_after_an_error() -> None:
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(UNIT, "utf-8")
+    service = unit["Service"]
+    assert service["KillSignal"] == "SIGTERM"
+    assert service["Restart"] == "on-failure"
+    assert int(service["TimeoutStopSec"]) >= 60, "6 s of holding, then recording and report"
+    assert {"NoNewPrivileges", "ProtectSystem", "DevicePolicy"} <= set(service)
+    named = set(re.findall(r"\$\{(\w+)\}", service["ExecStart"]))
+    given = (UNIT.parent / "follower.env").read_text("utf-8")
+    assert named == set(re.findall(r"^(\w+)=", given, re.MULTILINE))
+
+
+def test_the_service_calls_a_command_that_is_there() -> None:
+    import typer
+
+    line = next(t for t in UNIT.read_text("utf-8").splitlines() if t.startswith("ExecStart="))
+    words = line.split()[1:]
+    group = typer.main.get_command(app)
+    command = group.commands[words[0]]  # type: ignore[attr-defined]
+    context = command.context_class(command, info_name="follower")
+    _, left, _ = command.make_parser(context).parse_args(words[1:])
+    assert left == []
