@@ -19,11 +19,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from follower.consent import Way
-from follower.setting_change import SettingChange, changed, value_at
+from follower.setting_change import SettingChange, changed, live_keys, value_at
 from follower.settings import Settings
+from follower.settings_file import save_settings
 from follower.situation import Order
 from follower.target_wish import (
     NoTargetWish,
@@ -76,6 +78,7 @@ class OperatorRequests:
         self._stop = False
         self._orders: list[Order] = []
         self._changes: list[SettingChange] = []
+        self._changed: set[str] = set()
         self._notes: list[str] = []
         self._waiting = False
 
@@ -83,6 +86,33 @@ class OperatorRequests:
     def settings(self) -> Settings:
         """The newest settings, with all changes accepted so far."""
         return self._settings
+
+    @property
+    def changed(self) -> Mapping[str, Any]:
+        """The values in force of all settings that were changed since the beginning, by path.
+
+        A loop's come together: what a file says of a loop stands for all of it.
+        """
+        with self._lock:
+            loops = {key.rpartition(".")[0] for key in self._changed if key.count(".") > 1}
+            keys = [one.key for one in live_keys()]
+            wanted = [k for k in keys if k in self._changed or k.rpartition(".")[0] in loops]
+            return {key: value_at(self._settings, key) for key in wanted}
+
+    def save(self, path: Path | None) -> str:
+        """Write the changed settings into their file, whose comments stay; return what was done.
+
+        Raises:
+            RequestRefusedError: there is no file, or it cannot be written.
+        """
+        if path is None:
+            raise RequestRefusedError("no settings file was given (-c): nothing to save to")
+        values = {key: SettingChange.of(key, one).plain for key, one in self.changed.items()}
+        try:
+            save_settings(path, values)
+        except SettingsError as error:
+            raise RequestRefusedError(str(error)) from None
+        return f"{len(self._changed)} changed settings saved to {path.name}"
 
     def select_point(self, x: float, y: float, by: str) -> TargetRequest:
         """Follow what is seen at a point: the detection there, else a box segmented around it.
@@ -155,6 +185,7 @@ class OperatorRequests:
             if len(self._changes) + len(wanted) > _MOST_WAITING:
                 raise RequestRefusedError("control has not taken the last changes yet")
             self._changes += wanted
+            self._changed.update(values)
             for one in wanted:
                 before = value_at(self._settings, one.key)
                 self._note(f"{one.key}: {before} -> {one.value}, by {by}")

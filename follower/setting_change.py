@@ -61,6 +61,12 @@ class SettingChange:
             raise SettingsError(f"{key}: {value} is no value for a setting")
         return cls(key, json.dumps(plain))
 
+    @property
+    def plain(self) -> float | str | None:
+        """The value as a plain number, truth, text or None."""
+        value: float | str | None = json.loads(self.value)
+        return value
+
 
 @dataclass(frozen=True, slots=True)
 class LiveKey:

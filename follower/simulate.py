@@ -6,8 +6,9 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from follower.faults.verdict import Verdict
 from follower.flight_video import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.fly.keyboard import Keyboard
 from follower.flying import fly_lockstep, fly_realtime
+from follower.ground_station.opening import open_ground_station, operators_finder
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.outputs import write_boxes, write_setpoints
@@ -216,12 +218,14 @@ def _fly(
             recorder,
             injector,
             sight=options.sight,
+            finder=operators_finder(settings),
         )
         if options.cockpit:
             flight.operate()
         page = None if station is None else FlightShow(station, flight)
         terminal = Terminal(console, world.scenario.title)
-        with closing(flight), terminal, StopOnInterrupt(flight.stop) as interrupt:
+        ground = _ground_station(flight, options, clock)
+        with closing(flight), ground, terminal, StopOnInterrupt(flight.stop) as interrupt:
             if early.interrupted:
                 flight.stop()
             keyboard = Keyboard(sys.stdin)
@@ -250,6 +254,17 @@ def _fly(
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
     return flight, (*said, *map(said_of, judged)), judged
+
+
+def _ground_station(
+    flight: SimulatedFlight, options: SimulationOptions, clock: Clock
+) -> AbstractContextManager[None]:
+    """Answer ground stations in real time; a simulated clock has no time for them."""
+    if isinstance(clock, SimulatedClock):
+        return nullcontext()
+    save = partial(flight.requests.save, options.config)
+    rate_hz = flight.scenario.camera.rate_hz
+    return open_ground_station(flight.settings, flight.view, rate_hz, clock, save)
 
 
 @contextmanager

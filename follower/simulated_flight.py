@@ -16,6 +16,7 @@ from follower.control_stage import ControlStage
 from follower.faults.injector import FaultInjector
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.ground_station.flight_view import FlightView
 from follower.links.connection import ConnectionFailedError
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
@@ -163,6 +164,12 @@ class SimulatedFlight:
         wanted_deg = self.scenario.camera.pitch_deg if elevation is None else elevation
         distance = None if servo.mode == "watch" else servo.distance_m
         return PursuitGoal(distance, math.radians(wanted_deg))
+
+    @property
+    def view(self) -> FlightView:
+        """What a ground station is told from."""
+        camera = self.scenario.camera.model
+        return FlightView(self.log, self._link, self.requests, (camera.width, camera.height))
 
     def status(self) -> LiveStatus:
         """Return what a display shows of this moment."""

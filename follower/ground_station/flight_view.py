@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from follower.flightlog import ControlRecord, FlightLog
-from follower.links.autopilot_link import AutopilotLink
+from follower.links.link import Link
 from follower.operator_requests import OperatorRequests
 from follower_control.target_fix import TargetFix, target_fix
 from follower_vision.track import Track
@@ -25,7 +25,7 @@ class FlightView:
     """
 
     log: FlightLog
-    link: AutopilotLink
+    link: Link
     requests: OperatorRequests
     size: tuple[int, int]
 

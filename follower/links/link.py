@@ -7,6 +7,7 @@ from typing import Protocol
 
 from follower.links.link_status import LinkStatus
 from follower.links.operator_commands import OperatorCommand
+from follower.links.packet_port import PacketPort
 from follower.links.parameter_reader import ParameterReader
 from follower.links.vehicle_health import VehicleHealth
 from follower_control.gimbal import GimbalRates
@@ -54,6 +55,15 @@ class Link(Protocol):
     @property
     def parameters(self) -> ParameterReader | None:
         """The parameters asked for, None before the vehicle is found."""
+        ...
+
+    @property
+    def vehicle_id(self) -> int | None:
+        """The vehicle's MAVLink system id, None before it is found."""
+        ...
+
+    def open_port(self, message_ids: frozenset[int]) -> PacketPort:
+        """Return a port for another component on this link; there is one at a time."""
         ...
 
     def watch_health(self) -> None:
