@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from follower.command_options import Colour, Config, Out, Overrides
+from follower.command_options import Cockpit, Colour, Config, Out, Overrides
 from follower.fly_options import (
     Camera,
     Connect,
@@ -25,6 +25,8 @@ EPILOG = """
 `follower fly --connect /dev/ttyAMA0:921600 --camera 0 -c my.yaml --select person`
 
 `follower fly --connect udpin:0.0.0.0:14540 --camera rtsp://10.0.0.5/live -c my.yaml --select car`
+
+`follower fly --connect /dev/ttyAMA0:921600 --camera 0 -c my.yaml --cockpit` – choose on a web page
 
 `follower fly --connect tcp:127.0.0.1:5760 --camera clip.mp4 -c my.yaml --colour '#d02020'` – SITL
 
@@ -58,6 +60,7 @@ def fly_command(
     config: Config = None,
     overrides: Overrides = None,
     out: Out = Path("runs"),
+    cockpit: Cockpit = False,
 ) -> None:
     """Follow a target with a real vehicle: check, wait for the pilot, follow, let go.
 
@@ -79,5 +82,6 @@ def fly_command(
         config=config,
         overrides=tuple(overrides or ()),
         out=out,
+        cockpit=cockpit,
     )
     raise typer.Exit(fly(options))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol
 
 from follower.cockpit.live_settings import setting_list, setting_values
@@ -11,6 +12,7 @@ from follower.control_stage import ControlStage
 from follower.flightlog import FlightLog
 from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
+from follower.preflight.check import Result
 from follower.settings import Settings
 from follower.station.station import Station
 from follower.station.wire import Message
@@ -47,6 +49,18 @@ class FlightShow:
         controls = self._flight.log.controls
         record = controls[-1] if controls else None
         self._station.show(moment(status, record))
+
+
+def check_list(results: Iterable[Result]) -> list[Message]:
+    """Return preflight checks as the page lists them."""
+    return [
+        {
+            "name": one.check.name,
+            "verdict": "warn" if one.skipped else str(one.finding.verdict),
+            "text": " – ".join(text for text in (one.finding.why, one.finding.todo) if text),
+        }
+        for one in results
+    ]
 
 
 def first_page(mode: str, title: str, settings: Settings, folder: str = "") -> Message:

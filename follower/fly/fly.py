@@ -11,6 +11,8 @@ from pathlib import Path
 import cv2
 from rich.console import Console
 
+from follower.cockpit.opening import open_station
+from follower.cockpit.showing import FlightShow, check_list, first_page
 from follower.fly.camera import SteadySource, after_preflight, open_camera_or_dead
 from follower.fly.keyboard import Keyboard
 from follower.fly.options import FlyOptions
@@ -31,6 +33,7 @@ from follower.recorder.recorded_flight import open_flight
 from follower.run_folder import new_run_folder
 from follower.settings import Settings
 from follower.situation import Order
+from follower.station.station import Station
 from follower.terminal import Terminal
 from follower.tracking import make_settings_detector, make_target_tracker
 from follower.vision_stage import Selector
@@ -55,7 +58,9 @@ def fly(options: FlyOptions) -> int:
     """
     skip = check_names(options.skip)
     settings = options.settings()
-    selector = target_selector(options, make_settings_detector(settings))
+    selector = None
+    if options.names_target:
+        selector = target_selector(options, make_settings_detector(settings))
     cv2.setNumThreads(1)
     with sigterm_as_ctrl_c(), ExitStack() as stack:
         tracker = make_target_tracker(settings, BackgroundDetection)
@@ -81,7 +86,7 @@ class FlySession:
     Args:
         options: as given.
         settings: as resolved.
-        selector: finds the target.
+        selector: finds the target; None leaves that to the cockpit.
         tracker: follows it.
         skip: names of checks that do not refuse.
         folder: takes the recording.
@@ -94,7 +99,7 @@ class FlySession:
         self,
         options: FlyOptions,
         settings: Settings,
-        selector: Selector,
+        selector: Selector | None,
         tracker: TargetTracker,
         skip: frozenset[str],
         folder: Path,
@@ -107,11 +112,13 @@ class FlySession:
         self._folder = folder
         self._console = Console()
         self._clock = MonotonicClock()
+        self._station: Station | None = None
         self.flown = False
 
     def run(self, transport: Transport) -> int:
         """Check, fly, report; return the exit code."""
         with ExitStack() as after:
+            self._station = self._open_station(after)
             with self._recorder() as recorder, self._link(recorder.transport(transport)) as link:
                 source = open_camera_or_dead(self._options, self._clock)
                 with ExitStack() as stack:
@@ -159,15 +166,32 @@ class FlySession:
         name = self._options.shown_camera
         with CameraWatch(source, name, self._clock) as camera, LiveChecklist(self._console) as live:
             observation = Observation(link, camera, self._clock, about)
-            results = observation.run(self._skip, live.show, self._options.look_s)
+
+            def show(results: list[Result]) -> None:
+                live.show(results)
+                self._show_checks(results)
+
+            results = observation.run(self._skip, show, self._options.look_s)
             snapshot = observation.snapshot(self._clock.now())
         print_checklist(self._console, results)
+        self._show_checks(results)
         if any(result.refuses for result in results) or snapshot.camera.size is None:
             self._advise(results)
             return None
         self._check_target(snapshot.camera.size)
         (self._folder / PREFLIGHT).write_text(to_json(results, snapshot) + "\n", "utf-8")
         return snapshot.camera.size
+
+    def _open_station(self, stack: ExitStack) -> Station | None:
+        """Open what shows the flight to others, if anybody wants to see it."""
+        page = first_page("fly", self._options.wish, self._settings, self._folder.name)
+        cockpit, runs = self._options.cockpit, self._options.out
+        station = open_station(self._settings, cockpit, page, runs, self._say)
+        return None if station is None else stack.enter_context(station)
+
+    def _show_checks(self, results: list[Result]) -> None:
+        if self._station is not None:
+            self._station.tell_page({"preflight": check_list(results)})
 
     def _advise(self, results: list[Result]) -> None:
         names = " ".join(f"--skip-preflight {r.check.name}" for r in results if r.refuses)
@@ -188,15 +212,27 @@ class FlySession:
     ) -> None:
         """Fly to the end, or until Ctrl-C; the next one, until `after` is closed, is let pass."""
         flight = RealFlight(
-            self._settings, source, size, link, self._tracker, self._clock, recorder.log
+            self._settings,
+            source,
+            size,
+            link,
+            self._tracker,
+            self._clock,
+            recorder.log,
+            video=self._station,
         )
-        flight.select(self._selector)
+        if self._selector is not None:
+            flight.select(self._selector)
+        page = None if self._station is None else FlightShow(self._station, flight)
         self.flown = True
         keyboard = Keyboard(sys.stdin)
         with Terminal(self._console, f"Following {self._options.wish}") as terminal:
 
             def watch(flight: RealFlight) -> None:
-                terminal.show(flight.status(self._options.wish))
+                status = flight.status(self._options.wish)
+                terminal.show(status)
+                if page is not None:
+                    page.show(status)
                 self._take_order(flight, keyboard.order())
 
             after.enter_context(StopOnInterrupt(flight.stop))

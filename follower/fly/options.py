@@ -45,6 +45,7 @@ class FlyOptions:
     rate_hz: float = 30.0
     needs_target: bool = True
     look_s: float = 12.0
+    cockpit: bool = False
 
     def __post_init__(self) -> None:
         if not self.camera.strip():
@@ -60,10 +61,16 @@ class FlyOptions:
         given = sum(way is not None for way in ways)
         if given > 1:
             raise SettingsError("choose by one of --target, --select and --colour alone")
-        if self.needs_target and not given:
+        if self.needs_target and not given and not self.cockpit:
             raise SettingsError(
-                "which target? give --select person, --colour '#rrggbb' or --target x,y,w,h"
+                "which target? give --select person, --colour '#rrggbb' or --target x,y,w,h, or "
+                "--cockpit to choose it on a page"
             )
+
+    @property
+    def names_target(self) -> bool:
+        """Whether the target is chosen before the flight."""
+        return any(way is not None for way in (self.target, self.select, self.colour))
 
     @property
     def lens_given(self) -> bool:
@@ -89,7 +96,9 @@ class FlyOptions:
             return self.select
         if self.colour is not None:
             return f"something of colour {self.colour}"
-        return "the target" if self.target is not None else "nothing"
+        if self.target is not None:
+            return "the target"
+        return "what the cockpit points out" if self.cockpit else "nothing"
 
     @property
     def shown_camera(self) -> str:
@@ -111,6 +120,7 @@ class FlyOptions:
             ("config", self.config),
         ):
             words += [] if value is None else [f"--{name}", str(value)]
+        words += ["--cockpit"] if self.cockpit else []
         for one in self.skip:
             words += ["--skip-preflight", one]
         for one in self.overrides:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
+from follower.flight_video import FlightVideo
 from follower.flightlog import FlightLog, TrackRecord
 from follower.fly.camera import SteadySource
 from follower.fly.waiting import waiting_for
@@ -44,6 +45,7 @@ class RealFlight:
         clock: the system's.
         log: takes everything.
         finder: finds what operators point at.
+        video: is shown every frame, if given.
 
     Attributes:
         requests: where front ends put what their operators want.
@@ -59,6 +61,7 @@ class RealFlight:
         clock: Clock,
         log: FlightLog,
         finder: TargetFinder | None = None,
+        video: FlightVideo | None = None,
     ) -> None:
         self.settings = settings
         self.log = log
@@ -69,7 +72,7 @@ class RealFlight:
         self._ending = False
         self.requests = OperatorRequests(settings)
         self._vision_stage = VisionStage(tracker, self.requests, finder)
-        self._vision = VisionLoop(self._vision_stage, clock, log)
+        self._vision = VisionLoop(self._vision_stage, clock, log, video, self._lines)
         camera = settings.camera.model(*size)
         self.stage = ControlStage(settings, camera, log, requests=self.requests)
         self._autonomy: Autonomy | None = None
@@ -139,6 +142,11 @@ class RealFlight:
         link = self._link.status(self._clock.now()).line()
         errors = self.stage.servo.errors
         return LiveStatus.of(self.log, self._start_s, None, errors, words, link)
+
+    def _lines(self) -> Sequence[str]:
+        """Return what a video shows in its corner."""
+        supervisor = self.stage.supervisor
+        return (f"{supervisor.state.upper()}  {supervisor.reason}",)
 
     def _newest(self) -> TrackRecord | None:
         return self._vision.tracks.newest
