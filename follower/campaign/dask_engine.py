@@ -57,7 +57,7 @@ class DaskEngine:
         flying = {
             self._client.submit(fly_run, spec, pure=False, retries=_RETRIES): spec for spec in specs
         }
-        for future in self._dask.as_completed(list(flying)):
+        for future in self._dask.as_completed(list(flying), loop=self._client.loop):
             spec = flying.pop(future)
             error = future.exception()
             yield row_of(spec, said_of(error)) if error else future.result()

@@ -93,7 +93,12 @@ class Figures:
 def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
     """Return the figures of a flight that is over, and its score."""
     score = score_flight(
-        flight.log, flight.truth, flight.goal, overlaps=flight.overlaps, chosen_s=flight.chosen_s
+        flight.log,
+        flight.truth,
+        flight.goal,
+        overlaps=flight.overlaps,
+        identity=flight.identity,
+        chosen_s=flight.chosen_s,
     )
     end_s = stopped_s(flight.log.controls) or math.inf
     scored = _scored(flight.truth, score, end_s)

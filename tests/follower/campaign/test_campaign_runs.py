@@ -1,0 +1,247 @@
+"""Campaigns that fly: the same rows however they are flown, and none lost when workers die."""
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from follower.campaign.campaign import CampaignOptions, fly_missing, run_campaign
+from follower.campaign.campaign_config import load_campaign
+from follower.campaign.dask_engine import DaskEngine
+from follower.campaign.flying import TIMING, fly_run
+from follower.campaign.local_engine import InlineEngine, LocalEngine
+from follower.campaign.optimise import optimise
+from follower.campaign.plan import planned
+from follower.campaign.run_spec import RunSpec
+from follower.campaign.store import Store, read_rows
+from follower.simulate import simulate
+from follower_control.strict_yaml import SettingsError
+
+CONFIG = """
+name: small
+title: Small.
+seed: 3
+runs: 3
+vision: truth+noise
+scenarios: [pursue-person]
+autopilots: [px4, ardupilot]
+scene: [duration_s=13, targets.0.path.shape.from_s=9]
+parameters:
+  course: {key: scene.targets.0.path.shape.kind, values: [straight, evasive]}
+  wind: {key: scene.wind.mean_m_s, between: [0, 3]}
+"""
+
+
+def config(folder: Path, more: str = "") -> str:
+    path = folder / "small.yaml"
+    path.write_text(CONFIG + more, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def specs(tmp_path_factory: pytest.TempPathFactory) -> list[RunSpec]:
+    return planned(load_campaign(config(tmp_path_factory.mktemp("campaign"))))
+
+
+@pytest.fixture(scope="module")
+def rows(specs: list[RunSpec]) -> dict[str, dict[str, Any]]:
+    """Return the rows as this process flies them."""
+    return by_key(InlineEngine().fly(specs))
+
+
+def by_key(rows: Any) -> dict[str, dict[str, Any]]:
+    """Return rows without what the clock says, as they are after the disk."""
+    plain = json.loads(json.dumps(list(rows)))
+    return {row["key"]: {k: v for k, v in row.items() if k not in TIMING} for row in plain}
+
+
+def test_runs_follow_and_differ(specs: Sequence[RunSpec], rows: dict[str, Any]) -> None:
+    assert len(rows) == len(specs)
+    for row in rows.values():
+        assert row["error"] == ""
+        assert row["time_to_acquire_s"] is not None
+        assert row["vision"] == "truth+noise"
+        assert row["envelope_violations"] == 0
+    assert len({row["nearest_m"] for row in rows.values()}) == len(rows)
+
+
+def test_two_processes_give_the_rows_of_one(specs: list[RunSpec], rows: dict[str, Any]) -> None:
+    engine = LocalEngine(2)
+    assert by_key(engine.fly(specs)) == rows
+    engine.close()
+
+
+def test_dask_gives_the_same_rows(specs: list[RunSpec], rows: dict[str, Any]) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        engine = DaskEngine(cluster.scheduler_address)
+        assert engine.workers == 2
+        assert by_key(engine.fly(specs)) == rows
+        engine.close()
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("follower.campaign.dask_engine._CONNECT_S", 0.3)
+    with pytest.raises(SettingsError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler"):
+        DaskEngine("tcp://127.0.0.1:9")
+
+
+def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
+    specs: list[RunSpec], rows: dict[str, Any], tmp_path: Path
+) -> None:
+    engine = LocalEngine(1)
+    with Store(tmp_path) as store:
+        killer = threading.Thread(target=kill_after_one, args=(store, engine))
+        killer.start()
+        fly_missing(specs, engine, store, Console(quiet=True), "small")
+        killer.join()
+    engine.close()
+    assert by_key(read_rows(store.path).values()) == rows
+
+
+def kill_after_one(store: Store, engine: LocalEngine) -> None:
+    """Kill the process that flies when the first row is kept, and it has begun the next run."""
+    while not store.rows:
+        time.sleep(0.02)
+    pool = engine._pool
+    assert pool is not None
+    for pid in pool._processes:
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_stopped_campaign_flies_only_what_is_missing(
+    specs: list[RunSpec], rows: dict[str, Any], tmp_path: Path
+) -> None:
+    flown: list[int] = []
+
+    class Counting(InlineEngine):
+        def fly(self, specs: Sequence[RunSpec]) -> Any:
+            flown.extend(spec.number for spec in specs)
+            yield from (dict(rows[spec.key], wall_s=0.1) for spec in specs)
+
+    with Store(tmp_path) as store:
+        store.add(dict(rows[specs[0].key], wall_s=0.1))
+        store.add({**rows[specs[1].key], "error": "its process died", "wall_s": 0.1})
+    with Store(tmp_path) as store:
+        fly_missing(specs, Counting(), store, Console(quiet=True), "small")
+        assert flown == [1, 2]
+        assert by_key(store.rows.values()) == rows
+
+
+def test_a_run_that_cannot_be_flown_has_a_row_that_says_why(specs: list[RunSpec]) -> None:
+    from dataclasses import replace
+
+    engine = LocalEngine(1)
+    (row,) = engine.fly([replace(specs[0], overrides=("servo.distance_m=-1",))])
+    engine.close()
+    assert row["error"].startswith("SettingsError: --set servo.distance_m=-1")
+
+
+def test_the_command_of_a_row_gives_its_score(
+    specs: list[RunSpec], rows: dict[str, Any], tmp_path: Path
+) -> None:
+    spec = specs[0]
+    simulate(spec.options(out=tmp_path, video=False))
+    score = json.loads((tmp_path / "pursue-person" / "score.json").read_text("utf-8"))["score"]
+    row = rows[spec.key]
+    assert score["in_frame_share"] == row["in_frame_share_all"]
+    for name in ("time_to_acquire_s", "approach_s", "line_of_sight_rms_deg", "range_error_median"):
+        assert score[name] == row[name]
+
+
+def test_a_whole_campaign_writes_results_and_a_report_that_needs_no_network(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: dict[str, Any]
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    out = tmp_path / "out"
+    with Store(out) as store:
+        for row in rows.values():
+            store.add({**row, "wall_s": 0.1})
+    code = run_campaign(CampaignOptions(config(tmp_path), out=out))
+    assert code in (0, 1)
+    assert "Line-of-sight error, RMS" in capsys.readouterr().out
+    table = pq.read_table(out / "results.parquet")
+    assert table.num_rows == 3
+    assert {"p_course", "p_wind", "passed", "failures"} <= set(table.column_names)
+    page = (out / "report.html").read_text("utf-8")
+    assert "no pixels: vision from truth + noise" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+    worst = [row for row in table.to_pylist() if not row["passed"]]
+    for row in worst:
+        assert row["command"] in page.replace("&#x27;", "'")
+
+
+def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    more = "optimise: {trials: 4, runs_per_trial: 2, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
+    campaign = load_campaign(config(tmp_path, more))
+    specs, flown = planned(campaign), []
+
+    class Pretending(InlineEngine):
+        def fly(self, specs: Sequence[RunSpec]) -> Any:
+            for spec in specs:
+                flown.append(spec.key)
+                gain = float(spec.overrides[-1].partition("=")[2])
+                angle = 1.0 + abs(gain - 2.0)
+                yield {**ROW, "key": spec.key, "line_of_sight_rms_deg": angle}
+
+    for _ in range(2):
+        with Store(tmp_path / "out") as store:
+            quiet = Console(quiet=True)
+            optimise(campaign, specs, Pretending(), store, tmp_path / "out", quiet)
+    assert len(flown) == 8, "the second search finds every run of the first"
+    trials = json.loads((tmp_path / "out" / "trials.json").read_text("utf-8"))
+    assert trials[0]["servo.azimuth.kp"] == 1.5
+    best = min(trials, key=lambda trial: trial["cost"])
+    assert (tmp_path / "out" / "best.yaml").read_text("utf-8").split() == [
+        *("servo:", "azimuth:", "kp:", str(best["servo.azimuth.kp"]))
+    ]
+
+
+ROW: dict[str, Any] = {
+    "error": "",
+    "time_to_acquire_s": 0.5,
+    "approach_s": 4.0,
+    "scored_s": 40.0,
+    "in_frame_share": 1.0,
+    "in_frame_share_all": 1.0,
+    "line_of_sight_rms_seen_deg": 1.0,
+    "range_error_median": 0.05,
+    "range_error_p95": 0.1,
+    "occlusion_s": [],
+    "reacquired_s": [],
+    "losses": 0,
+    "wrong_box_share": 0.0,
+    "delay_median_s": 0.07,
+    "envelope_violations": 0,
+    "nearest_m": 9.0,
+    "keep_out_m": 4.0,
+    "acceleration_rms_m_s2": 1.0,
+    "yaw_acceleration_rms_deg_s2": 10.0,
+}
+
+
+@pytest.mark.parametrize("key", ["servo.azimuth.kp: [2, 3]", "servo.azimuth.gain: [0, 1]"])
+def test_a_search_that_cannot_begin_is_refused(tmp_path: Path, key: str) -> None:
+    pytest.importorskip("optuna")
+    campaign = load_campaign(config(tmp_path, f"optimise: {{settings: {{{key}}}}}\n"))
+    with (
+        Store(tmp_path / "out") as store,
+        pytest.raises(SettingsError, match=r"optimise\.settings"),
+    ):
+        optimise(campaign, [], InlineEngine(), store, tmp_path / "out", Console(quiet=True))
+
+
+def test_flying_twice_gives_the_same_row(specs: list[RunSpec], rows: dict[str, Any]) -> None:
+    assert by_key([fly_run(specs[2])])[specs[2].key] == rows[specs[2].key]
