@@ -64,6 +64,7 @@ def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() ->
     code = "import sys, follower.cli, follower.fly.fly; print(*sys.modules)"
     modules = set(python(code).split())
     assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
+    assert modules.isdisjoint({"dask", "distributed", "optuna", "pyarrow"})
 
 
 def test_nothing_of_ours_imports_matplotlib_outside_reports() -> None:
@@ -92,6 +93,21 @@ def test_no_ground_truth_is_imported_by_what_sees_or_steers() -> None:
     for name in ("vision_stage", "control_stage", "control_loop", "tracking", "selecting"):
         tops = {module.split(".")[0] for module in imported(ROOT / "follower" / f"{name}.py")}
         assert "follower_sim" not in tops
+
+
+def test_the_stand_in_for_vision_is_known_to_the_simulators_side_alone() -> None:
+    allowed = {"simulate.py", "simulated_flight.py", "campaign.py"}
+    for package in ("follower_vision", "follower_control", "follower"):
+        for path in SOURCES[package].rglob("*.py"):
+            if "follower_sim.stand_in" in imported(path):
+                assert path.name in allowed, path
+
+
+def test_what_only_campaigns_need_is_imported_by_campaigns_alone() -> None:
+    for folder in SOURCES.values():
+        for path in folder.rglob("*.py"):
+            tops = {name.split(".")[0] for name in imported(path)}
+            assert tops.isdisjoint({"dask", "distributed", "optuna", "pyarrow"}), path
 
 
 def test_the_source_says_no_wall_clock_time() -> None:
