@@ -69,6 +69,7 @@ class MavsdkLink(AutopilotLink):
         self._action: Action | None = None
         self._stream: MavsdkStream | None = None
         self._sent_since_poll = False
+        self._polled_s = float("-inf")
         self._obeys_setpoints = False
         self._stalls = 0
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
@@ -85,6 +86,7 @@ class MavsdkLink(AutopilotLink):
         if self._stream is not None and not self._sent_since_poll:
             self._stream.end()
         self._sent_since_poll = False
+        self._polled_s = now_s
         super().poll(now_s)
         self._tell_of_stalls()
         while self._results:
@@ -222,7 +224,8 @@ class MavsdkLink(AutopilotLink):
     def _send_setpoint(self, setpoint: VelocitySetpoint, vehicle: Vehicle) -> None:  # noqa: ARG002
         self._sent_since_poll = True
         if self._stream is not None:
-            self._stream.set(setpoint)
+            # It is as old as the step that asked for it, however long that took.
+            self._stream.set(setpoint, self._polled_s)
 
     def _command(self, command: int, *params: float) -> None:
         padded = params + (0.0,) * (7 - len(params))

@@ -60,12 +60,21 @@ class MavsdkStream:
         """Whether a stop still waits for its answer."""
         return bool(self._stopping)
 
-    def set(self, setpoint: VelocitySetpoint) -> None:
-        """Send a setpoint now; the stream goes on with it."""
+    def set(self, setpoint: VelocitySetpoint, asked_s: float) -> None:
+        """Send a setpoint now; the stream goes on with it.
+
+        The hold with which a loop comes back from a stall is not needed, if the vehicle has left
+        the mode meanwhile: the last word there was zero.
+
+        Args:
+            setpoint: what is asked for.
+            asked_s: since when.
+        """
         with self._lock:
-            self._set_s = self._clock.now()
-            self._zeroed = False
-            self._put(setpoint)
+            stalled, self._zeroed = self._zeroed, False
+            self._set_s = asked_s
+            if not (stalled and setpoint == HOLD and not self._obeys()):
+                self._put(setpoint)
 
     def end(self) -> None:
         """End the stream; the vehicle's mode stays."""

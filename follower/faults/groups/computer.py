@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from follower.faults.fault import Action, Kind
+from follower.faults.fault import Action, Fault, Kind, Outcome
 from follower.faults.groups.promise import carries_on, comes_back, lets_go
 
 COMPUTER = (
@@ -29,6 +29,7 @@ COMPUTER = (
         rest_within_s=None,
         excursion_m=None,
         flavours=("ardupilot",),
+        links=("pymavlink",),
     ),
     lets_go(
         "control-stalls-into-failsafe",
@@ -41,6 +42,20 @@ COMPUTER = (
         rest_within_s=None,
         excursion_m=None,
         flavours=("px4",),
+        links=("pymavlink",),
+    ),
+    Fault(
+        "control-stalls-into-hold",
+        "computer",
+        "No control step for 2 s: mavsdk's watchdog sends zero and has the autopilot hold (Hold, "
+        "BRAKE), at rest within 7 s; the loop lets go, and sends nothing more.",
+        Outcome.PILOT_HAS_IT,
+        (Action(Kind.CONTROL_STALLS),),
+        for_s=2.0,
+        rest_within_s=7.0,
+        excursion_m=13.0,
+        lockstep=False,
+        links=("mavsdk",),
     ),
     carries_on(
         "cpu-starved",
