@@ -1,0 +1,138 @@
+"""`follower fly --cockpit`: the page's way in and out of a real flight's program."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+from follower.recorder import open_flight
+from follower.supervisor import State
+
+PATIENCE_S = 60.0
+MakeVehicle = Callable[..., Any]
+SETTINGS = (
+    *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20", "--set", "cockpit.port=0"),
+    *("--set", "link.vehicle_id=1", "--set", "cockpit.when_lost=hold"),
+)
+
+
+class Flight:
+    """The program, and a client of its page."""
+
+    def __init__(self, link: str, video: Path, folder: Path) -> None:
+        code = "from follower.cli import main; main()"
+        arguments = ("fly", "--connect", link, "--camera", str(video), "--cockpit", *SETTINGS)
+        self.log = folder / "said.txt"
+        self._file = self.log.open("w")
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code, *arguments],
+            stdout=self._file,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            cwd=folder,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+        )
+
+    def port(self) -> int:
+        found = self.wait(lambda: re.search(r"Cockpit: http://127.0.0.1:(\d+)", self.said))
+        return int(found[1])
+
+    @property
+    def said(self) -> str:
+        return self.log.read_text()
+
+    def wait(self, condition: Callable[[], Any]) -> Any:
+        end_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end_s:
+            found = condition()
+            if found:
+                return found
+            assert self.process.poll() is None, self.said
+            time.sleep(0.1)
+        raise AssertionError(f"waited in vain; it said:\n{self.said}")
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._file.close()
+
+
+@pytest.fixture
+def flight(port: int, video: Path, tmp_path: Path) -> Iterator[Flight]:
+    flight = Flight(f"udpin:127.0.0.1:{port}", video, tmp_path)
+    yield flight
+    flight.close()
+
+
+def state(client: ClientConnection) -> dict[str, Any]:
+    """Return the newest state, and say that we are there."""
+    client.send('{"kind": "ping"}')
+    while True:
+        message = json.loads(client.recv(PATIENCE_S))
+        if message["kind"] == "state":
+            return dict(message)
+
+
+@pytest.mark.slow
+def test_choose_follow_and_lose_the_page(
+    vehicle: MakeVehicle, flight: Flight, tmp_path: Path
+) -> None:
+    """The page chooses the target; when its process dies in flight, the vehicle holds, is let go,
+    and the program flies on."""
+    there = vehicle("px4", 12.0)
+    url = f"http://127.0.0.1:{flight.port()}"
+    flight.wait(lambda: "Following what the cockpit points out" in flight.said)
+    checks = httpx.get(f"{url}/api/page").json()["preflight"]
+    assert {"name": "camera", "verdict": "pass"}.items() <= named(checks, "camera").items()
+    with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
+        flight.wait(lambda: "state" in state(client))
+        box = {"left": 0.58, "top": 0.4, "right": 0.73, "bottom": 0.6}
+        client.send(json.dumps({"kind": "select_box", "id": 1, **box}))
+        flight.wait(lambda: state(client)["state"] == "ready")
+        there.autopilot.switch_mode(there.setpoint_mode)
+        flight.wait(lambda: state(client)["state"] == "following")
+        kill_station(flight.process.pid)
+    flight.wait(lambda: "The station ended during the flight" in flight.said)
+    flight.wait(lambda: "cockpit lost" in flight.said)
+    flight.wait(lambda: "released" in flight.said)
+    assert flight.process.poll() is None
+    flight.process.send_signal(signal.SIGINT)
+    assert flight.process.wait(PATIENCE_S) == 0, flight.said
+    records = open_flight(tmp_path / "runs" / "fly").log.controls
+    states = [record.state for record in records]
+    following = [record.state is State.FOLLOWING for record in records]
+    assert any(following)
+    assert states[-1] is State.RELEASED
+    held = [r for r in records if r.state is State.HOLDING]
+    assert {str(record.reason) for record in held} == {"cockpit lost"}
+    assert max(record.control_gap_s for record in map(situation, records)) < 1.0
+
+
+def named(checks: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    return next(check for check in checks if check["name"] == name)
+
+
+def situation(record: Any) -> Any:
+    return record.situation
+
+
+def kill_station(parent: int) -> None:
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    (station,) = [
+        int(pid)
+        for pid in children
+        if b"station.child" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
+    os.kill(station, signal.SIGKILL)
