@@ -37,6 +37,8 @@ class Figures:
         in_frame_share_all: the same with them.
         line_of_sight_rms_deg: root mean square of the line-of-sight error over the scored time.
         line_of_sight_rms_seen_deg: the same, occlusions left out.
+        azimuth_rms_deg: of the direction to the target from the heading, occlusions left out.
+        elevation_rms_deg: of the error of its elevation, occlusions left out.
         range_error_median: median of |range / wanted - 1|.
         range_error_p95: its 95th percentile.
         occlusion_s: length of each occlusion.
@@ -58,6 +60,8 @@ class Figures:
     in_frame_share_all: float | None
     line_of_sight_rms_deg: float | None
     line_of_sight_rms_seen_deg: float | None
+    azimuth_rms_deg: float | None
+    elevation_rms_deg: float | None
     range_error_median: float | None
     range_error_p95: float | None
     occlusion_s: tuple[float, ...]
@@ -116,6 +120,8 @@ def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
         score.in_frame_share,
         score.line_of_sight_rms_deg,
         _rms(np.degrees(line_of_sight_errors(seen, flight.goal))),
+        _rms(np.degrees([sample.azimuth_rad for sample in seen])),
+        _rms(np.degrees([s.elevation_rad - flight.goal.elevation_rad for s in seen])),
         score.range_error_median,
         score.range_error_p95,
         tuple(round(one.length_s, 6) for one in hidden),

@@ -88,7 +88,16 @@ def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
         _followed(figures),
         _in_frame(figures, goals),
         _reacquired(figures, goals),
-        _line_of_sight(figures, goals),
+        _line_of_sight(
+            "Line-of-sight error, RMS, outside occlusions",
+            [one.line_of_sight_rms_seen_deg for one in figures],
+            goals,
+        ),
+        _line_of_sight(
+            "Line-of-sight error, RMS, occlusions and all",
+            [one.line_of_sight_rms_deg for one in figures],
+            goals,
+        ),
         _none_of(
             "Envelope violations",
             [one.envelope_violations > goals.max_violations for one in figures],
@@ -128,14 +137,12 @@ def _reacquired(figures: Sequence[Figures], goals: Goals) -> GoalLine:
     return GoalLine(name, share_text(good, count), wanted, met, (good, count))
 
 
-def _line_of_sight(figures: Sequence[Figures], goals: Goals) -> GoalLine:
-    angles = [one.line_of_sight_rms_deg for one in figures]
+def _line_of_sight(name: str, angles: Sequence[float | None], goals: Goals) -> GoalLine:
     known = [angle for angle in angles if angle is not None]
     limit = goals.max_line_of_sight_rms_deg
     good = sum(angle <= limit for angle in known)
     pooled = math.sqrt(sum(angle * angle for angle in known) / len(known)) if known else math.inf
     value = f"{pooled:.2f}° over all; runs: {share_text(good, len(angles))}"
-    name = "Line-of-sight error, RMS"
     return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)))
 
 

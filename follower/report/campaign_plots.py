@@ -29,8 +29,8 @@ def distributions(rows: Sequence[Row], goals: Goals) -> str:
     waits = [t for one in figures for t in goals.short(one)]
     panels: tuple[tuple[str, list[float], float | None], ...] = (
         (
-            "line-of-sight error, RMS [deg]",
-            _known([one.line_of_sight_rms_deg for one in figures]),
+            "line-of-sight error, RMS, outside occlusions [deg]",
+            _known([one.line_of_sight_rms_seen_deg for one in figures]),
             goals.max_line_of_sight_rms_deg,
         ),
         (
@@ -181,7 +181,7 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     columns = [("scenario", [row["scenario"].removeprefix("pursue-") for row in shown])]
     columns += [(name, [row["values"][name] for row in shown]) for name in _parameters(rows)]
     columns += [
-        ("line of sight [deg]", [row["line_of_sight_rms_deg"] for row in shown]),
+        ("line of sight [deg]", [row["line_of_sight_rms_seen_deg"] for row in shown]),
         ("in frame [%]", [_percent(row["in_frame_share"]) for row in shown]),
     ]
     figure = Figure(figsize=(style.WIDTH_IN, 4.0), layout="constrained")
