@@ -8,6 +8,7 @@ import numpy as np
 
 from follower.preflight.finding import Finding, Verdict, failed, passed, unknown, warned
 from follower.preflight.snapshot import Snapshot
+from follower_control.servo_settings import Mode, RangeFrom
 from follower_vision.camera import CameraModel
 
 _SLOW_HZ, _TOO_SLOW_HZ = 15.0, 5.0
@@ -156,6 +157,20 @@ def mount(s: Snapshot) -> Finding:
     if c.pitch_deg > 30:
         return warned(f"{text}: into the sky", "looking down is negative in camera.pitch_deg")
     return passed(text)
+
+
+def circling(s: Snapshot) -> Finding:
+    """Going round a target, the distance does not come from its size in the image."""
+    servo = s.settings.servo
+    if servo.mode not in (Mode.SIDE, Mode.ORBIT):
+        return passed("it does not go round the target")
+    if servo.range_from is RangeFrom.GROUND:
+        return passed("the distance comes from the ground")
+    return warned(
+        f"servo.mode {servo.mode} takes the distance from the target's size: it comes too near "
+        "where that looks smaller",
+        "set servo.range_from: ground and servo.target_middle_m, if the ground is level",
+    )
 
 
 def models(s: Snapshot) -> Finding:

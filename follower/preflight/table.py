@@ -158,6 +158,14 @@ CHECKS = (
         "mount", CAMERA, "the camera does not look into the sky", camera_checks.mount, needed=False
     ),
     Check(
+        "circling",
+        CAMERA,
+        "with servo.mode side or orbit the distance comes from the ground (servo.range_from): a "
+        "size changes with the side that is seen",
+        camera_checks.circling,
+        needed=False,
+    ),
+    Check(
         "models",
         CAMERA,
         "the networks that the settings name are there, with the right SHA-256",

@@ -69,6 +69,12 @@ def rc_switch(pulse_us: int | None, **changes: Any) -> Change:
     )
 
 
+def servo(**changes: Any) -> Change:
+    """Set how it follows."""
+    asked = {"camera": {"fov_deg": 70.0}, "servo": changes}
+    return lambda s: replace(s, settings=Settings.model_validate(asked))
+
+
 def sticks(heard_s: float | None, **changes: Any) -> Change:
     """Set what sticks do, and when the last four of them came."""
     asked = {"camera": {"fov_deg": 70.0}, "sticks": changes}
@@ -254,6 +260,9 @@ BOTH = [
     ("mount", lens(pitch_deg=-25), PASS, "25 deg down"),
     ("mount", lens(pitch_deg=60), WARN, "sky"),
     ("mount", lambda s: replace(s, settings=with_gimbal()), WARN, "gimbal"),
+    ("circling", servo(mode="orbit"), WARN, "comes too near"),
+    ("circling", servo(mode="side", range_from="ground"), PASS, "from the ground"),
+    ("circling", servo(mode="chase"), PASS, "does not go round"),
     ("models", lambda s: replace(s, models={"a.onnx": "missing"}), FAIL, "a.onnx is missing"),
     ("models", lambda s: replace(s, models={"a.onnx": "good"}), PASS, "a.onnx"),
     ("disk", computer(free_bytes=int(1e9)), WARN, "1.0 GB"),
