@@ -50,7 +50,7 @@ class Camera:
         view: of the flight.
         fov_deg: horizontal field of view.
         rate_hz: of the frames.
-        definition_uri: of its definition file, empty without one.
+        definition: where its definition file is.
         save: writes the changed settings to their file; raises `RequestRefusedError` if it cannot.
     """
 
@@ -61,14 +61,14 @@ class Camera:
         view: FlightView,
         fov_deg: float,
         rate_hz: float,
-        definition_uri: str = "",
+        definition: say.Definition = say.NO_DEFINITION,
         save: Callable[[], str] | None = None,
     ) -> None:
         self._settings = settings
         self._endpoint = endpoint
         self._view = view
         self._fov_deg, self._rate_hz = fov_deg, rate_hz
-        self._definition_uri = definition_uri
+        self._definition = definition
         self._save = save
         self._repeats = Repeats()
         usual_s = 1.0 / settings.image_rate_hz
@@ -207,8 +207,7 @@ class Camera:
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 return say.heartbeat()
             case mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
-                uri = self._definition_uri
-                return say.camera_information(settings, view.size, uri, boot_ms)
+                return say.camera_information(settings, view.size, self._definition, boot_ms)
             case mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
                 return say.camera_settings(boot_ms)
             case mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -26,6 +27,22 @@ _COASTING = mavlink.CAMERA_TRACKING_STATUS_FLAGS_COASTING
 _ERROR = mavlink.CAMERA_TRACKING_STATUS_FLAGS_ERROR
 
 
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """Where the camera definition file is.
+
+    Attributes:
+        uri: its address, empty where there is none.
+        version: another one means another file.
+    """
+
+    uri: str = ""
+    version: int = 0
+
+
+NO_DEFINITION = Definition()
+
+
 def heartbeat() -> Any:
     """Return the camera's heartbeat."""
     return mavlink.MAVLink_heartbeat_message(
@@ -39,9 +56,9 @@ def heartbeat() -> Any:
 
 
 def camera_information(
-    settings: GroundStationSettings, size: tuple[int, int], definition_uri: str, boot_ms: int
+    settings: GroundStationSettings, size: tuple[int, int], definition: Definition, boot_ms: int
 ) -> Any:
-    """Return CAMERA_INFORMATION; `definition_uri` is empty where there is no definition."""
+    """Return CAMERA_INFORMATION."""
     video = mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM if settings.video_uri else 0
     return mavlink.MAVLink_camera_information_message(
         boot_ms,
@@ -52,8 +69,8 @@ def camera_information(
         *size,
         0,
         _TRACKS | video,
-        1 if definition_uri else 0,
-        definition_uri.encode(),
+        definition.version,
+        definition.uri.encode(),
     )
 
 

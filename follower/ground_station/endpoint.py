@@ -7,6 +7,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+_CHUNK = 50
+
 
 class Endpoint:
     """Sends messages as one component of a system.
@@ -22,6 +24,7 @@ class Endpoint:
         self.component = component
         self._codec = mavlink.MAVLink(None, system, component)
         self._send = send
+        self._texts = 0
 
     def send(self, message: Any) -> None:
         """Pack and send a message."""
@@ -38,5 +41,12 @@ class Endpoint:
         self.send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, system, component))
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
-        """Send a line for the pilot to read, cut to the 50 bytes there are."""
-        self.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+        """Send a line for the pilot to read; one of more than 50 bytes goes in parts."""
+        data = text.encode()
+        if len(data) <= _CHUNK:
+            self.send(mavlink.MAVLink_statustext_message(severity, data))
+            return
+        self._texts = self._texts % 0xFFFF + 1
+        for number, at in enumerate(range(0, len(data), _CHUNK)):
+            part = data[at : at + _CHUNK]
+            self.send(mavlink.MAVLink_statustext_message(severity, part, self._texts, number))

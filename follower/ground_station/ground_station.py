@@ -10,8 +10,12 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.ground_station.camera import Camera
+from follower.ground_station.camera_definition import PATH, definition_version, definition_xml
+from follower.ground_station.camera_messages import Definition
 from follower.ground_station.endpoint import Endpoint
+from follower.ground_station.file_server import FileServer
 from follower.ground_station.flight_view import FlightView
+from follower.ground_station.parameter_ext_server import ParameterExtServer
 from follower.ground_station.parameter_server import ParameterServer
 from follower.ground_station.settings import GroundStationSettings, TargetMessage
 from follower.ground_station.target_report import TargetReport
@@ -29,7 +33,16 @@ _PARAMETERS = frozenset(
         mavlink.MAVLINK_MSG_ID_PARAM_SET,
     }
 )
-HEARD = frozenset({*_COMMANDS, *_PARAMETERS, mavlink.MAVLINK_MSG_ID_HEARTBEAT})
+_EXTENDED = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_EXT_SET,
+    }
+)
+_HEARTBEAT = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+_FILES = int(mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL)
+HEARD = frozenset({*_COMMANDS, *_PARAMETERS, *_EXTENDED, _HEARTBEAT, _FILES})
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +89,8 @@ class GroundStation(ClosesItself):
         self._port = view.link.open_port(HEARD)
         self._camera: Camera | None = None
         self._parameters: ParameterServer | None = None
+        self._extended: ParameterExtServer | None = None
+        self._files: FileServer | None = None
         self._target: TargetReport | None = None
         self._clashed = False
         self._stop = threading.Event()
@@ -104,6 +119,8 @@ class GroundStation(ClosesItself):
             self._camera.step(now_s)
         if self._parameters is not None:
             self._parameters.step(now_s)
+        if self._extended is not None and not self._clashed:
+            self._extended.step()
         if self._target is not None:
             self._target.step(now_s)
 
@@ -114,23 +131,43 @@ class GroundStation(ClosesItself):
     def _begin(self, system: int) -> None:
         settings, view, send = self._settings, self._view, self._port.send
         endpoint = Endpoint(system, settings.camera_component, send)
-        lens, uri = self._lens, settings.definition_uri
-        self._camera = Camera(settings, endpoint, view, lens.fov_deg, lens.rate_hz, uri, self._save)
+        lens, definition = self._lens, Definition(settings.definition_uri)
         if settings.parameters:
             computer = Endpoint(system, COMPONENT_ID, send)
             self._parameters = ParameterServer(computer, view.requests, self._save)
+            self._extended = ParameterExtServer(endpoint, view.requests)
+            definition = self._offer_definition(endpoint)
+        self._camera = Camera(
+            settings, endpoint, view, lens.fov_deg, lens.rate_hz, definition, self._save
+        )
         if settings.target is not TargetMessage.NONE:
             target = Endpoint(settings.target_system, COMPONENT_ID, send)
             self._target = TargetReport(settings, target, view)
 
+    def _offer_definition(self, endpoint: Endpoint) -> Definition:
+        """Return where the definition file is: at the given address, else with us."""
+        data = definition_xml(self._view.requests.settings)
+        version = definition_version(data)
+        if self._settings.definition_uri:
+            return Definition(self._settings.definition_uri, version)
+        self._files = FileServer(endpoint, PATH, data)
+        return Definition(f"mftp://[;comp={endpoint.component}]{PATH}", version)
+
     def _hear(self, packet: Packet, now_s: float) -> None:
         message = self._decoder.decode(bytearray(packet.data))
-        if packet.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        number = packet.message_id
+        if number == _HEARTBEAT:
             self._look_for_another(packet, message)
-        elif packet.message_id in _COMMANDS and self._camera is not None and not self._clashed:
-            self._camera.hear(message, now_s)
-        if packet.message_id not in _COMMANDS and self._parameters is not None:
+        if self._parameters is not None and (number == _HEARTBEAT or number in _PARAMETERS):
             self._parameters.hear(message, now_s)
+        if self._clashed:
+            return
+        if number in _COMMANDS and self._camera is not None:
+            self._camera.hear(message, now_s)
+        elif number in _EXTENDED and self._extended is not None:
+            self._extended.hear(message)
+        elif number == _FILES and self._files is not None:
+            self._files.hear(message)
 
     def _look_for_another(self, packet: Packet, message: Any) -> None:
         """Be silent as a camera where another one has the same number."""

@@ -66,9 +66,9 @@ def fields_of(record: type) -> tuple[Field, ...]:
         TypeError: an annotation is of a kind that cannot be recorded.
     """
     hints = typing.get_type_hints(record)
-    meanings = _meanings(inspect.getdoc(record) or "")
+    says = meanings(inspect.getdoc(record) or "")
     return tuple(
-        _field(field.name, hints[field.name], meanings.get(field.name, ""))
+        _field(field.name, hints[field.name], says.get(field.name, ""))
         for field in dataclasses.fields(record)
     )
 
@@ -106,18 +106,18 @@ def _element(hint: Any) -> tuple[Any, bool]:
     return hint, False
 
 
-def _meanings(docstring: str) -> dict[str, str]:
+def meanings(docstring: str) -> dict[str, str]:
     """Return name → meaning from a Google-style "Attributes:" section."""
     _, _, section = docstring.partition("Attributes:\n")
-    meanings: dict[str, str] = {}
+    found: dict[str, str] = {}
     names: list[str] = []
     for line in section.splitlines():
         start = re.match(r"    (\w+(?:, \w+)*): (.*)", line)
         if start is not None:
             names = start[1].split(", ")
-            meanings.update(dict.fromkeys(names, start[2]))
+            found.update(dict.fromkeys(names, start[2]))
         elif line.startswith("        "):
-            meanings.update({name: f"{meanings[name]} {line.strip()}" for name in names})
+            found.update({name: f"{found[name]} {line.strip()}" for name in names})
         else:
             names = []
-    return meanings
+    return found
