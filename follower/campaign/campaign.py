@@ -100,11 +100,16 @@ def fly_missing(
     specs: Sequence[RunSpec], engine: Engine, store: Store, console: Console, title: str
 ) -> None:
     """Fly those of the runs whose rows are not in the store, or tell of an error."""
-    missing = [spec for spec in specs if store.rows.get(spec.key, {"error": "new"})["error"]]
+    missing = [spec for spec in specs if not _is_whole(store.rows.get(spec.key))]
     with CampaignProgress(console, title, len(specs), len(specs) - len(missing)) as progress:
         for row in engine.fly(missing):
             store.add(row)
             progress.finished()
+
+
+def _is_whole(row: dict[str, Any] | None) -> bool:
+    """Whether a row has every figure; one from before a figure was thought of has not."""
+    return row is not None and not row["error"] and set(Figures.__dataclass_fields__) <= set(row)
 
 
 def judged(rows: Sequence[dict[str, Any]], goals: Goals) -> list[dict[str, Any]]:

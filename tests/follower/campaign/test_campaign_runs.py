@@ -132,6 +132,8 @@ def test_a_stopped_campaign_flies_only_what_is_missing(
     with Store(tmp_path) as store:
         store.add(dict(rows[specs[0].key], wall_s=0.1))
         store.add({**rows[specs[1].key], "error": "its process died", "wall_s": 0.1})
+        old = {key: one for key, one in rows[specs[2].key].items() if key != "nearest_m"}
+        store.add(old)
     with Store(tmp_path) as store:
         fly_missing(specs, Counting(), store, Console(quiet=True), "small")
         assert flown == [1, 2]
