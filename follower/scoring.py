@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from follower.flightlog import ControlRecord, FlightLog
 from follower.supervisor import Reason, State
 from follower_sim.commanded import PursuitStep
+from follower_sim.identity_score import IdentityScore
 from follower_sim.score import PursuitGoal, PursuitScore, pursuit_score
 from follower_sim.truth_sample import TruthSample
 
@@ -17,6 +18,7 @@ def score_flight(
     goal: PursuitGoal,
     *,
     overlaps: Sequence[float] = (),
+    identity: IdentityScore | None = None,
     chosen_s: float | None = None,
 ) -> PursuitScore:
     """Score a flight up to the operator's stop, or to its end if nobody stopped it.
@@ -25,6 +27,7 @@ def score_flight(
         log: the flight.
         truth: samples on the log's clock, in the order of time.
         goal: what was wanted.
+        identity: what became of the target's identity, if it is known.
         overlaps: intersection over union with the true box, one for each tracked frame.
         chosen_s: when the operator asked for the target, if it is known.
     """
@@ -34,6 +37,7 @@ def score_flight(
         goal,
         delays_s=setpoint_delays(log.controls),
         overlaps=overlaps,
+        identity=identity,
         chosen_s=chosen_s,
         end_s=stopped_s(log.controls),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
@@ -29,11 +28,12 @@ from follower.flying import fly_lockstep, fly_realtime
 from follower.ground_station.opening import open_ground_station, operators_finder
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import ConnectionFailedError, open_connection
+from follower.links.link_settings import LINK_KINDS
 from follower.outputs import write_boxes, write_setpoints
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.report.meta import ReportMeta
 from follower.report.writer import write_report, write_score, write_whole
-from follower.run_folder import new_run_folder
+from follower.run_folder import new_run_folder, remove_run_folder
 from follower.scoring import score_flight
 from follower.settings import Settings, load_settings
 from follower.sight import Sight, check_without_pixels
@@ -144,7 +144,7 @@ def simulate(options: SimulationOptions) -> int:
                     world, settings, options, ends, folder, console, planned, early
                 )
             except ConnectionFailedError:
-                shutil.rmtree(folder)  # there was no flight
+                remove_run_folder(folder)  # there was no flight
                 raise
             return _report(flight, options, folder, remarks, console, judged)
 
@@ -152,6 +152,8 @@ def simulate(options: SimulationOptions) -> int:
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
     """Resolve the settings: the scenario's camera and wishes first, the user's on top."""
     base = base_settings(scenario)
+    if options.link is not None and options.link not in LINK_KINDS:
+        raise SettingsError(f"--link {options.link}: choose {' or '.join(LINK_KINDS)}")
     link = () if options.link is None else (f"link.kind={options.link}",)
     return load_settings(options.config, base, (*options.overrides, *link))
 

@@ -21,6 +21,9 @@ class Criteria:
         max_acquire_s: longest time from the choice of the target to following it.
         max_approach_s: longest time from then on to the approach's end.
         max_losses: largest number of losses.
+        max_found_again_s: longest time from when a hidden target is to be seen again until it is
+            tracked; a target that is never found again breaks it, one that is never hidden not.
+        max_mistaken_s: longest time for which another target may be tracked.
         max_wrong_box_share: largest share of tracked frames whose box misses the target.
     """
 
@@ -32,6 +35,8 @@ class Criteria:
     max_acquire_s: float | None = 15.0
     max_approach_s: float | None = 30.0
     max_losses: int | None = None
+    max_found_again_s: float | None = None
+    max_mistaken_s: float | None = None
     max_wrong_box_share: float | None = 0.02
 
     def __post_init__(self) -> None:
@@ -94,7 +99,16 @@ class _Row:
 
 
 def _seconds(value: float) -> str:
-    return f"{value:.1f} s"
+    return f"{value:.1f} s" if math.isfinite(value) else "never"
+
+
+def _longest_hidden_s(score: PursuitScore) -> float | None:
+    return score.identity.longest_hidden_s if score.identity.disappearances else None
+
+
+def _found_again_s(score: PursuitScore) -> float | None:
+    """Return the slowest return; without end if there was one too many."""
+    return math.inf if score.identity.never_found else score.identity.slowest_found_s
 
 
 def _milliseconds(value: float) -> str:
@@ -147,6 +161,21 @@ _ROWS = (
     _Row("Time following", lambda s: s.following_share, _percent),
     _Row("Losses", lambda s: s.losses, _number, lambda c: c.max_losses),
     _Row("Re-acquisitions", lambda s: s.reacquisitions, _number),
+    _Row("Longest time hidden", _longest_hidden_s, _seconds),
+    _Row(
+        "Hidden target found again after",
+        _found_again_s,
+        _seconds,
+        lambda c: c.max_found_again_s,
+        needed=False,
+    ),
+    _Row(
+        "Longest time on another target",
+        lambda s: s.identity.mistaken_s,
+        _seconds,
+        lambda c: c.max_mistaken_s,
+        needed=False,
+    ),
     _Row(
         "Tracked frames with the box beside the target",
         lambda s: s.wrong_box_share,

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from follower_sim.commanded import CommandedPeaks, PursuitStep, commanded_peaks
+from follower_sim.identity_score import IdentityScore
 from follower_sim.truth_sample import TruthSample
 
 STEERING = frozenset({"following", "coasting"})
@@ -96,6 +97,7 @@ class PursuitScore:
         limited_share: share of the sent steps that the envelope changed.
         interventions: the same by the limit's name.
         commanded: peaks of the commanded acceleration and jerk.
+        identity: how soon the target was found again, and whether another was taken for it.
     """
 
     time_to_acquire_s: float | None
@@ -115,6 +117,7 @@ class PursuitScore:
     limited_share: float
     interventions: Mapping[str, Intervention]
     commanded: CommandedPeaks
+    identity: IdentityScore = field(default_factory=IdentityScore)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts and numbers that JSON can hold."""
@@ -128,6 +131,7 @@ def pursuit_score(
     *,
     delays_s: Sequence[float] = (),
     overlaps: Sequence[float] = (),
+    identity: IdentityScore | None = None,
     chosen_s: float | None = None,
     end_s: float | None = None,
 ) -> PursuitScore:
@@ -140,6 +144,7 @@ def pursuit_score(
         delays_s: capture to setpoint, one a frame that was used.
         overlaps: intersection over union of the track's box and the true one, one for each frame
             that vision said to track.
+        identity: what became of the target's identity, if it is known.
         chosen_s: when the operator asked for the target; by default the first step that is not
             "idle".
         end_s: when the operator ended the pursuit; what comes later is not scored. By default it
@@ -164,6 +169,7 @@ def pursuit_score(
         limited_share=_share([bool(s.limits) for s in steps if s.setpoint is not None]) or 0.0,
         interventions=_interventions(steps),
         commanded=commanded_peaks(steps),
+        identity=identity or IdentityScore(),
     )
 
 

@@ -306,7 +306,7 @@ def test_a_figure_exactly_at_its_limit_passes() -> None:
 
 def test_every_figure_of_the_score_is_in_the_table() -> None:
     table = checks(perfect(), Criteria())
-    assert len({check.name for check in table}) == len(table) == 21
+    assert len({check.name for check in table}) == len(table) == 24
     assert [check.passed for check in table].count(True) == 5
 
 

@@ -1,0 +1,118 @@
+"""How soon a hidden target is found again, and whether another one is taken for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from follower_sim.truth_sample import TruthSample
+
+HIDDEN, PLAIN = 0.05, 0.5
+"""A target is hidden while less than the first share of it is to be seen, until the second is."""
+
+LEAST_HIDDEN_S = 0.5
+"""Shorter absences do not count."""
+
+FOUND_IOU = 0.2
+"""A track is on the target if its box overlaps the true one so much."""
+
+MISTAKEN_IOU = 0.3
+"""A track is on another target if it overlaps that one so much, and the true one hardly: 0.1."""
+
+_HARDLY = 0.1
+_SAME_RUN_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """A frame in which vision said that it sees the target.
+
+    Attributes:
+        time_s: when it was taken.
+        overlap: of the track's box with the true one, intersection over union.
+        other: the largest with another target's.
+    """
+
+    time_s: float
+    overlap: float
+    other: float
+
+
+@dataclass(frozen=True, slots=True)
+class IdentityScore:
+    """What became of the target's identity.
+
+    Attributes:
+        disappearances: how often the target was hidden for at least half a second.
+        longest_hidden_s: the longest of these times.
+        never_found: after how many of them it was not found again.
+        slowest_found_s: the longest time from when half of it was to be seen again to the first
+            tracked frame on it; None if it was never hidden, or never found again.
+        mistaken_s: the longest time for which another target was tracked; None if there is none.
+    """
+
+    disappearances: int = 0
+    longest_hidden_s: float = 0.0
+    never_found: int = 0
+    slowest_found_s: float | None = None
+    mistaken_s: float | None = None
+
+
+def identity_score(
+    truth: Sequence[TruthSample],
+    tracked: Sequence[TrackedFrame],
+    others: bool,
+) -> IdentityScore:
+    """Compare what was tracked with the truth.
+
+    Args:
+        truth: samples in the order of time.
+        tracked: the frames said to be tracked, in the order of time.
+        others: whether there are other targets.
+    """
+    right = [frame.time_s for frame in tracked if frame.overlap >= FOUND_IOU]
+    absences = _absences(truth, right[0]) if right else []
+    waits = [_wait(back_s, right) for _, back_s in absences]
+    found = [wait for wait in waits if wait is not None]
+    return IdentityScore(
+        len(absences),
+        max((back_s - gone_s for gone_s, back_s in absences), default=0.0),
+        len(waits) - len(found),
+        max(found, default=None),
+        _longest_mistake(tracked) if others else None,
+    )
+
+
+def _absences(truth: Sequence[TruthSample], from_s: float) -> list[tuple[float, float]]:
+    """Return when the target vanished and when it was plainly to be seen again."""
+    found: list[tuple[float, float]] = []
+    gone_s: float | None = None
+    for sample in truth:
+        seen = min(sample.visible_share, sample.in_frame_share)
+        if gone_s is None and seen < HIDDEN and sample.time_s >= from_s:
+            gone_s = sample.time_s
+        elif gone_s is not None and seen >= PLAIN:
+            if sample.time_s - gone_s >= LEAST_HIDDEN_S:
+                found.append((gone_s, sample.time_s))
+            gone_s = None
+    return found
+
+
+def _wait(back_s: float, right: Sequence[float]) -> float | None:
+    """Return how long it took from then on; nothing if it was found before it was plain."""
+    after = next((time_s for time_s in right if time_s >= back_s), None)
+    return None if after is None else after - back_s
+
+
+def _longest_mistake(tracked: Sequence[TrackedFrame]) -> float:
+    """Return the longest run of frames on another target."""
+    longest, began_s, last_s = 0.0, 0.0, float("-inf")
+    for frame in tracked:
+        if frame.other < MISTAKEN_IOU or frame.overlap >= _HARDLY:
+            last_s = float("-inf")
+            continue
+        if frame.time_s - last_s > _SAME_RUN_S:
+            began_s = frame.time_s
+        last_s = frame.time_s
+        longest = max(longest, last_s - began_s)
+    return longest
