@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -58,7 +60,9 @@ class LocalEngine:
             except BrokenProcessPool:
                 self._pool.shutdown(wait=False)
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(self.workers, mp_context=context)
+        self._pool = ProcessPoolExecutor(
+            self.workers, mp_context=context, initializer=end_with_parent
+        )
         return self._pool.submit(fly_run, spec)
 
     def _is_worth_another(self, spec: RunSpec, tries: Counter[int]) -> bool:
@@ -69,6 +73,18 @@ class LocalEngine:
         """End the processes after the runs in hand."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
+
+
+def end_with_parent() -> None:
+    """Let this process end when the one that began it is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+
+    def wait_for_it() -> None:
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_it, name="parent", daemon=True).start()
 
 
 class InlineEngine:

@@ -3,9 +3,11 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +109,36 @@ def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
         killer.join()
     engine.close()
     assert by_key(read_rows(store.path).values()) == rows
+
+
+def test_workers_end_with_the_campaign_that_was_killed(tmp_path: Path) -> None:
+    begin = [sys.executable, "-c", "from follower.cli import main; main()", "campaign"]
+    campaign = subprocess.Popen([*begin, config(tmp_path), "--out", str(tmp_path / "out")])
+    try:
+        workers = waited_for(lambda: children(campaign.pid), 60.0)
+    finally:
+        campaign.kill()
+        campaign.wait()
+    assert waited_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20.0)
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that fly for a campaign."""
+    try:
+        listed = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii").split()
+        flying = [
+            one for one in listed if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()
+        ]
+    except FileNotFoundError:
+        return []
+    return [int(one) for one in flying]
+
+
+def waited_for(condition: Callable[[], Any], longest_s: float) -> Any:
+    end_s = time.monotonic() + longest_s
+    while not (answer := condition()) and time.monotonic() < end_s:
+        time.sleep(0.1)
+    return answer
 
 
 def kill_after_one(store: Store, engine: LocalEngine) -> None:
