@@ -17,10 +17,14 @@ from follower.command_options import Cockpit, Config, Out, Overrides, Video
 from follower.configs import scenario_files
 from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
 from follower.evaluate_command import evaluate_command
+from follower.excite.command import EPILOG as EXCITE_EPILOG
+from follower.excite.command import excite_command
 from follower.faults.command import EPILOG as FAULTS_EPILOG
 from follower.faults.command import faults_command, list_faults
 from follower.fly_command import EPILOG as FLY_EPILOG
 from follower.fly_command import fly_command
+from follower.identify.command import EPILOG as IDENTIFY_EPILOG
+from follower.identify.command import identify_command
 from follower.import_command import EPILOG as IMPORT_EPILOG
 from follower.import_command import import_command
 from follower.inspect_command import EPILOG as INSPECT_EPILOG
@@ -32,6 +36,8 @@ from follower.replay_command import EPILOG as REPLAY_EPILOG
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
 from follower.training.command import train_app
+from follower.tune.command import EPILOG as TUNE_EPILOG
+from follower.tune.command import tune_command
 from follower_control.strict_yaml import SettingsError
 
 DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
@@ -117,6 +123,9 @@ app.command("campaign", epilog=CAMPAIGN_EPILOG)(campaign_command)
 app.command("inspect", epilog=INSPECT_EPILOG)(inspect_command)
 app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
 app.command("calibrate", epilog=CALIBRATE_EPILOG)(calibrate_command)
+app.command("excite", epilog=EXCITE_EPILOG)(excite_command)
+app.command("identify", epilog=IDENTIFY_EPILOG)(identify_command)
+app.command("tune", epilog=TUNE_EPILOG)(tune_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 app.add_typer(train_app, name="train")

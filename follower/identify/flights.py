@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from follower.excite.flight import RUN_KEY
 from follower.flightlog import ControlRecord
 from follower.identify.recording import (
     Recording,
@@ -65,6 +66,7 @@ def read_flight(folder: Path) -> Recording:
         [r.vehicle.position_age_s(r.time_s) for r in controls if r.vehicle.position is not None],
         _sizes(flight),
         tuple(remarks),
+        RUN_KEY in flight.config.run,
     )
 
 

@@ -107,7 +107,7 @@ def identification(
     fits: dict[VehicleAxis, ResponseFit] = {}
     data: dict[VehicleAxis, Sequence[ResponseData]] = {}
     for axis in each(list(VehicleAxis)):
-        records = [record for one in recordings for record in one.axes.get(axis, ())]
+        records = _chosen(recordings, axis)
         try:
             fits[axis] = fit_response(records, axis.least_excitation)
             data[axis] = records
@@ -124,6 +124,23 @@ def identification(
     ]
     sources = tuple(one.name for one in recordings)
     return Identification(sources, fits, data, delays, size, tuple(remarks))
+
+
+def _chosen(recordings: Sequence[Recording], axis: VehicleAxis) -> list[ResponseData]:
+    """Return what to fit an axis to: identification flights, else pursuits.
+
+    In a pursuit the axes move together, and a velocity in a turning nose's frame is more than one
+    axis' answer.
+    """
+    found: list[ResponseData] = []
+    for wanted in (True, False):
+        found = found or [
+            record
+            for one in recordings
+            if one.is_excitation is wanted
+            for record in one.axes.get(axis, ())
+        ]
+    return found
 
 
 def _delays(recordings: Sequence[Recording]) -> dict[str, Spread]:

@@ -51,6 +51,7 @@ class Recording:
         attitude_ages_s, position_ages_s: how old the newest telemetry was at each control step.
         sizes: how large the target looked from how far.
         remarks: what could not be used, in sentences.
+        is_excitation: it was flown to be identified; a pursuit seldom tells as much.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Recording:
     position_ages_s: Sequence[float] = ()
     sizes: Sequence[SizeSample] = ()
     remarks: Sequence[str] = field(default_factory=tuple)
+    is_excitation: bool = True
 
 
 def is_excited(record: ResponseData, axis: VehicleAxis) -> bool:

@@ -30,7 +30,7 @@ _BOUNDS = {
     "gain": (0.05, 20.0),
     "dead_time_s": (1e-4, 1.5),
     "time_constant_s": (0.005, 10.0),
-    "damping": (0.15, 5.0),
+    "damping": (0.15, 2.5),
     "lead_s": (1e-3, 20.0),
     "rate_limit": (0.02, 100.0),
 }

@@ -1,0 +1,1 @@
+"""`follower tune`: what the follow loops are worth, and gains from a model."""

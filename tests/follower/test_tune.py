@@ -1,0 +1,122 @@
+"""`follower tune` writes settings that are taken, and tells what the gains survive."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from follower.identify.result import load_vehicle
+from follower.settings import load_settings
+from follower.tune.analysis import analyse, conditions_of
+from follower.tune.run import TuneOptions, find_vehicle, tune_follower, worth
+from follower.tune.what_if import parse_what_ifs
+from follower_control.strict_yaml import SettingsError
+from follower_control.tuning.axes import Axis
+from follower_control.tuning.conditions import Conditions
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    base = tmp_path_factory.mktemp("tune")
+    mine = base / "mine.yaml"
+    mine.write_text("servo: {distance_m: 11, azimuth: {kp: 0.7, bumpless_s: 0.3}}\n")
+    options = TuneOptions(
+        "ardupilot",
+        mine,
+        scenario="demo",
+        bandwidths=("elevation=0.8",),
+        max_sensitivity=1.5,
+        what_ifs=("delay=0.15", "gain=9,dead_time=0.3"),
+        out=base / "runs",
+    )
+    assert tune_follower(options) == 0
+    return base / "runs" / "tune"
+
+
+def test_what_it_writes_is_taken_as_settings_and_keeps_everything_else(tuned: Path) -> None:
+    settings = load_settings(tuned / "tuned.yaml")
+    assert settings.servo.distance_m == 11
+    assert settings.servo.azimuth.bumpless_s == 0.3
+    assert settings.servo.azimuth.kp != 0.7
+    # A section of gains is written whole, or what is left out would fall back to zero.
+    defaults = load_settings().servo
+    assert settings.servo.range.cut_tolerance == defaults.range.cut_tolerance
+    assert (tuned / "tuned.yaml").read_text().startswith("# Gains by: follower tune ardupilot")
+
+
+def test_the_written_gains_keep_ms_and_the_wanted_bandwidth(tuned: Path) -> None:
+    base = {"servo": {"range_from": "ground", "target_middle_m": 0.4, "elevation_deg": -25}}
+    settings = load_settings(tuned / "tuned.yaml", base)
+    vehicle = find_vehicle("ardupilot")
+    found = analyse(settings, vehicle.model(), conditions_of(settings, vehicle, -25.0), None)
+    for one in found:
+        assert one.tuned is None
+        assert one.now.is_stable()
+        assert one.now.margins().max_sensitivity <= 1.5 + 0.01
+    elevation = next(one for one in found if one.axis is Axis.ELEVATION)
+    assert elevation.now.bandwidth_rad_s() == pytest.approx(0.8, rel=0.1)
+
+
+def test_the_report_opens_and_shows_every_loop(tuned: Path) -> None:
+    page = (tuned / "tuning.html").read_text("utf-8")
+    assert page.count("<svg") == 4 * len(Axis)
+    assert "unstable" in page  # nine times the gain and 0.3 s more
+    assert "delay=0.15" in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_the_vehicles_that_come_along_are_whole_and_held_out_well(name: str) -> None:
+    vehicle = find_vehicle(name)
+    vehicle.model()
+    for axis in vehicle.vehicle:
+        assert vehicle.evidence[axis.value]["held_out_fit"] > 0.8
+
+
+def test_what_ifs_change_what_they_name() -> None:
+    here = Conditions()
+    late, wrong, far = parse_what_ifs(
+        ["delay=0.2", "stamp_error=0.1,camera_rate=15", "range=40,gain=2"], here
+    )
+    assert late.conditions.delays == replace(here.delays, camera_s=0.2)
+    assert wrong.conditions.delays.stamp_error_s == 0.1
+    assert wrong.conditions.delays.frame_interval_s == pytest.approx(1 / 15)
+    assert (far.conditions.range_m, far.gain) == (40.0, 2.0)
+
+
+def test_more_delay_takes_margin_from_every_loop_that_sees_through_the_camera() -> None:
+    settings, vehicle = load_settings(), find_vehicle("px4")
+    here = conditions_of(settings, vehicle, -20.0)
+    late = parse_what_ifs(["delay=0.3"], here)
+    for one in analyse(settings, vehicle.model(), here, None, late):
+        now, then = one.now.margins(), one.what_ifs[0][1].margins()
+        if one.axis is Axis.AZIMUTH:
+            assert then == now
+        else:
+            assert then.gain < now.gain
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["dealy=0.1", "delay=soon", "delay=-1", "gain=0", "range=0", "camera_rate=0", "delay=nan"],
+)
+def test_a_what_if_that_makes_no_sense_is_refused(wrong: str) -> None:
+    with pytest.raises(SettingsError, match="--what-if"):
+        parse_what_ifs([wrong], Conditions())
+
+
+def test_what_is_no_vehicle_or_wish_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="there is no vehicle 'px5'"):
+        find_vehicle("px5")
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load_vehicle(tmp_path / "none.yaml")
+    for bandwidths, ms in ((("yaw=1",), 1.6), (("range=fast",), 1.6), (("range=0",), 1.6), ((), 9)):
+        with pytest.raises(SettingsError, match="--"):
+            TuneOptions("px4", bandwidths=bandwidths, max_sensitivity=ms).wishes()
+
+
+def test_an_unstable_loop_is_called_so_and_given_no_margins() -> None:
+    settings, vehicle = load_settings(), find_vehicle("px4")
+    here = conditions_of(settings, vehicle, -20.0)
+    found = analyse(settings, vehicle.model(), here, None, parse_what_ifs(["gain=20"], here))
+    assert all(worth(one.what_ifs[0][1])[0] == "unstable" for one in found)
