@@ -18,7 +18,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import socket
 import threading
 from multiprocessing.connection import Connection
@@ -75,7 +77,12 @@ class Wire:
         return message
 
     def close(self) -> None:
-        """Hang up."""
+        """Hang up, also on a thread that is waiting for a message."""
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(fileno=os.dup(self._connection.fileno())) as line,
+        ):
+            line.shutdown(socket.SHUT_RDWR)
         self._connection.close()
 
 

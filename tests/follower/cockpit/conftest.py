@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -218,12 +217,3 @@ def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
 @pytest.fixture(scope="session")
 def served(serve: Serve) -> Served:
     return serve()
-
-
-def noise_frame(number: int, width: int = 160, height: int = 120) -> Frame:
-    image = np.random.default_rng(number).integers(0, 255, (height, width, 3), np.uint8)
-    return Frame(image, number / 30, number)
-
-
-def state(**values: Any) -> Message:
-    return {"time_s": 0.0, "state": "idle", "reason": "no target", **values}

@@ -1,0 +1,438 @@
+"""The cockpit's server against people who mean it ill, are many, or are slow."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from websockets.asyncio.client import connect as connect_async
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from follower.cockpit.settings import CockpitSettings
+from follower_vision.frame import Frame
+
+PATIENCE_S = 30.0
+TOKEN = "a token of some length"
+
+
+def noise_frame(number: int) -> Frame:
+    image = np.random.default_rng(number).integers(0, 255, (240, 320, 3), np.uint8)
+    return Frame(image, number / 30, number)
+
+
+def state(**values: Any) -> dict[str, Any]:
+    return {"state": "idle", "reason": "no target", **values}
+
+
+def ws(served: Any) -> str:
+    return f"ws://127.0.0.1:{served.port}/ws"
+
+
+def message(client: ClientConnection, kind: str) -> dict[str, Any]:
+    while True:
+        found = json.loads(client.recv(PATIENCE_S))
+        if found["kind"] == kind:
+            return dict(found)
+
+
+def say(client: ClientConnection, **content: Any) -> None:
+    client.send(json.dumps(content))
+
+
+# Whose page, whose name, whose token.
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8080", "localhost.evil.example", ""]
+)
+def test_it_answers_to_no_foreign_name(served: Any, host: str) -> None:
+    for path in ("/", "/api/state", "/video.mjpeg"):
+        assert httpx.get(served.url + path, headers={"host": host}).status_code in (400, 421)
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]", "192.168.7.7:99"])
+def test_it_answers_to_addresses_and_localhost(served: Any, host: str) -> None:
+    assert httpx.get(served.url, headers={"host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://"])
+def test_another_sites_page_gets_nothing(served: Any, origin: str) -> None:
+    headers = {"origin": origin}
+    assert httpx.get(f"{served.url}/api/state", headers=headers).status_code == 403
+    answer = httpx.post(f"{served.url}/api/request", json={"kind": "stop"}, headers=headers)
+    assert answer.status_code == 403
+    with pytest.raises(InvalidStatus) as refusal, connect(ws(served), origin=origin):
+        pass  # pragma: no cover
+    assert refusal.value.response.status_code == 403
+
+
+def test_another_sites_form_or_picture_gets_nothing(served: Any) -> None:
+    """A browser sends these without asking first; they carry no origin of ours and no JSON."""
+    headers = {"sec-fetch-site": "cross-site"}
+    assert httpx.get(f"{served.url}/video.mjpeg", headers=headers).status_code == 403
+    for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data"):
+        answer = httpx.post(
+            f"{served.url}/api/request",
+            content=b'{"kind": "stop"}',
+            headers={"content-type": kind},
+        )
+        assert answer.status_code == 415
+
+
+def test_no_other_page_may_ask_frame_or_read(served: Any) -> None:
+    answer = httpx.get(served.url)
+    assert "access-control-allow-origin" not in answer.headers
+    assert answer.headers["x-frame-options"] == "DENY"
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    asked = httpx.options(f"{served.url}/api/request", headers={"origin": "http://evil.example"})
+    assert asked.status_code == 403
+
+
+def test_the_page_needs_nothing_from_elsewhere(served: Any) -> None:
+    page = httpx.get(served.url).text
+    assert "NONCE" not in page
+    for word in ("https://", "http://", "@import", "//cdn"):
+        assert word not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+@pytest.fixture(scope="session")
+def guarded(serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    path = tmp_path_factory.mktemp("token") / "token"
+    path.write_text(TOKEN + "\n", "utf-8")
+    return serve(f"cockpit.token_file={path}")
+
+
+def test_without_the_token_there_is_a_page_and_nothing_behind_it(guarded: Any) -> None:
+    assert httpx.get(guarded.url).status_code == 200
+    for path in ("/api/state", "/api/page", "/api/flights", "/video.mjpeg"):
+        assert httpx.get(guarded.url + path).status_code == 401
+    asked = httpx.post(f"{guarded.url}/api/request", json={"kind": "stop"})
+    assert asked.status_code == 401
+    with pytest.raises(InvalidStatus), connect(ws(guarded)):
+        pass  # pragma: no cover
+    for wrong in ("", "a token of some lengti", "ü" * 20):
+        answer = httpx.post(f"{guarded.url}/api/session", json={"token": wrong})
+        assert answer.status_code == 401
+    bad = {"cookie": "follower_cockpit=guessed", "authorization": "Bearer guessed"}
+    assert httpx.get(f"{guarded.url}/api/state", headers=bad).status_code == 401
+
+
+def test_the_token_opens_it_once_by_cookie_and_each_time_by_header(guarded: Any) -> None:
+    with httpx.Client(base_url=guarded.url) as client:
+        answer = client.post("/api/session", json={"token": TOKEN})
+        assert answer.status_code == 204
+        cookie = answer.headers["set-cookie"].lower()
+        assert "httponly" in cookie
+        assert "samesite=strict" in cookie
+        assert client.get("/api/state").status_code == 200
+        value = client.cookies["follower_cockpit"]
+    with connect(ws(guarded), additional_headers={"cookie": f"follower_cockpit={value}"}) as one:
+        assert message(one, "hello")["client"]
+    bearer = {"authorization": f"Bearer {TOKEN}"}
+    assert httpx.get(f"{guarded.url}/api/state", headers=bearer).status_code == 200
+
+
+def test_guessing_tokens_is_slow(guarded: Any) -> None:
+    codes = [
+        httpx.post(f"{guarded.url}/api/session", json={"token": f"guess {n}"}).status_code
+        for n in range(15)
+    ]
+    assert 429 in codes
+
+
+# Who is in control.
+
+
+def test_one_controls_the_others_watch_and_anybody_may_stop(served: Any) -> None:
+    with connect(ws(served)) as first, connect(ws(served)) as second:
+        assert message(first, "control")["yours"]
+        assert not message(second, "control")["yours"]
+        say(second, kind="take_control")
+        say(second, kind="select_point", x=0.5, y=0.5, id=1)
+        answer = message(second, "answer")
+        assert not answer["accepted"]
+        assert "in control" in answer["text"]
+        say(second, kind="consent", given=True, id=2)
+        assert not message(second, "answer")["accepted"]
+        say(second, kind="stop", id=3)
+        assert message(second, "answer")["accepted"]
+        say(second, kind="consent", given=False, id=4)
+        assert message(second, "answer")["accepted"]
+        say(first, kind="select_point", x=0.5, y=0.5, id=1)
+        assert message(first, "answer")["accepted"]
+        say(first, kind="give_control")
+        say(second, kind="take_control")
+        until(lambda: message(second, "control")["yours"])
+    asked = [request["kind"] for request in served.station.operator.asked]
+    assert asked[-4:].count("select_point") == 1
+
+
+def until(condition: Callable[[], Any]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_by_http_too_only_who_controls_may_ask(served: Any) -> None:
+    url = f"{served.url}/api/request"
+    wish = {"kind": "change", "key": "servo.azimuth.kp", "value": 1.0}
+    assert httpx.post(url, json=wish).status_code == 409
+    assert httpx.post(url, json=wish, headers={"x-client": "guessed"}).status_code == 409
+    assert httpx.post(url, json={"kind": "stop"}).json()["accepted"]
+    with connect(ws(served)) as client:
+        name = message(client, "hello")["client"]
+        assert httpx.post(url, json=wish, headers={"x-client": name}).json()["accepted"]
+    until(lambda: httpx.post(url, json=wish, headers={"x-client": name}).status_code == 409)
+
+
+def test_the_flight_hears_of_the_client_in_control(served: Any) -> None:
+    before = served.station.operator.heard_times
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        say(client, kind="ping")
+        until(lambda: served.station.operator.heard_times > before)
+
+
+# What is no request.
+
+RUDE = [
+    "",
+    "{",
+    "[]",
+    "1",
+    '"stop"',
+    "null",
+    "[" * 2000,
+    '{"kind": "change"}',
+    '{"kind": ["stop"], "id": {}}',
+    "x" * 3000,
+    "x" * 100_000,
+    '{"kind": "stop", "id": "one"}',
+    '{"kind": "stop", "id": 1e400}',
+    b"\x00\xff",
+    b'{"kind": "stop", "id": 1}',
+]
+
+
+def is_hung_up_on(client: ClientConnection) -> bool:
+    try:
+        for _ in range(2000):
+            client.recv(PATIENCE_S)
+    except ConnectionClosed:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("text", RUDE, ids=[repr(one)[:30] for one in RUDE])
+def test_rudeness_ends_the_conversation_and_nothing_else(served: Any, text: str | bytes) -> None:
+    asked = len(served.station.operator.asked)
+    with connect(ws(served)) as rude:
+        message(rude, "hello")
+        rude.send(text)
+        assert is_hung_up_on(rude)
+    assert len(served.station.operator.asked) == asked
+    assert httpx.get(f"{served.url}/api/state").status_code == 200
+
+
+REFUSED = [
+    {"kind": "arm"},
+    {"kind": "select_point", "x": 2.0, "y": 0.5},
+    {"kind": "select_point", "x": None, "y": 0.5},
+    {"kind": "select_box", "left": 0.1, "top": 0.1, "right": 0.2},
+    {"kind": "consent", "given": "yes"},
+    {"kind": "consent", "given": 1},
+    {"kind": "stop", "force": True},
+    {"kind": "change", "key": "servo.azimuth.kp", "value": None},
+    {"kind": "change", "key": "servo.azimuth.kp", "value": 1e300},
+    {"kind": "change", "key": "../../etc", "value": 1},
+    {"kind": "change", "key": "x" * 200, "value": 1},
+    {"kind": "heard"},
+    {"kind": "request", "request": {"kind": "stop"}},
+]
+
+
+@pytest.mark.parametrize("wish", REFUSED, ids=[str(wish)[:60] for wish in REFUSED])
+def test_what_is_no_request_is_refused_before_it_gets_to_the_flight(
+    served: Any, wish: dict[str, Any]
+) -> None:
+    asked = len(served.station.operator.asked)
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        say(client, **wish, id=7)
+        answer = message(client, "answer")
+    assert answer["id"] == 7
+    assert not answer["accepted"]
+    assert httpx.post(f"{served.url}/api/request", json=wish).status_code == 422
+    assert len(served.station.operator.asked) == asked
+
+
+def test_not_a_number_is_no_number(served: Any) -> None:
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        for bad in ("NaN", "Infinity", "1e999"):
+            wish = f'"kind": "change", "key": "servo.azimuth.kp", "value": {bad}, "id": 1'
+            client.send("{" + wish + "}")
+            assert not message(client, "answer")["accepted"]
+
+
+JUNK = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), st.lists)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@given(JUNK)
+def test_no_json_at_all_stops_the_server(served: Any, junk: Any) -> None:
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        client.send(json.dumps({"kind": junk, "id": 1, "key": junk}))
+        client.send(json.dumps(junk))
+    assert httpx.get(f"{served.url}/api/state").status_code == 200
+
+
+def test_a_flood_is_cut_off(served: Any) -> None:
+    with connect(ws(served)) as flood:
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(5000):
+                flood.send('{"kind": "ping"}')
+        assert is_hung_up_on(flood)
+
+
+def test_a_body_that_is_too_long_is_refused(served: Any) -> None:
+    long = {"sdp": "v=0\r\n" + 70_000 * "a"}
+    assert httpx.post(f"{served.url}/api/webrtc", json=long).status_code == 413
+    with socket.create_connection(("127.0.0.1", served.port)) as liar:
+        head = (
+            f"POST /api/request HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n"
+            "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+        )
+        liar.sendall(head.encode())
+        liar.settimeout(PATIENCE_S)
+        try:
+            for _ in range(40):
+                liar.sendall(b"2000\r\n" + 0x2000 * b" " + b"\r\n")
+            answer = liar.recv(4096)
+        except (BrokenPipeError, ConnectionResetError):
+            answer = b""
+    assert b" 200 " not in answer
+    assert httpx.get(f"{served.url}/api/state").status_code == 200
+
+
+# Names of files.
+
+
+@pytest.mark.parametrize("name", ["..", "%2e%2e", "..%2f..%2fetc", ".hidden", "a%00b", "none"])
+def test_no_name_leads_out_of_the_folder(served: Any, name: str) -> None:
+    assert httpx.get(f"{served.url}/api/flights/{name}/report").status_code in (404, 422)
+
+
+# Many, and slow.
+
+
+def test_all_clients_are_told_and_one_too_many_is_not_let_in(served: Any) -> None:
+    most = CockpitSettings().most_clients
+    assert most >= 50
+
+    async def run() -> int:
+        clients = [await connect_async(ws(served), close_timeout=1) for _ in range(most)]
+        extra = await connect_async(ws(served))
+        with pytest.raises(ConnectionClosed) as ended:
+            await asyncio.wait_for(extra.recv(), PATIENCE_S)
+        assert ended.value.rcvd is not None
+        assert ended.value.rcvd.code == 1013
+        await asyncio.to_thread(show_for, served, 1.5)
+        newest = [await newest_time(client) for client in clients]
+        await asyncio.gather(*(client.close() for client in clients))
+        return sum(t is not None for t in newest)
+
+    assert asyncio.run(run()) == most
+
+
+async def newest_time(client: Any) -> float | None:
+    while True:
+        found = json.loads(await asyncio.wait_for(client.recv(), PATIENCE_S))
+        if found["kind"] == "state" and "time_s" in found:
+            return float(found["time_s"])
+
+
+def show_for(served: Any, seconds: float) -> None:
+    """Show states and pictures as a flight does."""
+    begin_s = time.monotonic()
+    number = 0
+    while time.monotonic() - begin_s < seconds:
+        served.station.show(state(time_s=time.monotonic() - begin_s, link="x" * 300))
+        served.station.add(noise_frame(number), (), ())
+        number += 1
+        time.sleep(1 / 30)
+
+
+def test_who_does_not_read_costs_nothing_and_the_others_see_the_newest(served: Any) -> None:
+    """Ten WebSockets and four videos are opened and never read."""
+    stuck = [stuck_reader(served, path) for path in 10 * ["/ws"] + 4 * ["/video.mjpeg"]]
+    show_for(served, 1.0)
+    before_kb = resident_kb(served)
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        served.station.show(state(time_s=111.0))
+        show_for(served, 2.0)
+        served.station.show(state(time_s=222.0))
+        begin_s = time.monotonic()
+        until(lambda: message(client, "state").get("time_s") == 222.0)
+        print(f"the newest state came after {time.monotonic() - begin_s:.3f} s")
+    assert resident_kb(served) - before_kb < 20_000
+    for one in stuck:
+        one.close()
+
+
+def stuck_reader(served: Any, path: str) -> socket.socket:
+    one = socket.create_connection(("127.0.0.1", served.port))
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    upgrade = (
+        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    )
+    extra = upgrade if path == "/ws" else ""
+    one.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{extra}\r\n".encode())
+    return one
+
+
+def resident_kb(served: Any) -> int:
+    text = Path(f"/proc/{served.station.process_id}/status").read_text("ascii")
+    (line,) = [line for line in text.splitlines() if line.startswith("VmRSS")]
+    return int(line.split()[1])
+
+
+# Everything that the interface describes of itself.
+
+
+def test_the_interface_does_what_it_describes(served: Any) -> None:
+    """Schemathesis asks for everything, rightly and wrongly."""
+    schema = schemathesis.openapi.from_url(f"{served.url}/openapi.json")
+    schema.config.update(base_url=served.url)
+    operations = [one.ok() for one in schema.get_all_operations()]
+    assert {one.path for one in operations} >= {"/api/request", "/api/state", "/api/webrtc"}
+    for operation in operations:
+        strategies = [
+            operation.as_strategy(generation_mode=mode) for mode in schemathesis.GenerationMode
+        ]
+
+        @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+        @given(case=st.one_of(strategies))
+        def check(case: schemathesis.Case) -> None:
+            case.call_and_validate()
+
+        check()
