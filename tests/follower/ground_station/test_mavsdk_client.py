@@ -1,0 +1,107 @@
+"""MAVSDK as an independent ground station: its camera and parameter plugins against ours."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import pytest
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.camera import Camera, CameraError
+from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
+
+from follower.ground_station.parameter_table import parameters
+from follower.target_wish import NoTargetWish, PointWish, RectangleWish
+
+MakeRig = Callable[..., Any]
+_PATIENCE_S = 20.0
+
+
+@contextmanager
+def in_real_time(rig: Any) -> Iterator[None]:
+    """Let the follower's side run on a thread."""
+    stop = threading.Event()
+
+    def run() -> None:
+        while not stop.wait(0.02):
+            rig.run(0.02)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    end_s = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < end_s:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError("that did not happen in time")
+
+
+@pytest.fixture
+def system(make_rig: MakeRig) -> Iterator[tuple[Any, Any]]:
+    """Return the rig, and our vehicle as MAVSDK sees it."""
+    rig = make_rig(video_uri="rtsp://10.0.0.5:8554/live")
+    mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    try:
+        with in_real_time(rig):
+            mavsdk.add_any_connection(f"udpout://127.0.0.1:{rig.port}")
+            found = until(lambda: [one for one in mavsdk.get_systems() if one.has_camera()])
+            yield rig, found[0]
+    finally:
+        mavsdk.destroy()
+
+
+def test_mavsdk_finds_the_camera_and_tracks_with_it(system: tuple[Any, Any]) -> None:
+    rig, vehicle = system
+    camera = Camera(vehicle)
+    (found,) = until(lambda: camera.camera_list().cameras)
+    assert (found.component_id, found.vendor_name) == (100, "follower")
+    assert (found.horizontal_resolution_px, found.vertical_resolution_px) == (640, 480)
+    camera.track_rectangle(100, 0.25, 0.5, 0.5, 0.75)
+    assert rig.requests.take_target().wish == RectangleWish(0.25, 0.5, 0.5, 0.75)
+    camera.track_point(100, 0.5, 0.25, 0.05)
+    assert rig.requests.take_target().wish == PointWish(0.5, 0.25)
+    camera.track_stop(100)
+    assert rig.requests.take_target().wish == NoTargetWish()
+    with pytest.raises(CameraError, match="DENIED"):
+        camera.track_rectangle(100, -0.5, -0.5, -0.2, -0.2)
+    assert rig.requests.take_target() is None
+    stream = until(lambda: _stream(camera))
+    assert stream.settings.uri == "rtsp://10.0.0.5:8554/live"
+
+
+def _stream(camera: Any) -> Any:
+    """Return the stream's description once MAVSDK has fetched it."""
+    try:
+        stream = camera.get_video_stream_info(100)
+    except CameraError:
+        return None
+    return stream if stream.settings.uri else None
+
+
+@pytest.mark.parametrize(
+    ("component", "version"), [(191, ProtocolVersion.V1), (100, ProtocolVersion.EXT)]
+)
+def test_mavsdk_reads_and_sets_our_parameters(
+    system: tuple[Any, Any], component: int, version: ProtocolVersion
+) -> None:
+    rig, vehicle = system
+    parameter = Param(vehicle)
+    with suppress(ParamError):  # MAVSDK 4.1 selects it, and says that it does not know whether
+        parameter.select_component(component, version)
+    assert parameter.get_param_float("SRV_DIST") == 15.0
+    parameter.set_param_float("SRV_DIST", 12.5)
+    assert rig.requests.settings.servo.distance_m == 12.5
+    with pytest.raises(Exception, match="set_param_float"):
+        parameter.set_param_float("SRV_DIST", -3.0)
+    everything = until(lambda: parameter.get_all_params().float_params)
+    assert {one.name for one in everything} == {one.name for one in parameters()}
