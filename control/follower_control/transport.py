@@ -42,6 +42,8 @@ class MemoryTransport:
 
     def receive(self) -> bytes:
         """Return all that the other end has sent."""
+        if not self._inbox:
+            return b""
         data = b"".join(self._inbox)
         self._inbox.clear()
         return data

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from collections.abc import Sequence
@@ -118,21 +119,30 @@ class Course:
         self.line = line
         self._lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
         self.length_m = float(self._lengths[-1])
-        self._directions = _directions(steps, closed)
+        self._at: list[float] = self._lengths.tolist()
+        self._places: list[list[float]] = line.tolist()
+        self._directions: list[list[float]] = _directions(steps, closed).tolist()
 
     def _along(self, distance_m: float) -> float:
         return distance_m % self.length_m if self.closed else distance_m
 
     def position(self, distance_m: float) -> Vector:
         """Return (north, east, down); before the start and after the end: the end points."""
-        s = self._along(distance_m)
-        return np.array([np.interp(s, self._lengths, self.line[:, i]) for i in range(3)])
+        return np.array(self._between(self._places, distance_m))
 
     def direction(self, distance_m: float) -> Vector:
         """Return the unit tangent (north, east, down)."""
+        north, east, down = self._between(self._directions, distance_m)
+        return np.array([north, east, down]) / math.sqrt(north**2 + east**2 + down**2)
+
+    def _between(self, samples: list[list[float]], distance_m: float) -> list[float]:
+        """Interpolate between samples along the line; plain floats, for it is asked for often."""
         s = self._along(distance_m)
-        tangent = np.array([np.interp(s, self._lengths, self._directions[:, i]) for i in range(3)])
-        return np.asarray(tangent / np.linalg.norm(tangent))
+        i = bisect.bisect_right(self._at, s) - 1
+        if i < 0 or i >= len(self._at) - 1:
+            return samples[max(i, 0)]
+        past, step = s - self._at[i], self._at[i + 1] - self._at[i]
+        return [(b - a) / step * past + a for a, b in zip(samples[i], samples[i + 1], strict=True)]
 
 
 def _check(way: Vector, radius_m: float, closed: bool) -> None:

@@ -37,7 +37,10 @@ class MavlinkEndpoint:
 
     def receive(self) -> list[Any]:
         """Return the messages that have arrived; broken ones are left out."""
-        messages = self._codec.parse_buffer(self._transport.receive()) or []
+        data = self._transport.receive()
+        if not data:
+            return []
+        messages = self._codec.parse_buffer(data) or []
         return [message for message in messages if self._hears(message)]
 
     def send(self, message: Any) -> None:

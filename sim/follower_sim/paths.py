@@ -33,9 +33,16 @@ class TargetPath:
     def __init__(self, course: Course, speeds: SpeedProfile) -> None:
         self.course = course
         self._speeds = speeds
+        self._newest: tuple[float, TargetPose] | None = None
 
     def pose(self, time_s: float) -> TargetPose:
         """Return the pose; at the end of an open course the target stands."""
+        newest = self._newest
+        if newest is None or newest[0] != time_s:
+            self._newest = newest = time_s, self._pose(time_s)
+        return newest[1]
+
+    def _pose(self, time_s: float) -> TargetPose:
         distance = self._speeds.distance_m(time_s)
         speed = self._speeds.speed_m_s(time_s)
         if not self.course.closed and distance >= self.course.length_m:

@@ -66,9 +66,12 @@ class Silhouettes:
 
     def _box(self, solid: Solid, view: View) -> Box | None:
         corners = view.to_camera(solid.vertices)
-        if not (corners[:, 2] > NEAR_M).any() or self._lens.outside(corners).all(axis=0).any():
+        if not (corners[:, 2] > NEAR_M).any():
             return None
-        corners = corners[~self._lens.outside(corners).any(axis=1)]
+        outside = self._lens.outside(corners)
+        if outside.all(axis=0).any():
+            return None
+        corners = corners[~outside.any(axis=1)]
         if not len(corners):
             return None
         pixels = self._lens.pixels(corners)
@@ -89,12 +92,15 @@ class Silhouettes:
 
     def _nearer(self, solid: Solid, moving: Sequence[Solid], view: View) -> list[Solid]:
         """Return the bodies whose spheres touch the line of sight in front of the body."""
-        bodies = [*self._standing, *moving]
+        bodies, centres, radii = self._standing, self._centres, self._radii
+        if moving:
+            bodies = [*bodies, *moving]
+            centres = np.vstack([centres, *(body.centre for body in moving)])
+            radii = np.append(radii, [body.radius_m for body in moving])
         if not bodies:
             return []
-        centres = np.vstack([self._centres, *(body.centre for body in moving)]) - view.position_m
-        radii = np.append(self._radii, [body.radius_m for body in moving])
-        hit = _in_front(centres, radii, solid.centre - view.position_m, solid.radius_m)
+        seen_from = centres - view.position_m
+        hit = _in_front(seen_from, radii, solid.centre - view.position_m, solid.radius_m)
         return [bodies[i] for i in np.flatnonzero(hit)]
 
     def _drawn(self, mask: Grey, solids: list[Solid], box: Box, view: View, value: int) -> Grey:
@@ -110,9 +116,9 @@ def _in_front(
     """Return which spheres about points, (N, 3) seen from the camera, can hide the target."""
     distance = float(np.linalg.norm(target))
     along = centres @ target / distance
-    beside2 = (centres**2).sum(axis=1) - along**2
-    nearer = np.linalg.norm(centres, axis=1) < distance
-    touching = beside2 < (radii + target_radius) ** 2
+    away2 = np.einsum("ij,ij->i", centres, centres)
+    nearer = away2 < distance**2
+    touching = away2 - along**2 < (radii + target_radius) ** 2
     return np.asarray(nearer & touching & (along > -radii))
 
 

@@ -65,8 +65,8 @@ class TruthTeller:
         `camera` is the body that carries the camera, if that is not the vehicle's: a gimbal.
         """
         number = self._world.scenario.followed
-        centre = np.array(self._world.target_centre(number, time_s))
-        away = centre - np.array(body.position_m)
+        centre = self._world.target_centre(number, time_s)
+        away = np.array(centre) - body.position_m
         sight = LineOfSight.from_vector(away)
         azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
         seen = self._seen(number, time_s, View.of(camera or body, self._mount))
@@ -76,7 +76,7 @@ class TruthTeller:
             seen.box,
             seen.in_frame_share,
             seen.visible_share,
-            (float(centre[0]), float(centre[1]), float(centre[2])),
+            centre,
             pose.velocity_m_s,
             float(np.linalg.norm(away)),
             LineOfSight(azimuth, sight.elevation_rad),

@@ -34,9 +34,11 @@ class View:
             mount: how the camera is turned against the body.
             after_s: a fraction of an exposure, positive or negative.
         """
-        position = np.array(body.position_m) + np.array(body.velocity_m_s) * after_s
-        turn, _ = cv2.Rodrigues(np.array(body.rates_rad_s) * after_s)
-        camera_to_world = body.body_to_world @ turn @ mount.camera_to_body
+        position, turn = np.array(body.position_m), body.body_to_world
+        if after_s != 0:
+            position = position + np.array(body.velocity_m_s) * after_s
+            turn = turn @ cv2.Rodrigues(np.array(body.rates_rad_s) * after_s)[0]
+        camera_to_world = turn @ mount.camera_to_body
         return cls(position, np.asarray(camera_to_world.T))
 
     def to_camera(self, points: npt.ArrayLike) -> Vector:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -73,4 +74,12 @@ class CameraMount:
     @property
     def camera_to_body(self) -> Vector:
         """3x3 matrix: camera vectors (right, down, forward) to body (forward, right, down)."""
-        return np.asarray(rotation(self.roll_rad, self.pitch_rad, self.yaw_rad) @ CAMERA_TO_BODY)
+        return _camera_to_body(self.roll_rad, self.pitch_rad, self.yaw_rad)
+
+
+@lru_cache(maxsize=16)
+def _camera_to_body(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
+    """Return the matrix of a mount, which nobody may write into: mounts do not change."""
+    matrix = np.asarray(rotation(roll_rad, pitch_rad, yaw_rad) @ CAMERA_TO_BODY)
+    matrix.flags.writeable = False
+    return matrix

@@ -86,7 +86,7 @@ class _RandomFlight:
         link = MavlinkLink(self._watch, LinkSettings(vehicle_id=1))
         camera = self._settings.camera.model(640, 480)
         self._sight = self._make_sight(camera, sight_lots)
-        self._stage = ControlStage(self._settings, camera, FlightLog())
+        self._stage = ControlStage(self._settings, camera, FlightLog(kept=1))
         self._loop = ControlLoop(
             link, self._stage, lambda: self._sight.newest, FlightLog(), None, self._note
         )
@@ -125,7 +125,7 @@ class _RandomFlight:
             interval_s = self._interval()
             now_s = self._clock.now() + interval_s
             self._clock.sleep_until(now_s)
-            self._weather.step(now_s, interval_s)
+            self._weather.step(now_s)
             if not closing:
                 self._people(interval_s)
             self._fly_vehicle(now_s, interval_s)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.faults.campaign.wire_watch import setpoint_in
 from follower_control.transport import Transport
 from follower_sim.firmware import ARDUCOPTER, PX4, Firmware
 from follower_sim.flight_modes import FlightMode
@@ -19,6 +20,8 @@ _LAG_S = 0.4
 _YAW_LAG_S = 0.2
 _PX4_LOSS_S, _ARDUCOPTER_LOSS_S = 1.25, 3.0
 _RETURN_M_S = 2.0
+_HEAD_AND_CHECKSUM = 12
+_HEARD = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_TIMESYNC)
 FIRMWARE = {"px4": PX4, "ardupilot": ARDUCOPTER}
 
 
@@ -51,8 +54,6 @@ class CheapVehicle:
         self._transport = transport
         self._rng = rng
         self._codec = mavlink.MAVLink(None, 1, 1)
-        self._parser = mavlink.MAVLink(None)
-        self._parser.robust_parsing = True
         self.position_m = list(start)
         self.velocity_m_s = [0.0, 0.0, 0.0]
         self.yaw_rad = float(rng.uniform(-math.pi, math.pi))
@@ -92,23 +93,31 @@ class CheapVehicle:
     def step(self, now_s: float, interval_s: float) -> None:
         """Hear, fly and tell."""
         self._now_s = now_s
-        for message in self._parser.parse_buffer(self._transport.receive()) or []:
-            self._hear(message)
+        data = self._transport.receive()
+        while data:
+            length = _HEAD_AND_CHECKSUM + data[1]
+            self._hear(data[:length])
+            data = data[length:]
         self._watch_stream()
         self._fly(min(interval_s, 0.1))
         self._tell()
 
-    def _hear(self, m: Any) -> None:
-        kind = m.get_type()
-        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+    def _hear(self, packet: bytes) -> None:
+        """Take one of the follower's packets: they come whole, or not at all."""
+        number = int.from_bytes(packet[7:10], "little")
+        if number == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             if self.obeys or self.firmware.name == "px4":
-                self._setpoint = (m.vx, m.vy, m.vz, m.yaw_rate)
+                self._setpoint = setpoint_in(packet, self._now_s).values
                 self._setpoint_s = self._now_s
-        elif kind == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_DO_SET_MODE:
-            self._set_mode(m)
-        elif kind == "TIMESYNC" and m.tc1 == 0:
+        elif number in _HEARD:
+            self._take(self._codec.decode(bytearray(packet)))
+
+    def _take(self, m: Any) -> None:
+        if m.get_type() == "TIMESYNC" and m.tc1 == 0:
             since_boot = round((self._now_s - self.boot_s) * 1e9)
             self._send(mavlink.MAVLink_timesync_message(since_boot, m.ts1))
+        elif m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            self._set_mode(m)
 
     def _set_mode(self, m: Any) -> None:
         number = int(m.param2)

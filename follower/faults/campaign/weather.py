@@ -58,37 +58,37 @@ class Weather:
 
     def __init__(self, rng: np.random.Generator, calm_s: float, intensity: float) -> None:
         self._rng = rng
-        self._calm_s = calm_s
         self._kinds = tuple(TABLE)
-        self._rates = intensity * np.array([TABLE[kind][0] for kind in self._kinds])
-        self._on: dict[Kind, tuple[Action, float]] = {}
+        rates = np.array([TABLE[kind][0] for kind in self._kinds])
+        self._shares = rates / rates.sum()
+        self._mean_s = 1.0 / (intensity * float(rates.sum()))
+        self._next_s = calm_s + float(rng.exponential(self._mean_s))
+        self._on: dict[Kind, Action] = {}
+        self._until_s: dict[Kind, float] = {}
         self.counts: dict[str, int] = {}
 
-    def step(self, now_s: float, interval_s: float) -> None:
+    def step(self, now_s: float) -> None:
         """Begin and end what is due."""
-        for kind in [kind for kind, (_, until_s) in self._on.items() if until_s <= now_s]:
-            del self._on[kind]
-        if now_s < self._calm_s:
-            return
-        for index in np.flatnonzero(self._rng.random(len(self._rates)) < self._rates * interval_s):
-            self._begin(self._kinds[int(index)], now_s)
+        for kind in [kind for kind, until_s in self._until_s.items() if until_s <= now_s]:
+            del self._on[kind], self._until_s[kind]
+        while self._next_s <= now_s:
+            self._begin(self._kinds[int(self._rng.choice(len(self._kinds), p=self._shares))], now_s)
+            self._next_s += float(self._rng.exponential(self._mean_s))
 
     def active(self, kind: Kind, now_s: float) -> Action | None:  # noqa: ARG002
         """Return the action of this kind that is on, None if none is."""
-        entry = self._on.get(kind)
-        return None if entry is None else entry[0]
+        return self._on.get(kind)
 
     def end_of(self, kind: Kind, now_s: float) -> float:
         """Return when the action of this kind that is on will be over; now, if none is."""
-        entry = self._on.get(kind)
-        return now_s if entry is None else entry[1]
+        return self._until_s.get(kind, now_s)
 
     def _begin(self, kind: Kind, now_s: float) -> None:
         _, shortest, longest, (low, high) = TABLE[kind]
         if kind not in self._on:
             for_s = math.exp(self._rng.uniform(math.log(shortest), math.log(longest)))
             amount = float(self._rng.uniform(low, high))
-            self._on[kind] = Action(kind, amount), now_s + for_s
+            self._on[kind], self._until_s[kind] = Action(kind, amount), now_s + for_s
             self.counts[kind.value] = self.counts.get(kind.value, 0) + 1
 
 

@@ -38,7 +38,7 @@ class WireWatch:
     def send(self, data: bytes) -> None:
         """Send one packet and look at it."""
         if int.from_bytes(data[7:10], "little") == _SETPOINT:
-            self.setpoints.append(_setpoint(data, self.now_s))
+            self.setpoints.append(setpoint_in(data, self.now_s))
         self._inner.send(data)
 
     def receive(self) -> bytes:
@@ -63,7 +63,8 @@ class WireWatch:
             self.modes.append(int.from_bytes(packet[_HEAD : _HEAD + 4], "little"))
 
 
-def _setpoint(data: bytes, now_s: float) -> WireSetpoint:
+def setpoint_in(data: bytes, now_s: float) -> WireSetpoint:
+    """Return the set-point that a packet of that message carries."""
     payload = data[_HEAD : _HEAD + data[1]].ljust(_SETPOINT_LENGTH, b"\0")
     fields = _SETPOINT_FIELDS.unpack(payload)
     vx, vy, vz = fields[4:7]

@@ -1,0 +1,108 @@
+"""How much faster than real time flights are simulated on one core, with and without pixels.
+
+    python benchmarks/simulation_speed.py [SCENARIO] [SECONDS]
+
+The scenario (`demo` unless told) is flown in lockstep for so many simulated seconds (40 unless
+told): once with its camera rendered, all imperfections on, at the size that the scenario says and
+followed by the default tracker; once with the truth + noise in vision's place; and, as `follower
+faults --random` does it, with a cheap vehicle and random faults. Neither is recorded or filmed.
+Counted is the processor's time of this one thread, with building the world left out; the wall's is
+beside it. Promise: with pixels at 640x480 at least 3 times real time, without at least 100 times.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+
+import cv2
+
+from follower.configs import find_scenario
+from follower.faults.campaign.flight import STEP_S, fly_random
+from follower.flying import fly_lockstep
+from follower.settings import load_settings
+from follower.sight import Sight
+from follower.simulated_flight import SimulatedFlight, base_settings
+from follower_control.transport import MemoryTransport
+from follower_sim.scenario import Scenario
+from follower_sim.scenario_file import load_scenario
+from follower_sim.world import World
+from follower_vision.clock import SimulatedClock
+
+SECONDS = 40.0
+RANDOM_FLIGHTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """What one flight took: simulated, processor's and wall's seconds, and control steps."""
+
+    name: str
+    simulated_s: float
+    processor_s: float
+    wall_s: float
+    steps: int
+
+    def line(self) -> str:
+        """Return it as a line of the table."""
+        return (
+            f"{self.name:32}{self.simulated_s:9.1f}{self.processor_s:9.2f}"
+            f"{self.simulated_s / self.processor_s:10.1f}x{self.simulated_s / self.wall_s:9.1f}x"
+            f"{self.steps / self.processor_s:10.0f}"
+        )
+
+
+def timed(name: str, fly: Callable[[], tuple[float, int]]) -> Speed:
+    """Return what a flight took; `fly` returns its simulated seconds and its control steps."""
+    wall, processor = time.perf_counter(), time.thread_time()
+    simulated_s, steps = fly()
+    spent = time.thread_time() - processor, time.perf_counter() - wall
+    return Speed(name, simulated_s, *spent, steps)
+
+
+def flight_in(scenario: Scenario, sight: Sight) -> Callable[[], tuple[float, int]]:
+    """Build a world and a follower in it, and return what flies it."""
+    world, clock = World(scenario), SimulatedClock()
+    if sight is Sight.PIXELS:
+        _ = world.ground, world.sky, world.scenery_batch
+    settings = load_settings(base=base_settings(scenario))
+    flight = SimulatedFlight(world, settings, "px4", clock, MemoryTransport.pair(), sight=sight)
+
+    def fly() -> tuple[float, int]:
+        with closing(flight):
+            fly_lockstep(flight, clock, lambda: None)
+        return clock.now(), len(flight.log.controls)
+
+    return fly
+
+
+def random_flights() -> tuple[float, int]:
+    """Fly the first random flights of seed 0."""
+    steps = sum(fly_random((0, number)).steps for number in range(RANDOM_FLIGHTS))
+    return steps * STEP_S, steps
+
+
+def main() -> None:
+    """Measure and print."""
+    cv2.setNumThreads(1)
+    name = sys.argv[1] if len(sys.argv) > 1 else "demo"
+    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else SECONDS
+    scenario = load_scenario(find_scenario(name), (f"duration_s={seconds}",))
+    camera = scenario.camera
+    heads = ("simulated", "processor", "real time", "by wall", "steps/s")
+    print(
+        f"{'one thread':32}"
+        + "".join(f"{head:>{w}}" for head, w in zip(heads, (9, 9, 11, 10, 10), strict=True))
+    )
+    pixels = f"{camera.width}x{camera.height} pixels at {camera.rate_hz:g} Hz"
+    print(timed(pixels, flight_in(scenario, Sight.PIXELS)).line())
+    print(timed("truth + noise, no pixels", flight_in(scenario, Sight.TRUTH)).line())
+    fly_random((0, 0))
+    print(timed("random flights, no pixels", random_flights).line())
+
+
+if __name__ == "__main__":
+    main()
