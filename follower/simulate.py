@@ -220,7 +220,7 @@ def _fly(
             recorder,
             injector,
             sight=options.sight,
-            finder=operators_finder(settings),
+            finder=operators_finder(settings, options.cockpit),
         )
         if options.cockpit:
             flight.operate()

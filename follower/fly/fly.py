@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,8 @@ from follower.fly.keyboard import Keyboard
 from follower.fly.options import FlyOptions
 from follower.fly.real_flight import RealFlight
 from follower.fly.target import target_selector
+from follower.ground_station.flight_view import FlightView
+from follower.ground_station.opening import open_ground_station, operators_finder
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import open_connection
 from follower.links.link import Link
@@ -219,14 +222,19 @@ class FlySession:
             self._tracker,
             self._clock,
             recorder.log,
+            operators_finder(self._settings, self._options.cockpit),
             video=self._station,
         )
+        view = FlightView(recorder.log, link, flight.requests, size)
+        save = partial(flight.requests.save, self._options.config)
+        rate_hz = source.nominal_rate_hz
+        ground = open_ground_station(self._settings, view, rate_hz, self._clock, save)
         if self._selector is not None:
             flight.select(self._selector)
         page = None if self._station is None else FlightShow(self._station, flight)
         self.flown = True
         keyboard = Keyboard(sys.stdin)
-        with Terminal(self._console, f"Following {self._options.wish}") as terminal:
+        with ground, Terminal(self._console, f"Following {self._options.wish}") as terminal:
 
             def watch(flight: RealFlight) -> None:
                 status = flight.status(self._options.wish)

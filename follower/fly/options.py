@@ -61,11 +61,18 @@ class FlyOptions:
         given = sum(way is not None for way in ways)
         if given > 1:
             raise SettingsError("choose by one of --target, --select and --colour alone")
-        if self.needs_target and not given and not self.cockpit:
+        if self.needs_target and not given and not (self.cockpit or self.ground_station):
             raise SettingsError(
                 "which target? give --select person, --colour '#rrggbb' or --target x,y,w,h, or "
-                "--cockpit to choose it on a page"
+                "--cockpit to choose it on a page, or --set ground_station.enabled=true for a "
+                "ground station"
             )
+
+    @property
+    def ground_station(self) -> bool:
+        """Whether the target can be chosen in a ground station."""
+        section = self._data()[0].get("ground_station")
+        return isinstance(section, dict) and section.get("enabled") is True
 
     @property
     def names_target(self) -> bool:
@@ -98,6 +105,8 @@ class FlyOptions:
             return f"something of colour {self.colour}"
         if self.target is not None:
             return "the target"
+        if self.ground_station and not self.cockpit:
+            return "what the ground station points out"
         return "what the cockpit points out" if self.cockpit else "nothing"
 
     @property

@@ -45,15 +45,15 @@ def open_ground_station(
         yield
 
 
-def operators_finder(settings: Settings) -> TargetFinder | None:
-    """Return a finder whose points snap to detections, None where no ground station asks for it.
+def operators_finder(settings: Settings, cockpit: bool) -> TargetFinder | None:
+    """Return a finder whose points snap to detections, None where nobody can point.
 
     Its detector is its own: the tracker's may be at work on another thread.
 
     Raises:
         ModelError: the detector's network is missing or broken.
     """
-    if not settings.ground_station.enabled:
+    if not (settings.ground_station.enabled or cockpit):
         return None
     return TargetFinder(make_settings_detector(settings))
 
