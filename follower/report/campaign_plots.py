@@ -20,7 +20,7 @@ Row = dict[str, Any]
 _BINS = 5
 _MOST_LINES = 400
 _NEVER_S = 5.0
-_LABELS = 9.0
+_LETTERS = 34
 
 
 def distributions(rows: Sequence[Row], goals: Goals) -> str:
@@ -29,17 +29,17 @@ def distributions(rows: Sequence[Row], goals: Goals) -> str:
     waits = [t for one in figures for t in goals.short(one)]
     panels: tuple[tuple[str, list[float], float | None], ...] = (
         (
-            "line-of-sight error, RMS, outside occlusions [deg]",
+            "line-of-sight error, RMS [deg]",
             _known([one.line_of_sight_rms_seen_deg for one in figures]),
             goals.max_line_of_sight_rms_deg,
         ),
         (
-            "time out of the frame, outside occlusions [%]",
+            "time out of the frame [%]",
             [100 * (1 - s) for s in _known([one.in_frame_share for one in figures])],
             100 * (1 - goals.min_in_frame_share),
         ),
         (
-            f"re-acquired after [s], occlusions up to {goals.occlusion_s:g} s",
+            f"re-acquired after [s], if hidden ≤ {goals.occlusion_s:g} s",
             [_NEVER_S if t is None else min(t, _NEVER_S) for t in waits],
             goals.reacquired_s,
         ),
@@ -59,6 +59,7 @@ def distributions(rows: Sequence[Row], goals: Goals) -> str:
     svg = style.to_svg(figure, "distributions", "distributions of the figures")
     said = (
         "Share of the runs (of the occlusions, third panel) up to each value; dashed: the limit. "
+        "Line of sight and time out of the frame are taken outside occlusions. "
         f"A target never seen again counts as {_NEVER_S:g} s. The keep-out's limit is a least one."
     )
     return html.figure(svg, said)
@@ -71,7 +72,8 @@ def _cumulative(axes: Axes, name: str, values: Sequence[float], limit: float | N
     if limit is not None:
         axes.axvline(limit, color=style.RED.light, linestyle=(0, (5, 3)), linewidth=1)
     axes.set_ylim(0, 1.02)
-    axes.set(xlabel=name, ylabel="share")
+    axes.set_xlabel(name, fontsize=8)
+    axes.set_ylabel("share", fontsize=8)
     if len(ordered):
         most = max(float(np.quantile(ordered, 0.99)), 1.3 * (limit or 0.0), 1e-3)
         axes.set_xlim(min(0.0, float(ordered[0])), most * 1.05)
@@ -146,8 +148,8 @@ def _pass_rates(axes: Axes, name: str, rows: Sequence[Row]) -> None:
         axes.plot([place, place], [low, high], color=style.BLUE.light, linewidth=1.5)
         axes.plot([place], [share], "o", color=style.BLUE.light, markersize=4)
     labels = [label.removeprefix("pursue-") for label, _ in groups]
-    long = max((len(label) for label in labels), default=0) > _LABELS
-    axes.set_xticks(range(len(groups)), labels, fontsize=7, rotation=18 if long else 0)
+    crowded = sum(len(label.split("\n")[0]) for label in labels) > _LETTERS
+    axes.set_xticks(range(len(groups)), labels, fontsize=6.5 if crowded else 7.5)
     axes.set_xlim(-0.5, len(groups) - 0.5)
     axes.set_ylim(0, 1.02)
     axes.set(title=name, ylabel="passed")
@@ -166,11 +168,15 @@ def _groups(name: str, rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     places = np.clip(np.digitize([value(row) for row in rows], edges) - 1, 0, _BINS - 1)
     return [
         (
-            f"{edges[i]:.2g}–{edges[i + 1]:.2g}",
+            f"{_short(edges[i])}–\n{_short(edges[i + 1])}",
             [row for row, place in zip(rows, places.tolist(), strict=True) if place == i],
         )
         for i in range(_BINS)
     ]
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 def parallel_coordinates(rows: Sequence[Row]) -> str:
@@ -189,7 +195,7 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     heights = np.array([_heights(axes, i, values) for i, (_, values) in enumerate(columns)]).T
     rng = np.random.default_rng(0)
     heights += rng.uniform(-0.012, 0.012, heights.shape)
-    for passed, colour in ((True, style.SKY), (False, style.RED)):
+    for passed, colour in ((False, style.RED), (True, style.BLUE)):
         lines = [
             np.column_stack([np.arange(len(columns)), line])
             for line, row in zip(heights, shown, strict=True)
@@ -204,8 +210,8 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     svg = style.to_svg(figure, "parallel", "all runs over their parameters")
     return html.figure(
         svg,
-        f"Each line is a run: red missed a goal of its own; the first {len(shown)} of them. Each "
-        "axis from its smallest to its largest value; a figure that was not measured is at the "
+        f"Each line is a run: orange missed a goal of its own; the first {len(shown)} of them. "
+        "Each axis from its smallest to its largest value; a figure that was not measured is at the "
         "bottom.",
     )
 

@@ -11,12 +11,14 @@ from follower.report import html
 from follower.report.html import Cell, Html
 
 _MOST_WORST = 25
+_MET = Html('<b style="color: var(--green); white-space: nowrap">met</b>')
+_NOT_MET = Html('<b style="color: var(--red); white-space: nowrap">not met</b>')
 
 
 def goals_table(summary: Summary) -> str:
     """Return each goal with what was reached."""
     rows = [
-        (line.name, line.value, line.wanted, "met" if line.met else "not met")
+        (line.name, line.value, line.wanted, _MET if line.met else _NOT_MET)
         for line in summary.lines
     ]
     return html.table(("Goal", "Reached", "Wanted", ""), rows)
