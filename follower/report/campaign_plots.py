@@ -211,7 +211,7 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     return html.figure(
         svg,
         f"Each line is a run: orange missed a goal of its own; the first {len(shown)} of them. "
-        "Each axis from its smallest to its largest value; a figure that was not measured is at the "
+        "Each axis from its smallest to its largest value; what was not measured is at the "
         "bottom.",
     )
 
