@@ -119,7 +119,7 @@ def load_campaign(text: str, **changes: Any) -> CampaignConfig:
         SettingsError: there is none, or it cannot be used; one line says which key and why.
     """
     path = Path(text)
-    if path.suffix not in (".yaml", ".yml") and not path.exists():
+    if path.suffix not in (".yaml", ".yml") and not path.is_file():
         known = campaign_files()
         if text not in known:
             raise SettingsError(
