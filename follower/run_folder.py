@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import shutil
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -21,3 +23,14 @@ def new_run_folder(base: Path, name: str) -> Path:
             continue
         return folder
     raise AssertionError("counting does not end")
+
+
+def remove_run_folder(folder: Path) -> None:
+    """Remove a run that came to nothing, and the folder of all runs if there is none in it.
+
+    Raises:
+        OSError: the run's folder cannot be removed.
+    """
+    shutil.rmtree(folder)
+    with suppress(OSError):  # other runs are in it
+        folder.parent.rmdir()

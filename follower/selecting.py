@@ -15,20 +15,22 @@ from follower_vision.framesource import SourceError
 TargetsSelector: TypeAlias = Callable[[Frame], list[Box]]
 """Finds the boxes of all targets in a frame, or none while one is not there (yet)."""
 
-_LEAST_IN_IMAGE = 0.1
+_LEAST_IN_IMAGE = 0.5
 
 
 def box_selector(target: Box) -> Selector:
     """Select what `target` shows in the next frame.
 
-    The selector raises SourceError if the box lies outside the image.
+    The selector raises SourceError if less than half of the box lies in the image.
     """
 
     def select(frame: Frame) -> Box:
-        if target.visible_share(frame.width, frame.height) < _LEAST_IN_IMAGE:
+        share = target.visible_share(frame.width, frame.height)
+        if share < _LEAST_IN_IMAGE:
+            where = "outside" if share == 0 else f"with {share:.0%} of it only in"
             x, y, width, height = target.xywh
             raise SourceError(
-                f"the target {x:g},{y:g},{width:g},{height:g} lies outside the image, which is "
+                f"the target {x:g},{y:g},{width:g},{height:g} lies {where} the image, which is "
                 f"{frame.width}x{frame.height}: give x,y,w,h of a box in the first frame"
             )
         return target

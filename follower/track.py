@@ -39,7 +39,7 @@ from follower_vision.track import TrackState
 
 ResultT = TypeVar("ResultT")
 
-_SUCCESS, _INTERRUPTED = 0, 130
+_SUCCESS, _BROKEN_OFF, _INTERRUPTED = 0, 1, 130
 
 
 def track(options: TrackOptions) -> int:
@@ -107,7 +107,10 @@ class TrackSession:
         if self._run.problem is not None:
             self._display.say(self._run.problem)
         self._summarise(written)
-        return _INTERRUPTED if interrupted else _SUCCESS
+        if interrupted:
+            return _INTERRUPTED
+        broken = self._run.problem is not None and not self._options.in_real_time
+        return _BROKEN_OFF if broken else _SUCCESS
 
     def _find(self) -> tuple[bool, bool]:
         try:

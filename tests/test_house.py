@@ -18,7 +18,7 @@ SOURCES = {
 FLOORS = list(SOURCES)
 FLIGHT = (
     "follower.control_stage, follower.control_loop, follower.realtime, follower.tracking, "
-    "follower.links.mavlink, follower.links.connection"
+    "follower.links.mavlink, follower.links.connection, follower.links.opening"
 )
 
 

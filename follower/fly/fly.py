@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -33,7 +32,7 @@ from follower.preflight.running import check_names
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
 from follower.recorder.recorded_flight import open_flight
-from follower.run_folder import new_run_folder
+from follower.run_folder import new_run_folder, remove_run_folder
 from follower.settings import Settings
 from follower.situation import Order
 from follower.station.station import Station
@@ -76,7 +75,7 @@ def fly(options: FlyOptions) -> int:
             return session.run(transport)
         finally:
             if not session.flown:
-                shutil.rmtree(folder)
+                remove_run_folder(folder)
 
 
 def _nothing() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from follower.links.link_settings import LINK_KINDS
 from follower.settings import Settings, settings_data
 from follower.track_options import usual_detector
 from follower_control.strict_yaml import SettingsError, parse
@@ -16,7 +17,6 @@ from follower_vision.box import Box
 from follower_vision.connection import without_password
 from follower_vision.trackers import tracker_names
 
-_LINKS = ("pymavlink", "mavsdk")
 _LENS_KEYS = ("fov_deg", "focal_px")
 
 
@@ -50,8 +50,8 @@ class FlyOptions:
     def __post_init__(self) -> None:
         if not self.camera.strip():
             raise SettingsError("which camera? give --camera 0, a video file or a stream's address")
-        if self.link is not None and self.link not in _LINKS:
-            raise SettingsError(f"--link {self.link}: choose {' or '.join(_LINKS)}")
+        if self.link is not None and self.link not in LINK_KINDS:
+            raise SettingsError(f"--link {self.link}: choose {' or '.join(LINK_KINDS)}")
         if self.tracker is not None and self.tracker not in tracker_names():
             names = ", ".join(tracker_names())
             raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")

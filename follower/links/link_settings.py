@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 _OFTEN_HZ = 4.0
+
+
+LinkKind: TypeAlias = Literal["pymavlink", "mavsdk"]
+LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,7 @@ class LinkSettings:
 
     __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
 
-    kind: Literal["pymavlink", "mavsdk"] = "pymavlink"
+    kind: LinkKind = "pymavlink"
     vehicle_id: int | None = None
     listen_s: float = 2.5
     attitude_rate_hz: float = 100.0

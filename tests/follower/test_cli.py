@@ -57,6 +57,7 @@ def moving_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["track", "{square}", "--colour", "reddish"], "reddish"),
         (["track", "{broken}", "--target", "1,2,3,4"], "broken.mp4"),
         (["track", "{square}", "--target", "60,100,30,30", "--set", "servo.kp=1"], "servo.kp"),
+        (["sim", "demo", "--link", "foo"], "--link foo: choose pymavlink or mavsdk"),
         (["sim", "nothing"], "there is no scenario 'nothing'.*demo"),
         (["sim", "{mistyped}"], "unknown key 'durations_s'; did you mean 'duration_s'"),
         (["sim", "demo", "--autopilot", "betaflight"], "choose px4 or ardupilot"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import re
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 import follower.track as track_module
-from follower.cli import SUCCESS, UNUSABLE, main
+from follower.cli import FAILED, SUCCESS, UNUSABLE, main
 from follower.outputs import BOX_COLUMNS
 from follower.settings import Settings
 from follower.track_status import TrackStatus, status_line
@@ -224,11 +225,25 @@ def test_in_real_time_a_recording_takes_its_time(run: Run, pictures: Path, tmp_p
     assert not (only_run(tmp_path) / "setpoints.csv").exists()
 
 
+def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tells(
+    run: Run, pictures: Path, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(pictures, damaged)
+    (damaged / "012.png").write_bytes(b"no picture")
+    x, y = corner(0, 0)
+    code, out, _ = run(str(damaged), "--target", f"{x},{y},{SIDE},{SIDE}", "--no-video")
+    assert code == FAILED
+    assert "012.png" in out
+    assert len(rows_of(only_run(tmp_path) / "boxes.csv")) >= 12
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--target", "1,2,1,1"], "fewer than 3 pixels"),
         (["--target", "40,150,28,28", "--target", "900,2,30,30"], "lies outside the image"),
+        (["--target", "310,100,30,30"], "with 33% of it only in the image, which is 320x240"),
         (["--select", "persn"], "did you mean 'person'"),
         (["--select", "person", "--target", "1,2,30,30"], "one of --target, --select and --colour"),
         (["--colour", "#c020c0"], "colour #c020c0 was not seen in 30 frames"),
