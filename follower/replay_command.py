@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Out, Overrides
+from follower.command_options import Cockpit, Out, Overrides
 
 EPILOG = """
 **Examples**
@@ -15,6 +15,8 @@ EPILOG = """
 `follower replay runs/demo` – do the recorded frames and telemetry give the same setpoints again?
 
 `follower replay runs/demo --set servo.range.kp=0.8` – what would it have asked for?
+
+`follower replay runs/demo --cockpit` – watch it on a web page, and the other flights beside it
 
 `follower replay runs/demo --tracker nanotrack-v3 --save` – another tracker; keep what comes of it
 """
@@ -36,6 +38,7 @@ def replay_command(
         ),
     ] = False,
     out: Out = Path("runs"),
+    cockpit: Cockpit = False,
 ) -> None:
     """Replay a recorded flight through the code that flies, and compare.
 
@@ -50,5 +53,10 @@ def replay_command(
 
     chosen = {"tracker": tracker, "detector": detector}
     named = [f"{key}={value}" for key, value in chosen.items() if value is not None]
+    if cockpit:
+        from follower.replay.on_page import replay_on_page
+
+        replay_on_page(flight, (*(overrides or ()), *named))
+        return
     options = ReplayOptions(flight, (*(overrides or ()), *named), save, out)
     raise typer.Exit(replay_flight(options))

@@ -81,6 +81,11 @@ class Replay:
         self._control = ControlStage(settings, camera, self.log, needs_telemetry)
         self._steps = iter(flight.log.controls)
 
+    @property
+    def stage(self) -> ControlStage:
+        """Control, whose errors are worth showing."""
+        return self._control
+
     def run(self) -> FlightLog:
         """Go through the recording to its end and return the log.
 

@@ -102,7 +102,7 @@ class Station(ClosesItself):
         """End the child."""
         self._closing = True
         self._outbox.close()
-        self._wire.close()
+        self._wire.hang_up()
         try:
             self._process.wait(_FAREWELL_S)
         except subprocess.TimeoutExpired:
@@ -110,6 +110,7 @@ class Station(ClosesItself):
             self._process.wait()
         for thread in self._threads:
             thread.join(_FAREWELL_S)
+        self._wire.close()
         self._image.close()
         self._errors.close()
 

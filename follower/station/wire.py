@@ -76,13 +76,16 @@ class Wire:
             raise WireError("no message: its kind is missing")
         return message
 
-    def close(self) -> None:
-        """Hang up, also on a thread that is waiting for a message."""
+    def hang_up(self) -> None:
+        """End every sending and receiving, also that which is waiting now."""
         with (
             contextlib.suppress(OSError),
             socket.socket(fileno=os.dup(self._connection.fileno())) as line,
         ):
             line.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Give the line back, once nobody uses it any more."""
         self._connection.close()
 
 

@@ -113,6 +113,7 @@ class FlyingSimulation(Served):
     operator: TimedOperator
     folder: Path
     began: Settings
+    end: Callable[[], None]
 
 
 @dataclass
@@ -168,7 +169,15 @@ def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FlyingSimul
             daemon=True,
         )
         thread.start()
-        yield FlyingSimulation(said.port, station, flight, clock, eye, operator, folder, settings)
+
+        def end() -> None:
+            flight.stop()
+            thread.join(60)
+            recorder.close()
+
+        yield FlyingSimulation(
+            said.port, station, flight, clock, eye, operator, folder, settings, end
+        )
         flight.stop()
         thread.join(60)
         flight.close()

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
+from websockets.sync.client import connect
 
 from follower.flightlog import ControlRecord
 from follower.recorder import open_flight
 from follower.replay import Replay, compare, replay_settings
+from follower.setting_change import live_keys
 from follower.supervisor import State
+from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.setpoint import HOLD
 
 PATIENCE_MS = 120_000
@@ -43,7 +51,6 @@ def page(browser: Browser, simulation: Any) -> Iterator[Page]:
     page.goto(simulation.url)
     page.wait_for_selector("#connection:has-text('connected')")
     yield page
-    page.close()
     assert not trouble
 
 
@@ -198,12 +205,72 @@ def test_a_phone_watches_and_stops(browser: Browser, page: Page, simulation: Any
     context.close()
 
 
-def test_what_people_did_on_the_page_is_replayed_bit_for_bit(page: Page, simulation: Any) -> None:
-    """Control alone, from the recorded tracks: the rest of the flight is still going on."""
-    wait_for(page, lambda: speed(simulation) < 0.2, "the drone standing")
-    simulation.flight.stop()
-    wait_for(page, lambda: simulation.flight.finished, "the end of the flight")
-    page.wait_for_timeout(1500)  # what waits is written to the log once a second
+def test_nothing_that_is_asked_goes_past_supervisor_and_envelope(
+    page: Page, simulation: Any
+) -> None:
+    """Whatever a client asks for, as fast as it may; then the whole flight is looked through."""
+    rng = np.random.default_rng(11)
+    url = simulation.url.replace("http", "ws") + "/ws"
+    page.close()
+    with connect(url) as client:
+        client.send('{"kind": "take_control"}')
+        for number in range(120):
+            client.send(json.dumps({"id": number, **any_request(rng)}))
+            time.sleep(0.03)
+        client.send('{"kind": "consent", "given": false, "id": 1000}')
+    records = controls(simulation)
+    limits = simulation.began.envelope
+    for before, record in itertools.pairwise(records):
+        check_supervised(record)
+        if record.sent:
+            check_limited(before, record, limits)
+    assert simulation.flight.requests.settings.envelope.max_speed_m_s <= limits.max_speed_m_s
+
+
+def any_request(rng: np.random.Generator) -> dict[str, Any]:
+    x, y = rng.uniform(0, 1, 2).tolist()
+    key = str(rng.choice([one.key for one in live_keys()]))
+    number = float(rng.choice([-1.0, 0.0, 0.5, 3.0, 50.0, 1e6]))
+    return dict(
+        [
+            {"kind": "select_point", "x": x, "y": y},
+            {"kind": "select_box", "left": x, "top": y, "right": y, "bottom": x},
+            {"kind": "consent", "given": True},
+            {"kind": "change", "key": key, "value": number},
+            {"kind": "change", "key": "servo.mode", "value": "orbit"},
+            {"kind": "change", "key": "envelope.max_speed_m_s", "value": 99.0},
+            {"kind": "stop_tracking"},
+            {"kind": "arm"},
+        ][rng.choice(8, p=[0.1, 0.1, 0.2, 0.35, 0.05, 0.1, 0.05, 0.05])]
+    )
+
+
+def check_supervised(record: ControlRecord) -> None:
+    """Nobody steers but in the pilot's mode, in the air, with consent."""
+    if record.state.steers:
+        assert record.situation is not None
+        assert record.situation.mode_allows
+        assert record.situation.flying
+        assert record.situation.consent_given
+        assert not record.situation.stop_requested
+    if not record.state.engaged and record.sent:
+        assert record.asked == HOLD
+
+
+def check_limited(before: ControlRecord, record: ControlRecord, limits: EnvelopeSettings) -> None:
+    """Limits that the flight began with hold, but for the stop button's zero."""
+    now, then, dt = record.allowed, before.allowed, record.time_s - before.time_s
+    assert math.hypot(now.forward_m_s, now.right_m_s) <= limits.max_speed_m_s + 1e-6
+    assert -limits.max_climb_m_s - 1e-6 <= now.down_m_s <= limits.max_descent_m_s + 1e-6
+    assert abs(now.yaw_rate_rad_s) <= math.radians(limits.max_yaw_rate_deg_s) + 1e-6
+    if before.sent and before.state.engaged and not record.situation.stop_at_once:
+        step = math.hypot(now.forward_m_s - then.forward_m_s, now.right_m_s - then.right_m_s)
+        assert step <= limits.max_acceleration_m_s2 * dt + 0.02
+
+
+def test_what_people_did_on_the_page_is_replayed_bit_for_bit(simulation: Any) -> None:
+    """Control alone, from the recorded tracks."""
+    simulation.end()
     flight = open_flight(simulation.folder)
     assert len(flight.log.controls) > 500
     replay = Replay(flight, replay_settings(flight), tracks_recorded=True)

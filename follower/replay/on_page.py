@@ -1,0 +1,194 @@
+"""`follower replay --cockpit`: a recorded flight on the page, at its own pace."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from pydantic import ValidationError
+from rich.console import Console
+
+from follower.cockpit.flights import Flights
+from follower.cockpit.live_settings import setting_values
+from follower.cockpit.moment import moment
+from follower.cockpit.opening import open_station
+from follower.cockpit.requests import REQUESTS, Show
+from follower.cockpit.showing import first_page
+from follower.flightlog import TrackRecord
+from follower.interrupt import StopOnInterrupt
+from follower.live_status import LiveStatus
+from follower.pace import Pace
+from follower.recorder import RecordedFlight, open_flight
+from follower.recorder.records import FrameRecord, StepRecord
+from follower.recorder.video_queue import VIDEO
+from follower.replay.replay import Replay, replay_settings
+from follower.settings import Settings
+from follower.station.station import Station
+from follower.station.wire import Message
+from follower_vision.clock import SimulatedClock
+from follower_vision.frame import Frame
+
+_SHOW_EVERY_S = 0.1
+_REFUSED: Message = {"accepted": False, "text": "this is a replay: the flight is over"}
+
+
+def replay_on_page(folder: Path, overrides: Sequence[str] = ()) -> None:
+    """Play a flight on the page, and then what people choose there, until Ctrl-C.
+
+    Control's answers are those of today's code with these settings, from the recorded tracks.
+
+    Raises:
+        FlightFileError: the flight cannot be read.
+        SettingsError: an override cannot be used.
+    """
+    flight = open_flight(folder)
+    settings = replay_settings(flight, overrides)
+    console, runs = Console(), flight.folder.resolve().parent
+
+    def say(text: str) -> None:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    page = first_page("replay", _title(flight), settings)
+    station = open_station(settings, True, page, runs, say)
+    if station is None:
+        return
+    player = Player(station, Flights(runs))
+    station.operator = player
+    with station, StopOnInterrupt(player.stop):
+        say("Ctrl-C ends the replay.")
+        player.play(flight, settings)
+        while (name := player.chosen()) is not None:
+            _play_other(player, station, runs / name, overrides)
+
+
+def _play_other(player: Player, station: Station, folder: Path, overrides: Sequence[str]) -> None:
+    try:
+        flight = open_flight(folder)
+        player.play(flight, replay_settings(flight, overrides))
+    except ValueError as error:  # the page has no other place to say what is wrong with a file
+        station.tell_page({"title": " ".join(str(error).split())})
+
+
+class _EndedError(Exception):
+    """Something else is to be played."""
+
+
+class Player:
+    """Plays flights, and hears which one people choose.
+
+    Args:
+        station: shows them.
+        flights: that there are.
+    """
+
+    def __init__(self, station: Station, flights: Flights) -> None:
+        self._station = station
+        self._flights = flights
+        self._chosen: str | None = None
+        self._ended = threading.Event()
+        self._woken = threading.Event()
+
+    def ask(self, request: Message, by: str) -> Message:
+        """Take the choice of another flight; anything else is refused."""
+        del by
+        try:
+            wanted = REQUESTS.validate_python({k: v for k, v in request.items() if k != "number"})
+        except ValidationError:
+            return _REFUSED
+        if not isinstance(wanted, Show):
+            return _REFUSED
+        if wanted.flight not in {flight.name for flight in self._flights.listed()}:
+            return {"accepted": False, "text": "there is no such flight"}
+        self._chosen = wanted.flight
+        self._woken.set()
+        return {"accepted": True, "text": f"playing {wanted.flight}"}
+
+    def late_answers(self) -> Sequence[Message]:
+        """Return nothing: every answer is known at once."""
+        return ()
+
+    def heard(self) -> None:
+        """Go on, whoever is there."""
+
+    def stop(self) -> None:
+        """End what is played, and the choosing."""
+        self._ended.set()
+        self._woken.set()
+
+    def chosen(self) -> str | None:
+        """Wait until somebody chooses a flight and return its name; None after `stop`."""
+        self._woken.wait()
+        self._woken.clear()
+        name, self._chosen = self._chosen, None
+        return None if self._ended.is_set() else name
+
+    def play(self, flight: RecordedFlight, settings: Settings) -> None:
+        """Play a flight to its end, or until something else is chosen."""
+        self._woken.clear()
+        self._station.tell_page({"title": _title(flight), "values": setting_values(settings)})
+        show = _Showing(self._station, flight, self._woken)
+        replay = Replay(flight, settings, tracks_recorded=True, on_message=show)
+        show.replay = replay
+        try:
+            replay.run()
+        except _EndedError:
+            return
+
+
+class _Showing:
+    """Shows each message of a flight when its time has come."""
+
+    def __init__(self, station: Station, flight: RecordedFlight, woken: threading.Event) -> None:
+        self.replay: Replay | None = None
+        self._station = station
+        self._woken = woken
+        self._pictures: Iterator[Frame] = iter(())
+        if (flight.folder / VIDEO).is_file():
+            self._pictures = flight.pictures()
+        self._clock = SimulatedClock()
+        self._pace: Pace | None = None
+        self._begin_s = self._shown_s = 0.0
+        self._frame: Frame | None = None
+
+    def __call__(self, time_s: float, message: object) -> None:
+        if self._woken.is_set():
+            raise _EndedError
+        self._keep_pace(time_s)
+        match message:
+            case FrameRecord(video_index=int()):
+                self._frame = next(self._pictures, None)
+            case TrackRecord():
+                self._show_frame(message)
+            case StepRecord() if time_s - self._shown_s >= _SHOW_EVERY_S:
+                self._shown_s = time_s
+                self._show_moment()
+
+    def _keep_pace(self, time_s: float) -> None:
+        if self._pace is None:
+            self._clock = SimulatedClock(time_s)
+            self._pace = Pace(self._clock)
+            self._begin_s = self._shown_s = time_s
+        if time_s > self._clock.now():
+            self._clock.sleep_until(time_s)
+            self._pace.wait()
+
+    def _show_frame(self, record: TrackRecord) -> None:
+        frame = self._frame
+        if frame is None or frame.sequence != record.sequence:
+            return
+        tracks = () if record.track is None else (record.track,)
+        self._station.add(frame, tracks, ())
+
+    def _show_moment(self) -> None:
+        if self.replay is None:
+            return
+        log = self.replay.log
+        status = LiveStatus.of(log, self._begin_s, None, self.replay.stage.servo.errors)
+        self._station.show(moment(status, log.controls[-1] if log.controls else None))
+
+
+def _title(flight: RecordedFlight) -> str:
+    title = flight.config.run.get("title") or flight.config.run.get("target") or ""
+    name = flight.folder.resolve().name
+    return f"{name}: {title}" if title else name

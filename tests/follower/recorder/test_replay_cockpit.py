@@ -1,0 +1,84 @@
+"""`follower replay --cockpit`: recorded flights on the page, which changes nothing."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from websockets.sync.client import connect
+
+PATIENCE_S = 60.0
+
+
+@pytest.mark.slow
+def test_a_flight_is_played_and_then_the_one_that_is_chosen(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    for name in ("first", "second"):
+        shutil.copytree(small_flight.folder, tmp_path / name)
+    code = "from follower.cli import main; main()"
+    arguments = ("replay", "first", "--cockpit")
+    settings = tmp_path / "said.txt"
+    with settings.open("w") as said:
+        program = subprocess.Popen(
+            [sys.executable, "-c", code, *arguments, "--set", "cockpit.port=0"],
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+        )
+    try:
+        watch(f"http://127.0.0.1:{port(settings, program)}")
+        program.send_signal(signal.SIGINT)
+        assert program.wait(PATIENCE_S) == 0, settings.read_text()
+    finally:
+        program.kill()
+        program.wait()
+
+
+def port(said: Path, program: subprocess.Popen[bytes]) -> int:
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s and program.poll() is None:
+        found = re.search(r"Cockpit: http://127.0.0.1:(\d+)", said.read_text())
+        if found:
+            return int(found[1])
+        time.sleep(0.1)
+    raise AssertionError(said.read_text())
+
+
+def watch(url: str) -> None:
+    names = {flight["name"] for flight in httpx.get(f"{url}/api/flights").json()}
+    assert {"first", "second"} <= names
+    with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
+        wait(client, lambda m: m["kind"] == "hello" and m["page"]["mode"] == "replay")
+        for wish in ({"kind": "stop"}, {"kind": "change", "key": "servo.distance_m", "value": 3}):
+            client.send(json.dumps({**wish, "id": 1}))
+            answer = wait(client, lambda m: m["kind"] == "answer")
+            assert not answer["accepted"]
+            assert "replay" in answer["text"]
+        client.send(json.dumps({"kind": "show", "flight": "nowhere", "id": 2}))
+        assert not wait(client, lambda m: m["kind"] == "answer")["accepted"]
+        client.send(json.dumps({"kind": "show", "flight": "second", "id": 3}))
+        assert wait(client, lambda m: m["kind"] == "answer")["accepted"]
+        wait(client, lambda m: m["kind"] == "page" and m["page"]["title"].startswith("second"))
+        seen = wait(client, lambda m: m["kind"] == "track" and bool(m["tracks"]))
+        assert seen["size"] == [160, 120]
+        moment = wait(client, lambda m: m["kind"] == "state" and m.get("time_s", 0) > 0.5)
+        assert moment["state"] != ""
+
+
+def wait(client: Any, condition: Any) -> dict[str, Any]:
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
+        message = json.loads(client.recv(PATIENCE_S))
+        if condition(message):
+            return dict(message)
+    raise AssertionError("it did not come")
