@@ -145,10 +145,6 @@ class Envelope:
         allowed = VelocitySetpoint(velocity.real, velocity.imag, sink, self._yaw_rate)
         return LimitedSetpoint(asked, allowed, tuple(dict.fromkeys(self._limits)))
 
-    def hold_now(self, now_s: float) -> LimitedSetpoint:
-        """Slow down to a hold, as fast as acceleration and jerk allow."""
-        return self.limit(HOLD, now_s, FlightContext())
-
     def _refused(self) -> VelocitySetpoint:
         self._limits.append(Limit.NOT_FINITE)
         return HOLD

@@ -109,10 +109,12 @@ def test_a_start_at_no_time_waits_for_the_first_call(start_s):
     assert envelope.limit(VelocitySetpoint(5.0), 7.1, FREE).allowed.forward_m_s > 0
 
 
-def test_hold_now_needs_to_know_nothing_and_stops():
+def test_a_hold_needs_to_know_nothing_and_stops():
     envelope = Envelope(SETTINGS)
     envelope.start(VelocitySetpoint(8.0, 0.0, 1.0, 1.0), 0.0)
-    speeds = [envelope.hold_now(i * DT).allowed.forward_m_s for i in range(1, 200)]
+    speeds = [
+        envelope.limit(HOLD, i * DT, FlightContext()).allowed.forward_m_s for i in range(1, 200)
+    ]
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
 

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from follower_control.envelope import SHORTEST_S, Envelope
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.flight_context import FlightContext
-from follower_control.setpoint import VelocitySetpoint
+from follower_control.setpoint import HOLD, VelocitySetpoint
 
 SETTINGS = EnvelopeSettings(
     max_speed_m_s=6.0,
@@ -85,7 +85,7 @@ class AnythingGoesIn(RuleBasedStateMachine):
     @rule(dt=steps)
     def hold(self, dt):
         now_s = self.clock + dt
-        self.call(self.envelope.hold_now(now_s), now_s)
+        self.call(self.envelope.limit(HOLD, now_s, FlightContext()), now_s)
 
     @rule(velocity=setpoints)
     def start_again(self, velocity):
