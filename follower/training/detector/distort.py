@@ -12,12 +12,16 @@ from follower_vision.frame import Image
 def distorted(picture: LabelledImage, rng: np.random.Generator) -> LabelledImage:
     """Return a picture with other light and colours, noise, and in half of the cases mirrored."""
     image = _noisy(_lit(picture.image, rng), rng)
-    if rng.random() < 0.5:
-        return LabelledImage(image, picture.boxes, picture.classes, picture.name)
-    width = image.shape[1]
+    changed = LabelledImage(image, picture.boxes, picture.classes, picture.name)
+    return changed if rng.random() < 0.5 else mirrored(changed)
+
+
+def mirrored(picture: LabelledImage) -> LabelledImage:
+    """Return a picture with left and right exchanged."""
+    width = picture.image.shape[1]
     boxes = picture.boxes[:, [2, 1, 0, 3]] * np.array([-1, 1, -1, 1]) + np.array([width, 0] * 2)
-    mirrored = np.ascontiguousarray(image[:, ::-1])
-    return LabelledImage(mirrored, boxes.astype(np.float32), picture.classes, picture.name)
+    image = np.ascontiguousarray(picture.image[:, ::-1])
+    return LabelledImage(image, boxes.astype(np.float32), picture.classes, picture.name)
 
 
 def _lit(image: Image, rng: np.random.Generator) -> Image:

@@ -10,7 +10,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from follower.training.detector.distort import distorted
+from follower.training.detector.distort import distorted, mirrored
 from follower.training.detector.labelled import IGNORED, LabelledImage
 from follower.training.detector.stage import KINDS, StagedWorld, random_stage, random_world
 from follower.training.detector.views import shown
@@ -44,6 +44,8 @@ class RenderedPictures:
         pictures_a_world: rendered in one world.
         views_a_picture: cut from one rendered picture.
         mixed: how many views the buffer holds.
+        shown_times: how often a view is shown in the mean; to make one takes longer than to learn
+            from it.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -53,9 +55,10 @@ class RenderedPictures:
     pictures_a_world: int = 50
     views_a_picture: int = 5
     mixed: int = 800
+    shown_times: int = 3
 
     def __post_init__(self) -> None:
-        for name in ("pictures_a_world", "views_a_picture", "mixed"):
+        for name in ("pictures_a_world", "views_a_picture", "mixed", "shown_times"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is at least 1, not {getattr(self, name)}")
         if min(self.width, self.height) < 64:
@@ -74,10 +77,11 @@ class RenderedPictures:
         for view in views:
             if len(buffer) < self.mixed:
                 buffer.append(view)
-            if len(buffer) >= self.mixed or rng.random() < 0.5:
-                place = int(rng.integers(len(buffer)))
-                yield buffer[place]
-                buffer[place] = view
+            else:
+                buffer[int(rng.integers(len(buffer)))] = view
+            for _ in range(self.shown_times):
+                chosen = buffer[int(rng.integers(len(buffer)))]
+                yield chosen if rng.random() < 0.5 else mirrored(chosen)
 
     def held_out(self, side: int, count: int) -> list[LabelledImage]:
         """Return `count` views of worlds that no training's seed leads to."""
@@ -134,7 +138,7 @@ def _looking(world: StagedWorld, rng: np.random.Generator) -> BodyState:
     wanted = [actor.solid for actor in world.stage if actor.kind is not None]
     solid = wanted[int(rng.integers(len(wanted)))]
     centre, size = solid.centre, 2 * solid.radius_m
-    away = size * float(np.exp(rng.uniform(math.log(1.6), math.log(14))))
+    away = size * float(np.exp(rng.uniform(math.log(1.6), math.log(9))))
     lowest = -0.5 if -centre[2] > _FLYING_M else math.asin(min(0.7, 1.2 / away))
     elevation = float(rng.uniform(lowest, 1.0)) if rng.random() < 0.85 else 1.45
     azimuth = float(rng.uniform(-math.pi, math.pi))

@@ -41,6 +41,7 @@ class TrainingRun:
         folder: where everything is written.
         device: where it computes.
         resume: go on from the folder's checkpoint.
+        start: the folder of another training, whose weights and anchors this one begins with.
         console: where progress is shown.
     """
 
@@ -49,6 +50,7 @@ class TrainingRun:
     device: torch.device
     console: Console
     resume: bool = False
+    start: Path | None = None
 
     def run(self) -> Exported:
         """Train, measure and export.
@@ -71,10 +73,14 @@ class TrainingRun:
 
     def _trainer(self, pictures: Pictures, state: dict[str, Any] | None) -> DetectorTrainer:
         training, seed = self.config.training, self.config.seed
-        anchors = self._look(pictures) if state is None else np.array(state["anchors"])
+        start = None if self.start is None else load_checkpoint(self.start, self.device)
+        known = state or start
+        anchors = self._look(pictures) if known is None else np.array(known["anchors"])
         trainer = DetectorTrainer(training, pictures, anchors, seed, self.device)
         if state is not None:
             trainer.restore(state)
+        elif start is not None:
+            trainer.begin_with(start)
         return trainer
 
     def _look(self, pictures: Pictures) -> np.ndarray:

@@ -131,19 +131,32 @@ class DetectorTrainer:
             "settings": asdict(self.settings),
         }
 
+    def begin_with(self, state: dict[str, Any]) -> None:
+        """Take the weights of another training's state, and nothing else of it.
+
+        Raises:
+            SettingsError: it belongs to another network.
+        """
+        self._check(state)
+        self._network.load_state_dict(state["averaged"])
+        self.averaged.load_state_dict(state["averaged"])
+
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state.
 
         Raises:
             SettingsError: it belongs to another network.
         """
-        same = state.get("kind") == "detector" and state["classes"] == list(self.class_names)
-        if not same or tuple(state["settings"]["channels"]) != tuple(self.settings.channels):
-            raise SettingsError("the checkpoint is of another network or of other classes")
+        self._check(state)
         self._network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
         self._optimiser.load_state_dict(state["optimiser"])
         self.step_number = int(state["step"])
+
+    def _check(self, state: dict[str, Any]) -> None:
+        same = state.get("kind") == "detector" and state["classes"] == list(self.class_names)
+        if not same or tuple(state["settings"]["channels"]) != tuple(self.settings.channels):
+            raise SettingsError("the checkpoint is of another network or of other classes")
 
 
 def as_tensor(pictures: Sequence[LabelledImage], device: torch.device) -> Tensor:

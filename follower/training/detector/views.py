@@ -14,11 +14,11 @@ from follower_vision.frame import Image
 
 _WHOLE_SHARE = 0.3
 _ANYWHERE_SHARE = 0.1
-_ZOOM = (1.6, 9.0)
+_ZOOM = (1.6, 7.0)
 _LEAST_CROP_PX = 64.0
 _LEAST_INSIDE = 0.5
 _TRACE_INSIDE = 0.1
-_SMALLEST_PX = 7.0
+_SMALLEST_PX = 10.0
 
 
 def whole_view(picture: LabelledImage, side: int) -> LabelledImage:

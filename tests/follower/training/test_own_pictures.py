@@ -1,0 +1,157 @@
+"""Folders of the user's own pictures, in YOLO's and COCO's form, good and broken."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from follower.training.detector.coco_folder import read_coco
+from follower.training.detector.folder import FolderPictures
+from follower.training.detector.folder_settings import FolderSettings
+from follower.training.detector.labelled import IGNORED
+from follower.training.detector.yolo_folder import read_yolo
+from follower_control.strict_yaml import SettingsError
+
+
+def picture(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((40, 80, 3), 120, np.uint8))
+
+
+def yolo(folder: Path, line: str = "1 0.5 0.5 0.25 0.5") -> Path:
+    (folder / "data.yaml").write_text("names: {0: car, 1: drone}")
+    for part in ("train", "val"):
+        picture(folder / "images" / part / "one.png")
+        labels = folder / "labels" / part / "one.txt"
+        labels.parent.mkdir(parents=True)
+        labels.write_text(f"0 0.2 0.2 0.1 0.1\n{line}\n" if part == "train" else "")
+    return folder
+
+
+def coco(folder: Path, **changes: Any) -> Path:
+    picture(folder / "images" / "a.png")
+    picture(folder / "images" / "b.png")
+    data = {
+        "images": [{"id": 7, "file_name": "a.png"}, {"id": 9, "file_name": "b.png"}],
+        "categories": [{"id": 4, "name": "drone"}, {"id": 2, "name": "car"}],
+        "annotations": [
+            {"image_id": 7, "category_id": 4, "bbox": [10, 5, 20, 10]},
+            {"image_id": 9, "category_id": 2, "bbox": [0, 0, 8, 8], "iscrowd": 1},
+        ],
+    }
+    (folder / "labels.json").write_text(json.dumps(data | changes))
+    return folder
+
+
+def test_yolos_shares_become_pixels_and_its_folders_part_the_pictures(tmp_path: Path) -> None:
+    dataset = read_yolo(yolo(tmp_path))
+    assert dataset.names == ("car", "drone")
+    (learnt,), (held_out,) = dataset.training, dataset.held_out
+    assert learnt.path.parent.name == "train"
+    assert held_out.classes == ()
+    loaded = learnt.load()
+    np.testing.assert_allclose(loaded.boxes, [[12, 6, 20, 10], [30, 10, 50, 30]], atol=1e-4)
+    assert loaded.classes.tolist() == [0, 1]
+
+
+def test_names_may_stand_in_a_text_file_and_labels_beside_the_pictures(tmp_path: Path) -> None:
+    picture(tmp_path / "one.jpg")
+    (tmp_path / "one.txt").write_text("0 0.5 0.5 1 1")
+    (tmp_path / "classes.txt").write_text("rover\n\n")
+    dataset = read_yolo(tmp_path)
+    assert dataset.names == ("rover",)
+    assert dataset.training[0].load().boxes.tolist() == [[0, 0, 80, 40]]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("drone 0.5 0.5 0.2 0.2", "line 2: expected `class"),
+        ("1 0.5 0.5 0.2", "line 2: expected `class"),
+        ("2 0.5 0.5 0.2 0.2", "line 2: class 2, but there are 2 names"),
+        ("1 0.5 0.5 0 0.2", "line 2: a box has a positive width"),
+        ("1 40 20 20 10", "line 2: the box reaches beyond the picture"),
+        ("1 nan 0.5 0.2 0.2", "line 2: the box reaches beyond the picture"),
+    ],
+)
+def test_a_wrong_line_is_named(tmp_path: Path, line: str, message: str) -> None:
+    with pytest.raises(SettingsError, match=message) as caught:
+        read_yolo(yolo(tmp_path, line))
+    assert "one.txt" in str(caught.value)
+
+
+def test_a_yolo_folder_without_names_pictures_or_labels_says_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(SettingsError, match=r"write data\.yaml"):
+        read_yolo(tmp_path)
+    (tmp_path / "data.yaml").write_text("names: [car]")
+    with pytest.raises(SettingsError, match="no pictures"):
+        read_yolo(tmp_path)
+    picture(tmp_path / "images" / "one.png")
+    with pytest.raises(SettingsError, match=r"labels/one\.txt"):
+        read_yolo(tmp_path)
+
+
+def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) -> None:
+    dataset = read_coco(coco(tmp_path))
+    assert dataset.names == ("car", "drone")
+    first, second = (entry.load() for entry in dataset.training)
+    assert first.boxes.tolist() == [[10, 5, 30, 15]]
+    assert first.classes.tolist() == [1]
+    assert second.classes.tolist() == [IGNORED]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"images": [{"id": 7}]}, "image 0: an image has"),
+        ({"images": [{"id": 7, "file_name": "c.png"}]}, "image 0: the picture c.png"),
+        ({"annotations": [{"image_id": 7}]}, "annotation 0: expected"),
+        ({"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, 1, 1]}]}, "category 5"),
+        ({"annotations": [{"image_id": 7, "category_id": 4, "bbox": [0, 0, 0, 1]}]}, "positive"),
+        ({"annotations": [{"image_id": 8, "category_id": 4, "bbox": [0, 0, 1, 1]}]}, "image 8"),
+        ({"categories": {}}, "no list 'categories'"),
+    ],
+)
+def test_what_is_wrong_in_a_coco_file_is_named(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SettingsError, match=message) as caught:
+        read_coco(coco(tmp_path, **changes))
+    assert "labels.json" in str(caught.value)
+
+
+def test_a_broken_json_file_is_named_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "labels.json").write_text('{"images": [],\n "annotations": [}')
+    with pytest.raises(SettingsError, match=r"labels\.json, line 2: no valid JSON"):
+        read_coco(tmp_path)
+
+
+def test_pictures_are_parted_by_the_seed_and_a_broken_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "data.yaml").write_text("names: [car]")
+    for number in range(10):
+        picture(tmp_path / f"{number}.png")
+        (tmp_path / f"{number}.txt").write_text("0 0.5 0.5 0.5 0.5")
+    pictures = FolderPictures(tmp_path, FolderSettings(held_out_share=0.3), seed=1)
+    assert pictures.counts == (7, 3)
+    held_out = {one.name for one in pictures.held_out(96, 10)}
+    stream = pictures.training(96, 1)
+    assert held_out.isdisjoint(next(stream).name for _ in range(21))
+    for number in range(10):
+        (tmp_path / f"{number}.png").write_bytes(b"no picture")
+    with pytest.raises(SettingsError, match=r"\.png: this is no picture"):
+        next(pictures.training(96, 2))
+
+
+def test_a_folder_that_is_not_there_or_too_small_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="no such folder"):
+        FolderPictures(tmp_path / "none", FolderSettings(), 1)
+    (tmp_path / "data.yaml").write_text("names: [car]")
+    picture(tmp_path / "one.png")
+    (tmp_path / "one.txt").write_text("0 0.5 0.5 0.5 0.5")
+    with pytest.raises(SettingsError, match="too few"):
+        FolderPictures(tmp_path, FolderSettings(), 1)
