@@ -37,7 +37,7 @@ class TargetFixSettings:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     attitude_deg: float = 1.0
-    size_share: float = 0.1
+    size_share: float = 0.2
     height_m: float = 0.5
     position_m: float = 0.5
     velocity_m_s: float = 0.3
@@ -89,9 +89,10 @@ def target_fix(
 ) -> TargetFix | None:
     """Return the target's position and velocity, None where they cannot be told.
 
-    The range is where the line of sight meets level ground (`range_from: ground`), else by
-    `target_size_m`, else by the ground, too. The estimate's covariance and the settings' are
-    carried over to first order.
+    The range is where the line of sight meets level ground (`range_from: ground`, or no
+    `target_size_m`), else the one by size, but not beyond the ground: a box that has shrunk onto a
+    part of the target looks far away. The estimate's covariance and the settings' are carried over
+    to first order.
 
     Args:
         estimate: in the world's frame; one in the body's tells no place.
@@ -104,13 +105,15 @@ def target_fix(
     if position is None or estimate.frame is SightFrame.BODY or not abs(age_s) <= _STALE_S:
         return None
     s, now = settings or TargetFixSettings(), _moved(position, estimate.time_s)
-    by_size = servo.range_from is RangeFrom.SIZE and servo.target_size_m is not None
-    if by_size:
-        place, inputs, noise = _by_size(estimate, now, servo, s)
-    elif _meets_ground(estimate, now, servo):
-        place, inputs, noise = _by_ground(estimate, now, servo, s)
-    else:
+    ground = _by_ground(estimate, now, servo, s) if _meets_ground(estimate, now, servo) else None
+    found = ground
+    if servo.target_size_m is not None and (servo.range_from is RangeFrom.SIZE or ground is None):
+        found = _by_size(estimate, now, servo, s)
+        if ground is not None and _is_below(found, ground):
+            found = ground
+    if found is None:
         return None
+    place, inputs, noise = found
     answer = place(inputs)
     jacobian = _jacobian(place, inputs)
     covariance = jacobian @ noise @ jacobian.T
@@ -132,10 +135,18 @@ def target_fix(
 _Place = Callable[[Vector], Vector]
 """From the uncertain numbers to position and velocity."""
 
+_Found = tuple[_Place, Vector, Vector]
+"""With those numbers, and their covariance."""
+
+
+def _is_below(found: _Found, ground: _Found) -> bool:
+    """Whether a target would lie below the ground; down is the third number."""
+    return bool(found[0](found[1])[2] > ground[0](ground[1])[2])
+
 
 def _by_size(
     estimate: TargetEstimate, own: LocalPosition, servo: ServoSettings, s: TargetFixSettings
-) -> tuple[_Place, Vector, Vector]:
+) -> _Found:
     """Inputs: azimuth, elevation, log scale, their rates."""
     size_m = servo.target_size_m or servo.distance_m
 
@@ -150,7 +161,7 @@ def _by_size(
 
 def _by_ground(
     estimate: TargetEstimate, own: LocalPosition, servo: ServoSettings, s: TargetFixSettings
-) -> tuple[_Place, Vector, Vector]:
+) -> _Found:
     """Inputs: azimuth, elevation, height above the target's middle, the angles' rates, climb.
 
     The target is taken to move on level ground.
