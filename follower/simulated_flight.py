@@ -49,6 +49,7 @@ from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.box import Box
 from follower_vision.clock import Clock, SimulatedClock
+from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
 from follower_vision.track import TrackState
 
 EXTERNAL = "external"
@@ -127,8 +128,9 @@ class SimulatedFlight:
         self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
         self.requests = OperatorRequests(settings)
-        tracker = self._stand_in or make_target_tracker(settings)
-        self._vision_stage = VisionStage(tracker, self.requests, finder)
+        mode = InlineDetection if isinstance(clock, SimulatedClock) else BackgroundDetection
+        self._tracker = self._stand_in or make_target_tracker(settings, mode)
+        self._vision_stage = VisionStage(self._tracker, self.requests, finder)
         make_vision = VisionLoop if faults is None else faults.vision
         self.vision = make_vision(
             self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
@@ -184,9 +186,11 @@ class SimulatedFlight:
         return self._last_link or self._link.status(self._clock.now())
 
     def close(self) -> None:
-        """Close the link, and with it the follower's transport."""
+        """Close the link, and with it the follower's transport, and end the tracker's threads."""
         self._last_link = self.link_status
         self._link.close()
+        if isinstance(self._tracker, FusionTracker):
+            self._tracker.close()
         if self._faults is not None:
             self._faults.end()
 

@@ -190,11 +190,15 @@ def test_the_exported_file_answers_as_the_network_does_and_detects(
     assert largest_difference(trained.averaged, path, SIDE) < AGREEMENT
     detector = OnnxDetector(path)
     assert detector.class_names == ("red", "blue")
-    picture = Squares().held_out(SIDE, 1)[0]
-    best = detector.detect(picture.image)[0]
+    right = [_best_is_right(detector, picture) for picture in Squares().held_out(SIDE, 12)]
+    assert sum(right) >= 7
+
+
+def _best_is_right(detector: OnnxDetector, picture: LabelledImage) -> bool:
     left, top, right, bottom = picture.boxes[0].tolist()
-    assert best.box.iou(Box.from_xywh(left, top, right - left, bottom - top)) > 0.5
-    assert best.class_id == picture.classes[0]
+    true = Box.from_xywh(left, top, right - left, bottom - top)
+    found = detector.detect(picture.image)
+    return bool(found) and found[0].box.iou(true) > 0.5 and found[0].class_id == picture.classes[0]
 
 
 def test_a_resumed_training_goes_on_where_it_stopped(trained: DetectorTrainer) -> None:
