@@ -32,7 +32,7 @@ class Lens:
 
     def outside(self, points: Vector) -> npt.NDArray[np.bool_]:
         """Return for each point, (..., 3), which of the five planes it is behind, (..., 5)."""
-        return np.stack(self._heights(points), axis=-1) < 0
+        return np.moveaxis(np.array(self._heights(points)) < 0, 0, -1)
 
     def _heights(self, points: Vector) -> list[Vector]:
         """Return the distances, up to a factor, inward from near, left, right, top, bottom."""

@@ -46,7 +46,7 @@ class Solid:
         mesh: Mesh,
         position_m: npt.ArrayLike,
         body_to_world: Vector,
-        sun: Vector,
+        sun: Vector | None,
         velocity_m_s: Triple = (0.0, 0.0, 0.0),
     ) -> Solid:
         """Put a mesh into the world.
@@ -55,14 +55,13 @@ class Solid:
             mesh: in body axes.
             position_m: (3,) of its origin.
             body_to_world: 3x3 rotation.
-            sun: (3,) unit vector from the ground to the sun.
+            sun: (3,) unit vector from the ground to the sun; None leaves the colours as they are,
+                where only the outline matters.
             velocity_m_s: of the body.
         """
         vertices = mesh.vertices @ body_to_world.T + np.asarray(position_m)
         normals = mesh.normals @ body_to_world.T
-        light = _AMBIENT + (1.08 - _AMBIENT) * np.maximum(0, normals @ sun)
-        light -= 0.1 * np.maximum(0, normals[:, 2])
-        colours = np.clip(mesh.colours * light[:, None], 0, 255)
+        colours = mesh.colours if sun is None else _lit(mesh.colours, normals, sun)
         return cls(vertices, mesh.faces, normals, colours, mesh.layers, velocity_m_s)
 
     @cached_property
@@ -85,3 +84,10 @@ class Solid:
         reach = self.vertices[:, 2] / sun[2]
         on_ground = self.vertices[:, :2] - sun[:2] * reach[:, None]
         return np.asarray(cv2.convexHull(on_ground.astype(np.float32)).reshape(-1, 2), np.float64)
+
+
+def _lit(colours: Vector, normals: Vector, sun: Vector) -> Vector:
+    """Return the colours of faces in the sun's light and the sky's."""
+    light = _AMBIENT + (1.08 - _AMBIENT) * np.maximum(0, normals @ sun)
+    light -= 0.1 * np.maximum(0, normals[:, 2])
+    return np.asarray(np.clip(colours * light[:, None], 0, 255))

@@ -121,11 +121,12 @@ class TruthTeller:
         if not self._world.is_present(number, time_s):
             return UNSEEN
         others = [
-            self._world.target_solid(n, time_s)
+            self._world.target_solid(n, time_s, lit=False)
             for n in range(len(self._world.paths))
             if n != number and self._world.is_present(n, time_s)
         ]
-        return self._silhouettes.seen(self._world.target_solid(number, time_s), others, view)
+        solid = self._world.target_solid(number, time_s, lit=False)
+        return self._silhouettes.seen(solid, others, view)
 
 
 def target_truth(

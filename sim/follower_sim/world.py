@@ -148,14 +148,15 @@ class World:
         north, east, down = self.target_pose(number, time_s).position_m
         return north, east, down - HEIGHTS_M[self.scenario.targets[number].kind] / 2
 
-    def target_solid(self, number: int, time_s: float) -> Solid:
-        """Return a target's body as it stands in the world."""
+    def target_solid(self, number: int, time_s: float, lit: bool = True) -> Solid:
+        """Return a target's body as it stands in the world, if need be without its light."""
         settings, pose = self.scenario.targets[number], self.target_pose(number, time_s)
         travelled = round(pose.distance_m, 2) % 1.5 if settings.kind == "person" else 0.0
         mesh = _target_mesh(settings.kind, colour_of(settings.colour), travelled)
         roll, pitch = _lean(settings, self.paths[number], time_s)
         turn = rotation(roll, pitch, pose.heading_rad)
-        return Solid.placed(mesh, pose.position_m, turn, self.sun, pose.velocity_m_s)
+        sun = self.sun if lit else None
+        return Solid.placed(mesh, pose.position_m, turn, sun, pose.velocity_m_s)
 
     def moving(self, time_s: float) -> list[Solid]:
         """Return the bodies of all targets present."""
