@@ -112,7 +112,7 @@ def _table(store: ModelStore) -> Table:
         table.add_column(heading, overflow="fold")
     for model in store.models:
         size = f"{model.size_bytes / 1e6:.1f}"
-        there = "yes" if store.is_present(model) else "no"
+        there = "comes along" if model.embedded else "yes" if store.is_present(model) else "no"
         table.add_row(model.name, model.purpose, size, model.licence, there, model.summary)
     return table
 

@@ -7,9 +7,13 @@ from pathlib import Path
 
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.detection.settings import DetectorSettings
-from follower_vision.models.model import Purpose
+from follower_vision.models.model import Model, Purpose
 from follower_vision.models.store import ModelStore
 from follower_vision.network import ModelError
+
+
+EMBEDDED = "embedded"
+"""Another name for the detector that is part of this package."""
 
 
 def detector_names(store: ModelStore) -> list[str]:
@@ -29,7 +33,7 @@ def make_detector(
     """Return a detector from the table, or from the user's own ONNX file.
 
     Args:
-        name: one of `detector_names`, or a path that ends in .onnx.
+        name: one of `detector_names`, "embedded", or a path that ends in .onnx.
         store: where the networks lie.
         settings: which answers count.
         family: how the answer is read; None asks the table, or the shapes of the answer.
@@ -41,8 +45,15 @@ def make_detector(
     """
     path = Path(name).expanduser()
     if path.suffix != ".onnx":
-        model = store.model(name)
+        model = _embedded(store) if name == EMBEDDED else store.model(name)
         if model.purpose is not Purpose.DETECTOR:
             raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
         path, family = store.paths(model)[0], family or model.family
     return OnnxDetector(path, settings, family=family, class_names=class_names, threads=threads)
+
+
+def _embedded(store: ModelStore) -> Model:
+    for model in store.models:
+        if model.embedded and model.purpose is Purpose.DETECTOR:
+            return model
+    raise ModelError("no detector is part of this package")

@@ -45,6 +45,7 @@ class Model:
         family: of a detector, how its answer is read; a key of the detectors' families.
         classes: what a detector knows, in words.
         usual: fetched where the user names none.
+        embedded: our own, and part of this package: there is nothing to fetch.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Model:
     family: str = ""
     classes: str = ""
     usual: bool = False
+    embedded: bool = False
 
     @property
     def size_bytes(self) -> int:
@@ -65,4 +67,4 @@ class Model:
     @property
     def can_be_fetched(self) -> bool:
         """Whether every file has an address."""
-        return all(file.addresses for file in self.files)
+        return not self.embedded and all(file.addresses for file in self.files)

@@ -12,6 +12,10 @@ from follower_vision.models.table import MODELS
 from follower_vision.network import ModelError
 
 
+EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
+"""Where the networks lie that are part of this package."""
+
+
 class FileState(StrEnum):
     """Whether a network's file is there and is the right one."""
 
@@ -32,17 +36,24 @@ def default_folder(environment: Mapping[str, str]) -> Path:
 
 
 class ModelStore:
-    """Finds, fetches and verifies the networks of a table in one folder."""
+    """Finds, fetches and verifies the networks of a table in one folder.
 
-    def __init__(self, folder: Path, models: Sequence[Model] = MODELS) -> None:
+    Those that are embedded lie in the package itself.
+    """
+
+    def __init__(
+        self, folder: Path, models: Sequence[Model] = MODELS, embedded: Path = EMBEDDED_FOLDER
+    ) -> None:
         """Look after a folder, which need not exist yet.
 
         Args:
             folder: where the files lie, under the names in the table.
             models: the table.
+            embedded: where those lie that are part of the package.
         """
         self.folder = folder
         self.models = tuple(models)
+        self._embedded = embedded
 
     def model(self, name: str) -> Model:
         """Return a network's entry.
@@ -62,7 +73,7 @@ class ModelStore:
         Raises:
             ModelError: it is not; the message says how to get it.
         """
-        path = self.folder / name
+        path = self._path(name)
         if not path.is_file():
             raise ModelError(f"{path}: no such network; {self._advice(name)}")
         return path
@@ -77,7 +88,7 @@ class ModelStore:
 
     def is_present(self, model: Model) -> bool:
         """Tell whether all files are there, without reading them."""
-        return all((self.folder / file.name).is_file() for file in model.files)
+        return all(self._path(file.name).is_file() for file in model.files)
 
     def verify(self, model: Model) -> dict[str, FileState]:
         """Read all files of a network and tell, by name, whether they are the right ones."""
@@ -85,6 +96,8 @@ class ModelStore:
 
     def pull(self, model: Model, progress: Progress | None = None) -> list[Path]:
         """Fetch those files of a network that are not there or not right.
+
+        Of an embedded network nothing is fetched.
 
         Args:
             model: what to fetch.
@@ -97,6 +110,8 @@ class ModelStore:
         Raises:
             DownloadError: a file cannot be fetched; the message is one line and says what to do.
         """
+        if model.embedded:
+            return self.paths(model)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -110,8 +125,12 @@ class ModelStore:
             before += file.size_bytes
         return self.paths(model)
 
+    def _path(self, name: str) -> Path:
+        ours = [file.name for model in self.models if model.embedded for file in model.files]
+        return (self._embedded if name in ours else self.folder) / name
+
     def _state(self, file: ModelFile) -> FileState:
-        path = self.folder / file.name
+        path = self._path(file.name)
         if not path.is_file():
             return FileState.MISSING
         right = path.stat().st_size == file.size_bytes and sha256_of(path) == file.sha256
@@ -120,6 +139,8 @@ class ModelStore:
     def _advice(self, file_name: str) -> str:
         for model in self.models:
             if file_name in [file.name for file in model.files]:
+                if model.embedded:
+                    return f"{model.name} is part of this package: install it again"
                 if model.can_be_fetched:
                     return f"`follower models pull {model.name}` fetches it"
                 return f"{model.name} cannot be fetched: put your own copy there"
