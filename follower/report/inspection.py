@@ -12,6 +12,7 @@ from follower.report.delays import delays, first_uses
 from follower.report.flight import Flight
 from follower.report.losses import Loss, losses, losses_section, pick_images, wanted_frames
 from follower.report.meta import ReportMeta
+from follower.report.pilot_plot import pilot_and_vehicle
 from follower.report.recording import dropped, recording_section, seen_share
 from follower.supervisor import State
 
@@ -36,6 +37,7 @@ def render_inspection(
             sections.states_section(flight),
             lost,
             *sections.figure_sections(flight),
+            _pilot_section(flight),
             _delays_section(flight),
             sections.timing_section(flight),
             sections.envelope_section(flight),
@@ -88,6 +90,20 @@ def _losses_section(recorded: RecordedFlight, flight: Flight, found: Sequence[Lo
         except FlightFileError as error:
             remark = f"No pictures: {error}."
     return losses_section(found, pictures, flight.start_s, remark)
+
+
+def _pilot_section(flight: Flight) -> str:
+    return html.section(
+        "Pilot, gimbal and health",
+        sections.picture(
+            pilot_and_vehicle,
+            flight,
+            "Pilot, gimbal and health",
+            "What the recording knows of these: the transmitter's channels; whether consent stood, "
+            "the mode allowed following and a stick was far out; the gimbal's angles; the battery; "
+            "the estimator's worst innovation over its limit.",
+        ),
+    )
 
 
 def _delays_section(flight: Flight) -> str:
