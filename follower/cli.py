@@ -36,6 +36,7 @@ from follower.replay_command import EPILOG as REPLAY_EPILOG
 from follower.replay_command import replay_command
 from follower.track_command import EPILOG, track_command
 from follower.training.command import train_app
+from follower.training.re3.command import EXPORT_EPILOG, export_command
 from follower.tune.command import EPILOG as TUNE_EPILOG
 from follower.tune.command import tune_command
 from follower_control.strict_yaml import SettingsError
@@ -129,6 +130,7 @@ app.command("tune", epilog=TUNE_EPILOG)(tune_command)
 app.command("import", epilog=IMPORT_EPILOG)(import_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 app.add_typer(train_app, name="train")
+app.command("export", epilog=EXPORT_EPILOG)(export_command)
 
 Autopilot = Annotated[
     str,

@@ -11,13 +11,17 @@ from follower_vision.nanotrack import NanoTracker
 from follower_vision.nanotrack_network import NanoTrackNetwork
 from follower_vision.nanotrack_settings import NANOTRACK_SETTINGS
 from follower_vision.opencv_trackers import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
+from follower_vision.re3 import Re3Tracker
+from follower_vision.re3_network import Re3Network
 
+RE3_FILE = "follower-re3.onnx"
+_RE3 = "re3"
 _NANOTRACK = {f"nanotrack-v{version}": version for version in NANOTRACK_SETTINGS}
 
 
 def tracker_names() -> list[str]:
     """Return the names that `make_tracker` takes here; OpenCV's depend on how it was built."""
-    return ["identity", "correlation", *_NANOTRACK, *opencv_tracker_names()]
+    return ["identity", "correlation", *_NANOTRACK, _RE3, *opencv_tracker_names()]
 
 
 def make_tracker(name: str, find_file: Callable[[str], Path]) -> MotionTracker:
@@ -36,6 +40,8 @@ def make_tracker(name: str, find_file: Callable[[str], Path]) -> MotionTracker:
         return IdentityTracker()
     if name == "correlation":
         return _correlation()
+    if name == _RE3:
+        return Re3Tracker(Re3Network(find_file(RE3_FILE)))
     if name in _NANOTRACK:
         return _nanotrack(_NANOTRACK[name], find_file)
     if name in OPENCV_KINDS:

@@ -1,0 +1,135 @@
+"""`follower train re3`: from a configuration to an ONNX file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from follower.configs import configs_folder
+from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.progress_log import ProgressLog
+from follower.training.re3.card import model_card
+from follower.training.re3.config import Re3Config
+from follower.training.re3.export import Exported, export_re3
+from follower.training.re3.sheet import sample_sheet
+from follower.training.re3.trainer import LOSSES, Re3Trainer
+from follower.training.scenes.maker import SceneMaker
+from follower.training.scenes.pictures import Pictures, procedural
+from follower.training.scenes.stock import load, prepare
+
+SAMPLES, LOG, STOCK, CONFIG = "samples.png", "log.csv", "stock", "config.yaml"
+_SMOOTHED = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Re3Run:
+    """Where and how a training runs.
+
+    Attributes:
+        config: what is trained.
+        folder: where everything is written.
+        device: where it computes.
+        console: where progress is shown.
+        resume: go on from the folder's checkpoint.
+    """
+
+    config: Re3Config
+    folder: Path
+    device: torch.device
+    console: Console
+    resume: bool = False
+
+    def run(self) -> Exported:
+        """Train, measure and export.
+
+        Raises:
+            SettingsError: the pictures or the checkpoint cannot be used.
+        """
+        torch.set_num_threads(self.config.training.threads)
+        cv2.setNumThreads(1)
+        state = load_checkpoint(self.folder, self.device) if self.resume else None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / CONFIG).write_text(self.config.to_yaml(), encoding="utf-8")
+        pictures = self._pictures()
+        trainer = Re3Trainer(self.config.training, pictures, self.device)
+        if state is None:
+            self._look(pictures)
+        else:
+            trainer.restore(state)
+        return finished(trainer, self.config, self.folder, self._train(trainer))
+
+    def _pictures(self) -> Pictures:
+        seed, folder = self.config.training.seed, self.config.pictures
+        if folder is None:
+            return procedural(np.random.default_rng(seed))
+        stock = self.folder / STOCK
+        if not stock.is_dir():
+            listing = configs_folder() / "train" / "pictures.yaml"
+            with _bar(self.console) as bar:
+                task = bar.add_task("pictures made small", total=None)
+                prepare(
+                    folder,
+                    listing,
+                    stock,
+                    seed,
+                    lambda done, total: bar.update(task, completed=done, total=total),
+                )
+        return load(stock, seed)
+
+    def _look(self, pictures: Pictures) -> None:
+        training, path = self.config.training, self.folder / SAMPLES
+        cv2.imwrite(str(path), sample_sheet(SceneMaker(pictures, training.scenes, training.seed)))
+        self.console.print(f"{path}: look at it.", highlight=False)
+
+    def _train(self, trainer: Re3Trainer) -> float:
+        """Return the last validation's mean overlap."""
+        training = self.config.training
+        columns = ("stage", "rate", *LOSSES, "overlap")
+        log = ProgressLog(self.folder / LOG, columns, trainer.step)
+        smooth, overlap = 0.0, float("nan")
+        with _bar(self.console) as bar:
+            task = bar.add_task("", total=training.steps, completed=trainer.step)
+            while not trainer.done:
+                report = trainer.train_step()
+                loss = report.losses["total"]
+                smooth = loss if not smooth else _SMOOTHED * smooth + (1 - _SMOOTHED) * loss
+                figures = {"stage": report.stage, "rate": report.rate, **report.losses}
+                if report.step % training.validate_every == 0 or trainer.done:
+                    overlap = figures["overlap"] = trainer.validate()
+                    self._say(report.step, smooth, overlap)
+                log.add(report.step, figures)
+                if report.step % training.save_every == 0 or trainer.done:
+                    save_checkpoint(self.folder, trainer.state())
+                bar.update(task, completed=report.step, description=f"loss {smooth:.3f}")
+        return overlap if np.isfinite(overlap) else trainer.validate()
+
+    def _say(self, step: int, loss: float, overlap: float) -> None:
+        self.console.print(
+            f"step {step}: loss {loss:.3f}, overlap on held-out scenes {overlap:.3f}",
+            highlight=False,
+        )
+
+
+def finished(trainer: Re3Trainer, config: Re3Config, folder: Path, overlap: float) -> Exported:
+    """Write the network of a training and its card, NAME.onnx and NAME.md."""
+    exported = export_re3(trainer.averaged, folder / f"{config.name}.onnx")
+    card = model_card(config, exported, trainer.averaged, trainer.step, overlap)
+    exported.path.with_suffix(".md").write_text(card, encoding="utf-8")
+    return exported
+
+
+def _bar(console: Console) -> Progress:
+    columns = (
+        TextColumn("{task.completed} of {task.total}"),
+        BarColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=console, transient=True)

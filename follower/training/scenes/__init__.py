@@ -1,0 +1,1 @@
+"""Generated sequences with a target: what our trackers learn from."""

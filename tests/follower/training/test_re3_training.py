@@ -1,0 +1,201 @@
+"""Re3 learns: a step, a tiny run, the same again after an interruption; and is exported."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from onnx import helper, save
+
+from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.re3.examples import looked, pair, remembered
+from follower.training.re3.export import AGREEMENT, export_re3
+from follower.training.re3.loss import re3_loss
+from follower.training.re3.network import Re3Network, Re3NetworkSettings
+from follower.training.re3.rollout import Batch, answered
+from follower.training.re3.settings import Re3TrainingSettings, Stage
+from follower.training.re3.sheet import sample_sheet
+from follower.training.re3.trainer import Re3Trainer
+from follower.training.scenes.maker import SceneMaker
+from follower.training.scenes.pictures import Pictures, procedural
+from follower.training.scenes.settings import SceneSettings
+from follower_control.strict_yaml import SettingsError
+from follower_vision.box import Box
+from follower_vision.crop import crop
+from follower_vision.network import ModelError
+from follower_vision.re3_geometry import SEARCH_PX, search_region
+from follower_vision.re3_network import Re3Network as Re3Runner
+
+SMALL = Re3NetworkSettings(channels=16, hidden=16, head=16)
+EASY = SceneSettings(
+    least_scale=40,
+    most_scale=60,
+    motion=0.1,
+    perspective=0.0,
+    deformation=0.0,
+    occlusion=0.0,
+    look_alikes=0.0,
+    leaving=0.0,
+    blur=0.0,
+    low_light=0.0,
+    pieces=0.0,
+    loose=0.0,
+)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def pictures() -> Pictures:
+    return procedural(np.random.default_rng(3), 6)
+
+
+def settings(*stages: Stage, scenes: SceneSettings = EASY) -> Re3TrainingSettings:
+    return Re3TrainingSettings(
+        stages=stages, network=SMALL, scenes=scenes, validation_scenes=6, validation_frames=10
+    )
+
+
+def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: Pictures) -> None:
+    torch.manual_seed(0)
+    network, rng = Re3Network(SMALL), np.random.default_rng(0)
+    maker = SceneMaker(pictures, EASY, 1)
+    batch = Batch([pair(rng, maker.scene(index, 6)) for index in range(8)], CPU)
+    optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
+
+    def loss() -> torch.Tensor:
+        answer = answered(network, batch, network.memory(batch.memory), network.start_state(8))
+        return re3_loss(answer, batch.wanted, batch.visible, network.places).total
+
+    before = loss()
+    for _ in range(12):
+        optimiser.zero_grad()
+        loss().backward()
+        optimiser.step()
+    assert float(loss().detach()) < 0.9 * float(before.detach())
+
+
+@pytest.mark.slow
+def test_a_tiny_run_learns_to_track(pictures: Pictures) -> None:
+    trainer = Re3Trainer(settings(Stage(steps=130, batch=8, rate=3e-3)), pictures)
+    untrained = trainer.validate()
+    while not trainer.done:
+        trainer.train_step()
+    assert trainer.validate() > untrained + 0.1
+
+
+@pytest.mark.parametrize("unroll", [1, 3])
+def test_an_interrupted_training_ends_as_an_uninterrupted_one(
+    pictures: Pictures, tmp_path: Path, unroll: int
+) -> None:
+    plan = settings(Stage(steps=4, batch=3, unroll=unroll, own_boxes=0.5))
+    through = Re3Trainer(plan, pictures)
+    for _ in range(4):
+        through.train_step()
+    first = Re3Trainer(plan, pictures)
+    for _ in range(2):
+        first.train_step()
+    save_checkpoint(tmp_path, first.state())
+    resumed = Re3Trainer(plan, pictures)
+    resumed.restore(load_checkpoint(tmp_path, CPU))
+    while not resumed.done:
+        resumed.train_step()
+    for one, other in zip(
+        through.averaged.parameters(), resumed.averaged.parameters(), strict=True
+    ):
+        torch.testing.assert_close(one, other, rtol=0, atol=0)
+
+
+def test_a_checkpoint_of_another_size_is_refused(pictures: Pictures) -> None:
+    other = dataclasses.replace(settings(Stage(steps=1)), network=Re3NetworkSettings(24, 16, 16))
+    with pytest.raises(SettingsError, match="another size"):
+        Re3Trainer(other, pictures).restore(Re3Trainer(settings(Stage(1)), pictures).state())
+
+
+def test_the_trunk_rests_where_a_stage_says_so(pictures: Pictures) -> None:
+    trainer = Re3Trainer(settings(Stage(steps=2, batch=2, unroll=2, trunk=False)), pictures)
+    before = [value.clone() for value in trainer.network.trunk.state_dict().values()]
+    lstm = trainer.network.first.weight_hh.clone()
+    for _ in range(2):
+        trainer.train_step()
+    for value, old in zip(trainer.network.trunk.state_dict().values(), before, strict=True):
+        torch.testing.assert_close(value, old, rtol=0, atol=0)
+    assert (trainer.network.first.weight_hh != lstm).any()
+
+
+def test_torch_and_onnx_agree(tmp_path: Path) -> None:
+    torch.manual_seed(2)
+    network = Re3Network(SMALL)
+    for layer in (network.prior, network.refine, network.recalled):
+        torch.nn.init.normal_(layer.weight, std=0.1)
+    exported = export_re3(network, tmp_path / "tracker.onnx")
+    assert exported.difference <= AGREEMENT
+
+
+def test_the_tracker_sees_what_the_training_shows(pictures: Pictures) -> None:
+    maker = SceneMaker(pictures, EASY, 8)
+    for index in range(5):
+        scene = maker.scene(index, 3)
+        region = search_region(scene.drawn_box(2))
+        flown = crop(scene.whole(2).image, region, SEARCH_PX, SEARCH_PX, scene.fill)
+        trained = scene.crop(2, region, SEARCH_PX).image
+        grey = [
+            cv2.cvtColor(one, cv2.COLOR_BGR2GRAY).astype(np.float32) for one in (flown, trained)
+        ]
+        (right, down), _ = cv2.phaseCorrelate(*grey)
+        assert max(abs(right), abs(down)) < 0.2
+        assert np.abs(grey[0] - grey[1]).mean() < 8
+
+
+def test_another_network_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.onnx"
+    sides = [helper.make_tensor_value_info(name, 1, [1, 3]) for name in ("x", "y")]
+    graph = helper.make_graph(
+        [helper.make_node("Relu", ["x"], ["y"])], "other", sides[:1], sides[1:]
+    )
+    save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    with pytest.raises(ModelError, match="not a Re3 network"):
+        Re3Runner(path)
+
+
+def test_a_hidden_target_is_not_to_be_answered(pictures: Pictures) -> None:
+    scene = SceneMaker(pictures, EASY, 1).scene(0, 4)
+    away = Box(scene.box(0).cx + 300, scene.box(0).cy, 40, 40)
+    example = looked(scene, (0, 1), away, *remembered(scene, 0))
+    assert not example.visible
+    assert looked(scene, (0, 1), scene.box(0), *remembered(scene, 0)).visible
+
+
+def test_a_perfect_answer_costs_less(pictures: Pictures) -> None:
+    torch.manual_seed(0)
+    network, rng = Re3Network(SMALL).eval(), np.random.default_rng(0)
+    batch = Batch([pair(rng, SceneMaker(pictures, EASY, 1).scene(0, 6)) for _ in range(4)], CPU)
+    answer = answered(network, batch, network.memory(batch.memory), network.start_state(4))
+    right = answer._replace(box=batch.wanted)
+    ours, perfect = (
+        re3_loss(one, batch.wanted, batch.visible, network.places) for one in (answer, right)
+    )
+    assert float(perfect.box) == 0.0
+    assert float(perfect.box) < float(ours.box.detach())
+
+
+def test_the_sheet_of_samples_shows_six_scenes(pictures: Pictures) -> None:
+    sheet = sample_sheet(SceneMaker(pictures, SceneSettings(), 1))
+    assert sheet.shape == (6 * 256, 4 * 342 + 2 * 192, 3)
+
+
+@pytest.mark.parametrize("stage", [{"steps": 0}, {"steps": 1, "rate": 0.0}])
+def test_nonsense_is_refused_in_a_stage(stage: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="stage"):
+        Stage(**stage)

@@ -1,0 +1,145 @@
+"""The Re3 tracker: what it shows its network, and what it makes of the answers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from follower_vision.box import Box
+from follower_vision.re3 import Re3Tracker
+from follower_vision.re3_geometry import (
+    SEARCH_PX,
+    TARGET_PX,
+    absolute_box,
+    relative_box,
+    relative_size,
+    search_region,
+    template_region,
+)
+from follower_vision.re3_network import Re3Memory, Re3Output, Re3State
+from follower_vision.re3_settings import Re3Settings
+
+SIDES = st.floats(4, 400)
+PLACES = st.floats(-200, 800)
+BOXES = st.builds(Box, PLACES, PLACES, SIDES, SIDES)
+
+
+def state(value: float) -> Re3State:
+    return Re3State(np.full((2, 1, 3), value, np.float32), np.zeros((2, 1, 3), np.float32))
+
+
+class CountingNetwork:
+    """Answers a fixed box; its state counts the frames seen since the first one."""
+
+    def __init__(self, answer: tuple[float, float, float, float]) -> None:
+        self.answer = np.array(answer, np.float32)
+        self.states: list[float] = []
+        self.boxes: list[Box] = []
+        self.first_state = state(0.0)
+
+    def learn(self, _image, box, _fill):
+        features = np.zeros((1, 4, 8, 8), np.float32)
+        return Re3Memory(features, np.array([relative_size(box)], np.float32)), state(1.0)
+
+    def look(self, _previous, _present, box, _fill, memory, before):
+        count = float(before.hidden[0, 0, 0])
+        self.states.append(count)
+        self.boxes.append(box)
+        return Re3Output(self.answer, 0.75, memory.features, state(count + 1))
+
+
+def image() -> np.ndarray:
+    return np.zeros((480, 640, 3), np.uint8)
+
+
+@given(BOXES, BOXES)
+def test_an_answer_means_the_box_it_was_made_of(box: Box, last: Box) -> None:
+    answer = np.array(relative_box(box, last), np.float64)
+    back = absolute_box(answer, last)
+    assert back.cx == pytest.approx(box.cx, abs=1e-6)
+    assert back.cy == pytest.approx(box.cy, abs=1e-6)
+    for found, true, before in (
+        (back.width, box.width, last.width),
+        (back.height, box.height, last.height),
+    ):
+        limited = min(max(true / before, math.exp(-0.5)), math.exp(0.5))
+        assert found == pytest.approx(before * limited)
+
+
+@given(BOXES)
+def test_crops_are_squares_about_the_box_in_which_its_scale_is_fixed(box: Box) -> None:
+    search, template = search_region(box), template_region(box)
+    assert search.width == search.height
+    assert box.scale / search.width * SEARCH_PX == pytest.approx(TARGET_PX)
+    assert template.width == pytest.approx(search.width / 2)
+    assert math.prod(relative_size(box)) == pytest.approx(1.0)
+
+
+def test_memory_goes_back_to_the_first_frames_every_32_frames() -> None:
+    network = CountingNetwork((0, 0, 0, 0))
+    tracker = Re3Tracker(network)
+    tracker.start(image(), Box(320, 240, 40, 40))
+    for _ in range(70):
+        tracker.update(image())
+    once = [float(count) for count in range(1, 33)]
+    assert network.states == once + once + once[:6]
+
+
+def test_a_new_start_forgets_everything() -> None:
+    network = CountingNetwork((0.1, 0, 0.05, 0))
+    tracker = Re3Tracker(network, Re3Settings(reset_frames=5))
+    for _ in range(2):
+        tracker.start(image(), Box(320, 240, 40, 40))
+        for _ in range(3):
+            estimate = tracker.update(image())
+    assert network.states == [1.0, 2.0, 3.0] * 2
+    assert estimate.confidence == 0.75
+    assert network.boxes[3] == Box(320, 240, 40, 40)
+
+
+def test_the_box_goes_on_from_the_last_one() -> None:
+    tracker = Re3Tracker(CountingNetwork((0.5, -0.25, math.log(1.1), 0.0)))
+    tracker.start(image(), Box(100, 200, 40, 40))
+    first = tracker.update(image()).box
+    assert (first.cx, first.cy) == pytest.approx((120, 190))
+    assert (first.width, first.height) == pytest.approx((44, 40))
+    second = tracker.update(image()).box
+    assert second.cx == pytest.approx(120 + 0.5 * math.sqrt(44 * 40))
+
+
+def test_the_box_stays_on_the_image_and_does_not_vanish() -> None:
+    tracker = Re3Tracker(CountingNetwork((-3.0, 5.0, -0.5, 0.5)))
+    tracker.start(image(), Box(20, 460, 10, 300))
+    for _ in range(8):
+        box = tracker.update(image()).box
+    assert (box.cx, box.cy) == (0, 480)
+    assert box.width == Re3Settings().smallest_side_px
+    assert box.height == 480
+
+
+def test_it_can_be_sent_elsewhere_without_learning_anew() -> None:
+    network = CountingNetwork((0, 0, 0, 0))
+    tracker = Re3Tracker(network)
+    with pytest.raises(RuntimeError, match="not started"):
+        tracker.move_to(Box(1, 1, 2, 2))
+    tracker.start(image(), Box(100, 100, 40, 40))
+    tracker.update(image())
+    tracker.move_to(Box(300, 200, 50, 50))
+    tracker.update(image())
+    assert network.boxes[-1] == Box(300, 200, 50, 50)
+    assert network.states == [1.0, 1.0]
+
+
+def test_without_a_start_it_says_so() -> None:
+    with pytest.raises(RuntimeError, match="not started"):
+        Re3Tracker(CountingNetwork((0, 0, 0, 0))).update(image())
+
+
+@pytest.mark.parametrize("settings", [{"reset_frames": 0}, {"smallest_side_px": 0.0}])
+def test_nonsense_is_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        Re3Settings(**settings)
