@@ -1,0 +1,178 @@
+"""A whole flight whose target is chosen, tuned and dropped from a ground station alone."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.flightlog import ControlRecord
+from follower.flying import fly_lockstep
+from follower.ground_station.ground_station import GroundStation, Lens
+from follower.ground_station.settings import GroundStationSettings
+from follower.settings import load_settings
+from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.supervisor import Reason, State
+from follower_control.transport import MemoryTransport, Transport
+from follower_sim.scenario import Scenario
+from follower_sim.world import World
+from follower_vision.acquire import colour_from_hex, find_by_colour
+from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
+from follower_vision.frame import Frame
+from follower_vision.track import Track
+
+pytestmark = pytest.mark.slow
+
+WIDTH, HEIGHT = 320, 240
+BLUE = "#2050d0"
+SELECT_S, TUNE_S, MODE_S, DROP_S, END_S = 10.0, 13.0, 14.0, 15.0, 20.0
+SCENARIO = {
+    "name": "test",
+    "title": "Two cars on a meadow.",
+    "duration_s": END_S,
+    "seed": 3,
+    "targets": [
+        {"kind": "car", "colour": "#e0401c", "path": {"points": [[0, 0], [1, 0]]}},
+        {"kind": "car", "colour": BLUE, "path": {"points": [[4, 7], [5, 7]]}},
+    ],
+    "camera": {"width": WIDTH, "height": HEIGHT, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 15},
+    "start": {"at": [-18, 0], "heading_deg": 0},
+    "takeoff_height_m": 8,
+    "select": {"colour": "#e0401c"},
+    "follow": {"servo": {"distance_m": 14.0, "target_size_m": 2.2, "elevation_deg": -25}},
+}
+
+
+class SharedTransport:
+    """The autopilot's end and a ground station's, on one link."""
+
+    def __init__(self, autopilot: Transport, station: Transport) -> None:
+        self._ends = autopilot, station
+
+    def send(self, data: bytes) -> None:
+        for end in self._ends:
+            end.send(data)
+
+    def receive(self) -> bytes:
+        return b"".join(end.receive() for end in self._ends)
+
+    def close(self) -> None:
+        for end in self._ends:
+            end.close()
+
+
+class Flight:
+    """Flown on a simulated clock, with what a pilot does in a ground station at its times."""
+
+    def __init__(self) -> None:
+        wanted, self.clock = Scenario.model_validate(SCENARIO), SimulatedClock()
+        ours, autopilot = MemoryTransport.pair()
+        near, self._far = MemoryTransport.pair()
+        settings = load_settings(base=base_settings(wanted))
+        ends = SharedTransport(ours, near), autopilot
+        self._picture: Frame | None = None
+        self.flight = SimulatedFlight(World(wanted), settings, "px4", self.clock, ends, self)
+        self.flight.operate()
+        ground, view = GroundStationSettings(enabled=True), self.flight.view
+        self._station = GroundStation(ground, view, Lens(90.0, 15.0), self.clock)
+        self._codec = mavlink.MAVLink(None, 255, 190)
+        self._codec.robust_parsing = True
+        self.heard: list[tuple[float, Any]] = []
+        self._script = self._pilot()
+        fly_lockstep(self.flight, self.clock, self._each)
+
+    def _each(self) -> None:
+        next(self._script, None)
+        self._station.step(self.clock.now())
+        for one in self._codec.parse_buffer(bytearray(self._far.receive())) or ():
+            self.heard.append((self.clock.now(), one))
+
+    def _pilot(self) -> Iterator[None]:
+        while self.clock.now() < SELECT_S:
+            yield
+        box = self.blue_box()
+        corners = box.left / WIDTH, box.top / HEIGHT, box.right / WIDTH, box.bottom / HEIGHT
+        self._command(mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE, *corners)
+        self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 275, 200_000)
+        while self.clock.now() < TUNE_S:
+            yield
+        real = mavlink.MAV_PARAM_TYPE_REAL32
+        self._send(mavlink.MAVLink_param_set_message(1, 191, b"SRV_DIST", 10.0, real))
+        while self.clock.now() < MODE_S:
+            yield
+        self._send(mavlink.MAVLink_param_set_message(1, 191, b"SRV_AZ_KP", 2.5, real))
+        while self.clock.now() < DROP_S:
+            yield
+        self._command(mavlink.MAV_CMD_CAMERA_STOP_TRACKING)
+
+    def blue_box(self) -> Box:
+        """Return where the blue car is in the newest picture: what a person would draw."""
+        assert self._picture is not None
+        return find_by_colour(self._picture.image, colour_from_hex(BLUE))[0]
+
+    def add(self, frame: Frame, _tracks: Sequence[Track], _lines: Sequence[str]) -> None:
+        """Watch the video."""
+        self._picture = frame
+
+    def _command(self, number: int, *params: float) -> None:
+        padded = (*params, *([0.0] * (7 - len(params))))
+        self._send(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
+
+    def _send(self, message: Any) -> None:
+        self._far.send(message.pack(self._codec))
+
+    def at(self, time_s: float) -> ControlRecord:
+        return next(one for one in self.flight.log.controls if one.time_s >= time_s)
+
+    def of(self, name: str) -> list[tuple[float, Any]]:
+        return [(at, one) for at, one in self.heard if one.get_type() == name]
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return Flight()
+
+
+def test_nothing_is_followed_before_a_box_is_drawn(flight: Flight) -> None:
+    assert flight.at(SELECT_S - 0.1).state is State.IDLE
+
+
+def test_the_car_that_was_drawn_around_is_followed(flight: Flight) -> None:
+    record = flight.at(TUNE_S - 0.5)
+    assert record.state is State.FOLLOWING
+    assert record.estimate is not None
+    body = record.vehicle.position
+    assert body is not None
+    statuses = [one for at, one in flight.of("CAMERA_TRACKING_IMAGE_STATUS") if at > SELECT_S + 0.5]
+    assert len(statuses) >= 15
+    told = [one for one in statuses if one.tracking_status == 1]
+    assert len(told) > 15
+    assert all(0 <= one.rec_top_x < one.rec_bottom_x <= 1 for one in told)
+    acks = {(one.command, one.result) for _, one in flight.of("COMMAND_ACK")}
+    accepted = mavlink.MAV_RESULT_ACCEPTED
+    assert (mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE, accepted) in acks
+
+
+def test_settings_change_in_flight_without_a_step(flight: Flight) -> None:
+    servo = flight.flight.stage.settings.servo
+    assert (servo.distance_m, servo.azimuth.kp) == (10.0, 2.5)
+    changed = [one for one in flight.flight.log.controls if one.changes]
+    assert [change.key for one in changed for change in one.changes] == [
+        "servo.distance_m",
+        "servo.azimuth.kp",
+    ]
+    steps = flight.flight.log.controls
+    for record in changed:
+        index = steps.index(record)
+        before, after = steps[index - 1].asked.values, record.asked.values
+        assert after == pytest.approx(before, abs=0.05)
+
+
+def test_stopping_the_tracking_holds_and_lets_go(flight: Flight) -> None:
+    record = flight.at(DROP_S + 0.5)
+    assert (record.state, record.reason) == (State.HOLDING, Reason.NO_TARGET)
+    assert flight.at(DROP_S + 3.6).state is State.RELEASED
+    assert flight.at(DROP_S + 3.6).allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
+    (*_, (_, newest)) = flight.of("CAMERA_TRACKING_IMAGE_STATUS")
+    assert newest.tracking_status == 0
