@@ -79,6 +79,7 @@ class Pid:
         self._bump = 0.0
         self._excess = 0.0
         self._error = 0.0
+        self._gain = 1.0
         self._present = present_output
 
     def change(
@@ -87,6 +88,7 @@ class Pid:
         lowest: float = -math.inf,
         highest: float = math.inf,
         unit: float = 1.0,
+        gain: float = 1.0,
     ) -> None:
         """Go on by other gains or limits, without a step in the output.
 
@@ -99,6 +101,7 @@ class Pid:
             lowest: smallest output, in the new unit.
             highest: largest output, likewise.
             unit: the output's new unit in the old one: the integral is rescaled by it.
+            gain: the factor on the gains that the next update will be given.
 
         Raises:
             ValueError: the limits leave no room.
@@ -109,8 +112,8 @@ class Pid:
         self._integral /= unit
         self._excess /= unit
         self._present = None if self._present is None else self._present / unit
-        gained = (settings.kp - before.kp / unit) * self._error
-        damped = (settings.kd - before.kd / unit) * self._rate
+        gained = (gain * settings.kp - self._gain * before.kp / unit) * self._error
+        damped = (gain * settings.kd - self._gain * before.kd / unit) * self._rate
         self._bump = self._bump / unit - (gained - damped)
 
     @property
@@ -125,6 +128,7 @@ class Pid:
         interval_s: float,
         feed_forward: float = 0.0,
         cut: float = 0.0,
+        gain: float = 1.0,
     ) -> float:
         """Return the output for now.
 
@@ -134,18 +138,21 @@ class Pid:
             interval_s: time since the last update.
             feed_forward: added to the output.
             cut: how much of the last output was not carried out: last output minus allowed.
+            gain: factor on all three gains; what is integrated already stays as it is.
 
         Raises:
             ValueError: the interval is not positive, or a number is not finite.
         """
-        if not all(map(math.isfinite, (error, measurement, interval_s, feed_forward, cut))):
+        numbers = (error, measurement, interval_s, feed_forward, cut, gain)
+        if not all(map(math.isfinite, numbers)):
             raise ValueError("a PID loop needs finite numbers")
         if interval_s <= 0:
             raise ValueError(f"a PID loop needs a positive interval, not {interval_s}")
-        self._error = error
+        self._error, self._gain = error, gain
         self._differentiate(measurement, interval_s)
-        self._integrate(error, interval_s, cut + self._excess)
-        wanted = self._settings.kp * error + self._integral - self._settings.kd * self._rate
+        self._integrate(gain * error, interval_s, cut + self._excess)
+        kp, kd = gain * self._settings.kp, gain * self._settings.kd
+        wanted = kp * error + self._integral - kd * self._rate
         return self._limited(self._faded(wanted + feed_forward, interval_s))
 
     def _differentiate(self, measurement: float, interval_s: float) -> None:

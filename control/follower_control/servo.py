@@ -72,7 +72,8 @@ class VisualServo:
         self._azimuth_pid.change(s.azimuth, -turn, turn)
         self._elevation_pid.change(s.elevation)
         back, forth = -s.max_backward_m_s / s.distance_m, s.max_forward_m_s / s.distance_m
-        self._range_pid.change(s.range, back, forth, s.distance_m / before.distance_m)
+        unit = s.distance_m / before.distance_m
+        self._range_pid.change(s.range, back, forth, unit, self._range_share)
         self._fade.time_s = s.range.bumpless_s
 
     def change(self, settings: ServoSettings) -> None:
@@ -303,7 +304,18 @@ class VisualServo:
             interval_s,
             feed_forward=errors.target_speed_m_s / distance,
             cut=(self._forward - allowed_m_s) / distance,
+            gain=self._range_share,
         )
+
+    @property
+    def _range_share(self) -> float:
+        """The gain that keeps the range loop the same at the distance wanted now.
+
+        The log of the range answers a velocity by one over the range.
+        """
+        if not self._settings.schedule_range:
+            return 1.0
+        return self._reference.distance_m / self._settings.distance_m
 
 
 def _clip(value: float, largest: float) -> float:

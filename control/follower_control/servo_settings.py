@@ -79,6 +79,10 @@ class ServoSettings:
         max_vertical_m_s: largest velocity up or down.
         max_yaw_rate_deg_s: largest yaw rate.
         target_speed_filter_s: time constant of the target's estimated speed, which is fed forward.
+        schedule_range: scale the range loop's gains with the distance that is wanted now, when a
+            nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
+            as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
+            four times as high, which is the edge of instability.
         own_speed_lag_s: how late the estimate's rates are, against our own velocity.
         side_deg: for `side`: where to stay, from the target's course, clockwise seen from above:
             0 is ahead of it, 90 on its right, 180 behind it.
@@ -113,6 +117,7 @@ class ServoSettings:
     max_yaw_rate_deg_s: float = 60.0
     target_speed_filter_s: float = 0.4
     own_speed_lag_s: float = 0.5
+    schedule_range: bool = True
     side_deg: float = 90.0
     orbit_m_s: float = 3.0
     orbit_deg_s: float | None = None

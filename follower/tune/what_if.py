@@ -14,7 +14,7 @@ KEYS = {
     "stamp_error": "how much later than the exposure frames are stamped, s (not known to it)",
     "dead_time": "more dead time in link and autopilot, s",
     "camera_rate": "frames a second",
-    "range": "true distance to the target, m",
+    "range": "distance kept by a nudge, m",
     "gain": "all gains times this",
 }
 
@@ -39,25 +39,31 @@ def parse_what_ifs(texts: Sequence[str], conditions: Conditions) -> list[WhatIf]
 
 def _parsed(text: str, conditions: Conditions) -> WhatIf:
     gain = 1.0
-    try:
-        for part in text.split(","):
-            key, _, value_text = part.strip().partition("=")
-            if key not in KEYS:
-                known = "; ".join(f"{name}: {what}" for name, what in KEYS.items())
-                raise SettingsError(f"--what-if {text}: there is no {key!r}; there are {known}")
-            value = float(value_text)
-            if not math.isfinite(value):
-                raise SettingsError(f"--what-if {text}: {value_text} is no finite number")
-            if key == "gain":
-                gain = value
+    for part in text.split(","):
+        key, value = _pair(text, part)
+        if key == "gain":
+            gain = value
+        try:
             conditions = _changed(conditions, key, value)
-    except SettingsError:
-        raise
-    except (ValueError, ZeroDivisionError) as error:
-        raise SettingsError(f"--what-if {text}: {error}") from None
+        except (ValueError, ZeroDivisionError) as error:
+            raise SettingsError(f"--what-if {text}: {error}") from None
     if not 0 < gain < 100:
         raise SettingsError(f"--what-if {text}: a gain's factor is above 0 and below 100")
     return WhatIf(conditions, gain, text)
+
+
+def _pair(text: str, part: str) -> tuple[str, float]:
+    key, _, value_text = part.strip().partition("=")
+    if key not in KEYS:
+        known = "; ".join(f"{name}: {what}" for name, what in KEYS.items())
+        raise SettingsError(f"--what-if {text}: there is no {key!r}; there are {known}")
+    try:
+        value = float(value_text)
+    except ValueError:
+        raise SettingsError(f"--what-if {text}: {value_text!r} is no number") from None
+    if not math.isfinite(value):
+        raise SettingsError(f"--what-if {text}: {value_text} is no finite number")
+    return key, value
 
 
 def _changed(conditions: Conditions, key: str, value: float) -> Conditions:

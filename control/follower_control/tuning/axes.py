@@ -6,7 +6,7 @@ Left out: limits, the slowing down for a target off-axis, and what one axis does
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from follower_control.envelope_settings import EnvelopeSettings
@@ -126,6 +126,9 @@ def _range(
     servo, delays = follower.servo, conditions.delays
     sight = _range_filter(follower, conditions)
     level, scale = math.cos(conditions.elevation_rad), servo.distance_m / conditions.range_m
+    if servo.schedule_range:
+        share = 1 / scale
+        gains = replace(gains, kp=share * gains.kp, ki=share * gains.ki, kd=share * gains.kd)
     smooth = low_pass(servo.target_speed_filter_s)
     # The speed is horizontal, the range is along the line of sight.
     fed = smooth * sight.rate(delays.sight_s).scaled(1.0 / scale)

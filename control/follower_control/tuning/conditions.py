@@ -52,7 +52,8 @@ class Conditions:
 
     Attributes:
         delays: of camera, control and telemetry.
-        range_m: true distance to the target.
+        range_m: distance at which the target is steadily followed; another one than the servo's
+            `distance_m` by a nudge.
         elevation_rad: at which the target is seen.
         size_m: the root of its width times its height.
         acceleration_m_s2: how hard the vehicle is steered: the envelope's jerk limit delays a
