@@ -114,7 +114,7 @@ def lens_advice() -> str:
     """Return what to set so that the lens is known."""
     return (
         "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
-        "camera.focal_width_px from a calibration"
+        "camera.focal_width_px: `follower calibrate` finds them"
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from follower.calibration import display, session
 from follower.calibration.board import Board
 from follower.cli import app
 from follower.settings import CameraSettings, load_settings
@@ -73,6 +74,20 @@ def test_images_become_settings_and_a_picture(
     if wanted := os.environ.get("FOLLOWER_PICTURES"):  # `docs/pictures`, for the guides
         coarse = (shown // 16 * 16 + 8).astype(np.uint8)  # without noise it is a sixth as large
         cv2.imwrite(str(Path(wanted) / "calibration.png"), coarse)
+
+
+def test_a_camera_is_watched_until_there_are_views_enough(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "is_live", lambda _: True)
+    monkeypatch.setattr(display, "GOOD_VIEWS", 10)
+    monkeypatch.setattr(display, "GOOD_COVERAGE", 0.6)
+    code, said = run(photos, "--out", tmp_path / "camera.yaml", "--every-s", 0)
+    assert code == 0
+    looked = re.search(r"(\d+) images: (\d+) views kept", said)
+    assert looked is not None
+    assert 10 <= int(looked[2]) <= int(looked[1]) < len(list(photos.iterdir())), "it ended early"
+    assert "Ctrl-C ends it and computes the lens" in said
 
 
 def test_what_is_there_is_not_overwritten(photos: Path, tmp_path: Path) -> None:
