@@ -8,6 +8,8 @@ from follower.training.detector.command import EPILOG as DETECTOR_EPILOG
 from follower.training.detector.command import train_detector_command
 from follower.training.re3.command import EPILOG as RE3_EPILOG
 from follower.training.re3.command import train_re3_command
+from follower.training.scenes.command import EPILOG as SEQUENCES_EPILOG
+from follower.training.scenes.command import sequences_command
 
 train_app = typer.Typer(
     help="Train the networks that come along, or one for your own target; needs the extra `train`.",
@@ -16,3 +18,4 @@ train_app = typer.Typer(
 )
 train_app.command("detector", epilog=DETECTOR_EPILOG)(train_detector_command)
 train_app.command("re3", epilog=RE3_EPILOG)(train_re3_command)
+train_app.command("sequences", epilog=SEQUENCES_EPILOG)(sequences_command)

@@ -13,6 +13,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
+from follower.training.re3.compact import folded, rounded, store_as_half
 from follower.training.re3.network import Re3Network, Re3State
 from follower_vision.network import ModelError, Network
 from follower_vision.re3_geometry import SEARCH_PX, TEMPLATE_PX
@@ -66,15 +67,17 @@ class Exported:
 
 
 def export_re3(network: Re3Network, path: Path) -> Exported:
-    """Write the network to an ONNX file and compare the two.
+    """Write the network to an ONNX file, its weights as 16-bit numbers, and compare the two.
+
+    The comparison is with the network of the same rounded weights.
 
     Raises:
         ModelError: the file does not answer as the network does.
     """
-    module = Re3Export(network.cpu()).eval()
+    module = Re3Export(rounded(folded(network))).eval()
     inputs = random_inputs(network, np.random.default_rng(0))
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        # The exporter by tracing folds batch normalisation in; torch calls it outdated.
+        # The exporter by tracing needs no further package; torch calls it outdated.
         warnings.simplefilter("ignore")
         traced = Path(folder) / "network.onnx"
         torch.onnx.export(
@@ -87,6 +90,7 @@ def export_re3(network: Re3Network, path: Path) -> Exported:
             output_names=[*OUTPUTS[:3], "next_hidden", "next_cell"],
         )
         model = onnx.load(traced)
+    store_as_half(model)
     onnx.helper.set_model_props(model, {"family": "re3", "licence": "Apache-2.0"})
     onnx.checker.check_model(model)
     onnx.save(model, path)

@@ -12,6 +12,7 @@ import torch
 from onnx import helper, save
 
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.re3.compact import folded
 from follower.training.re3.examples import looked, pair, remembered
 from follower.training.re3.export import AGREEMENT, export_re3
 from follower.training.re3.loss import re3_loss
@@ -141,6 +142,23 @@ def test_torch_and_onnx_agree(tmp_path: Path) -> None:
         torch.nn.init.normal_(layer.weight, std=0.1)
     exported = export_re3(network, tmp_path / "tracker.onnx")
     assert exported.difference <= AGREEMENT
+    weights = sum(value.numel() for value in network.parameters())
+    assert exported.path.stat().st_size < 2 * weights + 200_000
+
+
+def test_folding_the_normalisation_in_changes_nothing(pictures: Pictures) -> None:
+    torch.manual_seed(2)
+    network = Re3Network(SMALL)
+    rng, maker = np.random.default_rng(0), SceneMaker(pictures, EASY, 1)
+    batch = Batch([pair(rng, maker.scene(index, 6)) for index in range(6)], CPU)
+    for _ in range(3):
+        network.memory(batch.memory)
+    network.eval()
+    with torch.no_grad():
+        torch.testing.assert_close(
+            folded(network).memory(batch.memory), network.memory(batch.memory)
+        )
+    assert not any(isinstance(one, torch.nn.BatchNorm2d) for one in folded(network).modules())
 
 
 def test_the_tracker_sees_what_the_training_shows(pictures: Pictures) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -13,8 +15,10 @@ from follower.training.scenes.settings import SceneSettings
 from follower.training.scenes.shapes import cut, random_mask
 from follower.training.scenes.stock import load, prepare
 from follower.training.scenes.wander import folded, hover, wander
+from follower.training.scenes.writer import write_sequence
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
+from follower_vision.datasets import load_dataset
 
 HARD = SceneSettings(perspective=1.0, deformation=1.0, occlusion=1.0, look_alikes=1.0, blur=1.0)
 
@@ -146,7 +150,7 @@ def test_nonsense_is_refused(key: str, value: float) -> None:
         SceneSettings(**{key: value})
 
 
-def test_pictures_are_made_small_once(tmp_path) -> None:
+def test_pictures_are_made_small_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     (tmp_path / "free").mkdir()
     photograph = rng.integers(0, 255, (300, 2200, 3), dtype=np.uint8)
@@ -163,3 +167,11 @@ def test_pictures_are_made_small_once(tmp_path) -> None:
     assert [cutout.size for cutout in pictures.cutouts] == [(128, 85)]
     with pytest.raises(SettingsError, match="no pictures"):
         prepare(tmp_path / "stock", listing, tmp_path / "other", 1)
+
+
+def test_generated_sequences_can_be_evaluated(tmp_path: Path, pictures: Pictures) -> None:
+    scene = SceneMaker(pictures, SceneSettings(leaving=0.0), 6).scene(0, 4)
+    write_sequence(scene, tmp_path / "one")
+    (sequence,), remarks = load_dataset(tmp_path)
+    assert (sequence.name, len(sequence.truth), remarks) == ("one", 4, [])
+    assert sequence.truth[2].iou(scene.drawn_box(2)) > 0.98
