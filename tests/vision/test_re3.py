@@ -121,19 +121,6 @@ def test_the_box_stays_on_the_image_and_does_not_vanish() -> None:
     assert box.height == 480
 
 
-def test_it_can_be_sent_elsewhere_without_learning_anew() -> None:
-    network = CountingNetwork((0, 0, 0, 0))
-    tracker = Re3Tracker(network)
-    with pytest.raises(RuntimeError, match="not started"):
-        tracker.move_to(Box(1, 1, 2, 2))
-    tracker.start(image(), Box(100, 100, 40, 40))
-    tracker.update(image())
-    tracker.move_to(Box(300, 200, 50, 50))
-    tracker.update(image())
-    assert network.boxes[-1] == Box(300, 200, 50, 50)
-    assert network.states == [1.0, 1.0]
-
-
 def test_without_a_start_it_says_so() -> None:
     with pytest.raises(RuntimeError, match="not started"):
         Re3Tracker(CountingNetwork((0, 0, 0, 0))).update(image())

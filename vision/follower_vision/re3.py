@@ -19,6 +19,9 @@ class Re3Tracker:
 
     After Gordon, Farhadi and Fox, "Re3: Real-Time Recurrent Regression Networks for Visual
     Tracking of Generic Objects" (RA-L 2018); docs/training.md lists where the network departs.
+
+    It is no `SteerableTracker`: its answer depends on the frames before, which is its point. Fusion
+    starts it anew where a detection corrects it, as the paper does.
     """
 
     name = "re3"
@@ -68,18 +71,6 @@ class Re3Tracker:
         )
         self._take(output, image, self._box)
         return MotionEstimate(self._box, output.confidence)
-
-    def move_to(self, box: Box) -> None:
-        """Search about `box` next time, without learning the target anew.
-
-        Raises:
-            RuntimeError: `start` was not called.
-        """
-        if self._box is None:
-            raise RuntimeError("the tracker was not started")
-        self._box = box
-        self._state = self._first_state
-        self._frames = 0
 
     def _forget_in_time(self) -> None:
         if self._frames >= self._settings.reset_frames:
