@@ -46,8 +46,9 @@ def fenced(text: str) -> Iterator[str]:
 
 
 def inline(text: str) -> Iterator[str]:
-    """Yield the commands in running text."""
-    yield from INLINE.findall(FENCED.sub("", text))
+    """Yield the commands in running text, which may end in an option that it only names."""
+    for line in INLINE.findall(FENCED.sub("", text)):
+        yield f"{line} …" if "requires an argument" in problem_with(line) else line
 
 
 def words_of(line: str) -> list[str]:
