@@ -47,6 +47,7 @@ class ControlLoop:
         self._on_step = on_step
         self._release = Release(stage.settings.release)
         self._before = State.IDLE
+        self._streams = False
         link.watch_health()
         if stage.settings.gimbal.enabled:
             link.use_gimbal(stage.settings.gimbal.device)
@@ -76,8 +77,11 @@ class ControlLoop:
             self._on_step(record)
 
     def hold(self) -> None:
-        """Send one hold: the last word of a program that ends while the vehicle is in its hands."""
-        if self._before.engaged or self._link.state.obeys_setpoints:
+        """Send one hold: the last word of a program that ends while the vehicle is in its hands.
+
+        It is not once it was handed back, although the autopilot may still be in the same mode.
+        """
+        if self._before.engaged or (self._streams and self._link.state.obeys_setpoints):
             self._link.send(HOLD)
 
     def _send(self, record: ControlRecord) -> None:
@@ -86,7 +90,7 @@ class ControlLoop:
         elif record.state is State.RELEASED and self._before.streams and not self._is_failsafe:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
-        self._before = record.state
+        self._before, self._streams = record.state, record.sent
 
     @property
     def _is_failsafe(self) -> bool:

@@ -570,8 +570,19 @@ def test_handed_back_ardupilot_stays_where_it_is() -> None:
     quiet_s = rig.now_s
     record = rig.fly(6.0)
     assert (record.sent, rig.autopilot.mode) == (False, "GUIDED")
+    rig.loop.hold()  # the program ends
     assert rig.wire.setpoints(quiet_s) == []
     assert max(map(abs, rig.autopilot.state.velocity_m_s)) < 0.1
+
+
+def test_a_program_that_ends_while_it_holds_says_so_once_more() -> None:
+    rig = Rig("ardupilot")
+    rig.follow()
+    rig.stage.request_stop()
+    rig.fly(3.0)
+    before = len(rig.wire.setpoints(0.0))
+    rig.loop.hold()
+    assert len(rig.wire.setpoints(0.0)) == before + 1
 
 
 def test_handed_back_px4_does_what_its_parameter_says() -> None:

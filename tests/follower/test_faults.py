@@ -130,6 +130,8 @@ def test_mavsdk_flies_in_real_time_alone_and_both_links_fly_nearly_the_whole_cat
         "control-stalls-2s",  # the autopilot's time-out acts, where nobody watches the stream
         "control-stalls-into-failsafe",
         "control-stalls-into-hold",  # mavsdk's watchdog does
+        "cpu-starved",
+        "cpu-starved-0.2s",  # later steps are a stall to that watchdog
     }
     assert not fault_named("pilot-while-ready").flies("ardupilot", "pymavlink", realtime=False)
 

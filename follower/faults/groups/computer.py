@@ -65,6 +65,18 @@ COMPUTER = (
         Action(Kind.CONTROL_STARVED, 0.3),
         Action(Kind.VISION_SLOW, 0.2),
         back_within_s=3.0,
+        links=("pymavlink",),
+    ),
+    carries_on(
+        "cpu-starved-0.2s",
+        "computer",
+        "Control steps up to 0.2 s late, vision at 5 Hz: mavsdk's watchdog sends zeros between "
+        "and asks for no other mode; follows again within 3 s.",
+        Action(Kind.CONTROL_STARVED, 0.2),
+        Action(Kind.VISION_SLOW, 0.2),
+        back_within_s=3.0,
+        lockstep=False,
+        links=("mavsdk",),
     ),
     carries_on(
         "disk-full",
