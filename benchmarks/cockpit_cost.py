@@ -8,6 +8,9 @@ Rounds without a station and with one change places, so that whatever else the c
 on both. With one, the page has three clients by WebSocket and one by MJPEG, RTP goes out by UDP
 with an overlay, and a chosen setting is changed each second. Measured is how late each control step
 begins and how long it takes. Promise: the p99 of both moves by less than 0.5 ms.
+
+On a computer that others use, `chrt -r 10 python benchmarks/cockpit_cost.py` measures as on a quiet
+one: it goes first, and so does the station.
 """
 
 from __future__ import annotations

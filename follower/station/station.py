@@ -100,6 +100,8 @@ class Station(ClosesItself):
 
     def close(self) -> None:
         """End the child."""
+        if self._closing:
+            return
         self._closing = True
         self._outbox.close()
         self._wire.hang_up()

@@ -1,29 +1,36 @@
-"""Pushes the stream to an RTSP server that others watch."""
+"""Pushes the stream to an RTSP server that others watch (RFC 2326: ANNOUNCE and RECORD, by TCP)."""
 
 from __future__ import annotations
 
+import contextlib
+import re
+import secrets
+import socket
+import struct
 import threading
-from fractions import Fraction
-from typing import Any
+from urllib.parse import urlsplit
 
-import av
-import av.error
-from av.stream import Stream
-
-from follower.video_out.encoder import TICKS_PER_S, AccessUnit
+from follower.video_out.encoder import AccessUnit
+from follower.video_out.rtp import RtpPacketiser, session_description
 from follower_vision.framesource import ClosesItself
 from follower_vision.mailbox import Mailbox
 
+_PORT = 554
 _RETRY_S = 2.0
 _PATIENCE_S = 0.5
-_TIMEOUT_US = "3000000"
-_FAILURES = (av.error.FFmpegError, OSError)
+_TIMEOUT_S = 3.0
+_MOST_ANSWER_BYTES = 16_384
+
+
+class PushError(OSError):
+    """The server does not take the stream."""
 
 
 class RtspPush(ClosesItself):
     """Sends each picture on its own thread; while the server does not take them they are left out.
 
-    After a gap it begins again with a key picture. A server that is gone is tried again.
+    After a gap it begins again with a key picture. A server that is gone is tried again. ffmpeg is
+    not used for this: it would hold up every other thread while it waits for the server.
 
     Args:
         url: rtsp://server:port/name.
@@ -48,38 +55,92 @@ class RtspPush(ClosesItself):
         """Send no more."""
         self._stop.set()
         self._units.close()
-        self._thread.join(2.0)
+        self._thread.join(2 * _TIMEOUT_S)
 
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
                 self._send_all()
-            except _FAILURES as error:
-                self.problem = f"{self._url}: {getattr(error, 'strerror', None) or error}"
+            except OSError as error:
+                self.problem = f"{self._url}: {error.strerror or error}"
                 self._stop.wait(_RETRY_S)
 
     def _send_all(self) -> None:
-        options = {"rtsp_transport": "tcp", "timeout": _TIMEOUT_US}
-        with av.open(self._url, "w", format="rtsp", options=options) as container:
-            # The muxer insists on a size; viewers take it from the pictures themselves.
-            stream = container.add_mux_stream("h264", width=640, height=480)
-            container.start_encoding()
+        first = self._next_key()
+        if first is None:
+            return
+        with _Session(self._url, session_description(first)) as session:
             self.problem = None
-            overwritten, waits_for_key = self._units.overwritten, True
+            lost, needs_key = self._units.overwritten, True
             while not self._stop.is_set():
                 unit = self._units.wait(_PATIENCE_S)
-                lost, overwritten = self._units.overwritten > overwritten, self._units.overwritten
-                waits_for_key = waits_for_key or lost
-                if unit is None or (waits_for_key and not unit.is_key):
-                    continue
-                waits_for_key = False
-                container.mux(_packet(unit, stream))
+                needs_key = needs_key or self._units.overwritten > lost
+                lost = self._units.overwritten
+                if unit is not None and (unit.is_key or not needs_key):
+                    needs_key = False
+                    session.send(unit)
+
+    def _next_key(self) -> AccessUnit | None:
+        """Wait for a key picture, whose parameter sets the server is told; None at the end."""
+        while not self._stop.is_set():
+            unit = self._units.wait(_PATIENCE_S)
+            if unit is not None and unit.is_key:
+                return unit
+        return None
 
 
-def _packet(unit: AccessUnit, stream: Stream) -> av.Packet[Any]:
-    packet: av.Packet[Any] = av.Packet(unit.data)
-    packet.stream = stream
-    packet.pts = packet.dts = unit.ticks
-    packet.time_base = Fraction(1, TICKS_PER_S)
-    packet.is_keyframe = unit.is_key
-    return packet
+class _Session:
+    """One connection to the server, from ANNOUNCE to TEARDOWN."""
+
+    def __init__(self, url: str, description: str) -> None:
+        parts = urlsplit(url)
+        self._url = url
+        self._number = 0
+        self._session = ""
+        self._packetiser = RtpPacketiser(secrets.randbits(32), secrets.randbits(16))
+        address = (parts.hostname or "", parts.port or _PORT)
+        self._socket = socket.create_connection(address, _TIMEOUT_S)
+        try:
+            self._ask("ANNOUNCE", url, "Content-Type: application/sdp", body=description)
+            transport = "Transport: RTP/AVP/TCP;unicast;interleaved=0-1;mode=record"
+            answer = self._ask("SETUP", f"{url}/streamid=0", transport)
+            found = re.search(r"(?im)^session: *([^;\s]+)", answer)
+            self._session = found[1] if found else ""
+            self._ask("RECORD", url, "Range: npt=0.000-")
+        except OSError:
+            self._socket.close()
+            raise
+
+    def __enter__(self) -> _Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            self._ask("TEARDOWN", self._url)
+        self._socket.close()
+
+    def send(self, unit: AccessUnit) -> None:
+        packets = self._packetiser.pack(unit)
+        framed = [struct.pack("!cBH", b"$", 0, len(one)) + one for one in packets]
+        self._socket.sendall(b"".join(framed))
+
+    def _ask(self, method: str, url: str, *lines: str, body: str = "") -> str:
+        self._number += 1
+        head = [f"{method} {url} RTSP/1.0", f"CSeq: {self._number}", *lines]
+        head += [f"Session: {self._session}"] if self._session else []
+        head += [f"Content-Length: {len(body)}"] if body else []
+        self._socket.sendall(("\r\n".join([*head, "", ""]) + body).encode())
+        answer = self._answer()
+        if not re.match(r"RTSP/1\.0 200 ", answer):
+            words = answer.partition("\r\n")[0] or "nothing"
+            raise PushError(f"the server answers {method} with {words}")
+        return answer
+
+    def _answer(self) -> str:
+        answer = b""
+        while b"\r\n\r\n" not in answer and len(answer) < _MOST_ANSWER_BYTES:
+            part = self._socket.recv(4096)
+            if not part:
+                break
+            answer += part
+        return answer.decode("utf-8", "replace")

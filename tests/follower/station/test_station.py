@@ -1,0 +1,247 @@
+"""The process beside the flight: whatever becomes of it, the flight goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.cockpit.opening import open_station
+from follower.cockpit.operator import FlightOperator
+from follower.cockpit.showing import first_page
+from follower.operator_requests import OperatorRequests
+from follower.settings import Settings, load_settings
+from follower.situation import Order
+from follower.station.outbox import Outbox
+from follower.station.shared_image import SharedImage
+from follower.station.station import Station
+from follower.station.wire import Wire, WireError, socket_pair, track_message, track_of
+from follower.video_out.picture import Picture
+from follower_control.strict_yaml import SettingsError
+from follower_vision.box import Box
+from follower_vision.frame import Frame
+from follower_vision.track import Track, TrackState
+
+PATIENCE_S = 30.0
+IMAGE = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
+
+
+def until(condition: Callable[[], object]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+# What it is made of.
+
+
+def test_an_image_goes_through_shared_memory_and_grows() -> None:
+    ours = SharedImage.make()
+    theirs = SharedImage(os.dup(ours.descriptor))
+    with pytest.raises(ValueError, match="no image yet"):
+        theirs.read(12, 16)
+    for image in (IMAGE, np.repeat(IMAGE, 3, 0), IMAGE + 1):
+        ours.write(image)
+        height, width = image.shape[:2]
+        np.testing.assert_array_equal(theirs.read(height, width), image)
+    with pytest.raises(ValueError, match="no image has"):
+        theirs.read(1_000_000, 1_000_000)
+    ours.close()
+    theirs.close()
+
+
+def test_the_outbox_keeps_the_newest_and_sends_pictures_when_they_are_wanted() -> None:
+    outbox = Outbox()
+    outbox.state({"kind": "state", "state": 1})
+    outbox.state({"kind": "state", "state": 2})
+    outbox.tell({"kind": "page"})
+    outbox.show(Picture(IMAGE, 1, 0.1))
+    first = outbox.wait()
+    assert first is not None
+    assert first.messages == ({"kind": "page"}, {"kind": "state", "state": 2})
+    assert first.picture is None
+    outbox.picture_wanted()
+    outbox.show(Picture(IMAGE, 2, 0.2))
+    second = outbox.wait()
+    assert second is not None
+    assert second.picture is not None
+    assert second.picture.sequence == 2
+    outbox.close()
+    assert outbox.wait() is None
+
+
+def test_a_line_carries_messages_and_refuses_the_rest() -> None:
+    ours, theirs = (Wire(end, 100) for end in socket_pair())
+    ours.send({"kind": "heard"})
+    assert theirs.receive() == {"kind": "heard"}
+    for wrong in ([1], {"no": "kind"}, {"kind": 3}):
+        ours.send(wrong)  # type: ignore[arg-type]
+        with pytest.raises(WireError):
+            theirs.receive()
+    with pytest.raises(ValueError, match="JSON"):
+        ours.send({"kind": "state", "value": float("nan")})
+    ours.send({"kind": "x" * 200})
+    with pytest.raises(OSError, match="bad message length"):
+        theirs.receive()
+    ours.close()
+
+
+def test_hanging_up_ends_a_waiting_receiver() -> None:
+    ours, theirs = (Wire(end, 100) for end in socket_pair())
+    ended = threading.Event()
+
+    def receive() -> None:
+        try:
+            theirs.receive()
+        except (OSError, EOFError):
+            ended.set()
+
+    thread = threading.Thread(target=receive)
+    thread.start()
+    time.sleep(0.05)
+    theirs.hang_up()
+    assert ended.wait(PATIENCE_S)
+    thread.join()
+    theirs.close()
+    ours.close()
+
+
+def test_a_track_keeps_its_values() -> None:
+    track = Track(Box(1.5, 2.5, 3, 4), TrackState.COASTING, 0.25, "test", 1.0, 7)
+    assert track_of(track_message(track)) == track
+
+
+# What operators ask for.
+
+
+@pytest.fixture
+def requests() -> OperatorRequests:
+    return OperatorRequests(Settings())
+
+
+def asked(operator: FlightOperator, **request: Any) -> Any:
+    return operator.ask({"number": 1, **request}, "cockpit")
+
+
+def test_requests_come_to_where_every_front_end_puts_them(requests: OperatorRequests) -> None:
+    heard = list[bool]()
+    operator = FlightOperator(requests, lambda: heard.append(True))
+    assert asked(operator, kind="stop")["accepted"]
+    assert asked(operator, kind="consent", given=True)["accepted"]
+    assert asked(operator, kind="consent", given=False)["accepted"]
+    assert asked(operator, kind="change", key="servo.azimuth.kp", value=1.25)["accepted"]
+    operator.heard()
+    taken = requests.take()
+    assert taken.stop
+    assert list(taken.orders) == [Order.GIVE, Order.WITHDRAW]
+    assert taken.settings is not None
+    assert taken.settings.servo.azimuth.kp == 1.25
+    assert heard == [True]
+
+
+def test_a_target_is_answered_when_vision_has_looked(requests: OperatorRequests) -> None:
+    from follower.target_wish import Outcome
+
+    operator = FlightOperator(requests, lambda: None)
+    assert asked(operator, kind="select_point", x=0.25, y=0.5) is None
+    assert list(operator.late_answers()) == []
+    target = requests.take_target()
+    assert target is not None
+    target.settle(Outcome(True, "the car there"))
+    (answer,) = operator.late_answers()
+    assert answer == {"kind": "answer", "number": 1, "accepted": True, "text": "the car there"}
+    assert list(operator.late_answers()) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"kind": "arm"},
+        {"kind": "stop", "more": 1},
+        {"kind": "select_point", "x": 7, "y": 0},
+        {"kind": "change", "key": "autonomy", "value": "full"},
+        {"kind": "change", "key": "envelope.max_speed_m_s", "value": 99.0},
+        {"kind": "change", "key": "envelope.max_acceleration_m_s2", "value": 1.0},
+        {"kind": "change", "key": "consent.kind", "value": "mode"},
+        {"kind": "change", "key": "servo.azimuth.kp", "value": "much"},
+        {"kind": "show", "flight": "x"},
+    ],
+)
+def test_what_the_stations_process_says_is_checked_again(
+    requests: OperatorRequests, wrong: dict[str, Any]
+) -> None:
+    operator = FlightOperator(requests, lambda: None)
+    assert asked(operator, **wrong)["accepted"] is False
+    taken = requests.take()
+    assert not taken.stop
+    assert taken.settings is None
+
+
+# The process.
+
+
+@pytest.fixture
+def station(tmp_path: Any) -> Iterator[tuple[Station, list[str]]]:
+    settings = load_settings(None, None, ("video.rtsp=127.0.0.1:0",))
+    said: list[str] = []
+    station = open_station(settings, False, first_page("fly", "", settings), tmp_path, said.append)
+    assert station is not None
+    yield station, said
+    station.close()
+
+
+def test_nothing_is_started_where_nothing_is_wanted(tmp_path: Any) -> None:
+    assert open_station(Settings(), False, {}, tmp_path, print) is None
+
+
+def test_a_flight_without_the_extra_says_what_to_install(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(SettingsError, match=r"pip install 'drone-target-follower\[cockpit\]'"):
+        open_station(Settings(), True, {}, tmp_path, print)
+
+
+def test_video_alone_needs_no_web_server(station: tuple[Station, list[str]]) -> None:
+    one, said = station
+    until(lambda: any("rtsp://" in line for line in said))
+    maps = Path(f"/proc/{one.process_id}/maps").read_text("utf-8")
+    assert "pydantic_core" in maps
+    assert "srtp" not in maps
+    assert os.getpriority(os.PRIO_PROCESS, one.process_id) > os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_process_that_dies_or_hangs_holds_nobody_up(
+    station: tuple[Station, list[str]], how: signal.Signals
+) -> None:
+    one, said = station
+    until(lambda: said)
+    os.kill(one.process_id, how)
+    longest_s = 0.0
+    for number in range(300):
+        begin_s = time.monotonic()
+        one.add(Frame(IMAGE, number / 30, number), (), ())
+        one.show({"text": "x" * 10_000})
+        longest_s = max(longest_s, time.monotonic() - begin_s)
+    assert longest_s < 0.5
+    if how is signal.SIGKILL:
+        until(lambda: one.remark is not None)
+        assert "The station ended during the flight" in said[-1]
+
+
+def test_it_ends_with_the_flight(station: tuple[Station, list[str]]) -> None:
+    one, said = station
+    until(lambda: said)
+    begin_s = time.monotonic()
+    one.close()
+    assert time.monotonic() - begin_s < 2.5
+    assert one.remark is None
