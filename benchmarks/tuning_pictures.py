@@ -1,0 +1,63 @@
+"""Draws the pictures of docs/tuning.md.
+
+follower excite --autopilot px4 --out /tmp/tuning
+python benchmarks/tuning_pictures.py /tmp/tuning/excite
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from follower.identify.identify import read_recording
+from follower.identify.recording import VehicleAxis
+from follower.report import style
+from follower.report.identification import axis_figure
+from follower.report.loop_plots import bode, nyquist, responses
+from follower.settings import load_settings
+from follower.tune.analysis import AxisAnalysis, analyse, conditions_of
+from follower.tune.run import find_vehicle
+from follower.tune.what_if import parse_what_ifs
+from follower_control.tuning.axes import Axis
+from follower_control.tuning.fit import fit_response
+from follower_control.tuning.synthesis import Wish
+
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
+
+
+def azimuth(what_ifs: list[str], tuned: bool = False) -> AxisAnalysis:
+    """Return the azimuth loop with the default gains and under other circumstances."""
+    settings, vehicle = load_settings(), find_vehicle("ardupilot")
+    here = conditions_of(settings, vehicle, -20.0)
+    wishes = {axis: Wish() for axis in Axis} if tuned else None
+    others = parse_what_ifs(what_ifs, here)
+    found = analyse(settings, vehicle.model(), here, wishes, others)
+    return next(one for one in found if one.axis is Axis.AZIMUTH)
+
+
+def save(name: str, figure: Figure) -> None:
+    """Write one picture."""
+    style.save_png(figure, PICTURES / f"tuning-{name}.png")
+
+
+def main() -> None:
+    """Draw all of them."""
+    recording = read_recording(Path(sys.argv[1]))
+    forward = recording.axes[VehicleAxis.FORWARD]
+    with style.plot_style():
+        fit = fit_response(forward, VehicleAxis.FORWARD.least_excitation)
+        save("identified", axis_figure(VehicleAxis.FORWARD, fit, forward))
+        gains = azimuth(["gain=0.4", "gain=2", "gain=2.4"])
+        save("gains", responses(gains))
+        save("bode", bode(azimuth([], tuned=True)))
+        save("nyquist", nyquist(azimuth([], tuned=True)))
+        save("delays", responses(azimuth(["dead_time=0.1", "dead_time=0.3", "dead_time=0.6"])))
+        alone = replace(azimuth([], tuned=True), what_ifs=())
+        save("after", responses(alone))
+
+
+if __name__ == "__main__":
+    main()
