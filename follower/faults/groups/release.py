@@ -27,11 +27,10 @@ def _release(
         must,
         Outcome.ENDS_IN_MODE,
         (Action(Kind.CONSENT_WITHDRAWN), *more),
-        for_s=10.0,
         hold_within_s=0.1,
         settings=(f"release.action={action}",),
         ends_in=ends_in,
-        **limits,
+        **{"for_s": 10.0, **limits},
     )
 
 
@@ -80,9 +79,10 @@ RELEASE = (
     _release(
         "release-hand-back",
         ReleaseAction.HAND_BACK,
-        "Hold at once; at rest, the stream ends within 9 s: PX4 flies home by its own failsafe, "
+        "Hold at once; at rest, the stream ends within 11 s: PX4 flies home by its own failsafe, "
         "ArduCopter stays in GUIDED.",
         (("px4", "RTL"), ("ardupilot", "GUIDED")),
-        silent_within_s=9.0,
+        for_s=14.0,
+        silent_within_s=11.0,
     ),
 )
