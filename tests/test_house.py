@@ -73,7 +73,16 @@ def test_nothing_of_ours_imports_matplotlib_outside_reports() -> None:
             if (ROOT / "follower" / "report") in path.parents:
                 continue
             tops = {name.split(".")[0] for name in imported(path)}
-            assert tops.isdisjoint({"matplotlib", "torch"}), f"{package}: {path}"
+            assert "matplotlib" not in tops, f"{package}: {path}"
+
+
+def test_torch_and_onnx_are_for_training_alone() -> None:
+    training = ROOT / "follower" / "training"
+    for package, folder in SOURCES.items():
+        for path in folder.rglob("*.py"):
+            tops = {name.split(".")[0] for name in imported(path)}
+            within = training in path.parents
+            assert within or tops.isdisjoint({"torch", "onnx"}), f"{package}: {path}"
 
 
 def test_python_control_and_scipy_are_for_tuning_alone() -> None:
