@@ -44,6 +44,12 @@ def train_detector_command(
     resume: Annotated[
         Path | None, typer.Option(help="Go on with a training's folder, with its own recipe.")
     ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="Begin with the weights in another training's folder, of the same classes."
+        ),
+    ] = None,
     device: Annotated[
         str, typer.Option(help="**auto** takes a GPU if there is one.", metavar="auto|cpu|cuda")
     ] = "auto",
@@ -64,7 +70,7 @@ def train_detector_command(
     settings = _config(resume / "config.yaml" if resume else config, overrides or [], data)
     folder = resume or out / settings.name
     console = Console()
-    run = TrainingRun(settings, folder, find_device(device), console, resume is not None)
+    run = TrainingRun(settings, folder, find_device(device), console, resume is not None, start)
     exported = run.run()
     for path in (exported.path, exported.card):
         console.print(str(path), highlight=False)

@@ -27,7 +27,7 @@ def mirrored(picture: LabelledImage) -> LabelledImage:
 def _lit(image: Image, rng: np.random.Generator) -> Image:
     """Change gain, contrast, colour balance and gamma by one table a channel."""
     values = np.arange(256, dtype=np.float32) / 255
-    gain, contrast, gamma = np.exp(rng.normal(0, (0.22, 0.15, 0.18)))
+    gain, contrast, gamma = np.exp(rng.normal(0, (0.14, 0.1, 0.12)))
     balance = np.exp(rng.normal(0, 0.05, 3))
     tables = [
         np.clip((gain * part * values**gamma - 0.45) * contrast + 0.45, 0, 1) * 255

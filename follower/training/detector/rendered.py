@@ -55,7 +55,7 @@ class RenderedPictures:
     pictures_a_world: int = 50
     views_a_picture: int = 5
     mixed: int = 800
-    shown_times: int = 3
+    shown_times: int = 4
 
     def __post_init__(self) -> None:
         for name in ("pictures_a_world", "views_a_picture", "mixed", "shown_times"):
@@ -134,13 +134,13 @@ def _seen(world: StagedWorld, silhouettes: Silhouettes, view: View) -> Iterator[
 
 
 def _looking(world: StagedWorld, rng: np.random.Generator) -> BodyState:
-    """Return a camera in the air that looks somewhere near a body; one in seven straight down."""
+    """Return a camera in the air that looks somewhere near a body; one in ten straight down."""
     wanted = [actor.solid for actor in world.stage if actor.kind is not None]
     solid = wanted[int(rng.integers(len(wanted)))]
     centre, size = solid.centre, 2 * solid.radius_m
     away = size * float(np.exp(rng.uniform(math.log(1.6), math.log(9))))
     lowest = -0.5 if -centre[2] > _FLYING_M else math.asin(min(0.7, 1.2 / away))
-    elevation = float(rng.uniform(lowest, 1.0)) if rng.random() < 0.85 else 1.45
+    elevation = float(rng.uniform(lowest, 1.0)) if rng.random() < 0.9 else 1.45
     azimuth = float(rng.uniform(-math.pi, math.pi))
     level = away * math.cos(elevation)
     position = centre - np.array(

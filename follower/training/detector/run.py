@@ -75,7 +75,9 @@ class TrainingRun:
         training, seed = self.config.training, self.config.seed
         start = None if self.start is None else load_checkpoint(self.start, self.device)
         known = state or start
-        anchors = self._look(pictures) if known is None else np.array(known["anchors"])
+        anchors = None if known is None else np.array(known["anchors"])
+        if state is None or anchors is None:
+            anchors = self._look(pictures, anchors)
         trainer = DetectorTrainer(training, pictures, anchors, seed, self.device)
         if state is not None:
             trainer.restore(state)
@@ -83,8 +85,8 @@ class TrainingRun:
             trainer.begin_with(start)
         return trainer
 
-    def _look(self, pictures: Pictures) -> np.ndarray:
-        """Draw some of the pictures, and return the anchors that fit their boxes."""
+    def _look(self, pictures: Pictures, anchors: np.ndarray | None) -> np.ndarray:
+        """Draw some of the pictures; return the anchors, if none are given those that fit best."""
         training, seed = self.config.training, self.config.seed
         stream = pictures.training(training.side_px, seed)
         count = max(training.anchor_pictures, _SHEET_PICTURES)
@@ -92,15 +94,20 @@ class TrainingRun:
         path = self.folder / SAMPLES
         cv2.imwrite(str(path), sample_sheet(some[:_SHEET_PICTURES], pictures.class_names))
         sizes = _sizes(some) / STRIDE
-        try:
-            anchors = find_anchors(sizes, training.anchors, np.random.default_rng(seed))
-        except ValueError as error:
-            raise SettingsError(f"too few boxes in {count} pictures: {error}") from error
+        if anchors is None:
+            anchors = self._anchors(sizes)
         self.console.print(
             f"{path}: look at it. Anchors fit the boxes by {mean_overlap(sizes, anchors):.2f}.",
             highlight=False,
         )
         return anchors
+
+    def _anchors(self, sizes: np.ndarray) -> np.ndarray:
+        training, seed = self.config.training, self.config.seed
+        try:
+            return find_anchors(sizes, training.anchors, np.random.default_rng(seed))
+        except ValueError as error:
+            raise SettingsError(f"there are too few boxes in the pictures: {error}") from error
 
     def _train(self, trainer: DetectorTrainer, held_out: list[LabelledImage]) -> Precision:
         training = self.config.training

@@ -36,20 +36,20 @@ class DetectorTraining:
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
-    side_px: int = 288
+    side_px: int = 256
     channels: tuple[int, int, int, int, int] = (16, 24, 48, 96, 192)
     anchors: int = 5
-    steps: int = 900
-    batch: int = 32
-    learning_rate: float = 2e-3
+    steps: int = 6000
+    batch: int = 16
+    learning_rate: float = 1.8e-3
     warmup_steps: int = 60
     weight_decay: float = 5e-4
-    average: float = 0.99
+    average: float = 0.995
     box_weight: float = 2.0
     empty_weight: float = 1.0
     anchor_pictures: int = 300
     held_out_pictures: int = 400
-    validate_every: int = 150
+    validate_every: int = 500
     save_every: int = 50
     threads: int = 1
 

@@ -26,7 +26,7 @@ KINDS: tuple[TargetKind, ...] = get_args(TargetKind)
 REACH_M = 26.0
 _GROUNDS = ("meadow", "farmland", "desert", "water")
 _CLUTTER = ("broadleaf", "fir", "house", "rock", "bale", "buoy")
-_LAND_SHARES = {"person": 0.27, "car": 0.45, "boat": 0.06, "quadrotor": 0.22}
+_LAND_SHARES = {"person": 0.2, "car": 0.6, "boat": 0.02, "quadrotor": 0.18}
 _WATER_SHARES = {"person": 0.04, "car": 0.04, "boat": 0.68, "quadrotor": 0.24}
 _HIGHEST_M = 18.0
 _LONGEST_TRIES = 20
@@ -63,7 +63,7 @@ class StagedWorld(World):
 
 def random_world(rng: np.random.Generator) -> StagedWorld:
     """Return a world with another ground, sky, light and scenery each time."""
-    ground = _GROUNDS[int(rng.choice(4, p=(0.3, 0.35, 0.15, 0.2)))]
+    ground = _GROUNDS[int(rng.choice(4, p=(0.32, 0.4, 0.14, 0.14)))]
     scenario = Scenario.model_validate(
         {
             "name": "training",
@@ -120,7 +120,7 @@ def random_stage(world: StagedWorld, rng: np.random.Generator) -> list[Actor]:
     """Return bodies at random places, clear of each other and of what stands."""
     shares = _WATER_SHARES if world.scenario.ground.kind == "water" else _LAND_SHARES
     kinds = [int(rng.choice(len(KINDS), p=[shares[kind] for kind in KINDS]))]
-    while rng.random() < 0.72 and len(kinds) < 9:
+    while rng.random() < 0.62 and len(kinds) < 7:
         again = rng.random() < 0.5  # things of one kind keep company: look-alikes
         kinds.append(
             kinds[-1] if again else int(rng.choice(len(KINDS), p=[shares[k] for k in KINDS]))

@@ -12,9 +12,9 @@ from follower_vision.crop import crop
 from follower_vision.detection.yolov2 import YoloV2Decoder
 from follower_vision.frame import Image
 
-_WHOLE_SHARE = 0.3
-_ANYWHERE_SHARE = 0.1
-_ZOOM = (1.6, 7.0)
+_WHOLE_SHARE = 0.25
+_ANYWHERE_SHARE = 0.05
+_ZOOM = (3.0, 7.0)
 _LEAST_CROP_PX = 64.0
 _LEAST_INSIDE = 0.5
 _TRACE_INSIDE = 0.1
@@ -49,7 +49,7 @@ def _region(picture: LabelledImage, rng: np.random.Generator) -> Box:
     zoom = float(np.exp(rng.uniform(*np.log(_ZOOM))))
     scale = math.sqrt((right - left) * (bottom - top))
     side = max(_LEAST_CROP_PX, zoom * scale, 1.15 * max(right - left, bottom - top))
-    x, y = rng.uniform(-0.3, 0.3, 2) * side
+    x, y = rng.uniform(-0.25, 0.25, 2) * side
     return Box((left + right) / 2 + float(x), (top + bottom) / 2 + float(y), side, side)
 
 
