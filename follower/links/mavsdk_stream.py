@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import struct
 import threading
 from collections.abc import Callable
 
@@ -16,6 +17,19 @@ from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_vision.clock import Clock
 
 _STOP_AFTER_S = 0.1
+_HEADER, _VELOCITY, _YAW_RATE = 10, 16, 44
+"""Where a packet's payload begins, and in it a setpoint's velocity and yaw rate, bytes."""
+
+
+def stands_still(packet: bytes) -> bool:
+    """Whether a SET_POSITION_TARGET_LOCAL_NED asks for no velocity and no turn.
+
+    Args:
+        packet: whole, of MAVLink 2, which leaves zeros out at a payload's end.
+    """
+    payload = packet[_HEADER : _HEADER + packet[1]].ljust(_YAW_RATE + 4, b"\0")
+    velocity = struct.unpack_from("<3f", payload, _VELOCITY)
+    return not any((*velocity, *struct.unpack_from("<f", payload, _YAW_RATE)))
 
 
 class MavsdkStream:
@@ -100,7 +114,10 @@ class MavsdkStream:
             return True
         if self._offboard is None:
             return False
-        return self._zeroed or self._clock.now() - self._set_s <= self._stall_s
+        if self._zeroed:
+            # mavsdk's own thread may have made one of the old velocity a moment before.
+            return stands_still(packet)
+        return self._clock.now() - self._set_s <= self._stall_s
 
     def _put(self, setpoint: VelocitySetpoint) -> None:
         if self._offboard is None:
