@@ -335,7 +335,7 @@ numbers = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
 @settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     st.one_of(
@@ -357,7 +357,7 @@ def test_any_command_whatever_is_answered_just_once(
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.binary(min_size=1, max_size=300))
 def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:

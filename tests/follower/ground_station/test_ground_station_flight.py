@@ -1,5 +1,6 @@
 """A whole flight whose target is chosen, tuned and dropped from a ground station alone."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -25,6 +26,7 @@ from follower_vision.track import Track
 pytestmark = pytest.mark.slow
 
 WIDTH, HEIGHT = 320, 240
+EARTH_M, START_M = 6_371_000.0, -18.0
 BLUE = "#2050d0"
 SELECT_S, TUNE_S, MODE_S, DROP_S, END_S = 10.0, 13.0, 14.0, 15.0, 20.0
 SCENARIO = {
@@ -95,6 +97,7 @@ class Flight:
         corners = box.left / WIDTH, box.top / HEIGHT, box.right / WIDTH, box.bottom / HEIGHT
         self._command(mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE, *corners)
         self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 275, 200_000)
+        self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 276, 500_000)
         while self.clock.now() < TUNE_S:
             yield
         real = mavlink.MAV_PARAM_TYPE_REAL32
@@ -152,6 +155,20 @@ def test_the_car_that_was_drawn_around_is_followed(flight: Flight) -> None:
     acks = {(one.command, one.result) for _, one in flight.of("COMMAND_ACK")}
     accepted = mavlink.MAV_RESULT_ACCEPTED
     assert (mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE, accepted) in acks
+
+
+def test_the_targets_place_is_told_at_the_rate_asked_for(flight: Flight) -> None:
+    told = [one for at, one in flight.of("CAMERA_TRACKING_GEO_STATUS") if at < DROP_S]
+    assert len(told) == pytest.approx((DROP_S - SELECT_S) / 0.5, abs=2)
+    origin = flight.at(TUNE_S).vehicle.origin
+    assert origin is not None
+    newest = told[-1]
+    assert newest.tracking_status == 1
+    north_m = math.radians(newest.lat * 1e-7 - origin.latitude_deg) * EARTH_M + START_M
+    level_m = EARTH_M * math.cos(math.radians(origin.latitude_deg))
+    east_m = math.radians(newest.lon * 1e-7 - origin.longitude_deg) * level_m
+    assert math.hypot(north_m - 4, east_m - 7) < 3 * newest.h_acc < 15
+    assert newest.vel_acc > math.hypot(newest.vel_n, newest.vel_e) / 3, "it stands"
 
 
 def test_settings_change_in_flight_without_a_step(flight: Flight) -> None:
