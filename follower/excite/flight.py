@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 
 from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
-from follower.excite.pattern import ExcitationSettings, Pattern
+from follower.excite.pattern import RUN_KEY, ExcitationSettings, Pattern
 from follower.excite.stage import ExcitationStage
 from follower.flightlog import FlightLog
 from follower.links.link import Link
@@ -24,8 +24,6 @@ from follower_sim.vehicle import STEP_S, WindField
 from follower_vision.camera import CameraModel
 from follower_vision.clock import Clock, SimulatedClock
 
-RUN_KEY = "excitation"
-"""Under which a recording's `run` keeps the pattern's settings."""
 SIZE = (640, 480)
 _STANDING_M_S, _FAREWELL_S, _LONGEST_STOP_S = 0.3, 1.0, 6.0
 _GIVE_UP_S = 120.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
@@ -70,6 +71,26 @@ class _Piece:
     share: float
     towards: VelocitySetpoint
     tones: bool = False
+
+
+RUN_KEY = "excitation"
+"""Under which a recording's `run` keeps the pattern's settings."""
+
+
+def recorded_pattern(run: Mapping[str, Any]) -> Pattern | None:
+    """Return the pattern that a recorded flight flew, None if it was a pursuit.
+
+    Raises:
+        ValueError: what is recorded of it is no pattern.
+    """
+    if RUN_KEY not in run:
+        return None
+    try:
+        plain = dict(run[RUN_KEY])
+        plain["kind"] = PatternKind(plain.get("kind", PatternKind.STEPS))
+        return Pattern(ExcitationSettings(**plain))
+    except TypeError as error:
+        raise ValueError(f"the recorded {RUN_KEY} cannot be flown again: {error}") from None
 
 
 class Pattern:

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from follower.excite.flight import RUN_KEY
+from follower.excite.pattern import RUN_KEY
 from follower.flightlog import ControlRecord
 from follower.identify.recording import (
     Recording,

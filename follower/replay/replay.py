@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from follower.control_stage import ControlStage
+from follower.excite.pattern import recorded_pattern
+from follower.excite.stage import ExcitationStage
 from follower.flightlog import ControlRecord, FlightLog, FlightSink, Selection, TrackRecord
 from follower.recorder import FlightFileError, RecordedFlight
 from follower.recorder.records import FrameRecord, StepRecord
@@ -78,7 +80,11 @@ class Replay:
             self._stage = VisionStage(tracker or make_target_tracker(settings))
         camera = _camera(flight, settings, own_camera)
         needs_telemetry = flight.config.needs_telemetry
-        self._control = ControlStage(settings, camera, self.log, needs_telemetry)
+        pattern = recorded_pattern(flight.config.run)
+        if pattern is None:
+            self._control = ControlStage(settings, camera, self.log, needs_telemetry)
+        else:
+            self._control = ExcitationStage(settings, pattern, camera, self.log)
         self._steps = iter(flight.log.controls)
 
     @property

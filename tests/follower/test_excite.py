@@ -13,7 +13,8 @@ from follower.excite.stage import ExcitationStage, excitation_settings
 from follower.flightlog import FlightLog
 from follower.identify.identify import identification, read_recording
 from follower.identify.recording import VehicleAxis
-from follower.recorder import FlightConfig, Recorder
+from follower.recorder import FlightConfig, Recorder, open_flight
+from follower.replay.replay import Replay, replay_settings
 from follower.settings import load_settings
 from follower.supervisor import Reason, State
 from follower_control.setpoint import HOLD
@@ -136,6 +137,14 @@ def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
     position = controls[-1].vehicle.position
     assert position is not None
     assert math.hypot(position.north_m, position.east_m) < 2.0
+
+
+def test_its_replay_is_the_same_to_the_last_bit(flown: tuple[Path, ExcitationFlight]) -> None:
+    folder, flight = flown
+    recorded = open_flight(folder)
+    again = Replay(recorded, replay_settings(recorded), tracks_recorded=True).run()
+    assert [r.allowed for r in again.controls] == [r.allowed for r in flight.log.controls]
+    assert [r.state for r in again.controls] == [r.state for r in flight.log.controls]
 
 
 def test_its_recording_tells_how_the_vehicle_answers(
