@@ -50,7 +50,8 @@ class Re3Output:
 
     Attributes:
         box: (4,) as `absolute_box` takes it.
-        confidence: 0 to 1, the likelihood that the target is in sight.
+        confidence: 0 to 1, the likelihood that the box is right (overlap above a half), as it was
+            on generated sequences.
         features: of the previous frame's template crop.
         state: for the next frame.
     """

@@ -13,6 +13,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
+from follower.training.re3.calibration import Calibration
 from follower.training.re3.compact import folded, rounded, store_as_half
 from follower.training.re3.network import Re3Network, Re3State
 from follower_vision.network import ModelError, Network
@@ -20,6 +21,7 @@ from follower_vision.re3_geometry import SEARCH_PX, TEMPLATE_PX
 from follower_vision.re3_network import INPUTS, OUTPUTS
 
 OPSET = 17
+UNCALIBRATED = Calibration()
 AGREEMENT = 1e-4
 """Largest difference between torch's answers and onnxruntime's."""
 
@@ -27,10 +29,11 @@ AGREEMENT = 1e-4
 class Re3Export(nn.Module):
     """The network with plain tensors in and out, in the order of `INPUTS` and `OUTPUTS`."""
 
-    def __init__(self, network: Re3Network) -> None:
+    def __init__(self, network: Re3Network, calibration: Calibration) -> None:
         """Wrap a network."""
         super().__init__()
         self.network = network
+        self.calibration = calibration
 
     def forward(
         self,
@@ -47,7 +50,8 @@ class Re3Export(nn.Module):
         answer = self.network.compared(
             features, present, size, memory, memory_size, Re3State(hidden, cell)
         )
-        seen = torch.sigmoid(answer.confidence)
+        logit = self.calibration.slope * answer.confidence + self.calibration.offset
+        seen = torch.sigmoid(logit)
         return answer.box, seen, features, answer.state.hidden, answer.state.cell
 
 
@@ -66,7 +70,9 @@ class Exported:
     difference: float
 
 
-def export_re3(network: Re3Network, path: Path) -> Exported:
+def export_re3(
+    network: Re3Network, path: Path, calibration: Calibration = UNCALIBRATED
+) -> Exported:
     """Write the network to an ONNX file, its weights as 16-bit numbers, and compare the two.
 
     The comparison is with the network of the same rounded weights.
@@ -74,7 +80,7 @@ def export_re3(network: Re3Network, path: Path) -> Exported:
     Raises:
         ModelError: the file does not answer as the network does.
     """
-    module = Re3Export(rounded(folded(network))).eval()
+    module = Re3Export(rounded(folded(network)), calibration).eval()
     inputs = random_inputs(network, np.random.default_rng(0))
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # The exporter by tracing needs no further package; torch calls it outdated.

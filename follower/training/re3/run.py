@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from follower.configs import configs_folder
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
 from follower.training.progress_log import ProgressLog
+from follower.training.re3.calibration import calibrated
 from follower.training.re3.card import model_card
 from follower.training.re3.config import Re3Config
 from follower.training.re3.export import Exported, export_re3
@@ -118,7 +119,8 @@ class Re3Run:
 
 def finished(trainer: Re3Trainer, config: Re3Config, folder: Path, overlap: float) -> Exported:
     """Write the network of a training and its card, NAME.onnx and NAME.md."""
-    exported = export_re3(trainer.averaged, folder / f"{config.name}.onnx")
+    calibration = calibrated(trainer.track_held_out(1))
+    exported = export_re3(trainer.averaged, folder / f"{config.name}.onnx", calibration)
     card = model_card(config, exported, trainer.averaged, trainer.step, overlap)
     exported.path.with_suffix(".md").write_text(card, encoding="utf-8")
     return exported

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
+from follower.training.re3.calibration import Tracked, tracked
 from follower.training.re3.examples import pair, swapped
 from follower.training.re3.loss import Loss, re3_loss
 from follower.training.re3.network import Re3Network
@@ -100,15 +101,14 @@ class Re3Trainer:
 
     def validate(self) -> float:
         """Return the mean overlap on held-out scenes, tracked with the network's own boxes."""
+        return float(self.track_held_out(0).overlaps.mean())
+
+    def track_held_out(self, part: int) -> Tracked:
+        """Track the scenes of one part of those held out."""
         count, frames = self.settings.validation_scenes, self.settings.validation_frames
-        scenes = [self._held_out.scene(index, frames) for index in range(count)]
-        overlaps: list[float] = []
-        with torch.no_grad():
-            rollout = Rollout(self.averaged, scenes, self.device)
-            for _ in range(frames - 1):
-                rollout.step()
-                overlaps += [value for value in rollout.overlaps() if value is not None]
-        return float(np.mean(overlaps))
+        numbers = range(part * count, (part + 1) * count)
+        scenes = [self._held_out.scene(number, frames) for number in numbers]
+        return tracked(self.averaged, scenes, self.device)
 
     def state(self) -> dict[str, Any]:
         """Return all that a resumption needs."""

@@ -12,6 +12,7 @@ import torch
 from onnx import helper, save
 
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.re3.calibration import Calibration, Tracked, calibrated
 from follower.training.re3.compact import folded
 from follower.training.re3.examples import looked, pair, remembered
 from follower.training.re3.export import AGREEMENT, export_re3
@@ -217,3 +218,15 @@ def test_the_sheet_of_samples_shows_six_scenes(pictures: Pictures) -> None:
 def test_nonsense_is_refused_in_a_stage(stage: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="stage"):
         Stage(**stage)
+
+
+def test_confidence_is_calibrated() -> None:
+    rng = np.random.default_rng(0)
+    logits = rng.normal(3.0, 1.0, 4000)
+    likelihood = 1 / (1 + np.exp(-(2.0 * logits - 4.0)))
+    overlaps = np.where(rng.uniform(size=4000) < likelihood, 0.8, 0.1)
+    found = calibrated(Tracked(logits, overlaps))
+    assert found.slope == pytest.approx(2.0, rel=0.15)
+    assert found.offset == pytest.approx(-4.0, rel=0.2)
+    # Where it is worse than nothing, it is left alone.
+    assert calibrated(Tracked(-logits, overlaps)) == Calibration()
