@@ -1,0 +1,123 @@
+"""What each part of our Re3 is worth, with the same weights: each is left out in turn.
+
+    python benchmarks/re3_departures.py WEIGHTS.onnx FOLDER [FOLDER ...] [--only NAME,NAME]
+
+FOLDER holds sequences as `follower evaluate` reads them. The network was trained as a whole: a
+part left out is missed by the others, so that a network trained without it might lose less.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from follower_vision.box import Box
+from follower_vision.datasets import load_dataset
+from follower_vision.frame import Image
+from follower_vision.motion import IdentityTracker, MotionTracker
+from follower_vision.ope import Sequence, run_ope
+from follower_vision.re3 import Re3Tracker
+from follower_vision.re3_network import Re3Memory, Re3Network, Re3Output, Re3State
+from follower_vision.re3_settings import Re3Settings
+
+NEVER = 1_000_000
+
+
+class WithoutMemory(Re3Network):
+    """Knows the target from the frame before alone, as the paper's network (and GOTURN) does."""
+
+    def look(
+        self,
+        previous: Image,
+        present: Image,
+        box: Box,
+        fill: tuple[float, ...],
+        memory: Re3Memory,
+        state: Re3State,
+    ) -> Re3Output:
+        """Look with the features of the frame before as memory."""
+        seen = super().look(previous, previous, box, fill, memory, state).features
+        ratios = np.array([[box.width / box.scale, box.height / box.scale]], np.float32)
+        return super().look(previous, present, box, fill, Re3Memory(seen, ratios), state)
+
+
+class WithoutRecurrence(Re3Network):
+    """Both LSTM layers stay as they were before the first frame."""
+
+    def look(
+        self,
+        previous: Image,
+        present: Image,
+        box: Box,
+        fill: tuple[float, ...],
+        memory: Re3Memory,
+        state: Re3State,  # noqa: ARG002  part of the interface
+    ) -> Re3Output:
+        """Look with no state."""
+        return super().look(previous, present, box, fill, memory, self.first_state)
+
+
+class ConstantSize(Re3Network):
+    """Its box never grows: a tracker that only finds places, as the first SiamFC's one scale."""
+
+    def look(
+        self,
+        previous: Image,
+        present: Image,
+        box: Box,
+        fill: tuple[float, ...],
+        memory: Re3Memory,
+        state: Re3State,
+    ) -> Re3Output:
+        """Look, and leave the size alone."""
+        output = super().look(previous, present, box, fill, memory, state)
+        kept = output.box * np.array([1, 1, 0, 0], np.float32)
+        return replace(output, box=kept)
+
+
+def variants(weights: Path) -> dict[str, MotionTracker]:
+    """Return the trackers to compare, by name."""
+    whole = Re3Network(weights)
+    return {
+        "identity": IdentityTracker(),
+        "whole": Re3Tracker(whole),
+        "without memory of the first frame": Re3Tracker(WithoutMemory(weights)),
+        "without recurrence": Re3Tracker(WithoutRecurrence(weights)),
+        "size kept": Re3Tracker(ConstantSize(weights)),
+        "reset after 8 frames": Re3Tracker(whole, Re3Settings(reset_frames=8)),
+        "reset after 128 frames": Re3Tracker(whole, Re3Settings(reset_frames=128)),
+        "never reset": Re3Tracker(whole, Re3Settings(reset_frames=NEVER)),
+    }
+
+
+def main() -> None:
+    """Measure and print a row a variant."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("weights", type=Path)
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--only", help="names apart by commas", default="")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    sequences = [one for folder in options.folders for one in load_dataset(folder)[0]]
+    wanted = [name for name in options.only.split(",") if name]
+    print(f"{'variant':36} success@0.5  mean overlap  ms   ({len(sequences)} sequences)")
+    for name, tracker in variants(options.weights).items():
+        if not wanted or name in wanted:
+            success, overlap, ms = np.mean([_measured(tracker, one) for one in sequences], axis=0)
+            print(f"{name:36} {success:11.3f}  {overlap:12.3f}  {ms:.2f}", flush=True)
+
+
+def _measured(tracker: MotionTracker, sequence: Sequence) -> tuple[float, float, float]:
+    run = run_ope(tracker, sequence)
+    pairs = zip(run.boxes[1:], sequence.truth[1:], strict=True)
+    overlaps = np.array([box.iou(truth) for box, truth in pairs if truth is not None])
+    ms = 1000 * float(np.median(run.update_s))
+    return float((overlaps > 0.5).mean()), float(overlaps.mean()), ms
+
+
+if __name__ == "__main__":
+    main()
