@@ -25,6 +25,7 @@ _STARTS_M_S2 = 2.0
 _PIECE_M = 3.0
 _OVERLAP = 0.75
 _LEAST_M = 0.5
+_CLEAR_M = 14.0
 _CROSSING_DEG = (55.0, 125.0)
 _FLIES = "quadrotor"
 _LEVELS_M = 0.8
@@ -61,8 +62,11 @@ def _is_to_be_staged(scenario: Scenario) -> bool:
 def _canopies(
     scenario: Scenario, followed: TargetSettings, path: TargetPath
 ) -> Iterator[SceneryItem]:
-    """Yield the pieces of roof above what the target passes while it is to be hidden."""
-    settings = scenario.occlusions
+    """Yield the pieces of roof above what the target passes while it is to be hidden.
+
+    None stands where the target waits at first, or it could not be pointed out.
+    """
+    settings, (north, east, _) = scenario.occlusions, path.pose(0.0).position_m
     if settings.hidden_s <= 0:
         return
     for number in range(settings.count):
@@ -70,7 +74,9 @@ def _canopies(
         first_m = path.pose(from_s).distance_m
         length_m = max(_LEAST_M, path.pose(from_s + settings.hidden_s).distance_m - first_m)
         for along_m, piece_m in _pieces(first_m, length_m):
-            yield _roof(path, along_m, piece_m, followed, settings)
+            roof = _roof(path, along_m, piece_m, followed, settings)
+            if math.dist(roof.at, (north, east)) > _CLEAR_M:
+                yield roof
 
 
 def _pieces(first_m: float, length_m: float) -> Iterator[tuple[float, float]]:

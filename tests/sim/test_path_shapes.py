@@ -114,6 +114,17 @@ def test_a_canopy_hides_the_target_for_about_as_long_as_was_asked(name: str) -> 
     assert 0.1 * len(runs) == pytest.approx(3.0, abs=1.6)
 
 
+def test_no_canopy_stands_where_the_target_is_pointed_out() -> None:
+    base = load_scenario(FOLDER / "pursue-person.yaml")
+    shape = {"kind": "figure-eight", "speed_m_s": 1.5, "scale_m": 14.0}
+    target = {**base.targets[0].model_dump(mode="json"), "path": {"shape": shape}}
+    hiding = {"hidden_s": 5.0, "count": 4, "first_s": 20.0, "every_s": 10.0}
+    world = World(changed("pursue-person", targets=[target], scatter=[], occlusions=hiding), 3)
+    places = [item.at for item in world.scenario.scenery]
+    assert places, "the eight leads away from where it begins"
+    assert min(math.hypot(*place) for place in places) > 14
+
+
 def test_look_alikes_cross_close_behind_the_target_when_they_are_to() -> None:
     others = {"count": 2, "first_s": 30.0, "every_s": 8.0, "beside_m": 3.0}
     world = World(changed("pursue-car", lookalikes=others))
