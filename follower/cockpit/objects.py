@@ -11,6 +11,7 @@ from follower_vision.clock import Clock
 from follower_vision.detection import Detector
 from follower_vision.detection.scan import scan
 from follower_vision.frame import Frame
+from follower_vision.network import ModelError
 
 _EVERY_S = 0.4
 _MOST = 40
@@ -23,6 +24,7 @@ class Objects:
         make: makes the detector, on that thread.
         newest: returns the newest frame, None before the first.
         show: takes what is seen.
+        say: is told why nothing is.
         clock: for the pace.
     """
 
@@ -31,11 +33,13 @@ class Objects:
         make: Callable[[], Detector],
         newest: Callable[[], Frame | None],
         show: Callable[[list[dict[str, Any]]], None],
+        say: Callable[[str], None],
         clock: Clock,
     ) -> None:
         self._make = make
         self._newest = newest
         self._show = show
+        self._say = say
         self._clock = clock
         self._wanted: frozenset[str] = frozenset()
         self._wake = threading.Event()
@@ -51,7 +55,11 @@ class Objects:
 
     def _run(self) -> None:
         self._wake.wait()
-        detector = self._make()
+        try:
+            detector = self._make()
+        except ModelError as error:
+            self._say(f"Nothing is numbered on the page: {error}")
+            return
         seen = -1
         while True:
             self._wake.wait()

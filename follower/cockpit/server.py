@@ -58,7 +58,7 @@ class CockpitServer:
         objects = None
         if begin.get("detector"):
             make = _detector_maker(begin["detector"])
-            objects = Objects(make, self._newest_frame, self._show_objects, self._clock)
+            objects = Objects(make, self._newest_frame, self._show_objects, self._say, self._clock)
         self._parts = Parts(
             self._hub,
             Access(self._token, self._settings.names),
@@ -80,9 +80,9 @@ class CockpitServer:
             return
         task = asyncio.create_task(self._server().serve([listener]))
         self._tasks.add(task)
-        self._say(f"Cockpit: {self._address(listener.getsockname()[1])}")
         if not self._settings.on_loopback and self._settings.scheme == "http":
             self._say("The cockpit is not encrypted; see cockpit.tls_cert")
+        self._say(f"Cockpit: {self._address(listener.getsockname()[1])}")
 
     def take(self, message: Message) -> None:
         """Take a message from the flight, on the wire's thread."""

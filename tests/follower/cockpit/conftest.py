@@ -97,6 +97,7 @@ class Served:
 
     port: int
     station: Station
+    said: Sequence[str] = ()
 
     @property
     def url(self) -> str:
@@ -107,13 +108,13 @@ class Served:
 class FlyingSimulation(Served):
     """A simulation that goes on while tests look at it."""
 
-    flight: SimulatedFlight
-    clock: SimulatedClock
-    eye: Eye
-    operator: TimedOperator
-    folder: Path
-    began: Settings
-    end: Callable[[], None]
+    flight: SimulatedFlight = field(kw_only=True)
+    clock: SimulatedClock = field(kw_only=True)
+    eye: Eye = field(kw_only=True)
+    operator: TimedOperator = field(kw_only=True)
+    folder: Path = field(kw_only=True)
+    began: Settings = field(kw_only=True)
+    end: Callable[[], None] = field(kw_only=True)
 
 
 @dataclass
@@ -176,7 +177,16 @@ def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FlyingSimul
             recorder.close()
 
         yield FlyingSimulation(
-            said.port, station, flight, clock, eye, operator, folder, settings, end
+            said.port,
+            station,
+            said.lines,
+            flight=flight,
+            clock=clock,
+            eye=eye,
+            operator=operator,
+            folder=folder,
+            began=settings,
+            end=end,
         )
         flight.stop()
         thread.join(60)
@@ -216,7 +226,7 @@ def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
         station, said = start_station(settings, page, runs)
         station.operator = Script()
         stations.append(station)
-        return Served(said.port, station)
+        return Served(said.port, station, said.lines)
 
     yield make
     for station in stations:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import json
 import socket
+import ssl
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,11 @@ import httpx
 import numpy as np
 import pytest
 import schemathesis
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.asyncio.client import connect as connect_async
@@ -25,6 +33,7 @@ from follower.cockpit.settings import CockpitSettings
 from follower_vision.frame import Frame
 
 PATIENCE_S = 30.0
+LOOPBACK = ipaddress.ip_address("127.0.0.1")
 TOKEN = "a token of some length"
 
 
@@ -145,6 +154,48 @@ def test_the_token_opens_it_once_by_cookie_and_each_time_by_header(guarded: Any)
         assert message(one, "hello")["client"]
     bearer = {"authorization": f"Bearer {TOKEN}"}
     assert httpx.get(f"{guarded.url}/api/state", headers=bearer).status_code == 200
+
+
+def test_off_loopback_there_is_a_token_and_a_warning(serve: Any) -> None:
+    served = serve("cockpit.host=0.0.0.0")
+    assert any("not encrypted" in line for line in served.said)
+    address = next(line for line in served.said if line.startswith("Cockpit"))
+    token = address.partition("/#")[2]
+    assert len(token) >= 20
+    assert httpx.get(f"{served.url}/api/state").status_code == 401
+    bearer = {"authorization": f"Bearer {token}"}
+    assert httpx.get(f"{served.url}/api/state", headers=bearer).status_code == 200
+
+
+def test_it_speaks_tls(serve: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("tls")
+    certificate, key = make_certificate(folder)
+    served = serve(f"cockpit.tls_cert={certificate}", f"cockpit.tls_key={key}")
+    trust = ssl.create_default_context(cafile=str(certificate))
+    url = served.url.replace("http", "https")
+    with httpx.Client(verify=trust, base_url=url) as client:
+        assert client.get("/api/state").status_code == 200
+        cookie = client.post("/api/session", json={"token": ""}).headers["set-cookie"]
+        assert "secure" in cookie.lower()
+    with connect(ws(served).replace("ws:", "wss:"), ssl=trust, origin=url) as one:
+        assert message(one, "hello")["client"]
+
+
+def make_certificate(folder: Path) -> tuple[Path, Path]:
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cockpit")])
+    begin = datetime(2020, 1, 1, tzinfo=UTC)
+    made = (
+        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+        .not_valid_before(begin)
+        .not_valid_after(datetime(2120, 1, 1, tzinfo=UTC))
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(LOOPBACK)]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    (folder / "cert.pem").write_bytes(made.public_bytes(Encoding.PEM))
+    secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    (folder / "key.pem").write_bytes(secret)
+    return folder / "cert.pem", folder / "key.pem"
 
 
 def test_guessing_tokens_is_slow(guarded: Any) -> None:

@@ -1,0 +1,134 @@
+"""What the page is told: settings with their ranges, moments, numbered objects; and the pace."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+from follower.cockpit.live_settings import setting_list, setting_values
+from follower.cockpit.moment import moment
+from follower.cockpit.objects import Objects, objects_in
+from follower.flightlog import FlightLog
+from follower.live_status import LiveStatus
+from follower.operator_requests import OperatorRequests
+from follower.pace import Pace
+from follower.settings import Settings
+from follower.target_wish import RequestRefusedError
+from follower_control.setpoint import VelocitySetpoint
+from follower_vision.box import Box
+from follower_vision.clock import MonotonicClock, SimulatedClock
+from follower_vision.detection import Detection
+from follower_vision.frame import Frame
+from follower_vision.network import ModelError
+
+FRAME = Frame(np.zeros((100, 200, 3), np.uint8), 1.0, 5)
+
+
+class TwoCars:
+    """Sees two cars, one of them in the middle."""
+
+    class_names = ("car",)
+
+    def detect(self, image: Any, region: Box | None = None) -> list[Detection]:
+        del image, region
+        return [
+            Detection(Box(20, 20, 60, 20), 0, "car", 0.9),
+            Detection(Box(100, 50, 20, 10), 0, "car", 0.8),
+        ]
+
+
+def test_objects_are_numbered_from_the_middle_with_boxes_inside_the_image() -> None:
+    first, second = objects_in(FRAME, TwoCars())
+    assert (first["number"], first["name"]) == (1, "car:1")
+    assert first["box"] == pytest.approx([0.45, 0.45, 0.55, 0.55])
+    assert second["name"] == "car:2"
+    assert second["box"] == pytest.approx([0.0, 0.1, 0.25, 0.3])
+    json.dumps([first, second])
+
+
+def test_the_detector_is_made_when_somebody_wants_to_see_objects() -> None:
+    made, shown = list[bool](), threading.Event()
+
+    def make() -> TwoCars:
+        made.append(True)
+        return TwoCars()
+
+    objects = Objects(make, lambda: FRAME, lambda _: shown.set(), print, MonotonicClock())
+    assert not shown.wait(0.1)
+    assert not made
+    objects.want("me", True)
+    assert shown.wait(10)
+    objects.want("me", False)
+
+
+def test_a_missing_network_is_said() -> None:
+    said, told = list[str](), threading.Event()
+
+    def make() -> TwoCars:
+        raise ModelError("no such network")
+
+    def say(text: str) -> None:
+        said.append(text)
+        told.set()
+
+    Objects(make, lambda: FRAME, print, say, MonotonicClock()).want("me", True)
+    assert told.wait(10)
+    assert "no such network" in said[0]
+
+
+def test_every_setting_has_a_range_that_holds_its_value_and_a_meaning() -> None:
+    entries = setting_list(Settings())
+    assert [entry["key"] for entry in entries] == list(setting_values(Settings()))
+    for entry in entries:
+        if "low" in entry:
+            assert entry["low"] <= entry["value"] <= entry["high"]
+        if entry["type"] == "choice":
+            assert entry["value"] in entry["choices"]
+    about = {entry["key"]: entry["about"] for entry in entries}
+    assert about["servo.distance_m"] == "wanted distance to the target."
+    assert all(about.values()), [key for key, text in about.items() if not text]
+
+
+def test_the_envelopes_sliders_only_tighten() -> None:
+    requests = OperatorRequests(Settings())
+    for entry in setting_list(Settings()):
+        if entry["key"].startswith("envelope.") and entry["value"] is not None:
+            loose = entry["low"] if "min_" in entry["key"] else entry["high"]
+            assert loose == entry["value"]
+            beyond = loose - 0.5 if "min_" in entry["key"] else loose + 0.5
+            with pytest.raises(RequestRefusedError):
+                requests.change(entry["key"], beyond, "a test")
+
+
+def test_a_moment_has_no_number_that_json_does_not_know() -> None:
+    bad = LiveStatus(
+        1.0,
+        azimuth_error_rad=math.nan,
+        range_m=math.inf,
+        asked=VelocitySetpoint(math.nan, 0, 0, 0),
+        allowed=VelocitySetpoint(1.0, 2.0, 3.0, math.pi),
+    )
+    found = moment(bad, None)
+    json.dumps(found, allow_nan=False)
+    assert found["azimuth_deg"] is None
+    assert found["asked"] is None
+    assert found["allowed"] == [1.0, 2.0, 3.0, 180.0]
+    json.dumps(moment(LiveStatus.of(FlightLog(), 0.0), None), allow_nan=False)
+
+
+def test_simulated_time_waits_for_real_time_and_does_not_catch_up() -> None:
+    simulated, real = SimulatedClock(), SimulatedClock(100.0)
+    pace = Pace(simulated, real)
+    simulated.sleep_until(1.0)
+    pace.wait()
+    assert real.now() == 101.0
+    real.sleep_until(110.0)
+    pace.wait()
+    simulated.sleep_until(2.0)
+    pace.wait()
+    assert real.now() == 111.0
