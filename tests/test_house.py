@@ -65,6 +65,7 @@ def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() ->
     modules = set(python(code).split())
     assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
     assert modules.isdisjoint({"dask", "distributed", "optuna", "pyarrow"})
+    assert modules.isdisjoint({"aiortc", "aioice", "fastapi", "starlette", "uvicorn", "websockets"})
 
 
 def test_nothing_of_ours_imports_matplotlib_outside_reports() -> None:
@@ -96,6 +97,17 @@ def test_python_control_and_scipy_are_for_tuning_alone() -> None:
             if not any(one in path.parents for one in tuning):
                 tops = {name.split(".")[0] for name in imported(path)}
                 assert tops.isdisjoint({"control", "scipy"}), path
+
+
+def test_web_servers_are_for_the_cockpits_process_alone() -> None:
+    """What a flight imports of the cockpit imports none of them."""
+    served = ("app", "conversation", "guard", "server", "webrtc")
+    for folder in SOURCES.values():
+        for path in folder.rglob("*.py"):
+            tops = {name.split(".")[0] for name in imported(path)}
+            within = path.parent == ROOT / "follower" / "cockpit" and path.stem in served
+            web = {"aiortc", "aioice", "fastapi", "starlette", "uvicorn", "websockets"}
+            assert within or tops.isdisjoint(web), path
 
 
 def test_no_ground_truth_is_imported_by_what_sees_or_steers() -> None:

@@ -132,13 +132,22 @@ class Station(ClosesItself):
         return process, Wire(ours, FROM_STATION_BYTES)
 
     def _send_all(self) -> None:
-        with contextlib.suppress(OSError, ValueError):  # the receiver notices and says so
+        with contextlib.suppress(OSError):  # the receiver notices and says so
             while (parcel := self._outbox.wait()) is not None:
                 for message in (*parcel.messages, *self._late_answers()):
-                    self._wire.send(message)
+                    self._send(message)
                 if parcel.picture is not None:
                     self._image.write(parcel.picture.image)
-                    self._wire.send(_picture_message(parcel.picture))
+                    self._send(_picture_message(parcel.picture))
+
+    def _send(self, message: Message) -> None:
+        """Send a message; what JSON cannot say is left out, but for the word that it was."""
+        try:
+            self._wire.send(message)
+        except ValueError as error:
+            self._say(f"The station was not told of a {message['kind']}: {error}")
+            if message["kind"] == "picture":
+                self._outbox.picture_wanted()
 
     def _late_answers(self) -> Sequence[Message]:
         return () if self.operator is None else self.operator.late_answers()
