@@ -101,6 +101,8 @@ class Re3Network(nn.Module):
         self.prior = nn.Linear(hidden, PLACES**2)
         self.summary = _convolution(head + 1, 16, 2)
         self.squeeze = nn.Linear(16 * ((PLACES + 1) // 2) ** 2, hidden)
+        # Unscaled, the maps' features shut the second layer's gates for good.
+        self.levelled = nn.LayerNorm(hidden + 5 + head)
         self.first = nn.LSTMCell(hidden + 5 + head, hidden)
         self.second = nn.LSTMCell(2 * hidden + 5 + head, hidden)
         self.refine = nn.Linear(hidden, 4)
@@ -238,7 +240,7 @@ class Re3Network(nn.Module):
         heat = torch.softmax(scores, dim=1).reshape(-1, 1, PLACES, PLACES)
         scene = self.summary(torch.cat([maps, heat * 10], dim=1)).flatten(1)
         scene = functional.relu(self.squeeze(scene))
-        given = torch.cat([scene, found, look, clues[:, 2:]], dim=1)
+        given = self.levelled(torch.cat([scene, found, look, clues[:, 2:]], dim=1))
         first, first_cell = self.first(given, (state.hidden[0], state.cell[0]))
         both = torch.cat([given, first], dim=1)
         second, second_cell = self.second(both, (state.hidden[1], state.cell[1]))
