@@ -144,7 +144,7 @@ def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     exported = export_re3(network, tmp_path / "tracker.onnx")
     assert exported.difference <= AGREEMENT
     weights = sum(value.numel() for value in network.parameters())
-    assert exported.path.stat().st_size < 2 * weights + 200_000
+    assert exported.path.stat().st_size < 2 * weights + 220_000
 
 
 def test_folding_the_normalisation_in_changes_nothing(pictures: Pictures) -> None:
