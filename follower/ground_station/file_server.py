@@ -36,6 +36,7 @@ class FileServer:
         self._endpoint = endpoint
         self._path = path
         self._data = data
+        self._sender = 0, 0
 
     def hear(self, message: Any) -> None:
         """Take a FILE_TRANSFER_PROTOCOL message; those for others are passed over."""

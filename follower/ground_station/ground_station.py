@@ -120,7 +120,7 @@ class GroundStation(ClosesItself):
         if self._parameters is not None:
             self._parameters.step(now_s)
         if self._extended is not None and not self._clashed:
-            self._extended.step()
+            self._extended.step(now_s)
         if self._target is not None:
             self._target.step(now_s)
 

@@ -5,7 +5,6 @@ See https://mavlink.io/en/services/parameter_ext.html and `camera_definition`.
 
 from __future__ import annotations
 
-import itertools
 import math
 import struct
 from collections import deque
@@ -21,7 +20,8 @@ from follower_control.strict_yaml import SettingsError
 
 _REAL = int(mavlink.MAV_PARAM_EXT_TYPE_REAL32)
 _BY_NAME = -1
-_AT_ONCE = 2
+_EVERY_S = 0.038
+"""Each of them is 161 bytes: a radio of 57600 baud has room for the telemetry beside."""
 
 
 class ParameterExtServer:
@@ -37,6 +37,7 @@ class ParameterExtServer:
         self._requests = requests
         self._names = [one.name for one in parameters()]
         self._waiting: deque[int] = deque()
+        self._told_s = -math.inf
 
     def hear(self, message: Any) -> None:
         """Take a PARAM_EXT_* message; those for others are passed over."""
@@ -51,13 +52,11 @@ class ParameterExtServer:
         elif kind == "PARAM_EXT_SET" and self._endpoint.is_for(message):
             self._on_set(message)
 
-    def step(self) -> None:
+    def step(self, now_s: float) -> None:
         """Send what is due of a list."""
-        for index in itertools.islice(iter(self._next, None), _AT_ONCE):
-            self._tell(index)
-
-    def _next(self) -> int | None:
-        return self._waiting.popleft() if self._waiting else None
+        if self._waiting and now_s - self._told_s >= _EVERY_S:
+            self._told_s = now_s
+            self._tell(self._waiting.popleft())
 
     def _on_read(self, message: Any) -> None:
         """Tell one; the protocol has no answer for what is not there."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +25,8 @@ _REAL = int(mavlink.MAV_PARAM_TYPE_REAL32)
 _MISSING = int(mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 _OUT_OF_RANGE = int(mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
 _BY_NAME = -1
-_AT_ONCE = 4
+_EVERY_S = 0.018
+"""A radio of 57600 baud has room for the telemetry beside so many."""
 _AGAIN_S = (0.0, 0.5, 2.0)
 _LIST_AGAIN_S = 10.0
 _ANNOUNCE_S, _ANNOUNCEMENTS = 5.0, 12
@@ -38,7 +37,7 @@ class ParameterServer:
 
     All parameters are REAL32. One parameter is told after a ground station's heartbeat, because
     QGroundControl asks a companion's component for its list only then; again every five seconds
-    until somebody asks for something. A list leaves a few at a time, and each of it three times: a
+    until somebody asks for something. A list leaves one by one, and each of it three times: a
     ground station that misses one of them for good waits with the vehicle's own.
 
     Args:
@@ -57,9 +56,9 @@ class ParameterServer:
         self._requests = requests
         self._save = save
         self._names = [one.name for one in parameters()] + ([SAVE] if save is not None else [])
-        self._plan: dict[int, deque[float]] = {}
+        self._plan: list[tuple[float, int]] = []
         self._asked = False
-        self._announced_s = self._listed_s = -math.inf
+        self._announced_s = self._listed_s = self._told_s = -math.inf
         self._announcements = 0
         self._settings = requests.settings
 
@@ -87,11 +86,15 @@ class ParameterServer:
             for index, one in enumerate(parameters()):
                 if one.number(before) != one.number(settings):
                     self._tell_surely(index, now_s)
-        due = (index for index, times in self._plan.items() if times[0] <= now_s)
-        for index in list(itertools.islice(due, _AT_ONCE)):
-            self._plan[index].popleft()
-            if not self._plan[index]:
-                del self._plan[index]
+        if now_s - self._told_s >= _EVERY_S:
+            self._tell_one(now_s)
+
+    def _tell_one(self, now_s: float) -> None:
+        """Send the one that has waited longest, if any is due."""
+        due_s, index = min(self._plan, default=(math.inf, 0))
+        if due_s <= now_s:
+            self._told_s = now_s
+            self._plan.remove((due_s, index))
             self._tell(index)
 
     def _tell_all(self, now_s: float) -> None:
@@ -100,7 +103,8 @@ class ParameterServer:
             self._tell_surely(index, now_s)
 
     def _tell_surely(self, index: int, now_s: float) -> None:
-        self._plan[index] = deque(now_s + after_s for after_s in _AGAIN_S)
+        self._plan = [one for one in self._plan if one[1] != index]
+        self._plan += [(now_s + after_s, index) for after_s in _AGAIN_S]
 
     def _is_for_us(self, message: Any) -> bool:
         ours = message.target_component in (0, self._endpoint.component)

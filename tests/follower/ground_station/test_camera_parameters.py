@@ -49,7 +49,7 @@ def test_a_list_brings_all_of_them(make_rig: MakeRig) -> None:
     rig = make_rig()
     peer = station(rig)
     peer.send(mavlink.MAVLink_param_ext_request_list_message(1, CAMERA))
-    rig.run(2.0)
+    rig.run(4.0)
     values = {one.param_id: number(one) for one in peer.of("PARAM_EXT_VALUE", CAMERA)}
     assert values == {one.name: one.number(rig.settings) for one in parameters()}
 
