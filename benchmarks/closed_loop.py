@@ -153,8 +153,8 @@ def scaled(gains: PidSettings, factor: float) -> PidSettings:
 
 def bandwidth(
     flavour: str, sight: Sight, gains, conditions: Conditions, settings: Settings, axis: Axis
-) -> None:
-    """Shake one loop and print predicted and measured responses."""
+) -> tuple[float, float]:
+    """Shake one loop, print predicted and measured responses, and return both bandwidths."""
     tones = loops(flavour, settings, conditions, gains)[axis].bandwidth_rad_s() * np.array(SHARES)
     phases = 2.4 * np.arange(len(SHARES)) ** 2
 
@@ -170,6 +170,7 @@ def bandwidth(
     pairs = "  ".join(f"{w:.2f}: {p:.2f}/{g:.2f}" for w, p, g in zip(tones, said, got, strict=True))
     print(f"  {axis}: bandwidth {a:.2f} predicted, {b:.2f} measured: {100 * (b / a - 1):+.0f} %")
     print(f"    |T| at rad/s, predicted/measured: {pairs}; kept {answer.kept}", flush=True)
+    return a, b
 
 
 def response(answer: Answer, axis: Axis, tones: Array, phases: Array) -> Array:
@@ -243,6 +244,23 @@ def check_onset(flavour: str, sight: Sight, gains, axis: Axis, predicted: float)
     print(f"  {axis}: begins at x{found:.2f}: {100 * (found / predicted - 1):+.0f} %")
 
 
+def usual(flavour: str) -> tuple[Settings, Conditions, dict[Axis, PidSettings]]:
+    """Return the settings, where the loops are looked at, and the gains."""
+    scenario = Scenario.model_validate(yaml.safe_load(STANDING))
+    settings = load_settings(base=base_settings(scenario))
+    delays, follower = find_vehicle(flavour).delays, follower_of(settings)
+    here = Conditions(delays, 14.0, math.radians(-24), size_m=2.5, acceleration_m_s2=0.3)
+    return settings, here, {axis: follower.gains(axis) for axis in Axis}
+
+
+def predicted_onset(flavour: str, axis: Axis) -> float:
+    """Return by what factor the gains may rise, by theory."""
+    settings, here, gains = usual(flavour)
+    harder = replace(here, acceleration_m_s2=1.0)
+    model, follower = find_vehicle(flavour).model(), follower_of(settings)
+    return onset(partial(raised_loop, axis, gains[axis], model, follower, harder))
+
+
 def main() -> None:
     """Fly what the command line asks for, and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -253,13 +271,7 @@ def main() -> None:
     parser.add_argument("--no-onset", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    scenario = Scenario.model_validate(yaml.safe_load(STANDING))
-    settings = load_settings(base=base_settings(scenario))
-    vehicle = find_vehicle(options.flavour)
-    conditions = Conditions(
-        vehicle.delays, 14.0, math.radians(-24), size_m=2.5, acceleration_m_s2=0.3
-    )
-    gains = {axis: follower_of(settings).gains(axis) for axis in Axis}
+    settings, conditions, gains = usual(options.flavour)
     sight = Sight(options.vision)
     print(f"{options.flavour}, {sight}", flush=True)
     for axis in [Axis(one) for one in options.axis or list(Axis)]:
@@ -267,10 +279,7 @@ def main() -> None:
             bandwidth(options.flavour, sight, gains, conditions, settings, axis)
         if options.no_onset:
             continue
-        follower, model = follower_of(settings), vehicle.model()
-        at = replace(conditions, acceleration_m_s2=1.0)
-        raised = partial(raised_loop, axis, gains[axis], model, follower, at)
-        check_onset(options.flavour, sight, gains, axis, onset(raised))
+        check_onset(options.flavour, sight, gains, axis, predicted_onset(options.flavour, axis))
 
 
 if __name__ == "__main__":

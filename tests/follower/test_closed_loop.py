@@ -1,0 +1,45 @@
+"""Linear theory and the simulator agree, in small: azimuth, without pixels.
+
+`benchmarks/closed_loop.py` has all loops, and pixels.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from follower.sight import Sight
+from follower_control.tuning.axes import Axis
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "closed_loop.py"
+
+
+@pytest.fixture(scope="module")
+def closed_loop() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("closed_loop", BENCHMARK)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_the_azimuth_loop_is_as_fast_as_theory_says(closed_loop: ModuleType) -> None:
+    settings, here, gains = closed_loop.usual("px4")
+    predicted, measured = closed_loop.bandwidth(
+        "px4", Sight.TRUTH, gains, here, settings, Axis.AZIMUTH
+    )
+    assert measured == pytest.approx(predicted, rel=0.2)
+
+
+@pytest.mark.slow
+def test_the_azimuth_loop_begins_to_swing_where_theory_says(closed_loop: ModuleType) -> None:
+    _, _, gains = closed_loop.usual("px4")
+    at = closed_loop.predicted_onset("px4", Axis.AZIMUTH)
+    assert not closed_loop.swings("px4", Sight.TRUTH, gains, Axis.AZIMUTH, 0.75 * at)
+    assert closed_loop.swings("px4", Sight.TRUTH, gains, Axis.AZIMUTH, 1.25 * at)
