@@ -165,6 +165,7 @@ def say(summary: Summary, folder: Path, console: Console) -> None:
     """Print the goals, met or not, and where everything lies."""
     for line in summary.lines:
         mark = "[green]met[/]" if line.met else "[bold red]not met[/]"
-        console.print(f"{line.name}: {line.value}, wanted {line.wanted}: {mark}", highlight=False)
+        said = f"{line.name}: {line.value}, wanted {line.wanted}: {mark}"
+        console.print(said, highlight=False, soft_wrap=True)
     for name in (REPORT, RESULTS):
         console.print(f"  {folder / name}", markup=False, highlight=False, soft_wrap=True)

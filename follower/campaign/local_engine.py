@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
@@ -76,7 +77,11 @@ class LocalEngine:
 
 
 def end_with_parent() -> None:
-    """Let this process end when the one that began it is gone, however that ended."""
+    """Let this process end when the one that began it is gone, however that ended.
+
+    Ctrl-C goes to all processes of a terminal; what comes of it is for the first one to say.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
     def wait_for_it() -> None:

@@ -70,6 +70,8 @@ class CampaignProgress:
 
     def left(self) -> str:
         """Return the time to go in words."""
+        if self._done >= self._total:
+            return "done"
         flown = self._done - self._before
         if flown < _FEWEST:
             return "time to go not known yet"

@@ -142,7 +142,8 @@ def _line_of_sight(name: str, angles: Sequence[float | None], goals: Goals) -> G
     limit = goals.max_line_of_sight_rms_deg
     good = sum(angle <= limit for angle in known)
     pooled = math.sqrt(sum(angle * angle for angle in known) / len(known)) if known else math.inf
-    value = f"{pooled:.2f}° over all; runs: {share_text(good, len(angles))}"
+    angle = f"{pooled:.2f}° over all" if known else "not measured"
+    value = f"{angle}; runs: {share_text(good, len(angles))}"
     return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)))
 
 
