@@ -84,10 +84,12 @@ class TimedOperator(FlightOperator):
         super().__init__(flight.requests, flight.stage.hear_cockpit)
         self._clock = clock
         self.stops_s: list[float] = []
+        self.boxes = 0
 
     def ask(self, request: Message, by: str) -> Message | None:
         if request["kind"] == "stop":
             self.stops_s.append(self._clock.now())
+        self.boxes += request["kind"] == "select_box"
         return super().ask(request, by)
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import TimeoutError as TooLateError
 from websockets.sync.client import connect
 
 from follower.flightlog import ControlRecord
@@ -89,7 +90,7 @@ def follow(page: Page, simulation: Any) -> None:
         drag_over_car(page, simulation)
         try:
             page.wait_for_selector("#state[data-state=following]", timeout=PATIENCE_MS / 3)
-        except TimeoutError:
+        except TooLateError:
             continue
         return
     page.wait_for_selector("#state[data-state=following]")
@@ -128,6 +129,42 @@ def test_a_target_that_is_dragged_over_is_followed(page: Page, simulation: Any) 
     )
     page.wait_for_timeout(3000)
     picture(page, "cockpit")
+
+
+def test_what_a_detector_numbers_can_be_tapped(page: Page, simulation: Any) -> None:
+    """There is no detector in this simulation: the page is told what one would see."""
+    wait_for(page, simulation.eye.car, "the car in view")
+    car = simulation.eye.car()
+    left, top, right, bottom = (
+        *(car.left / 320, car.top / 240),
+        *(car.right / 320, car.bottom / 240),
+    )
+    page.evaluate(
+        "box => { wantObjects = true; take({kind: 'objects', objects: "
+        "[{number: 1, name: 'car:1', score: 0.9, box}]}); }",
+        [left, top, right, bottom],
+    )
+    glass = page.locator("#glass").bounding_box()
+    assert glass is not None
+    before = simulation.operator.boxes
+    page.mouse.click(
+        glass["x"] + glass["width"] * (left + right) / 2,
+        glass["y"] + glass["height"] * (top + bottom) / 2,
+    )
+    wait_for(page, lambda: simulation.operator.boxes == before + 1, "the box asked for")
+    page.evaluate("() => { wantObjects = false; objects = []; }")
+    if not is_on_target(simulation):
+        follow(page, simulation)
+
+
+def test_a_browser_without_webrtc_is_shown_pictures(browser: Browser, simulation: Any) -> None:
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script("delete window.RTCPeerConnection")
+    page.goto(simulation.url)
+    page.wait_for_selector("#stage[data-video=mjpeg]")
+    assert page.evaluate("document.querySelector('#mjpeg').naturalWidth") == 320
+    page.close()
 
 
 def test_a_gain_is_changed_and_control_goes_by_it(page: Page, simulation: Any) -> None:
