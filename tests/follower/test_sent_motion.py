@@ -1,13 +1,16 @@
-"""Acceleration and jerk, seen from the packets alone."""
+"""The random flights' rules, seen from the packets alone, and their cheap vehicle."""
 
+import numpy as np
 import pytest
 
 from follower.faults.campaign.invariants import Inputs, InvariantError, Invariants
 from follower.faults.campaign.sent_motion import SentMotion
+from follower.faults.campaign.vehicle import CheapVehicle
 from follower.faults.evidence import WireSetpoint
 from follower.faults.wire_rules import BODY_FRAME, VELOCITY_AND_YAW_RATE
-from follower.settings import Settings
+from follower.settings import Settings, load_settings
 from follower_control.envelope_settings import EnvelopeSettings
+from follower_control.transport import MemoryTransport
 
 LIMITS = EnvelopeSettings(max_acceleration_m_s2=3.0, max_jerk_m_s3=10.0)
 STEP_S = 0.02
@@ -61,3 +64,43 @@ def test_a_velocity_that_its_step_did_not_allow_is_told() -> None:
 def test_steering_by_old_telemetry_is_told() -> None:
     with pytest.raises(InvariantError, match="steering by telemetry"):
         _look(_sent(5, 1.0), allowed=1.0, telemetry_age_s=0.6)
+
+
+def _blind(speeds: list[float]) -> None:
+    """Send these speeds, a step each, after frames have stopped to come."""
+    settings = load_settings(
+        base={"envelope": {"max_acceleration_m_s2": 3.0, "max_jerk_m_s3": 3.0}}
+    )
+    invariants = Invariants(settings, own_mode=4, begun_anew_by_mode=False)
+    for number, speed in enumerate(speeds):
+        setpoint = _sent(number, speed)
+        inputs = Inputs(5.0, 5.0, 0.1, STEP_S, 0.02, False, setpoint.values)
+        invariants.tell(4, setpoint.time_s)
+        invariants.look([setpoint], setpoint.time_s, inputs, engages=False)
+
+
+def _braked(acceleration: float, jerk: float) -> list[float]:
+    speeds = [2.0, 2.0 + acceleration * STEP_S]
+    while acceleration > 0:
+        acceleration -= jerk * STEP_S
+        speeds.append(speeds[-1] + acceleration * STEP_S)
+    return speeds
+
+
+def test_braking_within_the_jerk_may_add_speed_when_nothing_is_seen() -> None:
+    speeds = _braked(3.0, 3.0)
+    assert speeds[-2] - speeds[0] == pytest.approx(1.5, abs=0.1)
+    _blind(speeds)
+
+
+def test_speeding_up_when_nothing_is_seen_is_told() -> None:
+    with pytest.raises(InvariantError, match="the speed grows"):
+        _blind([2.0 + 3.0 * STEP_S * number for number in range(60)])
+
+
+def test_a_vehicle_can_be_handed_a_mode_before_its_first_step() -> None:
+    _, theirs = MemoryTransport.pair()
+    rng = np.random.default_rng(0)
+    vehicle = CheapVehicle("px4", theirs, rng, (0.0, 0.0, -10.0), 0.0)
+    vehicle.enter("RTL")
+    assert vehicle.mode.name == "RTL"
