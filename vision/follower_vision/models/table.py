@@ -21,6 +21,21 @@ def _siam(path: str, *bases: str) -> tuple[str, ...]:
 
 MODELS: tuple[Model, ...] = (
     Model(
+        name="follower-re3",
+        purpose=Purpose.TRACKER,
+        summary="our own Re3, from generated scenes alone; comes along",
+        licence="Apache-2.0",
+        origin="this project: follower train re3",
+        embedded=True,
+        files=(
+            ModelFile(
+                "follower-re3.onnx",
+                2657773,
+                "ec068cb545b4a52d8a70ad2c384fba522b522e47e4ec7ff14eb078ef85112762",
+            ),
+        ),
+    ),
+    Model(
         name="nanotrack-v3",
         purpose=Purpose.TRACKER,
         summary="NanoTrack 3, the most accurate of the three",

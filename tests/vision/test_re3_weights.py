@@ -1,0 +1,86 @@
+"""The Re3 that comes along follows a target, on a machine that has fetched nothing."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from follower_vision.box import Box
+from follower_vision.models import MODELS, ModelStore
+from follower_vision.models.store import EMBEDDED_FOLDER
+from follower_vision.motion import MotionTracker
+from follower_vision.re3_network import Re3Network
+from follower_vision.trackers import RE3_FILE, make_tracker
+
+_MOST_BYTES = 8_000_000
+GROUND = cv2.resize(
+    np.random.default_rng(5).integers(60, 180, (60, 80, 3), dtype=np.uint8), (640, 480)
+)
+PATCH = np.random.default_rng(6).integers(0, 256, (5, 5, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def tracker(tmp_path: Path) -> MotionTracker:
+    return make_tracker("re3", ModelStore(tmp_path / "nothing").file)
+
+
+def scene(box: Box) -> np.ndarray:
+    image = GROUND.copy()
+    x, y, width, height = (round(value) for value in box.xywh)
+    image[y : y + height, x : x + width] = cv2.resize(PATCH, (width, height))
+    return image
+
+
+def test_it_follows_a_patch_that_moves_and_grows(tracker: MotionTracker) -> None:
+    assert tracker.name == "re3"
+    overlaps = []
+    for frame in range(60):
+        truth = Box(150 + 5 * frame, 200 + 40 * np.sin(frame / 8), 50 + 0.4 * frame, 40)
+        if frame == 0:
+            tracker.start(scene(truth), truth)
+        else:
+            overlaps.append(tracker.update(scene(truth)).box.iou(truth))
+    assert np.mean(overlaps) > 0.65
+    assert min(overlaps) > 0.4
+
+
+def test_it_is_sure_of_what_it_sees_and_less_of_what_has_gone(tracker: MotionTracker) -> None:
+    box = Box(300, 200, 50, 40)
+    tracker.start(scene(box), box)
+    seen = [tracker.update(scene(box)).confidence for _ in range(5)]
+    gone = [tracker.update(GROUND).confidence for _ in range(5)]
+    assert min(seen) > max(gone)
+
+
+def test_what_it_remembers_matters(tmp_path: Path) -> None:
+    network = Re3Network(ModelStore(tmp_path).file(RE3_FILE))
+    box, fill = Box(300, 200, 50, 40), (0.0, 0.0, 0.0)
+    memory, state = network.learn(scene(box), box, fill)
+    assert np.abs(state.hidden).mean(axis=(1, 2)).min() > 1e-4  # no layer is shut
+    moved = scene(Box(306, 203, 50, 40))
+    known = network.look(scene(box), moved, box, fill, memory, state)
+    unknown = network.look(scene(box), moved, box, fill, memory, network.first_state)
+    assert np.abs(known.box - unknown.box).max() > 1e-6
+
+
+def test_all_weights_together_stay_small() -> None:
+    files = [file for model in MODELS if model.embedded for file in model.files]
+    assert {file.name for file in files} == {path.name for path in EMBEDDED_FOLDER.glob("*.onnx")}
+    assert sum(file.size_bytes for file in files) <= _MOST_BYTES
+
+
+@pytest.mark.slow
+def test_a_frame_takes_little_of_the_processor(tracker: MotionTracker) -> None:
+    box = Box(300, 200, 50, 40)
+    image = scene(box)
+    tracker.start(image, box)
+    took = []
+    for _ in range(100):
+        before = time.process_time()
+        tracker.update(image)
+        took.append(time.process_time() - before)
+    assert np.median(took) < 0.004
