@@ -17,6 +17,8 @@ EPILOG = """
 `follower identify runs/excite-2 runs/fly` – an identification flight for the vehicle's answers, a
 pursuit for the camera's delay and the target's size
 
+`follower identify log_17.ulg` – PX4's own log of a flight with velocity setpoints
+
 `follower identify data/autopilot_steps/px_*.csv` – steps recorded as CSV
 
 Writes vehicle.yaml, which `follower tune` takes, and identification.html with what was recorded
@@ -27,7 +29,9 @@ beside what the model says. Read docs/tuning.md first.
 def identify_command(
     flights: Annotated[
         list[Path],
-        typer.Argument(help="Folders of flights of one vehicle, or CSV files of recorded steps."),
+        typer.Argument(
+            help="Of one vehicle: folders of flights, PX4 logs (.ulg), CSV files of recorded steps."
+        ),
     ],
     report: Annotated[bool, typer.Option(help="Write the report with its plots.")] = True,
     out: Out = Path("runs"),

@@ -12,6 +12,7 @@ from rich.progress import track
 from rich.table import Table
 
 from follower.identify.flights import read_flight
+from follower.identify.px4_log import read_px4_log
 from follower.identify.recording import Recording, VehicleAxis
 from follower.identify.result import Identification, Spread
 from follower.identify.step_files import read_steps
@@ -72,11 +73,12 @@ def identify(options: IdentifyOptions) -> int:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a flight's folder or a CSV file of steps.
+    """Read a flight's folder, a PX4 log or a CSV file of steps.
 
     Raises:
         SettingsError: it is neither.
         FlightFileError: it is a folder without a flight.
+        TelemetryError: it is a log that cannot be used.
     """
     if not path.exists():
         raise SettingsError(f"{path}: there is no such file or folder")
@@ -85,9 +87,11 @@ def read_recording(path: Path) -> Recording:
             return read_flight(path if path.is_dir() else path.parent)
         if path.suffix == ".csv":
             return read_steps(path)
+        if path.suffix == ".ulg":
+            return read_px4_log(path)
     except TooLittleError as error:
         raise SettingsError(f"{path}: {error}") from None
-    raise SettingsError(f"{path}: give flights' folders, or CSV files of recorded steps")
+    raise SettingsError(f"{path}: give flights' folders, PX4 logs (.ulg), or CSV files of steps")
 
 
 def identification(

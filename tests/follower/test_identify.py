@@ -2,6 +2,7 @@
 
 import math
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from follower.identify.recording import VehicleAxis
 from follower.identify.result import Spread, load_vehicle
 from follower.report.identification import write_identification
 from follower_control.strict_yaml import SettingsError
-from follower_control.tuning.response_data import TooLittleError
+from follower_control.tuning.response_data import ResponseData, TooLittleError
+from follower_control.tuning.response_model import ResponseModel
 from follower_control.tuning.size_relation import fit_size
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +56,7 @@ def test_what_is_no_recording_is_refused_in_plain_words(tmp_path: Path) -> None:
         read_recording(tmp_path / "missing")
     other = tmp_path / "a.txt"
     other.write_text("x")
-    with pytest.raises(SettingsError, match="folders, or CSV files"):
+    with pytest.raises(SettingsError, match="folders, PX4 logs"):
         read_recording(other)
     csv = tmp_path / "a.csv"
     csv.write_text("time,value\n1,2\n")
@@ -63,6 +65,51 @@ def test_what_is_no_recording_is_refused_in_plain_words(tmp_path: Path) -> None:
     csv.write_text("")
     with pytest.raises(SettingsError, match="recorded steps"):
         read_recording(csv)
+
+
+def write_ulog(path: Path, answer: ResponseModel) -> Path:
+    """Write PX4's format: steps north and in yaw while the nose looks east, at 50 Hz."""
+    formats = {
+        "vehicle_attitude": "uint64_t timestamp;float[4] q;",
+        "vehicle_angular_velocity": "uint64_t timestamp;float[3] xyz;",
+        "vehicle_local_position": "uint64_t timestamp;"
+        + "".join(f"float {name};" for name in ("x", "y", "z", "vx", "vy", "vz")),
+        "trajectory_setpoint": "uint64_t timestamp;float[3] velocity;float yawspeed;",
+    }
+    times = np.arange(0.0, 24.0, 0.02)
+    steps = np.array([0.0, 2.0, 6.0, 10.0, 14.0, 18.0])
+    levels = np.array([0.0, 1.0, -1.0, 0.0, 2.0, 0.0])
+    flown = ResponseData("", steps, levels, times, 0 * times).predicted(answer)
+    asked = levels[np.searchsorted(steps, times, "right") - 1]
+    out = [b"\x55\x4c\x6f\x67\x01\x12\x35\x01" + struct.pack("<Q", 0), _part("B", bytes(40))]
+    out += [_part("F", f"{name}:{fields}".encode()) for name, fields in formats.items()]
+    out += [_part("A", struct.pack("<BH", 0, n) + k.encode()) for n, k in enumerate(formats)]
+    east = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+    for t, speed, wanted in zip(times.tolist(), flown.tolist(), asked.tolist(), strict=True):
+        rows = (east, (0, 0, 0.3 * speed), (0, 0, -9, speed, 0, 0), (wanted, 0, 0, 0.3 * wanted))
+        for number, row in enumerate(rows):
+            stamp = round(1e6 * (t + 1.0))
+            out.append(_part("D", struct.pack(f"<HQ{len(row)}f", number, stamp, *row)))
+    path.write_bytes(b"".join(out))
+    return path
+
+
+def _part(kind: str, data: bytes) -> bytes:
+    return struct.pack("<HB", len(data), ord(kind)) + data
+
+
+def test_a_px4_log_gives_the_axes_in_the_vehicles_own_frame(tmp_path: Path) -> None:
+    truth = ResponseModel(0.9, 0.2, 0.4)
+    found = identification([read_recording(write_ulog(tmp_path / "log.ulg", truth))])
+    assert set(found.fits) == {VehicleAxis.RIGHT, VehicleAxis.YAW_RATE}
+    for fit in found.fits.values():
+        assert fit.model.gain == pytest.approx(0.9, abs=0.02)
+        assert fit.model.dead_time_s == pytest.approx(0.2, abs=0.04)
+        assert fit.held_out_fit > 0.95
+    with pytest.raises(ValueError, match="no PX4 log"):
+        other = tmp_path / "other.ulg"
+        other.write_text("no")
+        read_recording(other)
 
 
 def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
