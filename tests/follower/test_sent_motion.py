@@ -67,14 +67,14 @@ def test_steering_by_old_telemetry_is_told() -> None:
 
 
 def _blind(speeds: list[float]) -> None:
-    """Send these speeds, a step each, after frames have stopped to come."""
-    settings = load_settings(
-        base={"envelope": {"max_acceleration_m_s2": 3.0, "max_jerk_m_s3": 3.0}}
-    )
+    """Send these speeds, a step each; after the first one the frames are too old."""
+    envelope = {"max_acceleration_m_s2": 3.0, "max_jerk_m_s3": 3.0}
+    settings = load_settings(base={"envelope": envelope})
     invariants = Invariants(settings, own_mode=4, begun_anew_by_mode=False)
     for number, speed in enumerate(speeds):
         setpoint = _sent(number, speed)
-        inputs = Inputs(5.0, 5.0, 0.1, STEP_S, 0.02, False, setpoint.values)
+        age_s = 5.0 if number else 0.0
+        inputs = Inputs(age_s, age_s, 0.1, STEP_S, 0.02, False, setpoint.values)
         invariants.tell(4, setpoint.time_s)
         invariants.look([setpoint], setpoint.time_s, inputs, engages=False)
 
