@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import ssl
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,8 @@ def open_station(
         say: is shown each line for the user.
 
     Raises:
-        SettingsError: the page needs what is not installed, or its token cannot be read.
+        SettingsError: the page needs what is not installed, or its token or certificate cannot be
+            read.
     """
     if not cockpit and not settings.video.on:
         return None
@@ -49,6 +51,7 @@ def open_station(
     }
     if cockpit:
         _check_installed()
+        _check_certificate(settings.cockpit)
         wanted = TypeAdapter(CockpitSettings).dump_python(settings.cockpit, mode="json")
         begin |= {"cockpit": wanted, "token": token_for(settings.cockpit)}
     return Station(begin, say)
@@ -60,3 +63,15 @@ def _check_installed() -> None:
         raise SettingsError(
             f"--cockpit needs {', '.join(missing)}: pip install 'drone-target-follower[cockpit]'"
         )
+
+
+def _check_certificate(settings: CockpitSettings) -> None:
+    if settings.tls_cert is None:
+        return
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(settings.tls_cert, settings.tls_key)
+    except OSError as error:
+        raise SettingsError(
+            f"cockpit.tls_cert, cockpit.tls_key: cannot be used: {error.strerror or error}"
+        ) from None

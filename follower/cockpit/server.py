@@ -80,9 +80,15 @@ class CockpitServer:
             return
         task = asyncio.create_task(self._server().serve([listener]))
         self._tasks.add(task)
+        task.add_done_callback(self._ended)
         if not self._settings.on_loopback and self._settings.scheme == "http":
             self._say("The cockpit is not encrypted; see cockpit.tls_cert")
         self._say(f"Cockpit: {self._address(listener.getsockname()[1])}")
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            self._say(f"The cockpit ended: {error}")
 
     def take(self, message: Message) -> None:
         """Take a message from the flight, on the wire's thread."""

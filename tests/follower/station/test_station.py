@@ -210,6 +210,25 @@ def test_a_flight_without_the_extra_says_what_to_install(
         open_station(Settings(), True, {}, tmp_path, print)
 
 
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("cockpit.token_file=nowhere", "token_file"),
+        ("cockpit.token_file=short", "at least 12"),
+        ("cockpit={tls_cert: nowhere, tls_key: nowhere}", "tls_cert"),
+        ("cockpit={tls_cert: short, tls_key: short}", "tls_cert"),
+    ],
+)
+def test_a_token_or_certificate_that_cannot_be_used_is_refused_before_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, override: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short").write_text("secret\n", "utf-8")
+    settings = load_settings(None, None, (override,))
+    with pytest.raises(SettingsError, match=words):
+        open_station(settings, True, {}, tmp_path, print)
+
+
 def test_video_alone_needs_no_web_server(station: tuple[Station, list[str]]) -> None:
     one, said = station
     until(lambda: any("rtsp://" in line for line in said))
