@@ -176,6 +176,17 @@ def test_any_point_is_refused_or_can_be_looked_at(x: float, y: float) -> None:
     assert outcome.accepted == (outcome.box is not None)
 
 
+def test_a_box_around_a_point_takes_in_all_parts_of_the_thing() -> None:
+    image = frame().image.copy()
+    image[40:60, 70:100] = image[10:30, 10:40]
+    image[50:62, 70:80], image[62:76, 70:80] = (40, 30, 200), (120, 60, 30)
+    person = Box(75, 63, 10, 26)
+    for y in (54, 58, 66, 72):
+        box = box_around(image, 75, y)
+        assert box is not None
+        assert box.iou(person) > 0.7
+
+
 @pytest.mark.parametrize(("x", "y"), [(0, 0), (159.9, 0), (0, 119.9), (160, 120), (85, 50)])
 def test_a_box_around_a_point_holds_it(x: float, y: float) -> None:
     box = box_around(frame().image, x, y)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import Any
 
 import cv2
@@ -11,80 +9,90 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_vision.box import Box
-from follower_vision.boxgrowth import grown_to_contrast
 from follower_vision.frame import Image
 
-_REACH_SHARE = 0.25
-_TOLERANCES = (4, 6, 9, 13, 18, 24, 32)
+_REACHES = (0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
+"""Half the side of the part looked at, as shares of the image's longer side."""
+_LARGEST_PX = 640
+"""Larger images are made smaller: a click is not to hold up vision."""
+_INNER = 0.72
+"""The ring of surroundings begins at this share of the reach."""
+_BINS = 24
+_RARE = 0.25
 _LEAST_PX = 12
-_LARGEST_SHARE = 0.5
-_GROWTH_RATIO = 0.15
-_BLUR_PX = 3
+_LEAST_SIDE_PX = 3
+_NEAR_PX = 4.0
+
+_Rect = tuple[int, int, int, int]
 
 
 def box_around(image: Image, x: float, y: float) -> Box | None:
-    """Return the box of the region of like colour around a point, None if none stands out.
+    """Return the box of what stands out from its surroundings at a point, None if nothing does.
 
-    Regions are grown from the point in Lab with ever larger tolerance, within a quarter of the
-    image around it. The one taken is the most stable: the one whose area grows least from one
-    tolerance to the next, after the idea of Matas et al., "Robust wide baseline stereo from
-    maximally stable extremal regions" (BMVC 2002). Ground and sky run to the border of what is
-    looked at, and are no thing.
+    In ever larger squares about the point, the pixels whose colour is rare in the ring at the
+    square's border are taken for the thing, and what is connected under the point is its extent.
+    The largest square counts in which that does not reach the ring: in smaller ones it may be a
+    part, such as a shirt. Within a large thing the ring has its own colours, and on open ground
+    nothing is rare.
 
     Args:
         image: (H, W, 3) uint8 BGR.
         x: of the point, in pixels.
         y: likewise.
     """
-    window, left, top = _window(image, x, y)
-    if min(window.shape[:2]) < 3:
-        return None
-    lab = cv2.cvtColor(cv2.medianBlur(window, _BLUR_PX), cv2.COLOR_BGR2Lab)
+    zoom = min(1.0, _LARGEST_PX / max(image.shape[:2]))
+    small = cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
+    lab = cv2.cvtColor(small, cv2.COLOR_BGR2Lab)
+    place = int(x * zoom), int(y * zoom)
+    sides = (max(round(reach * max(small.shape[:2])), 8) for reach in _REACHES)
+    found = [rect for side in sides if (rect := _within(lab, *place, side)) is not None]
+    return Box.from_xywh(*(length / zoom for length in found[-1])) if found else None
+
+
+def _within(lab: npt.NDArray[Any], x: int, y: int, side: int) -> _Rect | None:
     height, width = lab.shape[:2]
-    seed = min(int(x) - left, width - 1), min(int(y) - top, height - 1)
-    regions = [_region(lab, seed, tolerance) for tolerance in _TOLERANCES]
-    best = _most_stable(regions, width, height)
-    if best is None:
+    left, right = max(x - side, 0), min(x + side + 1, width)
+    top, bottom = max(y - side, 0), min(y + side + 1, height)
+    part = lab[top:bottom, left:right]
+    if min(part.shape[:2]) < _LEAST_SIDE_PX:
         return None
-    box = Box.from_xywh(best[0] + left, best[1] + top, best[2], best[3])
-    return grown_to_contrast(image, box, _GROWTH_RATIO)
+    rows = np.abs(np.arange(top, bottom) - y)[:, None]
+    columns = np.abs(np.arange(left, right) - x)[None, :]
+    ring = np.maximum(rows, columns) > _INNER * side
+    rect = _under(_rare(part, ring), ring, x - left, y - top)
+    return None if rect is None else (rect[0] + left, rect[1] + top, rect[2], rect[3])
 
 
-def _window(image: Image, x: float, y: float) -> tuple[Image, int, int]:
-    """Return the part looked at, with its left and top edges in the image."""
-    height, width = image.shape[:2]
-    reach = _REACH_SHARE * max(height, width)
-    left, right = max(int(x - reach), 0), min(math.ceil(x + reach), width)
-    top, bottom = max(int(y - reach), 0), min(math.ceil(y + reach), height)
-    return np.ascontiguousarray(image[top:bottom, left:right]), left, top
+def _rare(part: npt.NDArray[Any], ring: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Return 1 where a pixel's colour is rare in the ring, else 0."""
+    bins = (part.astype(np.int32) * _BINS) >> 8
+    # Light and shade matter less than colour.
+    index = (bins[..., 0] // 2 * _BINS + bins[..., 1]) * _BINS + bins[..., 2]
+    counts = np.bincount(index[ring], minlength=_BINS**3 // 2).astype(np.float32)
+    cube = counts.reshape(_BINS // 2, _BINS, _BINS)
+    for axis in range(3):
+        cube = cube + np.roll(cube, 1, axis) + np.roll(cube, -1, axis)
+    density = cube.ravel()[index]
+    usual = float(np.median(density[ring]))
+    mask = np.asarray(density < _RARE * usual, np.uint8)
+    kernel = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(cv2.medianBlur(mask, 3), cv2.MORPH_CLOSE, kernel)
+    return np.asarray(closed, np.uint8)
 
 
-def _region(
-    lab: npt.NDArray[Any], seed: tuple[int, int], tolerance: int
-) -> tuple[int, tuple[int, int, int, int]]:
-    """Return area and x, y, width, height of what is within a tolerance of the seed's colour."""
-    mask = np.zeros((lab.shape[0] + 2, lab.shape[1] + 2), np.uint8)
-    flags = 4 | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY | (1 << 8)
-    near = (2 * tolerance, tolerance, tolerance)
-    area, _, _, (x, y, width, height) = cv2.floodFill(lab, mask, seed, 0, near, near, flags)
-    return int(area), (x, y, width, height)
-
-
-def _most_stable(
-    regions: list[tuple[int, tuple[int, int, int, int]]], width: int, height: int
-) -> tuple[int, int, int, int] | None:
-    best: tuple[int, int, int, int] | None = None
-    least = math.inf
-    for (area, rect), (next_area, _) in itertools.pairwise(regions):
-        growth = (next_area - area) / max(area, 1)
-        if area >= _LEAST_PX and growth < least and not _is_surroundings(rect, width, height):
-            least, best = growth, rect
-    return best
-
-
-def _is_surroundings(rect: tuple[int, int, int, int], width: int, height: int) -> bool:
-    x, y, across, down = rect
-    if across * down > _LARGEST_SHARE * width * height:
-        return True
-    touched = (x <= 0) + (y <= 0) + (x + across >= width) + (y + down >= height)
-    return touched >= 2
+def _under(mask: npt.NDArray[np.uint8], ring: npt.NDArray[Any], x: int, y: int) -> _Rect | None:
+    """Return the box of the component at a point, or just beside it, unless it is in the ring."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    rows, columns = np.nonzero(labels)
+    if not len(rows):
+        return None
+    distances = np.hypot(rows - y, columns - x)
+    nearest = int(np.argmin(distances))
+    if distances[nearest] > _NEAR_PX:
+        return None
+    label = labels[rows[nearest], columns[nearest]]
+    left, top, across, down, area = (int(value) for value in stats[label])
+    too_small = area < _LEAST_PX or min(across, down) < _LEAST_SIDE_PX
+    if too_small or np.any(ring[labels == label]):
+        return None
+    return left, top, across, down
