@@ -21,6 +21,23 @@ def _siam(path: str, *bases: str) -> tuple[str, ...]:
 
 MODELS: tuple[Model, ...] = (
     Model(
+        name="follower-detector",
+        purpose=Purpose.DETECTOR,
+        summary="our own, 256 pixels, for the simulator's scenes alone; comes along",
+        licence="Apache-2.0",
+        origin="this project: follower train detector",
+        family="yolov2",
+        classes="person, car, boat, quadrotor",
+        embedded=True,
+        files=(
+            ModelFile(
+                "follower-detector.onnx",
+                3796726,
+                "b3ada03c7b873e2c609788fdab2b719156fdef6eec10564d4aa4948a3e543862",
+            ),
+        ),
+    ),
+    Model(
         name="follower-re3",
         purpose=Purpose.TRACKER,
         summary="our own Re3, from generated scenes alone; comes along",
