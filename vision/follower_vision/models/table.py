@@ -48,7 +48,7 @@ MODELS: tuple[Model, ...] = (
             ModelFile(
                 "follower-re3.onnx",
                 2657773,
-                "ec068cb545b4a52d8a70ad2c384fba522b522e47e4ec7ff14eb078ef85112762",
+                "9408461e5ea3e2ef9810d7b37b73d12b55c373f8b60ef1fc5fb2c5c17d48c599",
             ),
         ),
     ),
