@@ -104,7 +104,7 @@ def faults_command(
         from follower.faults.page import write_into
         from follower.faults.results import Results
 
-        write_into(docs, Results(out / RESULTS), Tally.load(out / TALLY, seed))
+        write_into(docs, Results(out / RESULTS), Tally.load(out / TALLY))
     raise typer.Exit(_FAILED if failed else 0)
 
 

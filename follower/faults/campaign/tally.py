@@ -67,10 +67,10 @@ class Tally:
         write_whole(path, json.dumps(asdict(self), indent=1) + "\n")
 
     @classmethod
-    def load(cls, path: Path, seed: int) -> Tally:
-        """Read it, or begin anew if there is none or it is of another seed."""
+    def load(cls, path: Path, seed: int | None = None) -> Tally:
+        """Read it, or begin anew if there is none or it is not of this seed; None takes any."""
         if path.exists():
             tally = cls(**json.loads(path.read_text("utf-8")))
-            if tally.seed == seed:
+            if seed in (None, tally.seed):
                 return tally
-        return cls(seed=seed)
+        return cls(seed=seed or 0)
