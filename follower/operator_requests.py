@@ -73,7 +73,7 @@ class OperatorRequests:
 
     def __init__(self, settings: Settings) -> None:
         self._began = self._settings = settings
-        self._lock = threading.Lock()
+        self._checking, self._lock = threading.Lock(), threading.Lock()
         self._target: TargetRequest | None = None
         self._stop = False
         self._orders: list[Order] = []
@@ -93,7 +93,7 @@ class OperatorRequests:
 
         A loop's come together: what a file says of a loop stands for all of it.
         """
-        with self._lock:
+        with self._checking:
             loops = {key.rpartition(".")[0] for key in self._changed if key.count(".") > 1}
             keys = [one.key for one in live_keys()]
             wanted = [k for k in keys if k in self._changed or k.rpartition(".")[0] in loops]
@@ -176,21 +176,26 @@ class OperatorRequests:
         Raises:
             RequestRefusedError: one may not be changed in flight or cannot be used; then none is.
         """
-        with self._lock:
-            try:
-                wanted = [SettingChange.of(key, value) for key, value in values.items()]
-                settings = changed(self._settings, wanted, self._began)
-            except SettingsError as error:
-                raise RequestRefusedError(str(error).removeprefix("in flight: ")) from None
-            if len(self._changes) + len(wanted) > _MOST_WAITING:
-                raise RequestRefusedError("control has not taken the last changes yet")
-            self._changes += wanted
-            self._changed.update(values)
-            for one in wanted:
-                before = value_at(self._settings, one.key)
-                self._note(f"{one.key}: {before} -> {one.value}, by {by}")
-            self._settings = settings
-            return settings
+        # Checking takes milliseconds, for which control must not have to wait.
+        with self._checking:
+            settings, wanted = self._checked(values)
+            with self._lock:
+                if len(self._changes) + len(wanted) > _MOST_WAITING:
+                    raise RequestRefusedError("control has not taken the last changes yet")
+                self._changes += wanted
+                self._changed.update(values)
+                for one in wanted:
+                    before = value_at(self._settings, one.key)
+                    self._note(f"{one.key}: {before} -> {one.value}, by {by}")
+                self._settings = settings
+        return settings
+
+    def _checked(self, values: Mapping[str, Any]) -> tuple[Settings, list[SettingChange]]:
+        try:
+            wanted = [SettingChange.of(key, value) for key, value in values.items()]
+            return changed(self._settings, wanted, self._began), wanted
+        except SettingsError as error:
+            raise RequestRefusedError(str(error).removeprefix("in flight: ")) from None
 
     def take_target(self) -> TargetRequest | None:
         """Return the newest wish for a target, once; for vision."""

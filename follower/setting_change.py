@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -83,13 +84,16 @@ class LiveKey:
     optional: bool
 
 
-def live_keys() -> Iterator[LiveKey]:
-    """Give every setting that may be changed in flight, in the order of the settings."""
+@cache
+def live_keys() -> tuple[LiveKey, ...]:
+    """Return every setting that may be changed in flight, in the order of the settings."""
+    found = []
     for section, names in _SECTIONS.items():
         law = Settings.model_fields[section].annotation
         for one in _leaves(section, law):
             if names is None or one.key.partition(".")[2] in names:
-                yield one
+                found.append(one)
+    return tuple(found)
 
 
 def value_at(settings: Settings, key: str) -> Any:

@@ -103,7 +103,7 @@ class Parameter:
 @cache
 def parameters() -> tuple[Parameter, ...]:
     """Return all parameters, in the order of the settings."""
-    keys = tuple(live_keys())
+    keys = live_keys()
     short = [_name(one.key, with_unit=False) for one in keys]
     names = [
         name if short.count(name) == 1 else _name(one.key, with_unit=True)
