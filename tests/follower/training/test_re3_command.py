@@ -1,0 +1,70 @@
+"""`follower train re3`, interrupted, resumed and exported: what a training's folder holds."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from follower.cli import app
+from follower_vision.re3_network import Re3Network
+
+RECIPE = """
+name: tiny
+licence: Apache-2.0
+training:
+  network: {channels: 16, hidden: 16, head: 16}
+  stages: [{steps: 2, batch: 2}, {steps: 1, batch: 2, unroll: 2}]
+  validate_every: 2
+  validation_scenes: 2
+  validation_frames: 3
+  save_every: 1
+"""
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def follower(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
+    recipe = tmp_path / "tiny.yaml"
+    recipe.write_text(RECIPE, encoding="utf-8")
+    follower("train", "re3", "--config", str(recipe), "--out", str(tmp_path), "--device", "cpu")
+    folder = tmp_path / "tiny"
+    made = {path.name for path in folder.iterdir()}
+    wanted = {"config.yaml", "checkpoint.pt", "samples.png", "log.csv", "tiny.onnx", "tiny.md"}
+    assert made >= wanted
+    with (folder / "log.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["1", "2", "3"]
+    assert [row["stage"] for row in rows] == ["0", "0", "1"]
+    assert rows[1]["overlap"]
+    network = Re3Network(folder / "tiny.onnx")
+    assert network.first_state.hidden.shape == (2, 1, 16)
+    assert "Apache-2.0" in (folder / "tiny.md").read_text(encoding="utf-8")
+
+    card = (folder / "tiny.md").read_text(encoding="utf-8")
+    (folder / "tiny.onnx").unlink()
+    output = follower("export", str(folder))
+    sha256 = output.split("sha256 ")[1].strip()
+    assert sha256 in card
+    assert (folder / "tiny.onnx").is_file()
+
+    assert "tiny.onnx" in follower("train", "re3", "--resume", str(folder), "--device", "cpu")
+
+
+def test_sequences_are_written_where_evaluate_finds_them(tmp_path: Path) -> None:
+    follower("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
+    assert len(list((tmp_path / "out").glob("generated_*/img/*.jpg"))) == 6
