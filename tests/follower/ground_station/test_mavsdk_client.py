@@ -14,6 +14,8 @@ from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
 from follower.ground_station.parameter_table import parameters
 from follower.target_wish import NoTargetWish, PointWish, RectangleWish
 
+pytestmark = pytest.mark.slow
+
 MakeRig = Callable[..., Any]
 _PATIENCE_S = 20.0
 

@@ -1,0 +1,61 @@
+"""What the settings make of the ground station's side of a flight."""
+
+from typing import Any
+
+import pytest
+
+from follower.fly.options import FlyOptions
+from follower.ground_station.opening import _with_stream, operators_finder
+from follower.ground_station.settings import GroundStationSettings
+from follower.settings import Settings, load_settings
+from follower_control.strict_yaml import SettingsError
+
+ON = "ground_station.enabled=true"
+
+
+def test_a_flight_needs_no_target_that_a_ground_station_will_choose() -> None:
+    options = FlyOptions("udpin:127.0.0.1:14540", "0", overrides=(ON,))
+    assert "ground station" in options.wish
+    with pytest.raises(SettingsError, match=r"ground_station\.enabled"):
+        FlyOptions("udpin:127.0.0.1:14540", "0")
+
+
+def test_it_is_off_unless_asked_for() -> None:
+    assert not Settings().ground_station.enabled
+    assert operators_finder(Settings(), cockpit=False) is None
+    assert operators_finder(Settings(), cockpit=True) is not None
+    assert operators_finder(load_settings(overrides=[ON]), cockpit=False) is not None
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({}, ""),
+        ({"video": {"rtsp": "192.168.1.5:8554"}}, "rtsp://192.168.1.5:8554/live"),
+        ({"video": {"rtsp": "0.0.0.0:8554"}}, ""),
+        ({"video": {"udp": "192.168.1.20:5600"}}, "udp://0.0.0.0:5600"),
+        (
+            {"video": {"udp": "10.0.0.2:5600"}, "ground_station": {"video_uri": "rtsp://a/b"}},
+            "rtsp://a/b",
+        ),
+    ],
+)
+def test_our_own_video_is_told_of_where_its_address_is_known(
+    settings: dict[str, Any], told: str
+) -> None:
+    assert _with_stream(load_settings(base=settings)).video_uri == told
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"camera_component": 99},
+        {"image_rate_hz": 0.0},
+        {"target_rate_hz": float("nan")},
+        {"target_system": 0},
+        {"video_uri": "rtsp://" + "a" * 160},
+    ],
+)
+def test_nonsense_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(values))):
+        GroundStationSettings(**values)
