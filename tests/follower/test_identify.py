@@ -106,9 +106,9 @@ def test_a_px4_log_gives_the_axes_in_the_vehicles_own_frame(tmp_path: Path) -> N
         assert fit.model.gain == pytest.approx(0.9, abs=0.02)
         assert fit.model.dead_time_s == pytest.approx(0.2, abs=0.04)
         assert fit.held_out_fit > 0.95
+    other = tmp_path / "other.ulg"
+    other.write_text("no")
     with pytest.raises(ValueError, match="no PX4 log"):
-        other = tmp_path / "other.ulg"
-        other.write_text("no")
         read_recording(other)
 
 

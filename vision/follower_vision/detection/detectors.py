@@ -11,7 +11,6 @@ from follower_vision.models.model import Model, Purpose
 from follower_vision.models.store import ModelStore
 from follower_vision.network import ModelError
 
-
 EMBEDDED = "embedded"
 """Another name for the detector that is part of this package."""
 

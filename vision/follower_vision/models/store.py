@@ -11,7 +11,6 @@ from follower_vision.models.model import Model, ModelFile
 from follower_vision.models.table import MODELS
 from follower_vision.network import ModelError
 
-
 EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
 """Where the networks lie that are part of this package."""
 
