@@ -206,13 +206,12 @@ def demo(
     record: Record = True,
     link: LinkKind = None,
 ) -> None:
-    """Fly a pursuit: a car vanishes in a hall, another one crosses, and it is found again.
+    """Fly a pursuit: a car on a winding road, a drone with a camera behind it.
 
-    Takes about 40 s in real time. Afterwards runs/hidden holds the video, an HTML report and the
-    score. The exit code is 0 if the pursuit succeeded, 1 if it failed. `follower sim demo` flies a
-    longer pursuit on a winding road, without a detector.
+    Takes about a minute and a half in real time. Afterwards runs/demo holds the video, an HTML
+    report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed.
     """
-    sim("hidden", autopilot, seed, lockstep, config, overrides, connect, out, video, record, link)
+    sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record, link)
 
 
 @app.command(epilog=_SIM_EPILOG)
