@@ -157,5 +157,6 @@ class ServoSettings:
             raise ValueError(f"orbit_m_s lies within max_sideways_m_s, not {self.orbit_m_s}")
         if self.orbit_deg_s is not None and not abs(self.orbit_deg_s) <= 90:
             raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
-        if not 0 <= self.course_filter_s < math.inf:
-            raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
+        for name in ("course_filter_s", "target_speed_filter_s", "own_speed_lag_s"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is not negative, not {getattr(self, name)}")

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -14,10 +15,15 @@ from follower.realtime import VisionLoop
 from follower.setting_change import SettingChange, changed, live_keys, value_at
 from follower.settings import Settings, load_settings
 from follower.situation import Order
+from follower.steering import Steering
+from follower.supervisor import State
 from follower.target_finder import TargetFinder
 from follower.target_wish import PointWish, RectangleWish, RequestRefusedError
 from follower.vision_stage import VisionStage
+from follower_control.estimate import TargetEstimate
+from follower_control.sighting import SightFrame
 from follower_control.strict_yaml import SettingsError
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_vision.box import Box
 from follower_vision.clock import SimulatedClock
 from follower_vision.detection import Detection
@@ -279,6 +285,43 @@ def test_any_value_is_refused_or_replays_to_the_same_settings(key: str, value: f
     except RequestRefusedError:
         return
     assert changed(Settings(), requests.take().changes) == settings
+
+
+# As an unbounded 32-bit MAVLink parameter may bring them.
+EXTREMES = (3.4e38, -3.4e38, 1e6, 0.5, 0.0, 1e-38, -1e-3, -0.5)
+
+
+@pytest.mark.parametrize("key", [one.key for one in live_keys()])
+@pytest.mark.parametrize("state", [State.FOLLOWING, State.COASTING, State.SEARCHING])
+def test_whatever_is_accepted_can_be_flown(key: str, state: State) -> None:
+    """What is refused too late, where control takes it, would end the flight."""
+    for value in EXTREMES:
+        requests = OperatorRequests(Settings())
+        try:
+            accepted = requests.change(key, value, BY)
+        except RequestRefusedError:
+            continue
+        steering, vehicle = Steering(Settings()), flying(0.0)
+        steering.begin(vehicle, 0.0)
+        steering.step(State.FOLLOWING, 0.0, seen(0.0), vehicle, 0.0)
+        steering.begin_search(vehicle)
+        steering.change(accepted)
+        for now_s in (0.02, 0.04, 0.06):
+            limited = steering.step(state, now_s, seen(now_s), flying(now_s), 0.1)
+            assert all(map(math.isfinite, astuple(limited.allowed)))
+
+
+def flying(time_s: float) -> VehicleState:
+    return VehicleState(
+        attitude=Attitude(0, 0, 0.1, 0, 0, 0, time_s),
+        position=LocalPosition(0, 0, -5, 1, 1, 0, time_s),
+    )
+
+
+def seen(time_s: float) -> TargetEstimate:
+    return TargetEstimate(
+        time_s, 0.2, -0.3, -2.3, 0.1, -0.1, 0.01, np.eye(6), time_s, SightFrame.WORLD
+    )
 
 
 def test_a_change_of_another_program_version_is_refused_in_words() -> None:
