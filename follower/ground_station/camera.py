@@ -98,7 +98,8 @@ class Camera:
         result = self._repeats.known(message, now_s)
         handler = self._handlers.get(message.command)
         asks = handler in (self._on_request, self._on_old_request, self._on_interval_asked)
-        if result is None or asks:
+        # A target may have been chosen since the same stop before: none is passed over.
+        if result is None or asks or handler == self._on_stop_tracking:
             result = _UNSUPPORTED if handler is None else self._handled(handler, message)
             self._repeats.note(message, result, now_s)
         if not asks:

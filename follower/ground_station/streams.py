@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 
 _FASTEST_S = 0.02
+_SLOWEST_US = 2e9
+"""MESSAGE_INTERVAL tells it in 32 bits with a sign."""
 _STOP, _USUAL = -1.0, 0.0
 
 
@@ -29,7 +31,7 @@ class Streams:
         if interval_us == _STOP:
             self._interval_s.pop(message_id, None)
             return True
-        if interval_us < 0:
+        if not 0 <= interval_us <= _SLOWEST_US:
             return False
         wanted_s = usual_s if interval_us == _USUAL else interval_us / 1e6
         self._interval_s[message_id] = max(wanted_s, _FASTEST_S)

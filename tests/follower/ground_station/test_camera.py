@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.target_wish import Outcome, PointWish, RectangleWish
+from follower.target_wish import NoTargetWish, Outcome, PointWish, RectangleWish
 from follower_vision.box import Box
 from follower_vision.track import TrackState
 
@@ -227,6 +227,16 @@ def test_a_command_that_comes_again_is_answered_again_and_done_once(make_rig: Ma
     assert rig.requests.take_target() is not None
 
 
+def test_a_stop_is_carried_out_however_soon_after_another_one(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    qgc = station(rig)
+    for confirmation in (0, 0, 1):
+        assert answer(rig, qgc, STOP, confirmation=confirmation) == ACCEPTED
+        assert rig.requests.take_target().wish == NoTargetWish()
+        assert answer(rig, qgc, POINT, 0.5, 0.25 + 0.1 * rig.now_s) == ACCEPTED
+        assert isinstance(rig.requests.take_target().wish, PointWish)
+
+
 def test_the_box_streams_from_the_drawing_to_the_button_off(make_rig: MakeRig) -> None:
     rig = make_rig()
     qgc = station(rig)
@@ -288,6 +298,15 @@ def test_the_interval_can_be_asked_for_and_zero_is_the_usual_one(make_rig: MakeR
     answer(rig, qgc, asked, IMAGE_STATUS)
     answer(rig, qgc, asked, 33)
     assert [one.interval_us for one in qgc.of("MESSAGE_INTERVAL")] == [-1, 250_000, 0]
+
+
+def test_an_interval_that_cannot_be_told_is_refused(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    qgc = station(rig)
+    assert answer(rig, qgc, INTERVAL, IMAGE_STATUS, 3e9) == DENIED
+    assert answer(rig, qgc, INTERVAL, IMAGE_STATUS, 2e9) == ACCEPTED
+    answer(rig, qgc, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, IMAGE_STATUS)
+    assert qgc.of("MESSAGE_INTERVAL")[-1].interval_us == 2_000_000_000
 
 
 def test_a_geo_status_without_a_place_has_no_numbers(make_rig: MakeRig) -> None:
