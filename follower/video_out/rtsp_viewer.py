@@ -57,7 +57,8 @@ class RtspViewer:
             method, url, headers = request
             answer = await self._answer(method, url, headers)
             self._writer.write(answer)
-            await self._writer.drain()
+            async with asyncio.timeout(_IDLE_S):
+                await self._writer.drain()
             if method == "TEARDOWN":
                 return
 
@@ -88,7 +89,8 @@ class RtspViewer:
         length = headers.get("content-length", "0")
         if not length.isdecimal() or int(length) > _MOST_BODY_BYTES:
             return None
-        await self._reader.readexactly(int(length))
+        async with asyncio.timeout(_IDLE_S):
+            await self._reader.readexactly(int(length))
         return words[0], words[1], headers
 
     async def _line(self) -> str | None:
@@ -138,7 +140,7 @@ class RtspViewer:
         wish = transport.split(",")[0].replace(" ", "")
         if "RTP/AVP/TCP" in wish:
             agreed = "RTP/AVP/TCP;unicast;interleaved=0-1"
-        elif ports := re.search(r"client_port=(\d{1,5})", wish):
+        elif (ports := re.search(r"client_port=(\d{1,5})", wish)) and 0 < int(ports[1]) < 65535:
             agreed = self._open_udp(int(ports[1]))
         else:
             return _response(461, "Unsupported Transport", number)
@@ -150,6 +152,8 @@ class RtspViewer:
         """Send to the asking computer alone, whatever it names as destination."""
         peer = self._writer.get_extra_info("peername")
         family = socket.AF_INET6 if ":" in peer[0] else socket.AF_INET
+        if self._udp is not None:
+            self._udp.close()
         self._udp = socket.socket(family, socket.SOCK_DGRAM)
         self._udp.setblocking(False)
         self._udp.connect((peer[0], port))

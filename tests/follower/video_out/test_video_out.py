@@ -314,6 +314,8 @@ def ask(port: int, method: str, *lines: str) -> socket.socket:
         ("OPTIONS", (), b"200"),
         ("PLAY", (), b"455"),
         ("SETUP", ("Transport: RAW/RAW/UDP",), b"461"),
+        ("SETUP", ("Transport: RTP/AVP;unicast;client_port=99999-100000",), b"461"),
+        ("SETUP", ("Transport: RTP/AVP;unicast;client_port=0-1",), b"461"),
         ("RECORD", (), b"501"),
         ("SETUP", ("Transport: RTP/AVP;unicast;destination=8.8.8.8;client_port=9-10",), b"200"),
     ],
@@ -348,6 +350,34 @@ def test_nonsense_ends_the_connection_and_nothing_else(
         assert b" 200 " not in one.recv(4096)
     with ask(server[1].port, "OPTIONS") as connection:
         assert b"200 OK" in connection.recv(4096)
+
+
+@pytest.mark.parametrize(
+    "unfinished",
+    [
+        b"OPTIONS * RTSP/1.0\r\nContent-Length: 4096\r\n\r\n",
+        b"OPTIONS * RTSP/1.0\r\n",
+        b"",
+    ],
+)
+def test_who_says_nothing_more_gives_his_place_back(
+    monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer], unfinished: bytes
+) -> None:
+    monkeypatch.setattr("follower.video_out.rtsp_viewer._IDLE_S", 0.2)
+    with socket.create_connection(("127.0.0.1", server[1].port), timeout=PATIENCE_S) as one:
+        one.sendall(unfinished)
+        assert one.recv(4096) == b""
+
+
+def test_setting_up_again_and_again_keeps_one_socket(server: tuple[Live, RtspServer]) -> None:
+    transport = "Transport: RTP/AVP;unicast;client_port=40000-40001"
+    with ask(server[1].port, "OPTIONS") as connection:
+        connection.recv(4096)
+        before = len(list(Path("/proc/self/fd").iterdir()))
+        for _ in range(20):
+            connection.sendall(request("SETUP", transport))
+            assert b"200 OK" in connection.recv(4096)
+        assert len(list(Path("/proc/self/fd").iterdir())) <= before + 1
 
 
 class Recording:
