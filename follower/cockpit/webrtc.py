@@ -17,6 +17,7 @@ from aiortc import (
     RTCRtpSender,
     RTCSessionDescription,
 )
+from aiortc.exceptions import InternalError, InvalidAccessError, InvalidStateError, OperationError
 from aiortc.mediastreams import MediaStreamError
 
 from follower.video_out.channel import Channel
@@ -24,7 +25,11 @@ from follower.video_out.encoder import TICKS_PER_S, AccessUnit
 
 _MOST_PEERS = 8
 _WAITING = 8
-_UNREADABLE = (ValueError, AttributeError, KeyError, IndexError, AssertionError, TypeError)
+_CONNECTS_WITHIN_S = 20.0
+_UNREADABLE = (
+    *(ValueError, AttributeError, KeyError, IndexError, AssertionError, TypeError),
+    *(InternalError, InvalidAccessError, InvalidStateError, OperationError),
+)
 """aiortc says by any of these that it cannot read an offer."""
 _TIME_BASE = Fraction(1, TICKS_PER_S)
 
@@ -66,12 +71,12 @@ class StreamTrack(MediaStreamTrack):
             self._home.call_soon_threadsafe(self._take, unit)
 
     def _take(self, unit: AccessUnit) -> None:
-        if self._units.full():
-            self._needs_key = True
-            self._channel.ask_for_key()
-        self._needs_key = self._needs_key and not unit.is_key
-        if not self._needs_key and not self._units.full():
+        full = self._units.full()
+        self._needs_key = full or (self._needs_key and not unit.is_key)
+        if not self._needs_key:
             self._units.put_nowait(unit)
+        elif not full:  # who takes nothing is not to make every picture a key picture
+            self._channel.ask_for_key()
 
 
 class Peers:
@@ -85,6 +90,7 @@ class Peers:
     def __init__(self, channel: Channel, local_only: bool) -> None:
         self._channel = channel
         self._peers: set[RTCPeerConnection] = set()
+        self._watches: set[asyncio.Task[None]] = set()
         if local_only:
             # aioice offers every address but this one, and has no setting for it.
             aioice.ice.get_host_addresses = _loopback_alone
@@ -120,13 +126,24 @@ class Peers:
     def _keep(self, peer: RTCPeerConnection, track: StreamTrack) -> None:
         self._peers.add(peer)
 
+        async def end() -> None:
+            track.stop()
+            self._peers.discard(peer)
+            await peer.close()
+
         async def look() -> None:
             if peer.connectionState in ("failed", "closed", "disconnected"):
-                track.stop()
-                self._peers.discard(peer)
-                await peer.close()
+                await end()
+
+        async def watch() -> None:
+            await asyncio.sleep(_CONNECTS_WITHIN_S)
+            if peer.connectionState != "connected":
+                await end()
 
         peer.on("connectionstatechange", look)
+        task = asyncio.create_task(watch())
+        self._watches.add(task)
+        task.add_done_callback(self._watches.discard)
 
 
 def _prefer_h264(peer: RTCPeerConnection) -> None:
