@@ -125,8 +125,12 @@ class GroundStation(ClosesItself):
             self._target.step(now_s)
 
     def _run(self) -> None:
-        while not self._stop.is_set():
-            self.step(self._clock.now(), _WAIT_S)
+        try:
+            while not self._stop.is_set():
+                self.step(self._clock.now(), _WAIT_S)
+        finally:
+            if not self._stop.is_set():
+                self._view.requests.note(("nobody answers ground stations any more: an error",))
 
     def _begin(self, system: int) -> None:
         settings, view, send = self._settings, self._view, self._port.send

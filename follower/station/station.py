@@ -153,6 +153,7 @@ class Station(ClosesItself):
         return () if self.operator is None else self.operator.late_answers()
 
     def _receive_all(self) -> None:
+        why = "an error on our side"
         try:
             while True:
                 self._take(self._wire.receive())
@@ -160,9 +161,11 @@ class Station(ClosesItself):
             why = ""
         except WireError as error:
             why = str(error)
-        if not self._closing:
-            self.remark = f"The station ended during the flight: {why or self._last_error()}"
-            self._say(self.remark)
+        finally:  # whatever ended it: a page that nobody hears is not to go on
+            if not self._closing:
+                self._wire.hang_up()
+                self.remark = f"The station ended during the flight: {why or self._last_error()}"
+                self._say(self.remark)
 
     def _take(self, message: Message) -> None:
         match message["kind"]:

@@ -387,3 +387,16 @@ def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:
         qgc.command(REQUEST, 259)
     rig.run(0.06)
     assert answer(rig, qgc, REQUEST, 259) == ACCEPTED
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_error_that_ends_it_is_told(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig()
+
+    def fail(*_: float) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(rig.station, "step", fail)
+    rig.station.start()
+    rig.station._thread.join(5.0)
+    assert any("nobody answers" in note for note in rig.requests.take().notes)

@@ -257,6 +257,22 @@ def test_a_process_that_dies_or_hangs_holds_nobody_up(
         assert "The station ended during the flight" in said[-1]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_page_that_nobody_hears_any_more_does_not_go_on(
+    station: tuple[Station, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    one, said = station
+    until(lambda: said)
+    monkeypatch.setattr(one._outbox, "picture_wanted", fail)
+    one.add(Frame(IMAGE, 0.0, 0), (), ())
+    until(lambda: one.remark is not None)
+    assert "error on our side" in said[-1]
+    until(lambda: one._process.poll() is not None)
+
+
 def test_it_ends_with_the_flight(station: tuple[Station, list[str]]) -> None:
     one, said = station
     until(lambda: said)
