@@ -11,7 +11,7 @@ thread. Nothing here waits for the flight, and the flight never waits for a fron
 What is taken is recorded where it takes effect (selections, situations, control steps), so that a
 replay needs no front end. A chosen target renews consent after a release, as docs/supervisor.md
 says, unless somebody pressed stop: then consent has to be given. Nothing here can move the vehicle
-past the supervisor and the envelope; limits of the envelope can be tightened in flight alone.
+past the supervisor and the envelope; limits of both can be tightened in flight alone.
 """
 
 from __future__ import annotations

@@ -33,8 +33,9 @@ _SECTIONS = {
 }
 """Sections with the keys of them that may change; None is all."""
 
-_LIMITS = "envelope"
-_SMALLER_IS_SAFER = ("max_", "ceiling_", "fence_radius_")
+LIMITS = ("envelope", "supervisor")
+"""Sections of what bounds the flight: in flight that can be tightened alone."""
+_SMALLER_IS_SAFER = ("max_", "ceiling_", "fence_radius_", "coast_", "search_", "hold_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +114,7 @@ def changed(
         settings: unchanged.
         changes: in their order; they are checked together.
         began: what the flight began with. Given that, a limit of the envelope may be tightened,
-            and loosened again no further than it was then.
+            or one of the supervisor's times, and loosened again no further than it was then.
 
     Raises:
         SettingsError: a key may not be changed in flight, or a value cannot be used.
@@ -133,7 +134,7 @@ def changed(
 def _check_limits(settings: Settings, began: Settings, keys: Iterable[str]) -> None:
     for key in keys:
         section, _, name = key.partition(".")
-        if section != _LIMITS:
+        if section not in LIMITS:
             continue
         value, before = value_at(settings, key), value_at(began, key)
         if not _is_as_tight(name, value, before):

@@ -7,7 +7,7 @@ import re
 from enum import Enum
 from typing import Any
 
-from follower.setting_change import LiveKey, live_keys, value_at
+from follower.setting_change import LIMITS, LiveKey, live_keys, value_at
 from follower.settings import Settings
 from follower.station.wire import Message
 
@@ -23,7 +23,6 @@ _UNITS = {
     "_m": "m",
     "_s": "s",
 }
-_LIMITS = "envelope."
 _LARGER_IS_SAFER = "min_"
 _TIMES = 4.0
 
@@ -61,10 +60,11 @@ def _type_name(kind: type) -> str:
 def _range(key: str, value: float) -> tuple[float, float]:
     """Return a slider's ends; the settings' own limits are checked when it is moved.
 
-    A limit of the envelope can be tightened in flight, not loosened.
+    A limit of the envelope or the supervisor can be tightened in flight, not loosened.
     """
-    if key.startswith(_LIMITS):
-        safer_above = key.removeprefix(_LIMITS).startswith(_LARGER_IS_SAFER)
+    section, _, name = key.partition(".")
+    if section in LIMITS:
+        safer_above = name.startswith(_LARGER_IS_SAFER)
         return (value, max(1.0, _TIMES * value)) if safer_above else (0.0, value)
     reach = max(1.0, _TIMES * abs(value))
     return (-reach if value < 0 else 0.0, reach)

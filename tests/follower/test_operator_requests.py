@@ -255,6 +255,9 @@ def test_what_is_not_for_flight_is_refused(key: str) -> None:
         ("envelope.ceiling_m", 40.0, None),
         ("envelope.fence_radius_m", 50.0, 201.0),
         ("envelope.min_distance_m", 6.0, 3.0),
+        ("supervisor.coast_s", 0.5, 3000.0),
+        ("supervisor.search_s", 5.0, 10.5),
+        ("supervisor.hold_s", 1.0, 3.5),
     ],
 )
 def test_a_limit_is_tightened_and_loosened_to_what_it_was(

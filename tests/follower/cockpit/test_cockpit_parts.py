@@ -94,10 +94,10 @@ def test_every_setting_has_a_range_that_holds_its_value_and_a_meaning() -> None:
     assert all(about.values()), [key for key, text in about.items() if not text]
 
 
-def test_the_envelopes_sliders_only_tighten() -> None:
+def test_the_limits_sliders_only_tighten() -> None:
     requests = OperatorRequests(Settings())
     for entry in setting_list(Settings()):
-        if entry["key"].startswith("envelope.") and entry["value"] is not None:
+        if entry["key"].startswith(("envelope.", "supervisor.")) and entry["value"] is not None:
             loose = entry["low"] if "min_" in entry["key"] else entry["high"]
             assert loose == entry["value"]
             beyond = loose - 0.5 if "min_" in entry["key"] else loose + 0.5
