@@ -73,7 +73,10 @@ class Access:
         origin = headers.get("origin")
         if origin is None:
             return True
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            return False
         return parts.scheme in ("http", "https") and parts.netloc == headers.get("host")
 
     def is_known(self, headers: Mapping[str, str]) -> bool:

@@ -77,7 +77,9 @@ def test_it_answers_to_addresses_and_localhost(served: Any, host: str) -> None:
     assert httpx.get(served.url, headers={"host": host}).status_code == 200
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://", "http://["]
+)
 def test_another_sites_page_gets_nothing(served: Any, origin: str) -> None:
     headers = {"origin": origin}
     assert httpx.get(f"{served.url}/api/state", headers=headers).status_code == 403
