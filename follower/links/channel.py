@@ -30,7 +30,7 @@ class PacketChannel:
         self._transport = transport
         self._signer = signer
         self._reader = PacketReader()
-        self._sending = threading.Lock()
+        self._using = threading.Lock()
         self._now_s = 0.0
         self.received = 0
         self.refused: Counter[str] = Counter()
@@ -44,7 +44,9 @@ class PacketChannel:
     def receive(self, now_s: float) -> list[Packet]:
         """Return the packets that have come and are believed."""
         self._now_s = now_s
-        packets = self._reader.feed(self._transport.receive(), now_s)
+        with self._using:  # receiving, too, sends on what a slow line had no room for
+            data = self._transport.receive()
+        packets = self._reader.feed(data, now_s)
         believed = [packet for packet in packets if self._believes(packet)]
         self.received += len(believed)
         if self.tap is not None:
@@ -54,7 +56,7 @@ class PacketChannel:
 
     def send(self, packet: bytes) -> None:
         """Send one unsigned packet, signed if there is a key."""
-        with self._sending:
+        with self._using:
             if self._signer is not None:
                 packet = self._signer.sign(packet, self._now_s)
             self._transport.send(packet)
@@ -66,7 +68,7 @@ class PacketChannel:
     def _believes(self, packet: Packet) -> bool:
         if self._signer is None:
             return True
-        with self._sending:
+        with self._using:
             refusal = self._signer.refusal(packet, self._now_s)
         if refusal is not None:
             self.refused[refusal] += 1

@@ -3,15 +3,17 @@
 import errno
 import os
 import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from follower.links import connection
+from follower.links.channel import PacketChannel
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.serial_port import SerialTransport
 from follower.links.tcp import TcpTransport
@@ -172,6 +174,39 @@ def _read(file: int, wanted: int, patience_s: float = 2.0) -> bytes:
         if len(data) >= wanted:
             break
     return data
+
+
+def test_one_thread_sends_while_another_one_polls() -> None:
+    """The ground station's side sends by itself; the serial port knows nothing of threads."""
+    ours, theirs = os.openpty()
+    tty.setraw(ours)
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    failures: list[BufferError] = []
+    with closing(SerialTransport(os.ttyname(theirs), 115200)) as transport:
+        channel = PacketChannel(transport)
+        stop = threading.Event()
+
+        def send() -> None:
+            while not stop.is_set():
+                try:
+                    channel.send(bytes(260))
+                except BufferError as error:
+                    failures.append(error)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        try:
+            for _ in range(5000):
+                with suppress(BlockingIOError):
+                    os.read(ours, 65536)
+                channel.receive(0.0)
+        finally:
+            stop.set()
+            sender.join()
+    os.close(ours)
+    os.close(theirs)
+    assert not failures
 
 
 def test_a_line_that_is_too_slow_loses_whole_packets_and_blocks_nobody() -> None:
