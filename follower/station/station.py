@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from follower.station.outbox import Outbox
+from follower.station.outbox import Outbox, Parcel
 from follower.station.shared_image import SharedImage
 from follower.station.wire import (
     FROM_STATION_BYTES,
@@ -132,13 +132,19 @@ class Station(ClosesItself):
         return process, Wire(ours, FROM_STATION_BYTES)
 
     def _send_all(self) -> None:
-        with contextlib.suppress(OSError):  # the receiver notices and says so
-            while (parcel := self._outbox.wait()) is not None:
-                for message in (*parcel.messages, *self._late_answers()):
-                    self._send(message)
-                if parcel.picture is not None:
-                    self._image.write(parcel.picture.image)
-                    self._send(_picture_message(parcel.picture))
+        try:
+            with contextlib.suppress(OSError):  # the receiver notices and says so
+                while (parcel := self._outbox.wait()) is not None:
+                    self._send_parcel(parcel)
+        finally:  # whatever ended it: a page that is told nothing is not to go on
+            self._wire.hang_up()
+
+    def _send_parcel(self, parcel: Parcel) -> None:
+        for message in (*parcel.messages, *self._late_answers()):
+            self._send(message)
+        if parcel.picture is not None:
+            self._image.write(parcel.picture.image)
+            self._send(_picture_message(parcel.picture))
 
     def _send(self, message: Message) -> None:
         """Send a message; what JSON cannot say is left out, but for the word that it was."""

@@ -273,6 +273,19 @@ def test_a_page_that_nobody_hears_any_more_does_not_go_on(
     until(lambda: one._process.poll() is not None)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_page_that_is_told_nothing_any_more_does_not_go_on(
+    station: tuple[Station, list[str]],
+) -> None:
+    one, said = station
+    until(lambda: said)
+    too_large = np.broadcast_to(np.uint8(0), (10_000, 10_000, 3))
+    one.add(Frame(too_large, 0.0, 0), (), ())
+    until(lambda: one.remark is not None)
+    assert "The station ended during the flight" in said[-1]
+    until(lambda: one._process.poll() is not None)
+
+
 def test_it_ends_with_the_flight(station: tuple[Station, list[str]]) -> None:
     one, said = station
     until(lambda: said)
