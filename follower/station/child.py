@@ -71,7 +71,8 @@ async def _rtsp(video: VideoSettings, studio: Studio, wire: Wire) -> RtspServer 
     try:
         await server.start()
     except OSError as error:
-        _say(wire, f"No RTSP: {video.rtsp}: {error.strerror}")
+        words = f"No RTSP: {video.rtsp}: {error.strerror or error}"
+        _say(wire, f"{words}; give video.rtsp an address of this computer and a free port")
         return None
     host = Address.parse(video.rtsp).host
     _say(wire, f"Video: rtsp://{host}:{server.port}/live")

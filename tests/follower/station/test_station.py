@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -227,6 +228,20 @@ def test_a_token_or_certificate_that_cannot_be_used_is_refused_before_the_flight
     settings = load_settings(None, None, (override,))
     with pytest.raises(SettingsError, match=words):
         open_station(settings, True, {}, tmp_path, print)
+
+
+def test_a_port_that_is_taken_is_told_with_what_to_do(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        where = f"127.0.0.1:{other.getsockname()[1]}"
+        settings = load_settings(None, None, (f"video.rtsp={where}",))
+        said: list[str] = []
+        page = first_page("fly", "", settings)
+        station = open_station(settings, False, page, tmp_path, said.append)
+        assert station is not None
+        with station:
+            until(lambda: said)
+    assert where in said[0]
+    assert "a free port" in said[0]
 
 
 def test_video_alone_needs_no_web_server(station: tuple[Station, list[str]]) -> None:
