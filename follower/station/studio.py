@@ -60,7 +60,7 @@ class Studio:
             except OSError as error:
                 say(f"No video by UDP: {self._settings.udp}: {error.strerror}")
         if self._settings.push is not None:
-            self.ground.watch(RtspPush(self._settings.push))
+            self.ground.watch(RtspPush(self._settings.push, say))
             say(f"Video: pushed to {self._settings.push}")
 
     def take(self, message: Message, image: Image, done: Callable[[], None]) -> None:

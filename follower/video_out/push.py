@@ -8,6 +8,7 @@ import secrets
 import socket
 import struct
 import threading
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from follower.video_out.encoder import AccessUnit
@@ -34,13 +35,15 @@ class RtspPush(ClosesItself):
 
     Args:
         url: rtsp://server:port/name.
+        say: is told, on this one's thread, when the server does not take the stream, and why.
 
     Attributes:
         problem: why nothing is sent now, None while it is.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, say: Callable[[str], None] | None = None) -> None:
         self._url = url
+        self._say = say
         self._units: Mailbox[AccessUnit] = Mailbox()
         self._stop = threading.Event()
         self.problem: str | None = None
@@ -62,8 +65,14 @@ class RtspPush(ClosesItself):
             try:
                 self._send_all()
             except OSError as error:
-                self.problem = f"{self._url}: {error.strerror or error}"
+                self._tell(f"{self._url}: {error.strerror or error}")
                 self._stop.wait(_RETRY_S)
+
+    def _tell(self, problem: str) -> None:
+        """Say a problem once, however often it comes."""
+        before, self.problem = self.problem, problem
+        if self._say is not None and problem != before:
+            self._say(f"Video is not pushed: {problem}; it is tried again")
 
     def _send_all(self) -> None:
         first = self._next_key()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
+from urllib.parse import urlsplit
 
 EncoderName = Literal["auto", "libx264", "libopenh264", "h264_v4l2m2m", "h264_nvenc", "h264_vaapi"]
 
@@ -58,7 +59,7 @@ class VideoSettings:
         for address in (self.udp, self.rtsp):
             if address is not None:
                 Address.parse(address)
-        if self.push is not None and not self.push.startswith("rtsp://"):
+        if self.push is not None and not _is_rtsp(self.push):
             raise ValueError(f"push is an address such as rtsp://10.0.0.5:8554/drone: {self.push}")
         if not 50 <= self.bitrate_kbit_s <= 50_000:
             raise ValueError(f"bitrate_kbit_s lies between 50 and 50000: {self.bitrate_kbit_s}")
@@ -71,3 +72,11 @@ class VideoSettings:
     def on(self) -> bool:
         """Whether anything is to be sent."""
         return any(way is not None for way in (self.udp, self.rtsp, self.push))
+
+
+def _is_rtsp(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return parts.scheme == "rtsp" and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False

@@ -433,9 +433,12 @@ def test_it_is_pushed_to_a_server(live: Live) -> None:
 
 
 def test_a_server_that_is_not_there_is_told_and_costs_nothing(live: Live) -> None:
-    push = RtspPush("rtsp://127.0.0.1:9/drone")
+    said: list[str] = []
+    push = RtspPush("rtsp://127.0.0.1:9/drone", said.append)
     leave = live.channel.watch(push)
-    until(lambda: push.problem is not None)
+    until(lambda: said)
+    assert push.problem is not None
+    assert push.problem in said[0]
     leave()
     push.close()
 
@@ -453,6 +456,8 @@ def until(condition: Callable[[], object]) -> None:
         {"udp": "5600"},
         {"rtsp": "localhost"},
         {"push": "http://x"},
+        {"push": "rtsp://x:port/drone"},
+        {"push": "rtsp://"},
         {"bitrate_kbit_s": 1},
         {"keyframe_s": 0.0},
         {"max_width_px": 10},
