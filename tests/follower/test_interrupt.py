@@ -30,9 +30,9 @@ select: {colour: "#e0401c"}
 def pressing(work: Callable[..., Any]) -> Callable[..., Any]:
     """Do the work after Ctrl-C."""
 
-    def pressed(*given: Any) -> Any:
+    def pressed(*given: Any, **named: Any) -> Any:
         signal.raise_signal(signal.SIGINT)
-        return work(*given)
+        return work(*given, **named)
 
     return pressed
 

@@ -194,5 +194,5 @@ def test_mavsdk_in_lockstep_is_refused() -> None:
 
 
 def test_a_link_that_there_is_not_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(SettingsError, match="'pymavlink' or 'mavsdk'"):
+    with pytest.raises(SettingsError, match="--link dronekit: choose pymavlink or mavsdk"):
         simulate(SimulationOptions("demo", link="dronekit"))

@@ -49,7 +49,7 @@ def folder(tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> Pat
         return Model(name, Purpose.TRACKER, "a test", "CC0-1.0", "us", (file,), usual=usual)
 
     table = (model("tiny", address, usual=True), model("own"))
-    monkeypatch.setattr(store_module.ModelStore.__init__, "__defaults__", (table,))
+    monkeypatch.setattr(store_module.ModelStore.__init__, "__defaults__", (table, tmp_path))
     monkeypatch.setenv("FOLLOWER_MODELS", str(tmp_path / "models"))
     return tmp_path / "models"
 
