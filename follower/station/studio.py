@@ -75,12 +75,18 @@ class Studio:
         self._tasks.put(_Task(picture, done))
 
     def _run(self) -> None:
-        while (task := self._tasks.wait()) is not None:
-            self.newest = task.picture
-            self.on_picture(task.picture)
-            self._encode(task.picture)
-            with contextlib.suppress(OSError):  # the flight is over
-                task.done()
+        try:
+            while (task := self._tasks.wait()) is not None:
+                self._show(task)
+        finally:  # only an error ends it: the process has no other end than the flight's
+            self._say("No video any more: an error in the station")
+
+    def _show(self, task: _Task) -> None:
+        self.newest = task.picture
+        self.on_picture(task.picture)
+        self._encode(task.picture)
+        with contextlib.suppress(OSError):  # the flight is over
+            task.done()
 
     def _encode(self, picture: Picture) -> None:
         if self._silent:

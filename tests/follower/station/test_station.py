@@ -23,8 +23,10 @@ from follower.situation import Order
 from follower.station.outbox import Outbox
 from follower.station.shared_image import SharedImage
 from follower.station.station import Station
+from follower.station.studio import Studio
 from follower.station.wire import Wire, WireError, socket_pair, track_message, track_of
 from follower.video_out.picture import Picture
+from follower.video_out.settings import VideoSettings
 from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 from follower_vision.frame import Frame
@@ -299,6 +301,21 @@ def test_a_page_that_is_told_nothing_any_more_does_not_go_on(
     until(lambda: one.remark is not None)
     assert "The station ended during the flight" in said[-1]
     until(lambda: one._process.poll() is not None)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_picture_that_ends_the_video_is_told_of() -> None:
+    def fail(_: Picture) -> None:
+        raise ZeroDivisionError
+
+    said: list[str] = []
+    studio = Studio(VideoSettings())
+    studio.start_senders(said.append)
+    studio.on_picture = fail
+    message = {"sequence": 0, "captured_s": 0.0, "tracks": [], "lines": []}
+    studio.take(message, IMAGE, lambda: None)
+    until(lambda: said)
+    assert "No video any more" in said[0]
 
 
 def test_it_ends_with_the_flight(station: tuple[Station, list[str]]) -> None:
