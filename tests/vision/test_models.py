@@ -387,7 +387,9 @@ def test_make_detector_knows_names_and_paths(tmp_path: Path) -> None:
     assert detector_names(store)[:3] == ["follower-detector", "yolox-nano", "fastestdet"]
     with pytest.raises(ModelError, match="follower models pull yolox-nano"):
         make_detector("yolox-nano", store)
-    with pytest.raises(ModelError, match="nanotrack-v3 is no detector; there are follower-detector"):
+    with pytest.raises(
+        ModelError, match="nanotrack-v3 is no detector; there are follower-detector"
+    ):
         make_detector("nanotrack-v3", store)
     with pytest.raises(ModelError, match=r"mine\.onnx: no such network"):
         make_detector(str(tmp_path / "mine.onnx"), store)
