@@ -352,9 +352,10 @@ JUNK = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=2
 def test_no_json_at_all_stops_the_server(served: Any, junk: Any) -> None:
     with connect(ws(served)) as client:
         message(client, "hello")
-        client.send(json.dumps({"kind": junk, "id": 1, "key": junk}))
-        client.send(json.dumps(junk))
-    assert httpx.get(f"{served.url}/api/state").status_code == 200
+        with contextlib.suppress(ConnectionClosed):  # who sends this may be hung up on
+            client.send(json.dumps({"kind": junk, "id": 1, "key": junk}))
+            client.send(json.dumps(junk))
+    assert httpx.get(f"{served.url}/api/state", timeout=20).status_code == 200
 
 
 def test_a_flood_is_cut_off(served: Any) -> None:
