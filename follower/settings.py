@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -168,11 +169,19 @@ def load_settings(
 ) -> Settings:
     """Resolve settings: defaults, then `base`, then the file, then each `key.path=value`.
 
+    A section that is given in part keeps the rest of its own defaults: `servo.range.kp=0.4` leaves
+    the range loop's other gains alone.
+
     Raises:
         SettingsError: a file, key or value cannot be used; one line says which and why.
     """
     data, source = settings_data(path, base, overrides)
-    return parse(Settings, data, source)
+    return parse(Settings, merged(_defaults(), data), source)
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    return Settings().model_dump(mode="json")
 
 
 def settings_data(

@@ -1,5 +1,6 @@
 """Settings: what is right is taken, what is mistyped is named."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -95,3 +96,11 @@ def test_a_field_of_view_reaches_from_edge_to_edge() -> None:
 def test_settings_cannot_be_changed_behind_ones_back() -> None:
     with pytest.raises(ValueError, match="frozen"):
         Settings().control_rate_hz = 10.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("loop", ["azimuth", "elevation", "range"])
+def test_one_gain_given_leaves_the_loops_others_alone(loop: str) -> None:
+    usual = getattr(Settings().servo, loop)
+    changed = load_settings(overrides=[f"servo.{loop}.kp=0.123"])
+    assert getattr(changed.servo, loop) == dataclasses.replace(usual, kp=0.123)
+    assert load_settings() == Settings()
