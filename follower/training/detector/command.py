@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from follower.command_options import Overrides
+from follower.training.options import RUNS, Config, Device, Out, Resume
 
 if TYPE_CHECKING:
     from follower.training.detector.config import DetectorConfig
@@ -27,32 +28,21 @@ Look at samples.png before you wait for the rest, and at detections.png after it
 
 
 def train_detector_command(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", help="The recipe (YAML); configs/train/detector.yaml otherwise."
-        ),
-    ] = None,
+    config: Config = None,
     overrides: Overrides = None,
     data: Annotated[
         Path | None,
         typer.Option(help="Pictures of your own, in YOLO's form (a text file each) or COCO's."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder in which each training gets its own.")] = Path(
-        "runs/train"
-    ),
-    resume: Annotated[
-        Path | None, typer.Option(help="Go on with a training's folder, with its own recipe.")
-    ] = None,
+    out: Out = RUNS,
+    resume: Resume = None,
     start: Annotated[
         Path | None,
         typer.Option(
             help="Begin with the weights in another training's folder, of the same classes."
         ),
     ] = None,
-    device: Annotated[
-        str, typer.Option(help="**auto** takes a GPU if there is one.", metavar="auto|cpu|cuda")
-    ] = "auto",
+    device: Device = "auto",
 ) -> None:
     """Train a small detector (YOLO v2's family) and write it as an ONNX file.
 

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import torch
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
 from follower.training.detector.anchors import find_anchors, mean_overlap
@@ -22,6 +21,7 @@ from follower.training.detector.labelled import IGNORED, LabelledImage, Pictures
 from follower.training.detector.reading import AnswerReader
 from follower.training.detector.sheet import found_sheet, sample_sheet
 from follower.training.detector.trainer import DetectorTrainer, as_tensor
+from follower.training.progress_bar import progress_bar
 from follower.training.progress_log import ProgressLog
 from follower_control.strict_yaml import SettingsError
 from follower_vision.detection.yolov2 import STRIDE
@@ -114,7 +114,7 @@ class TrainingRun:
         columns = ("loss", "learning_rate", "mean_average_precision")
         log = ProgressLog(self.folder / LOG, columns, trainer.step_number)
         smooth, measured = 0.0, None
-        with _progress(self.console) as bar:
+        with progress_bar(self.console) as bar:
             task = bar.add_task("", total=training.steps, completed=trainer.step_number)
             while trainer.step_number < training.steps:
                 rate, loss = trainer.learning_rate, trainer.step()
@@ -162,14 +162,3 @@ def _sizes(pictures: list[LabelledImage]) -> np.ndarray:
     sides = [one.boxes[one.classes != IGNORED] for one in pictures]
     corners = np.concatenate([*sides, np.empty((0, 4), np.float32)]).astype(np.float64)
     return np.asarray(corners[:, 2:] - corners[:, :2])
-
-
-def _progress(console: Console) -> Progress:
-    columns = (
-        TextColumn("{task.completed} of {task.total} steps"),
-        BarColumn(),
-        TextColumn("{task.description}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=console, transient=True)

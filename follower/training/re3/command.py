@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from follower.command_options import Overrides
+from follower.training.options import RUNS, Config, Device, Out, Resume
 
 if TYPE_CHECKING:
     from follower.training.re3.config import Re3Config
@@ -30,27 +31,16 @@ EXPORT_EPILOG = """
 `follower export runs/train/follower-re3` – the network of its last checkpoint, as it stands
 """
 
-Device = Annotated[
-    str, typer.Option(help="**auto** takes a GPU if there is one.", metavar="auto|cpu|cuda")
-]
-
 
 def train_re3_command(
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", "-c", help="The recipe (YAML); configs/train/re3.yaml otherwise."),
-    ] = None,
+    config: Config = None,
     overrides: Overrides = None,
     pictures: Annotated[
         Path | None,
         typer.Option(help="Folder into which the packages of pictures.yaml were unpacked."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder in which each training gets its own.")] = Path(
-        "runs/train"
-    ),
-    resume: Annotated[
-        Path | None, typer.Option(help="Go on with a training's folder, with its own recipe.")
-    ] = None,
+    out: Out = RUNS,
+    resume: Resume = None,
     device: Device = "auto",
 ) -> None:
     """Train the motion tracker Re3 on generated sequences and write it as an ONNX file.

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import torch
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from follower.configs import configs_folder
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
+from follower.training.progress_bar import progress_bar
 from follower.training.progress_log import ProgressLog
 from follower.training.re3.calibration import calibrated
 from follower.training.re3.card import model_card
@@ -72,7 +72,7 @@ class Re3Run:
         stock = self.folder / STOCK
         if not stock.is_dir():
             listing = configs_folder() / "train" / "pictures.yaml"
-            with _bar(self.console) as bar:
+            with progress_bar(self.console) as bar:
                 task = bar.add_task("pictures made small", total=None)
                 prepare(
                     folder,
@@ -94,7 +94,7 @@ class Re3Run:
         columns = ("stage", "rate", *LOSSES, "overlap")
         log = ProgressLog(self.folder / LOG, columns, trainer.step)
         smooth, overlap = 0.0, float("nan")
-        with _bar(self.console) as bar:
+        with progress_bar(self.console) as bar:
             task = bar.add_task("", total=training.steps, completed=trainer.step)
             while not trainer.done:
                 report = trainer.train_step()
@@ -124,14 +124,3 @@ def finished(trainer: Re3Trainer, config: Re3Config, folder: Path, overlap: floa
     card = model_card(config, exported, trainer.averaged, trainer.step, overlap)
     exported.path.with_suffix(".md").write_text(card, encoding="utf-8")
     return exported
-
-
-def _bar(console: Console) -> Progress:
-    columns = (
-        TextColumn("{task.completed} of {task.total}"),
-        BarColumn(),
-        TextColumn("{task.description}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=console, transient=True)
