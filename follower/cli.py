@@ -236,7 +236,8 @@ def sim(
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
     from follower.sight import Sight
-    from follower.simulate import SimulationOptions, simulate
+    from follower.simulate import simulate
+    from follower.simulation_options import SimulationOptions
 
     if faults == ["list"]:
         list_faults()

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -29,88 +27,25 @@ from follower.ground_station.opening import open_ground_station, operators_finde
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LINK_KINDS
-from follower.outputs import write_boxes, write_setpoints
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
-from follower.report.meta import ReportMeta
-from follower.report.writer import write_report, write_score, write_whole
 from follower.run_folder import new_run_folder, remove_run_folder
-from follower.scoring import score_flight
 from follower.settings import Settings, load_settings
 from follower.sight import Sight, check_without_pixels
 from follower.simulated_flight import EXTERNAL, SimulatedFlight, base_settings
+from follower.simulation_options import SimulationOptions
+from follower.simulation_report import NO_PIXELS, VIDEO, report_flight
 from follower.station.station import Station
-from follower.terminal import Terminal, print_score
+from follower.terminal import Terminal
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport, Transport
-from follower_sim.criteria import verdict
 from follower_sim.scenario import Scenario
-from follower_sim.scenario_file import SCENE, load_scenario
-from follower_sim.stand_in import LABEL
+from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 FLAVOURS = ("px4", "ardupilot", EXTERNAL)
 INTERRUPTED = "The user ended this flight."
-NO_PIXELS = LABEL[0].upper() + LABEL[1:]
-VIDEO = "overlay.mp4"
-FILES = (
-    ("report.html", "this report"),
-    (VIDEO, "to watch: what the camera saw, with the track drawn into it"),
-    ("flight.mcap", "the recording: every message, for `follower replay`, Foxglove, PlotJuggler"),
-    ("mavlink.tlog", "the recording: every MAVLink packet, for Mission Planner and MAVProxy"),
-    ("video.mkv", "the recording: the frames that vision saw, nothing drawn into them"),
-    ("config.yaml", "the recording: settings, versions, hashes of networks, seed"),
-    ("score.json", "the score and its limits"),
-    ("boxes.csv", "the track, a line a frame"),
-    ("setpoints.csv", "the setpoints, a line a control step"),
-    ("settings.yaml", "the settings as resolved"),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class SimulationOptions:
-    """What the command line was given; see `follower sim --help`."""
-
-    scenario: str
-    autopilot: str = "px4"
-    seed: int | None = None
-    lockstep: bool = False
-    config: Path | None = None
-    overrides: tuple[str, ...] = ()
-    out: Path = Path("runs")
-    video: bool = True
-    connect: str = "udpin:127.0.0.1:14540"
-    record: bool = True
-    link: str | None = None
-    faults: tuple[str, ...] = ()
-    sight: Sight = Sight.PIXELS
-    scene: tuple[str, ...] = ()
-    cockpit: bool = False
-
-    @property
-    def recorded(self) -> bool:
-        """Whether it is recorded; a replay could see nothing in a recording without pixels."""
-        return self.record and self.sight is Sight.PIXELS
-
-    @property
-    def command(self) -> str:
-        """The command line that does this run again."""
-        words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
-        words += [] if self.lockstep else ["--connect", self.connect]
-        words += [] if self.link is None else ["--link", self.link]
-        words += [] if self.seed is None else ["--seed", str(self.seed)]
-        words += ["--lockstep"] if self.lockstep else []
-        words += ["--cockpit"] if self.cockpit else []
-        words += [] if self.config is None else ["--config", str(self.config)]
-        for override in self.overrides:
-            words += ["--set", override]
-        for override in self.scene:
-            words += [SCENE, override]
-        words += [] if self.sight is Sight.PIXELS else ["--vision", self.sight]
-        for fault in self.faults:
-            words += ["--fault", fault]
-        return shlex.join(words)
 
 
 def simulate(options: SimulationOptions) -> int:
@@ -140,13 +75,16 @@ def simulate(options: SimulationOptions) -> int:
         with StopOnInterrupt() as early:
             folder = new_run_folder(options.out, scenario.name)
             try:
-                flight, remarks, judged = _fly(
-                    world, settings, options, ends, folder, console, planned, early
-                )
+                order = _Order(world, settings, options, planned, folder, console)
+                flown = _fly(order, ends, early)
             except ConnectionFailedError:
                 remove_run_folder(folder)  # there was no flight
                 raise
-            return _report(flight, options, folder, remarks, console, judged)
+            met = report_flight(flown.flight, options, folder, flown.remarks, console)
+    if INTERRUPTED in flown.remarks:
+        return _INTERRUPTED
+    passed = all(one.passed for one in flown.judged) if flown.judged else met
+    return _SUCCESS if passed else _FAILED
 
 
 def simulation_settings(scenario: Scenario, options: SimulationOptions) -> Settings:
@@ -190,24 +128,36 @@ def other_end(connection: str) -> str:
     return f"{others[kind]}:{address}"
 
 
-def _fly(
-    world: World,
-    settings: Settings,
-    options: SimulationOptions,
-    ends: tuple[Transport, Transport],
-    folder: Path,
-    console: Console,
-    planned: tuple[PlannedFault, ...],
-    early: StopOnInterrupt,
-) -> tuple[SimulatedFlight, tuple[str, ...], list[Verdict]]:
-    """Return the flight when it is over, what its reader must know, what came of its faults."""
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What is to be flown, and where its results go."""
+
+    world: World
+    settings: Settings
+    options: SimulationOptions
+    planned: tuple[PlannedFault, ...]
+    folder: Path
+    console: Console
+
+
+@dataclass(frozen=True, slots=True)
+class _Flown:
+    """A flight that is over, what its reader must know, and what came of its faults."""
+
+    flight: SimulatedFlight
+    remarks: tuple[str, ...]
+    judged: list[Verdict]
+
+
+def _fly(order: _Order, ends: tuple[Transport, Transport], early: StopOnInterrupt) -> _Flown:
+    options, world = order.options, order.world
     clock = SimulatedClock() if options.lockstep else MonotonicClock()
     with (
-        as_faults_want(planned, settings, ends, clock) as (settings, ends),
-        _injector(planned, clock, options, world.seed) as injector,
-        _video(options, folder, world.scenario.camera.rate_hz) as video,
-        _recorder(options, world, settings, clock, folder) as recorder,
-        _station(options, world, settings, folder, console) as station,
+        as_faults_want(order.planned, order.settings, ends, clock) as (settings, ends),
+        _injector(order, clock) as injector,
+        _video(order) as video,
+        _recorder(order, settings, clock) as recorder,
+        _station(order, settings) as station,
     ):
         videos = [one for one in (video, station) if one is not None]
         flight = SimulatedFlight(
@@ -222,31 +172,8 @@ def _fly(
             sight=options.sight,
             finder=operators_finder(settings, options.cockpit),
         )
-        if options.cockpit:
-            flight.operate()
-        page = None if station is None else FlightShow(station, flight)
-        terminal = Terminal(console, world.scenario.title)
-        ground = _ground_station(flight, options, clock)
-        with closing(flight), ground, terminal, StopOnInterrupt(flight.stop) as interrupt:
-            if early.interrupted:
-                flight.stop()
-            keyboard = Keyboard(sys.stdin)
-
-            def show() -> None:
-                status = flight.status()
-                terminal.show(status)
-                if page is not None:
-                    page.show(status)
-                if settings.consent.kind == "terminal":
-                    flight.stage.order(keyboard.order())
-
-            with suppress(InjectedDeathError):
-                if isinstance(clock, SimulatedClock):
-                    fly_lockstep(flight, clock, show, paced=options.cockpit)
-                else:
-                    fly_realtime(flight, clock, show)
-    judged = [] if injector is None else verdicts(planned, flight, injector)
-    interrupted = interrupt.interrupted or early.interrupted
+        interrupted = _fly_to_its_end(flight, order, station, clock, early)
+    judged = [] if injector is None else verdicts(order.planned, flight, injector)
     remarks = (
         NO_PIXELS if options.sight is Sight.TRUTH else None,
         INTERRUPTED if interrupted else None,
@@ -255,7 +182,42 @@ def _fly(
     )
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
-    return flight, (*said, *map(said_of, judged)), judged
+    return _Flown(flight, (*said, *map(said_of, judged)), judged)
+
+
+def _fly_to_its_end(
+    flight: SimulatedFlight,
+    order: _Order,
+    station: Station | None,
+    clock: SimulatedClock | MonotonicClock,
+    early: StopOnInterrupt,
+) -> bool:
+    """Fly before the user's eyes, and return whether they ended it."""
+    cockpit = order.options.cockpit
+    if cockpit:
+        flight.operate()
+    page = None if station is None else FlightShow(station, flight)
+    terminal = Terminal(order.console, order.world.scenario.title)
+    ground = _ground_station(flight, order.options, clock)
+    with closing(flight), ground, terminal, StopOnInterrupt(flight.stop) as interrupt:
+        if early.interrupted:
+            flight.stop()
+        keyboard = Keyboard(sys.stdin)
+
+        def show() -> None:
+            status = flight.status()
+            terminal.show(status)
+            if page is not None:
+                page.show(status)
+            if flight.settings.consent.kind == "terminal":
+                flight.stage.order(keyboard.order())
+
+        with suppress(InjectedDeathError):
+            if isinstance(clock, SimulatedClock):
+                fly_lockstep(flight, clock, show, paced=cockpit)
+            else:
+                fly_realtime(flight, clock, show)
+    return interrupt.interrupted or early.interrupted
 
 
 def _ground_station(
@@ -270,48 +232,42 @@ def _ground_station(
 
 
 @contextmanager
-def _injector(
-    planned: tuple[PlannedFault, ...], clock: Clock, options: SimulationOptions, seed: int
-) -> Iterator[FaultInjector | None]:
-    if not planned:
+def _injector(order: _Order, clock: Clock) -> Iterator[FaultInjector | None]:
+    if not order.planned:
         yield None
         return
-    with FaultInjector(planned, clock, options.autopilot, seed) as injector:
+    with FaultInjector(order.planned, clock, order.options.autopilot, order.world.seed) as injector:
         yield injector
 
 
 @contextmanager
-def _video(
-    options: SimulationOptions, folder: Path, rate_hz: float
-) -> Iterator[OverlayVideo | BackgroundVideo | None]:
-    if not options.video:
+def _video(order: _Order) -> Iterator[OverlayVideo | BackgroundVideo | None]:
+    if not order.options.video:
         yield None
         return
-    kind = OverlayVideo if options.lockstep else BackgroundVideo
-    with kind(folder / VIDEO, rate_hz) as video:
+    kind = OverlayVideo if order.options.lockstep else BackgroundVideo
+    with kind(order.folder / VIDEO, order.world.scenario.camera.rate_hz) as video:
         yield video
 
 
 @contextmanager
-def _station(
-    options: SimulationOptions, world: World, settings: Settings, folder: Path, console: Console
-) -> Iterator[Station | None]:
+def _station(order: _Order, settings: Settings) -> Iterator[Station | None]:
     """Give what shows the flight to others, None if nobody wants to see it."""
 
     def say(text: str) -> None:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        order.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    recording = folder.name if options.recorded else ""
-    page = first_page("sim", world.scenario.title, settings, recording)
+    options = order.options
+    recording = order.folder.name if options.recorded else ""
+    page = first_page("sim", order.world.scenario.title, settings, recording)
     station = open_station(settings, options.cockpit, page, options.out, say)
     with station or nullcontext():
         yield station
 
 
 @contextmanager
-def _recorder(
-    options: SimulationOptions, world: World, settings: Settings, clock: Clock, folder: Path
-) -> Iterator[Recorder | None]:
+def _recorder(order: _Order, settings: Settings, clock: Clock) -> Iterator[Recorder | None]:
+    options, world = order.options, order.world
     if not options.recorded:
         yield None
         return
@@ -329,82 +285,7 @@ def _recorder(
         camera=world.scenario.camera.model,
         epoch_ns=LOCKSTEP_EPOCH_NS if options.lockstep else epoch_now_ns(clock),
     )
-    recorder = Recorder(folder, config, clock, settings.recorder, threaded=not options.lockstep)
+    threaded = not options.lockstep
+    recorder = Recorder(order.folder, config, clock, settings.recorder, threaded=threaded)
     with recorder:
         yield recorder
-
-
-def _report(
-    flight: SimulatedFlight,
-    options: SimulationOptions,
-    folder: Path,
-    remarks: tuple[str, ...],
-    console: Console,
-    judged: list[Verdict],
-) -> int:
-    """Write everything, say what came of it, and return the exit code."""
-    criteria = flight.scenario.expect
-    score = score_flight(
-        flight.log,
-        flight.truth,
-        flight.goal,
-        overlaps=flight.overlaps,
-        identity=flight.identity,
-        chosen_s=flight.chosen_s,
-    )
-    write_boxes(folder / "boxes.csv", flight.log.tracks)
-    write_setpoints(folder / "setpoints.csv", flight.log.controls)
-    write_whole(folder / "settings.yaml", flight.settings.to_yaml())
-    run = {
-        "scenario": flight.scenario.name,
-        "autopilot": options.autopilot,
-        "seed": flight.seed,
-        "vision": str(options.sight),
-    }
-    write_score(folder, score, criteria, run)
-    write_report(
-        folder,
-        flight.log,
-        _meta(flight, options, remarks),
-        truth=flight.truth,
-        goal=flight.goal,
-        score=score,
-        criteria=criteria,
-        target_size_m=flight.settings.servo.target_size_m,
-    )
-    files = [folder / name for name, _ in FILES if (folder / name).exists()]
-    print_score(console, score, criteria, files)
-    for remark in remarks:
-        console.print(remark, highlight=False)
-    if INTERRUPTED in remarks:
-        return _INTERRUPTED
-    if judged:
-        return _SUCCESS if all(one.passed for one in judged) else _FAILED
-    return _FAILED if verdict(score, criteria) else _SUCCESS
-
-
-def _meta(
-    flight: SimulatedFlight, options: SimulationOptions, remarks: tuple[str, ...]
-) -> ReportMeta:
-    how = "lockstep" if options.lockstep else "real time"
-    how += f" · {LABEL}" if options.sight is Sight.TRUTH else ""
-    kind = flight.settings.link.kind
-    link = "through memory" if options.lockstep else f"by {kind}, {options.connect}"
-    return ReportMeta(
-        title=flight.scenario.title,
-        subtitle=f"{flight.scenario.name} · {options.autopilot} · seed {flight.seed} · {how}",
-        command=options.command,
-        settings_yaml=flight.settings.to_yaml(),
-        facts=(
-            ("Version", version("drone-target-follower")),
-            ("Python", sys.version.split()[0]),
-            ("Autopilot", options.autopilot),
-            ("Link", f"MAVLink 2 {link}"),
-            ("Link at the end", flight.link_status.line()),
-            ("Vision", NO_PIXELS if options.sight is Sight.TRUTH else flight.settings.tracker),
-            ("Seed", str(flight.seed)),
-        ),
-        files=FILES,
-        video=VIDEO if options.video else "",
-        remarks=remarks,
-    )

@@ -25,6 +25,7 @@ from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
 from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
+from follower.scoring import score_flight
 from follower.selecting import colour_selector
 from follower.settings import Settings, merged
 from follower.sight import Sight
@@ -42,7 +43,7 @@ from follower_sim.gimbal import Gimbal
 from follower_sim.identity_score import IdentityScore, TrackedFrame, identity_score
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario import Scenario
-from follower_sim.score import PursuitGoal
+from follower_sim.score import PursuitGoal, PursuitScore
 from follower_sim.stand_in import StandIn
 from follower_sim.truth import TargetTruth, TruthTeller
 from follower_sim.truth_sample import TruthSample
@@ -173,6 +174,17 @@ class SimulatedFlight:
         """What a ground station is told from."""
         camera = self.scenario.camera.model
         return FlightView(self.log, self._link, self.requests, (camera.width, camera.height))
+
+    def score(self) -> PursuitScore:
+        """Score the flight, up to the operator's stop or to its end."""
+        return score_flight(
+            self.log,
+            self.truth,
+            self.goal,
+            overlaps=self.overlaps,
+            identity=self.identity,
+            chosen_s=self.chosen_s,
+        )
 
     def status(self) -> LiveStatus:
         """Return what a display shows of this moment."""

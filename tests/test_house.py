@@ -117,7 +117,7 @@ def test_no_ground_truth_is_imported_by_what_sees_or_steers() -> None:
 
 
 def test_the_stand_in_for_vision_is_known_to_the_simulators_side_alone() -> None:
-    allowed = {"simulate.py", "simulated_flight.py", "campaign.py"}
+    allowed = {"simulation_report.py", "simulated_flight.py", "campaign.py"}
     for package in ("follower_vision", "follower_control", "follower"):
         for path in SOURCES[package].rglob("*.py"):
             if "follower_sim.stand_in" in imported(path):

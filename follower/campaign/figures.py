@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from follower.flightlog import ControlRecord
-from follower.scoring import score_flight, stopped_s
+from follower.scoring import stopped_s
 from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import State
 from follower_control.envelope_settings import EnvelopeSettings
@@ -96,14 +96,7 @@ class Figures:
 
 def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
     """Return the figures of a flight that is over, and its score."""
-    score = score_flight(
-        flight.log,
-        flight.truth,
-        flight.goal,
-        overlaps=flight.overlaps,
-        identity=flight.identity,
-        chosen_s=flight.chosen_s,
-    )
+    score = flight.score()
     end_s = stopped_s(flight.log.controls) or math.inf
     scored = _scored(flight.truth, score, end_s)
     hidden = _occlusions(flight, scored, end_s)

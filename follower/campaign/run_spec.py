@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from follower.sight import Sight
-from follower.simulate import SimulationOptions
+from follower.simulation_options import SimulationOptions
 
 Value = float | int | str | bool
 """What a parameter of a campaign may be."""

@@ -10,8 +10,9 @@ import pytest
 from follower.flying import fly_lockstep
 from follower.recorder import open_flight
 from follower.replay import Replay, compare, replay_settings
-from follower.simulate import SimulationOptions, simulate, simulation_settings
+from follower.simulate import simulate, simulation_settings
 from follower.simulated_flight import SimulatedFlight
+from follower.simulation_options import SimulationOptions
 from follower_control.servo_settings import Mode
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario import Scenario

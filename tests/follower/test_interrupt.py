@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 
 import follower.simulate
+import follower.simulation_report
 from follower.cli import INTERRUPTED
 from follower.interrupt import StopOnInterrupt
 from follower.outputs import write_boxes
-from follower.simulate import SimulationOptions, simulate
+from follower.simulate import simulate
+from follower.simulation_options import SimulationOptions
 
 SCENARIO = """
 name: short
@@ -46,7 +48,7 @@ def fly(folder: Path) -> int:
 def test_ctrl_c_while_the_report_is_written_does_not_stop_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(follower.simulate, "write_boxes", pressing(write_boxes))
+    monkeypatch.setattr(follower.simulation_report, "write_boxes", pressing(write_boxes))
     assert fly(tmp_path) != INTERRUPTED
     folder = tmp_path / "runs" / "short"
     assert "</html>" in (folder / "report.html").read_text("utf-8")

@@ -12,7 +12,8 @@ from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
 from follower.links.modes import mode_name, set_mode_params
-from follower.simulate import SimulationOptions, other_end, simulate
+from follower.simulate import other_end, simulate
+from follower.simulation_options import SimulationOptions
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.strict_yaml import SettingsError
 from follower_control.transport import MemoryTransport

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from follower.simulate import SimulationOptions, simulate
+from follower.simulate import simulate
+from follower.simulation_options import SimulationOptions
 
 SCENARIO = """
 name: small

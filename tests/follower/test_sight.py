@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from follower.sight import Sight, check_without_pixels
-from follower.simulate import SimulationOptions, simulate
+from follower.simulate import simulate
+from follower.simulation_options import SimulationOptions
 from follower_control.strict_yaml import SettingsError
 from follower_sim.scenario_file import load_scenario
 from follower_sim.stand_in import LABEL

@@ -22,7 +22,8 @@ from follower.recorder import FlightFileError, open_flight
 from follower.replay.command import ReplayOptions, replay_flight
 from follower.replay.comparison import compare
 from follower.replay.verdict import print_comparison
-from follower.simulate import SimulationOptions, simulate
+from follower.simulate import simulate
+from follower.simulation_options import SimulationOptions
 
 HERE = Path("tests", "golden")
 """From the root of the repository, so that no recording names a folder of this machine."""
