@@ -6,6 +6,7 @@ import math
 import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -147,11 +148,24 @@ def start_station(settings: Settings, page: Message, runs: Path) -> tuple[Statio
 
 @pytest.fixture(scope="session")
 def simulation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FlyingSimulation]:
-    runs = tmp_path_factory.mktemp("cockpit_runs")
+    with flying(tmp_path_factory.mktemp("cockpit_runs")) as simulation:
+        yield simulation
+
+
+@pytest.fixture(scope="module")
+def seeing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FlyingSimulation]:
+    """A simulation with the detector that comes along."""
+    with flying(tmp_path_factory.mktemp("seeing_runs"), "detector=embedded") as simulation:
+        yield simulation
+
+
+@contextmanager
+def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
+    """Fly a simulation with a cockpit and these settings."""
     folder = runs / "circle"
     folder.mkdir()
     scenario = load_scenario(circling_car(runs))
-    overrides = ["cockpit.port=0", "recorder.video=none"]
+    overrides = ["cockpit.port=0", "recorder.video=none", *wanted]
     settings = load_settings(None, base_settings(scenario), overrides)
     world, clock, eye = World(scenario, 3), SimulatedClock(), Eye()
     _ = world.ground, world.sky, world.scenery_batch

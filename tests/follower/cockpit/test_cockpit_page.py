@@ -131,32 +131,6 @@ def test_a_target_that_is_dragged_over_is_followed(page: Page, simulation: Any) 
     picture(page, "cockpit")
 
 
-def test_what_a_detector_numbers_can_be_tapped(page: Page, simulation: Any) -> None:
-    """There is no detector in this simulation: the page is told what one would see."""
-    wait_for(page, simulation.eye.car, "the car in view")
-    car = simulation.eye.car()
-    left, top, right, bottom = (
-        *(car.left / 320, car.top / 240),
-        *(car.right / 320, car.bottom / 240),
-    )
-    page.evaluate(
-        "box => { wantObjects = true; take({kind: 'objects', objects: "
-        "[{number: 1, name: 'car:1', score: 0.9, box}]}); }",
-        [left, top, right, bottom],
-    )
-    glass = page.locator("#glass").bounding_box()
-    assert glass is not None
-    before = simulation.operator.boxes
-    page.mouse.click(
-        glass["x"] + glass["width"] * (left + right) / 2,
-        glass["y"] + glass["height"] * (top + bottom) / 2,
-    )
-    wait_for(page, lambda: simulation.operator.boxes == before + 1, "the box asked for")
-    page.evaluate("() => { wantObjects = false; objects = []; }")
-    if not is_on_target(simulation):
-        follow(page, simulation)
-
-
 def test_a_browser_without_webrtc_is_shown_pictures(browser: Browser, simulation: Any) -> None:
     page = browser.new_page()
     page.set_default_timeout(PATIENCE_MS)
