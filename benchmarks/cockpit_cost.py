@@ -4,13 +4,20 @@
 
 The threads are those of a flight: capture, vision, control, and a simulated autopilot reached by
 UDP; the camera gives 640x480 pictures at 30 Hz, of which the correlation tracker follows a part.
-Rounds without a station and with one change places, so that whatever else the computer does falls
-on both. With one, the page has three clients by WebSocket and one by MJPEG, RTP goes out by UDP
-with an overlay, and a chosen setting is changed each second. Measured is how late each control step
-begins and how long it takes. Promise: the p99 of both moves by less than 0.5 ms.
+Each round goes through all rows, so that whatever else the computer does falls on all of them:
+
+    off       neither page nor video
+    off again the same: how far two rows differ by chance
+    MJPEG     the page's pictures for one reader, three WebSockets
+    WebRTC    the page in headless Chromium, live, and two more WebSockets
+    RTSP      video with overlay for one ffmpeg by TCP, and RTP by UDP; no page
+
+Where there is a page, a setting is changed each second. Measured is how late each control step
+begins and how long it takes. Promise: the p99 of both moves by less than 0.5 ms. A round takes
+five times SECONDS and half a minute more.
 
 On a computer that others use, `chrt -r 10 python benchmarks/cockpit_cost.py` measures as on a quiet
-one: it goes first, and so does the station.
+one: the flight goes first. The station gives way by itself, and so do those who watch.
 """
 
 from __future__ import annotations
@@ -22,7 +29,8 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import cv2
@@ -52,23 +60,15 @@ from follower_vision.framesource import ClosesItself
 
 WIDTH, HEIGHT, CAMERA_HZ = 640, 480, 30.0
 ADDRESS = "127.0.0.1:14594"
-CLIENTS = """
-import socket, sys, threading, time
-from websockets.sync.client import connect
-port = int(sys.argv[1])
-def watch():
-    with connect(f"ws://127.0.0.1:{port}/ws") as client:
-        for number in range(10**9):
-            client.recv()
-            if number % 8 == 0:
-                client.send('{"kind": "ping"}')
-for _ in range(3):
-    threading.Thread(target=watch, daemon=True).start()
-with socket.create_connection(("127.0.0.1", port)) as video:
-    video.sendall(f"GET /video.mjpeg HTTP/1.1\\r\\nHost: 127.0.0.1:{port}\\r\\n\\r\\n".encode())
-    while video.recv(65536):
-        pass
-"""
+RTP_ADDRESS = "127.0.0.1:5699"
+ROWS: dict[str, tuple[str, ...] | None] = {
+    "off": None,
+    "off again": None,
+    "MJPEG": ("cockpit.port=0",),
+    "WebRTC": ("cockpit.port=0",),
+    "RTSP": ("video.rtsp=127.0.0.1:0", f"video.udp={RTP_ADDRESS}"),
+}
+"""What each row sets, None without a station."""
 
 
 class Camera(ClosesItself):
@@ -92,7 +92,7 @@ class Camera(ClosesItself):
         self._clock.sleep_until(self._start_s + self._sequence / CAMERA_HZ)
         shift = self._sequence // 4 % 64
         image = np.ascontiguousarray(self._ground[shift : shift + HEIGHT, shift : shift + WIDTH])
-        return Frame(image, self._clock.now(), self._sequence)
+        return Frame(np.asarray(image, np.uint8), self._clock.now(), self._sequence)
 
     def close(self) -> None:
         """Nothing is held."""
@@ -150,53 +150,84 @@ def main() -> None:
     """Measure and print."""
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 6
     seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 15.0
-    settings = load_settings(None, None, ("cockpit.port=0", "video.udp=127.0.0.1:5699"))
-    found: dict[bool, list[FlightLog]] = {False: [], True: []}
+    found: dict[str, list[FlightLog]] = {row: [] for row in ROWS}
+    seen: dict[str, list[str]] = {row: [] for row in ROWS}
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores at the start")
-    for number in range(2 * rounds):
-        shown = number % 2 == 1
-        with ExitStack() as stack:
-            station = _with_clients(stack, settings) if shown else None
-            found[shown].append(fly(seconds, settings, station))
+    for _ in range(rounds):
+        for row, overrides in ROWS.items():
+            log, watched = fly_watched(row, overrides, seconds)
+            found[row].append(log)
+            seen[row].append(watched)
     print(f"load {os.getloadavg()[0]:.1f} at the end; {rounds} rounds of {seconds:.0f} s each")
     for what, of in (("late_s", "step begins late by"), ("busy_s", "step takes")):
         report(of, found, what)
+    for row, watched in seen.items():
+        if ROWS[row] is not None:
+            print(f"{row}: pictures a second seen, by rounds: {' '.join(watched)}")
 
 
-def _with_clients(stack: ExitStack, settings: Settings) -> Station:
-    folder = stack.enter_context(tempfile.TemporaryDirectory())
+def fly_watched(
+    row: str, overrides: tuple[str, ...] | None, seconds: float
+) -> tuple[FlightLog, str]:
+    """Fly with somebody who watches in a row's way; return the log and how many pictures came."""
+    settings = load_settings(None, None, overrides or ())
+    if overrides is None:
+        return fly(seconds, settings, None), ""
+    with ExitStack() as stack:
+        station, url = open_watched(stack, row, settings)
+        viewer = stack.enter_context(watching(row.lower(), url))
+        log = fly(seconds, settings, station)
+        counted, _ = viewer.communicate(timeout=30)
+    words = counted.split()
+    rate = float(words[0]) / float(words[1]) if float(words[1]) else 0.0
+    return log, " ".join((f"{rate:.1f}", *words[2:]))
+
+
+def open_watched(stack: ExitStack, row: str, settings: Settings) -> tuple[Station, str]:
+    """Open a row's station, and return it with where it is to be watched."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     said: list[str] = []
     page = first_page("fly", "cost", settings)
-    station = open_station(settings, True, page, Path(folder), said.append)
+    station = open_station(settings, row != "RTSP", page, folder, said.append)
     assert station is not None
     stack.enter_context(station)
-    while not (port := re.search(r"127.0.0.1:(\d+)$", " ".join(said))):
+    while not (url := re.search(r"(?:http|rtsp)://\S+", " ".join(said))):
         time.sleep(0.1)
-    clients = subprocess.Popen(
-        [sys.executable, "-c", CLIENTS, port[1]],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=lambda: os.nice(10),
-    )
-    stack.callback(clients.wait)
-    stack.callback(clients.kill)
-    time.sleep(2.0)
-    return station
+    return station, url[0]
 
 
-def report(name: str, found: dict[bool, list[FlightLog]], what: str) -> None:
-    """Print the percentiles without and with a station, and each pair's difference of the p99."""
-    print(f"{name + ', ms':26}{'median':>9}{'p99':>9}{'max':>9}")
-    for shown, logs in found.items():
+@contextmanager
+def watching(way: str, url: str) -> Iterator[subprocess.Popen[str]]:
+    """Have somebody watch, who is there before the flight begins."""
+    command = [sys.executable, str(Path(__file__).with_name("cockpit_viewer.py")), way, url]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as viewer:
+        assert viewer.stdout is not None
+        if not viewer.stdout.readline():
+            raise SystemExit(f"nobody could watch by {way}")
+        try:
+            yield viewer
+        finally:
+            viewer.kill()
+
+
+def report(name: str, found: dict[str, list[FlightLog]], what: str) -> None:
+    """Print the percentiles of each row, and by how much its p99 differs in each round."""
+    print(f"{name + ', ms':26}{'median':>9}{'p99':>9}{'max':>9}  p99 less that of off, by rounds")
+    off = [p99_ms(log, what) for log in found["off"]]
+    for row, logs in found.items():
         ms = 1e3 * np.array([getattr(one, what) for log in logs for one in log.controls])
-        label = "  with cockpit and video" if shown else "  without"
-        print(f"{label:26}{np.median(ms):9.3f}{np.percentile(ms, 99):9.3f}{ms.max():9.3f}")
-    p99 = {
-        shown: [1e3 * np.percentile([getattr(c, what) for c in log.controls], 99) for log in logs]
-        for shown, logs in found.items()
-    }
-    differences = np.array(p99[True]) - np.array(p99[False])
-    print(f"  p99, with less without, by rounds: {np.round(differences, 3).tolist()}")
+        moved = [p99_ms(log, what) - before for log, before in zip(logs, off, strict=True)]
+        print(
+            f"  {row:24}{np.median(ms):9.3f}{np.percentile(ms, 99):9.3f}{ms.max():9.3f}  "
+            + " ".join(f"{one:+.3f}" for one in moved)
+        )
+
+
+def p99_ms(log: FlightLog, what: str) -> float:
+    """Return the 99th percentile of one flight's steps."""
+    return 1e3 * float(np.percentile([getattr(one, what) for one in log.controls], 99))
 
 
 if __name__ == "__main__":

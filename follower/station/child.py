@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -34,7 +35,7 @@ _POLITENESS = 5
 
 def main() -> None:
     """Serve until the flight hangs up."""
-    os.nice(_POLITENESS)
+    _give_way()
     cv2.setNumThreads(1)
     wire = Wire(Connection(int(sys.argv[1])), FROM_FLIGHT_BYTES)
     image = SharedImage(int(sys.argv[2]))
@@ -42,6 +43,13 @@ def main() -> None:
     if begin["kind"] != "begin":
         raise WireError(f"expected to begin, not {begin['kind']}")
     asyncio.run(_serve(begin, wire, image))
+
+
+def _give_way() -> None:
+    """Come after the flight, also where that has a real-time priority, which a child inherits."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(_POLITENESS)
 
 
 async def _serve(begin: Message, wire: Wire, image: SharedImage) -> None:
