@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from follower_control.vehicle import VehicleState
 
+_VELOCITY_STALE_S = 0.3
+"""What brakes against a velocity of some time ago drives the vehicle back after it has stopped."""
+
 
 @dataclass(frozen=True, slots=True)
 class FlightContext:
@@ -52,9 +55,13 @@ class FlightContext:
         target_speed_m_s: float | None = None,
         stale_after_s: float = 1.0,
     ) -> FlightContext:
-        """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
+        """Take what is fresh of the vehicle's state; home and fence centre are its origin.
+
+        A velocity changes sooner than a place: it counts for 0.3 s at most.
+        """
         attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= stale_after_s else None
         position = vehicle.position if vehicle.position_age_s(now_s) <= stale_after_s else None
+        moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
         clearance, origin = vehicle.clearance, vehicle.origin
         if clearance is not None and now_s - clearance.time_s > stale_after_s:
             clearance = None
@@ -65,8 +72,8 @@ class FlightContext:
             north_m=position.north_m if position else None,
             east_m=position.east_m if position else None,
             height_m=position.height_m if position else None,
-            north_m_s=position.north_m_s if position else None,
-            east_m_s=position.east_m_s if position else None,
+            north_m_s=moving.north_m_s if moving else None,
+            east_m_s=moving.east_m_s if moving else None,
             target_range_m=target_range_m,
             target_bearing_rad=target_bearing_rad,
             target_speed_m_s=target_speed_m_s,

@@ -16,9 +16,9 @@ from follower_control.estimate import TargetEstimate
 from follower_control.estimate_trust import TrustSettings, trust_in
 from follower_control.flight_context import FlightContext
 from follower_control.limit import Limit
-from follower_control.setpoint import VelocitySetpoint
+from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
-from follower_control.vehicle import Clearance, Origin, VehicleState
+from follower_control.vehicle import Attitude, Clearance, LocalPosition, Origin, VehicleState
 
 FREE = EnvelopeSettings(
     min_height_m=None,
@@ -165,6 +165,21 @@ def test_the_context_takes_clearance_while_it_is_fresh_and_the_origin() -> None:
     fresh = FlightContext.of(state, 10.5)
     assert (fresh.clearance_m, fresh.origin_deg) == (7.0, (47.0, 8.0))
     assert FlightContext.of(state, 11.5).clearance_m is None
+
+
+def test_at_a_fence_it_is_not_driven_back_by_a_velocity_of_some_time_ago() -> None:
+    settings = replace(FREE, fence_radius_m=50.0)
+    outwards = VehicleState(
+        attitude=Attitude(0, 0, 0, 0, 0, 0, 10.0),
+        position=LocalPosition(49.0, 0.0, -10.0, 1.0, 0.0, 0.0, 10.0),
+    )
+
+    def forward_m_s(age_s: float) -> float:
+        context = FlightContext.of(outwards, 10.0 + age_s)
+        return settled(settings, HOLD, context).allowed.forward_m_s
+
+    assert forward_m_s(0.1) < -1.0
+    assert forward_m_s(0.4) == pytest.approx(0.0, abs=1e-6)
 
 
 anything = st.one_of(st.none(), st.floats(-100, 100), st.floats(allow_nan=True))

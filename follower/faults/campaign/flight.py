@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,11 +24,14 @@ from follower.links.mavlink import MavlinkLink
 from follower.settings import Settings, load_settings
 from follower.supervisor import State
 from follower_control.transport import MemoryTransport
+from follower_control.vehicle import VehicleState
 from follower_vision.clock import SimulatedClock
 
 STEP_S = 0.02
 _CALM_S = 3.0
 _CLOSING_S = 10.0
+_STOPS_WITHIN_S = 3.0
+"""How long a vehicle that was in a mode of its own may take to stand in ours."""
 _STANDING_M_S = 0.5
 _PITCH_DEG = -20.0
 _PILOT = {"leaves": 0.02, "returns": 0.2, "stops": 0.003, "renews": 0.4, "disarms": 0.001}
@@ -170,6 +174,7 @@ class _RandomFlight:
             self._invariants.heartbeat_age_s(now_s),
             interval_s,
             max(record.vehicle.attitude_age_s(now_s), record.vehicle.position_age_s(now_s)),
+            _own_velocity(record.vehicle),
             record.state.steers,
             record.allowed.values,
         )
@@ -203,10 +208,19 @@ class _RandomFlight:
 
     def _at_rest(self) -> None:
         vehicle = self._vehicle
-        if vehicle.obeys and vehicle.speed_m_s > _STANDING_M_S:
+        ours_s = self._clock.now() - vehicle.obeys_since_s
+        if vehicle.obeys and ours_s > _STOPS_WITHIN_S and vehicle.speed_m_s > _STANDING_M_S:
             raise InvariantError(
                 f"at the end it flies on at {vehicle.speed_m_s:.1f} m/s, in nobody's hands"
             )
+
+
+def _own_velocity(vehicle: VehicleState) -> complex | None:
+    """Return forward and right velocity as telemetry tells of it, None without it."""
+    if vehicle.position is None or vehicle.attitude is None:
+        return None
+    north_east = complex(vehicle.position.north_m_s, vehicle.position.east_m_s)
+    return north_east * cmath.rect(1.0, -vehicle.attitude.yaw_rad)
 
 
 def _random_settings(lots: np.random.Generator) -> Settings:

@@ -31,6 +31,7 @@ class Inputs:
         heartbeat_age_s: since the newest heartbeat that reached it.
         step_gap_s: since the control step before.
         telemetry_age_s: the older one of attitude and position, as the follower knows them.
+        own_m_s: its own horizontal velocity by that telemetry: forward and right, None if unknown.
         steers: whether it flies by the target.
         allowed: what the control step of this moment let through: forward, right, down, yaw rate.
     """
@@ -40,6 +41,7 @@ class Inputs:
     heartbeat_age_s: float
     step_gap_s: float
     telemetry_age_s: float
+    own_m_s: complex | None
     steers: bool
     allowed: tuple[float, float, float, float]
 
@@ -108,7 +110,7 @@ class Invariants:
             self._within_envelope(setpoint)
             self._of_this_step(setpoint, now_s, inputs)
             self._in_our_mode(setpoint)
-            self._not_blind(setpoint)
+            self._not_blind(setpoint, inputs)
             self._flown = self._flown or not setpoint.is_zero
             self._before = setpoint
 
@@ -159,10 +161,13 @@ class Invariants:
             self._blind_since_s = now_s
             self._blind_speed = 0.0 if self._before is None else self._before.speed_m_s
 
-    def _not_blind(self, setpoint: WireSetpoint) -> None:
+    def _not_blind(self, setpoint: WireSetpoint, inputs: Inputs) -> None:
+        """Without sight or link the speed grows only where it brakes, as before a fence."""
         if self._blind_since_s is None:
             return
         speed, since_s = setpoint.speed_m_s, setpoint.time_s - self._blind_since_s
+        if self._is_against(setpoint, inputs):
+            self._blind_speed = max(self._blind_speed, speed)
         if speed > self._blind_speed + self._grows_m_s:
             raise InvariantError(
                 f"the speed grows to {speed:.2f} m/s, {since_s:.2f} s after the last good input"
@@ -172,3 +177,10 @@ class Invariants:
             raise InvariantError(
                 f"still {speed:.2f} m/s, {since_s:.2f} s after the last good input"
             )
+
+    def _is_against(self, setpoint: WireSetpoint, inputs: Inputs) -> bool:
+        """Whether it leads against the motion that fresh telemetry tells of."""
+        if inputs.own_m_s is None or inputs.telemetry_age_s > self._patience.telemetry_timeout_s:
+            return False
+        sent = complex(*setpoint.values[:2])
+        return (sent * inputs.own_m_s.conjugate()).real < 0

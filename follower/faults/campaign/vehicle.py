@@ -63,6 +63,7 @@ class CheapVehicle:
         self.landed = False
         self.in_failsafe = False
         self.refuses = False
+        self.obeys_since_s = -math.inf
         self.boot_s = now_s - 30.0
         self.distort: Callable[[Any], Any] = lambda message: message
         self._setpoint = (0.0, 0.0, 0.0, 0.0)
@@ -89,6 +90,7 @@ class CheapVehicle:
         self.mode = self.firmware.modes[name]
         self.in_failsafe = False
         self._setpoint = (0.0, 0.0, 0.0, 0.0)
+        self.obeys_since_s = self._now_s
 
     def step(self, now_s: float, interval_s: float) -> None:
         """Hear, fly and tell."""
@@ -136,6 +138,7 @@ class CheapVehicle:
             self.mode, self.in_failsafe = self.firmware.modes["RTL"], True
         elif self.in_failsafe and silent_s <= _PX4_LOSS_S:
             self.mode, self.in_failsafe = self.firmware.modes["OFFBOARD"], False
+            self.obeys_since_s = self._now_s
 
     def _fly(self, interval_s: float) -> None:
         forward, right, down, yaw_rate = self._setpoint if self.obeys else (0.0, 0.0, 0.0, 0.0)
