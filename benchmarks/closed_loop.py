@@ -26,9 +26,10 @@ import numpy as np
 import yaml
 
 from follower.flying import fly_lockstep
+from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings
 from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import State
 from follower.tune.analysis import follower_of
 from follower.tune.run import find_vehicle

@@ -19,8 +19,9 @@ import numpy as np
 
 from follower.configs import find_scenario
 from follower.flying import fly_lockstep
+from follower.scenario_start import base_settings
 from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower_control.transport import MemoryTransport
 from follower_sim.identity_score import IdentityScore
 from follower_sim.scenario import Scenario

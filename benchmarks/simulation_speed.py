@@ -24,9 +24,10 @@ import cv2
 from follower.configs import find_scenario
 from follower.faults.campaign.flight import STEP_S, fly_random
 from follower.flying import fly_lockstep
+from follower.scenario_start import base_settings
 from follower.settings import load_settings
 from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario import Scenario
 from follower_sim.scenario_file import load_scenario

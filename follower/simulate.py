@@ -29,9 +29,10 @@ from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LINK_KINDS
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.run_folder import new_run_folder, remove_run_folder
+from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings
 from follower.sight import Sight, check_without_pixels
-from follower.simulated_flight import EXTERNAL, SimulatedFlight, base_settings
+from follower.simulated_flight import EXTERNAL, SimulatedFlight
 from follower.simulation_options import SimulationOptions
 from follower.simulation_report import NO_PIXELS, VIDEO, report_flight
 from follower.station.station import Station

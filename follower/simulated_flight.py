@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from follower.autonomy import Autonomy, Phase
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.faults.injector import FaultInjector
+from follower.flight_truth import FlightTruth
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.ground_station.flight_view import FlightView
@@ -25,9 +25,10 @@ from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
 from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
+from follower.scenario_start import gimbal_of, start_state
 from follower.scoring import score_flight
 from follower.selecting import colour_selector
-from follower.settings import Settings, merged
+from follower.settings import Settings
 from follower.sight import Sight
 from follower.situation import Order
 from follower.supervisor import State
@@ -39,19 +40,14 @@ from follower_control.transport import Transport
 from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.blind_camera import BlindCamera
 from follower_sim.camera import SimCamera
-from follower_sim.gimbal import Gimbal
-from follower_sim.identity_score import IdentityScore, TrackedFrame, identity_score
+from follower_sim.identity_score import IdentityScore
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario import Scenario
 from follower_sim.score import PursuitGoal, PursuitScore
 from follower_sim.stand_in import StandIn
-from follower_sim.truth import TargetTruth, TruthTeller
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
-from follower_vision.box import Box
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
-from follower_vision.track import TrackState
 
 EXTERNAL = "external"
 _ANSWER_WITHIN_S = 15.0
@@ -65,8 +61,8 @@ _STAND_IN = 21
 class SimulatedFlight:
     """A drone with our follower in a simulated world.
 
-    The scenario's time 0 is the clock's time 0. Of the truth, nothing but `truth` and `tracked`
-    is kept, and nothing of it goes to vision or control: they see frames and MAVLink.
+    The scenario's time 0 is the clock's time 0. Nothing of the truth goes to vision or
+    control: they see frames and MAVLink.
 
     Args:
         world: what there is, its scenario and its seed.
@@ -119,13 +115,10 @@ class SimulatedFlight:
         make_camera = BlindCamera if is_blind else SimCamera if faults is None else faults.camera
         self.camera = make_camera(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
-        self.truth: list[TruthSample] = []
-        self.tracked: list[TrackedFrame] = []
+        self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
         self.chosen_s: float | None = None
         self._operated = False
         self._ending = False
-        self._teller = TruthTeller(world)
-        self._told: tuple[float, TargetTruth] | None = None
         self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
         self.requests = OperatorRequests(settings)
@@ -134,7 +127,7 @@ class SimulatedFlight:
         self._vision_stage = VisionStage(self._tracker, self.requests, finder)
         make_vision = VisionLoop if faults is None else faults.vision
         self.vision = make_vision(
-            self._vision_stage, clock, self.log, video, self._lines, self._record_overlap
+            self._vision_stage, clock, self.log, video, self._lines, self._truth.compare
         )
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
@@ -174,6 +167,21 @@ class SimulatedFlight:
         """What a ground station is told from."""
         camera = self.scenario.camera.model
         return FlightView(self.log, self._link, self.requests, (camera.width, camera.height))
+
+    @property
+    def truth(self) -> list[TruthSample]:
+        """What really happened, a sample a control step."""
+        return self._truth.samples
+
+    @property
+    def overlaps(self) -> list[float]:
+        """Intersection over union with the true box, one for each tracked frame."""
+        return [frame.overlap for frame in self._truth.tracked]
+
+    @property
+    def identity(self) -> IdentityScore:
+        """What has become of the target's identity."""
+        return self._truth.identity
 
     def score(self) -> PursuitScore:
         """Score the flight, up to the operator's stop or to its end."""
@@ -245,7 +253,9 @@ class SimulatedFlight:
     def _on_step(self, record: ControlRecord) -> None:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
-        self._take_truth(now_s)
+        sample = self._truth.take(now_s)
+        if self._recorder is not None:
+            self._recorder.add_truth(sample)
         if self._faults is not None:
             supervisor = self.stage.supervisor
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
@@ -282,13 +292,6 @@ class SimulatedFlight:
     def _is_told_enough(self) -> bool:
         return self._autonomy is None and self._link.state.position is not None
 
-    def _take_truth(self, now_s: float) -> None:
-        body = self.vehicle.state_at(now_s)
-        sample = self._teller.sample(now_s, body, camera=self._camera_at(now_s))
-        self.truth.append(sample)
-        if self._recorder is not None:
-            self._recorder.add_truth(sample)
-
     def check_answered(self) -> None:
         """Refuse to wait for ever.
 
@@ -307,47 +310,10 @@ class SimulatedFlight:
                 "have it send MAVLink to the address given by --connect, and try again"
             )
 
-    def _record_overlap(self, record: TrackRecord) -> None:
-        """Compare a track that claims to see the target with the truth, for the score."""
-        track = record.track
-        if track is None or track.state is not TrackState.TRACKING:
-            return
-        box = self._truth_of(record.captured_s).box
-        overlap = 0.0 if box is None else box.iou(track.box)
-        others = [other.iou(track.box) for other in self._others_of(record.captured_s)]
-        frame = TrackedFrame(record.captured_s, overlap, max(others, default=0.0))
-        self.tracked.append(frame)
-
-    @property
-    def overlaps(self) -> list[float]:
-        """Intersection over union with the true box, one for each tracked frame."""
-        return [frame.overlap for frame in self.tracked]
-
-    @property
-    def identity(self) -> IdentityScore:
-        """What has become of the target's identity."""
-        return identity_score(self.truth, self.tracked, len(self._world.paths) > 1)
-
     def _make_stand_in(self) -> StandIn:
         camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _STAND_IN])
         size = (camera.width, camera.height)
-        return StandIn(self._truth_of, size, self.scenario.stand_in, rng)
-
-    def _truth_of(self, stamp_s: float) -> TargetTruth:
-        """Return the truth about a frame with this capture stamp."""
-        if self._told is not None and self._told[0] == stamp_s:
-            return self._told[1]
-        true_s = stamp_s - self.scenario.camera.stamp_offset_s
-        truth = self._teller.truth(true_s, self.vehicle.state_at(true_s), self._camera_at(true_s))
-        self._told = stamp_s, truth
-        return truth
-
-    def _others_of(self, stamp_s: float) -> list[Box]:
-        """Return the true boxes of the targets that are not followed."""
-        if len(self._world.paths) == 1:
-            return []
-        true_s = stamp_s - self.scenario.camera.stamp_offset_s
-        return self._teller.others(true_s, self.vehicle.state_at(true_s), self._camera_at(true_s))
+        return StandIn(self._truth.of_frame, size, self.scenario.stand_in, rng)
 
     def _lines(self) -> Sequence[str]:
         """Return what the video shows in its corner."""
@@ -371,36 +337,3 @@ def _link_settings(settings: Settings, flavour: str) -> LinkSettings:
 
 def _epoch_ns(clock: Clock) -> int:
     return LOCKSTEP_EPOCH_NS if isinstance(clock, SimulatedClock) else epoch_now_ns(clock)
-
-
-def start_state(scenario: Scenario) -> BodyState:
-    """Return where the vehicle stands at first."""
-    north, east = scenario.start.at
-    heading = math.radians(scenario.start.heading_deg)
-    return BodyState(0.0, (north, east, 0.0), attitude_rad=(0.0, 0.0, heading))
-
-
-def gimbal_of(scenario: Scenario) -> Gimbal | None:
-    """Return the gimbal that holds the scenario's camera, None if it is fixed."""
-    camera = scenario.camera
-    if camera.gimbal is None:
-        return None
-    heading = math.radians(scenario.start.heading_deg)
-    return Gimbal(camera.gimbal, math.radians(camera.pitch_deg), heading, 0.0)
-
-
-def base_settings(scenario: Scenario) -> dict[str, Any]:
-    """Return what the settings of a flight in this scenario begin with.
-
-    The camera is what a calibrated follower would know of the scenario's, and the pilot is played.
-    """
-    camera = scenario.camera
-    base = {
-        "camera": {
-            "fov_deg": camera.fov_deg,
-            "pitch_deg": camera.pitch_deg,
-            "distortion": list(camera.distortion),
-        },
-        "autonomy": "full",
-    }
-    return merged(base, scenario.follow)

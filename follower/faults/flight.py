@@ -18,8 +18,9 @@ from follower.faults.verdict import Verdict
 from follower.flying import fly_lockstep, fly_realtime
 from follower.links.connection import open_connection
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
+from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower_control.transport import MemoryTransport, Transport
 from follower_sim.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock

@@ -19,8 +19,8 @@ from follower.faults.scene import scene, write_scene
 from follower.faults.verdict import Figures, Verdict
 from follower.faults.wire_rules import envelope_failures, left_mode, pilot_failures
 from follower.links.connection import open_connection
+from follower.scenario_start import start_state
 from follower.settings import load_settings
-from follower.simulated_flight import start_state
 from follower_sim.autopilot import SimAutopilot
 from follower_sim.vehicle import STEP_S
 from follower_vision.clock import MonotonicClock

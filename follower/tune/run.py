@@ -16,8 +16,8 @@ from rich.table import Table
 from follower.configs import configs_folder, find_scenario
 from follower.identify.result import VehicleFile, load_vehicle
 from follower.run_folder import new_run_folder
+from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings, merged, settings_data
-from follower.simulated_flight import base_settings
 from follower.tune.analysis import AxisAnalysis, analyse, conditions_of, overlay
 from follower.tune.what_if import parse_what_ifs
 from follower_control.strict_yaml import SettingsError

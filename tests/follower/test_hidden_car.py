@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from follower.flying import fly_lockstep
+from follower.scenario_start import base_settings
 from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World

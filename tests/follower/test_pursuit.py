@@ -13,9 +13,10 @@ import pytest
 from follower.autonomy import Phase
 from follower.flightlog import ControlRecord
 from follower.flying import fly_lockstep
+from follower.scenario_start import base_settings
 from follower.scoring import score_flight
 from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import Reason, State
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario import Scenario

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from follower.simulated_flight import gimbal_of
+from follower.scenario_start import gimbal_of
 from follower_control.strict_yaml import SettingsError
 from follower_sim.kinematics import BodyState
 from follower_sim.render import Renderer

@@ -21,9 +21,10 @@ from follower.configs import find_scenario
 from follower.flight_video import SeveralVideos
 from follower.flying import fly_lockstep
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
+from follower.scenario_start import base_settings
 from follower.selecting import colour_selector
 from follower.settings import Settings, load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower.station.station import Station
 from follower.station.wire import Message
 from follower_control.transport import MemoryTransport

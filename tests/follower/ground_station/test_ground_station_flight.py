@@ -11,8 +11,9 @@ from follower.flightlog import ControlRecord
 from follower.flying import fly_lockstep
 from follower.ground_station.ground_station import GroundStation, Lens
 from follower.ground_station.settings import GroundStationSettings
+from follower.scenario_start import base_settings
 from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import Reason, State
 from follower_control.transport import MemoryTransport, Transport
 from follower_sim.scenario import Scenario

@@ -13,9 +13,10 @@ from follower.ground_station.endpoint import Endpoint
 from follower.ground_station.place import target_place
 from follower.ground_station.settings import GroundStationSettings, TargetMessage
 from follower.ground_station.target_report import TargetReport
+from follower.scenario_start import base_settings
 from follower.settings import load_settings
 from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight, base_settings
+from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import State
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario import Scenario
