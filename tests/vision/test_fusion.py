@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -190,6 +192,35 @@ def test_returns_to_a_target_that_reappears_elsewhere() -> None:
     answers = _run(_fusion(), scene, 100)
     assert min(overlap for _, overlap in answers[-15:]) > 0.5
     assert any(track.produced_by == "reacquired" for track, _ in answers)
+
+
+class LooseDetector(ColourDetector):
+    """A small network: in the whole image, reduced to its size, its boxes are far off."""
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        found = super().detect(image, region)
+        if region is not None and region.width <= 10 * SIDE:
+            return found
+        return [replace(one, box=_loose(one.box)) for one in found]
+
+
+def _loose(box: Box) -> Box:
+    return Box(box.cx + 0.3 * box.width, box.cy - 0.5 * box.height, 1.3 * box.width, box.height)
+
+
+def test_looks_closer_at_what_may_be_the_lost_target() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground()
+        place = (120.0, 120.0) if number < 40 else (350.0, 250.0)
+        if number < 30 or number >= 90:
+            _paint(image, *place, 7)
+        return image, place
+
+    detector = LooseDetector()
+    answers = _run(_fusion(detector), scene, 110)
+    assert all(overlap > 0.5 for _, overlap in answers[98:])
+    closer = [region for region in detector.regions[-12:] if region is not None]
+    assert any(region.distance(_box(350.0, 250.0)) < SIDE for region in closer)
 
 
 def test_does_not_take_another_class_for_the_target() -> None:

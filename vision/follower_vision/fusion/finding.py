@@ -32,6 +32,21 @@ class Finding:
         self._following = following
         self._validation = validation
         self._looks = looks
+        self._suspect: tuple[Moment, Box] | None = None
+
+    def forget(self) -> None:
+        """Begin anew with another target."""
+        self._suspect = None
+
+    def suspect(self, belief: Belief) -> Box | None:
+        """Return where the likeliest of the last look's strangers is now.
+
+        In the whole image, reduced to the detector's size, its box may have been too loose to
+        recognise the target in it; a closer look will tell.
+        """
+        if self._suspect is None or belief.history.at(self._suspect[0].index) is None:
+            return None
+        return belief.present(*self._suspect)
 
     def among(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> bool:
         """Look for the target among detections; return whether it is found."""
@@ -41,8 +56,11 @@ class Finding:
             known = [box for box, taken in zip(sight.boxes, claimed, strict=True) if taken]
             self._validation.neighbours.see(known, belief.history, sight.moment, False)
         free = [box for box, taken in zip(sight.boxes, claimed, strict=True) if not taken]
-        found = self._recognised(image, belief, free, sight.moment)
+        scored = [(self._looks.score(image, box), box) for box in free]
+        found = self._recognised(image, belief, scored, sight.moment)
         if found is None:
+            likely = max(scored, key=lambda one: one[0], default=None)
+            self._suspect = None if likely is None else (sight.moment, likely[1])
             return False
         box, score = found
         belief.kinematics.restart(box)
@@ -55,22 +73,22 @@ class Finding:
         growth = self._settings.search_growth_s * belief.unseen_s
         reach_px = expected.scale * (_UNFAMILIAR_REACH_SIZES + growth)
         boxes = self._looks.proposals(frame.image, expected, reach_px)
-        found = self._recognised(frame.image, belief, boxes, belief.now)
+        scored = [(self._looks.score(frame.image, box), box) for box in boxes]
+        found = self._recognised(frame.image, belief, scored, belief.now)
         if found is None:
             return False
         self._resume(frame, belief, *found)
         return True
 
     def _recognised(
-        self, image: Image, belief: Belief, boxes: Sequence[Box], moment: Moment
+        self, image: Image, belief: Belief, scored: Sequence[tuple[float, Box]], moment: Moment
     ) -> tuple[Box, float] | None:
         """Return the box that is the target, and its score, if one is.
 
         The further away and the more different in size, the better it has to look.
         """
         best: tuple[float, Box, float] | None = None
-        for box in boxes:
-            score = self._looks.score(image, box)
+        for score, box in scored:
             strange = self._strangeness(belief, moment, box)
             lenience = self._looks.kinship(image, box) if belief.familiar else 0.0
             least = _ALIKE + _ALIKE_IF_STRANGE * (strange - lenience)
@@ -91,6 +109,7 @@ class Finding:
         return min(_FAR, _FAR * away) + _SIZE_WEIGHT * change
 
     def _resume(self, frame: Frame, belief: Belief, box: Box, score: float) -> None:
+        self.forget()
         belief.see(box, min(1.0, score / 2), "reacquired")
         belief.reference = box
         belief.kinematics.restart(box)

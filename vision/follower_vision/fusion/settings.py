@@ -26,7 +26,8 @@ class FusionSettings:
         size_clamp: keep the box's size near the last confirmed one.
         distractor_memory: follow look-alikes as well, and decide identity among all of them.
         appearance_check: ask re-identification when a track is doubtful.
-        growing_search: search a growing region first after a loss, the whole image in between.
+        growing_search: search a growing region first after a loss, the whole image in between,
+            and look closer at what may be the target.
         keep_template: correct the motion tracker without teaching it anew at each validation.
         validate_every: frames between two validations.
         validate_steady_every: the same while the motion tracker is certain, the detector has

@@ -185,6 +185,7 @@ class FusionTracker:
         self._camera.reset()
         self._blur.reset()
         self._validation.start()
+        self._finding.forget()
         self._identity = Identity(self._settings)
         self._health = FrameCheck()
         self._asked = 0
@@ -247,22 +248,22 @@ class FusionTracker:
 
     def _region(self, frame: Frame, belief: Belief) -> Box | None:
         """Where to look; None is the whole image."""
-        settings, box = self._settings, belief.box
+        settings, place, growth = self._settings, belief.box, 1.0
         lost = belief.state is TrackState.LOST
         if not (settings.growing_search if lost else settings.zoomed_validation):
             return None
-        side = max(
-            settings.crop_least_px,
-            settings.crop_sizes * box.scale,
-            _LEAST_CROP_SIDES * max(box.width, box.height),
-        )
         if lost:
             turn = self._asked // settings.search_every
             if turn % _REGIONS_PER_WHOLE == _REGIONS_PER_WHOLE - 1:
                 return None
-            side *= 1 + belief.unseen_s * settings.search_growth_s / settings.crop_sizes
+            suspect = self._finding.suspect(belief)
+            if suspect is None:
+                growth += belief.unseen_s * settings.search_growth_s / settings.crop_sizes
+            place = suspect or place
+        least = _LEAST_CROP_SIDES * max(place.width, place.height)
+        side = growth * max(settings.crop_least_px, settings.crop_sizes * place.scale, least)
         whole = side >= max(frame.width, frame.height)
-        return None if whole else Box(box.cx, box.cy, side, side)
+        return None if whole else Box(place.cx, place.cy, side, side)
 
     def _consider(
         self, frame: Frame, belief: Belief, answer: DetectionAnswer, moment: Moment
