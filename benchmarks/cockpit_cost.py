@@ -161,9 +161,9 @@ def main() -> None:
     print(f"load {os.getloadavg()[0]:.1f} at the end; {rounds} rounds of {seconds:.0f} s each")
     for what, of in (("late_s", "step begins late by"), ("busy_s", "step takes")):
         report(of, found, what)
-    for row, watched in seen.items():
+    for row, rates in seen.items():
         if ROWS[row] is not None:
-            print(f"{row}: pictures a second seen, by rounds: {' '.join(watched)}")
+            print(f"{row}: pictures a second seen, by rounds: {' '.join(rates)}")
 
 
 def fly_watched(

@@ -79,15 +79,19 @@ class Access:
             return False
         return parts.scheme in ("http", "https") and parts.netloc == headers.get("host")
 
-    def is_known(self, headers: Mapping[str, str]) -> bool:
-        """Whether whoever asks has shown the token before, or shows it now."""
-        if self._token is None:
-            return True
-        kind, _, shown = headers.get("authorization", "").partition(" ")
-        if kind.lower() == "bearer" and self._is_token(shown.strip()):
-            return True
-        session = _cookie(headers.get("cookie", ""))
-        return any(secrets.compare_digest(session, one) for one in self._sessions)
+    def session_of(self, headers: Mapping[str, str]) -> str | None:
+        """Return the session of somebody who has shown the token before, None without one."""
+        shown = _cookie(headers.get("cookie", ""))
+        return next((one for one in self._sessions if secrets.compare_digest(shown, one)), None)
+
+    @staticmethod
+    def shows_token(headers: Mapping[str, str]) -> bool:
+        """Whether a token is shown with the request, be it right or wrong."""
+        return headers.get("authorization", "").partition(" ")[0].lower() == "bearer"
+
+    def is_token_right(self, headers: Mapping[str, str]) -> bool:
+        """Whether the token that is shown with the request is the right one."""
+        return self._is_token(headers.get("authorization", "").partition(" ")[2].strip())
 
     def open_session(self, token: str) -> str | None:
         """Return a new session's cookie for the right token, None for a wrong one."""

@@ -6,22 +6,22 @@ from dataclasses import asdict
 from importlib.resources import files
 from typing import Annotated, Any, Literal
 
-from fastapi import FastAPI, Header, HTTPException, Path, Response, WebSocket
+from fastapi import FastAPI, Header, HTTPException, Path, Request, Response, WebSocket
 from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from follower.cockpit.access import COOKIE, Access
+from follower.cockpit.asker import address_of, asker_of
 from follower.cockpit.conversation import Conversation
 from follower.cockpit.flights import Flights
 from follower.cockpit.hub import Hub
-from follower.cockpit.limiter import Limiter
+from follower.cockpit.limiters import Limiters
 from follower.cockpit.mjpeg import BOUNDARY, JpegStream
 from follower.cockpit.objects import Objects
-from follower.cockpit.requests import OperatorRequest
+from follower.cockpit.requests import OperatorRequest, lets_go
 from follower.cockpit.webrtc import OfferError, Peers
 from follower_vision.clock import Clock
 
-_SESSION_RATE_HZ, _SESSION_BURST = 1.0, 8
 _REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
@@ -68,7 +68,12 @@ _REFUSALS: dict[int | str, dict[str, Any]] = {
 
 
 class Parts:
-    """What the interface is made of; see each class."""
+    """What the interface is made of; see each class.
+
+    Args:
+        guesses: how often each one may show a wrong token.
+        writes: how often each one may ask for anything by POST.
+    """
 
     def __init__(
         self,
@@ -78,6 +83,8 @@ class Parts:
         peers: Peers,
         flights: Flights,
         objects: Objects | None,
+        guesses: Limiters,
+        writes: Limiters,
         clock: Clock,
     ) -> None:
         self.hub = hub
@@ -86,6 +93,8 @@ class Parts:
         self.peers = peers
         self.flights = flights
         self.objects = objects
+        self.guesses = guesses
+        self.writes = writes
         self.clock = clock
 
 
@@ -108,16 +117,15 @@ def make_app(parts: Parts, nonce: str, secure: bool) -> FastAPI:
 def _add_page(app: FastAPI, parts: Parts, nonce: str, secure: bool) -> None:
     html = files("follower.cockpit").joinpath("page.html").read_text("utf-8")
     page = html.replace("NONCE", nonce)
-    logins = Limiter(_SESSION_RATE_HZ, _SESSION_BURST, parts.clock)
 
     @app.get("/", response_class=HTMLResponse, include_in_schema=False)
     async def show_page() -> str:
         return page
 
     @app.post("/api/session", status_code=204)
-    async def open_session(token: Token, response: Response) -> None:
+    async def open_session(token: Token, request: Request, response: Response) -> None:
         """Show the token once; the cookie that comes back stands for it."""
-        if not logins.allows():
+        if not parts.guesses[address_of(request.scope)].allows():
             raise HTTPException(429, "slower, please")
         session = parts.access.open_session(token.token)
         if session is None:
@@ -141,9 +149,12 @@ def _add_requests(app: FastAPI, parts: Parts) -> None:
     @app.post("/api/request", responses={409: {"model": Refusal}})
     async def request(
         wanted: OperatorRequest,
+        http: Request,
         x_client: Annotated[str, Header(max_length=64)] = "",
     ) -> Answer:
         """Ask the flight for something. Anybody may stop; the client in control may do the rest."""
+        if not lets_go(wanted) and not parts.writes[asker_of(http.scope)].allows():
+            raise HTTPException(429, "slower, please")
         if not hub.may(x_client, wanted):
             raise HTTPException(409, "another client is in control, or none")
         answer = await hub.ask(wanted, "cockpit")

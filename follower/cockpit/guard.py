@@ -6,7 +6,8 @@ from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any, TypeAlias
 
 from follower.cockpit.access import Access
-from follower.cockpit.limiter import Limiter
+from follower.cockpit.asker import address_of, asker_of, with_session
+from follower.cockpit.limiters import Limiters
 
 Scope: TypeAlias = MutableMapping[str, Any]
 Event: TypeAlias = MutableMapping[str, Any]
@@ -16,6 +17,7 @@ Application: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 MOST_BODY_BYTES = 65_536
 _OPEN = frozenset({"/", "/api/session", "/openapi.json"})
+_REQUEST = "/api/request"
 _READS = frozenset({"GET", "HEAD"})
 _POLICY = "; ".join(
     (
@@ -54,13 +56,23 @@ class Guard:
     Args:
         inside: the application.
         access: judges.
-        writes: how often anything may be asked for by POST, by all together.
+        guesses: how often each one may show a wrong token.
+        writes: how often each one may ask for anything by POST. What an operator asks for is
+            counted behind, where it is known whether it is a stop.
         nonce: that the page's own script and style carry.
     """
 
-    def __init__(self, inside: Application, access: Access, writes: Limiter, nonce: str) -> None:
+    def __init__(
+        self,
+        inside: Application,
+        access: Access,
+        guesses: Limiters,
+        writes: Limiters,
+        nonce: str,
+    ) -> None:
         self._inside = inside
         self._access = access
+        self._guesses = guesses
         self._writes = writes
         policy = _POLICY.format(nonce=nonce).encode()
         self._headers = (*_HEADERS, _PERMANENT, (b"content-security-policy", policy))
@@ -71,7 +83,7 @@ class Guard:
             await self._inside(scope, receive, send)
             return
         try:
-            self._check(scope)
+            scope = self._checked(scope)
         except RefusedError as refusal:
             await self._refuse(scope, refusal, send)
             return
@@ -80,25 +92,41 @@ class Guard:
             return
         await self._inside(scope, _limited(receive), self._with_headers(send))
 
-    def _check(self, scope: Scope) -> None:
+    def _checked(self, scope: Scope) -> Scope:
+        """Return a request that may come in, with its session."""
         headers = _headers_of(scope)
         if not self._access.is_our_host(headers):
             raise RefusedError(421, "this is not the host's name; see cockpit.names")
         if not self._access.is_our_origin(headers):
             raise RefusedError(403, "another web site may not use this cockpit")
-        if scope["path"] not in _OPEN and not self._access.is_known(headers):
-            raise RefusedError(401, "show the token first")
+        session = self._access.session_of(headers)
+        if session is not None:
+            scope = with_session(scope, session)
+        elif self._access.needs_token and scope["path"] not in _OPEN:
+            self._check_token(scope, headers)
         if scope["type"] == "http" and scope["method"] not in _READS:
-            self._check_write(headers)
+            self._check_write(scope, headers)
+        return scope
 
-    def _check_write(self, headers: Mapping[str, str]) -> None:
+    def _check_token(self, scope: Scope, headers: Mapping[str, str]) -> None:
+        """Whoever showed too many wrong tokens is not even told whether this one is right."""
+        if not self._access.shows_token(headers):
+            raise RefusedError(401, "show the token first")
+        guesses = self._guesses[address_of(scope)]
+        if guesses.is_used_up:
+            raise RefusedError(429, "slower, please")
+        if not self._access.is_token_right(headers):
+            guesses.allows()
+            raise RefusedError(401, "show the token first")
+
+    def _check_write(self, scope: Scope, headers: Mapping[str, str]) -> None:
         """A foreign page's form cannot send JSON without asking first, which we never allow."""
         if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
             raise RefusedError(415, "send application/json")
         length = headers.get("content-length", "0")
         if not length.isdecimal() or int(length) > MOST_BODY_BYTES:
             raise RefusedError(413, f"send at most {MOST_BODY_BYTES} bytes")
-        if not self._writes.allows():
+        if scope["path"] != _REQUEST and not self._writes[asker_of(scope)].allows():
             raise RefusedError(429, "slower, please")
 
     async def _refuse(self, scope: Scope, refusal: RefusedError, send: Send) -> None:

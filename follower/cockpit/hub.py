@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from follower.cockpit.client import Client
-from follower.cockpit.requests import Consent, OperatorRequest, Stop
+from follower.cockpit.requests import OperatorRequest, lets_go
 from follower_vision.clock import Clock
 
 Message: TypeAlias = dict[str, Any]
@@ -90,13 +90,13 @@ class Hub:
 
     def may(self, client_id: str, request: OperatorRequest) -> bool:
         """Whether a client may ask for this: anybody may stop, the one in control everything."""
-        if isinstance(request, Stop) or (isinstance(request, Consent) and not request.given):
+        if lets_go(request):
             return True
         return self._controller is not None and self._controller.id == client_id
 
     async def ask(self, request: OperatorRequest, by: str) -> Message:
         """Have the flight carry out a request, and return its answer."""
-        if len(self._open) >= _MOST_OPEN:
+        if len(self._open) >= _MOST_OPEN and not lets_go(request):
             return {"accepted": False, "text": "too much is asked at once"}
         number = next(self._numbers)
         future: asyncio.Future[Message] = asyncio.get_running_loop().create_future()

@@ -15,12 +15,26 @@ class Limiter:
         self._left = self._burst
         self._since_s = clock.now()
 
+    @property
+    def is_used_up(self) -> bool:
+        """Whether `allows` would say no."""
+        self._refill()
+        return self._left < 1
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it is as if it had never been asked."""
+        self._refill()
+        return self._left == self._burst
+
     def allows(self) -> bool:
         """Whether it may happen once more now."""
-        now_s = self._clock.now()
-        self._left = min(self._burst, self._left + (now_s - self._since_s) * self._rate_hz)
-        self._since_s = now_s
-        if self._left < 1:
+        if self.is_used_up:
             return False
         self._left -= 1
         return True
+
+    def _refill(self) -> None:
+        now_s = self._clock.now()
+        self._left = min(self._burst, self._left + (now_s - self._since_s) * self._rate_hz)
+        self._since_s = now_s

@@ -65,12 +65,20 @@ def _check_installed() -> None:
         )
 
 
+def _no_password() -> str:
+    """Refuse, where the program would ask on the terminal, at every start."""
+    raise SettingsError(
+        "cockpit.tls_key: it is encrypted, and nobody is there to give its password in flight: "
+        "write it without one (openssl pkey -in KEY -out PLAIN_KEY) and let nobody else read it"
+    )
+
+
 def _check_certificate(settings: CockpitSettings) -> None:
     if settings.tls_cert is None:
         return
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        context.load_cert_chain(settings.tls_cert, settings.tls_key)
+        context.load_cert_chain(settings.tls_cert, settings.tls_key, _no_password)
     except OSError as error:
         raise SettingsError(
             f"cockpit.tls_cert, cockpit.tls_key: cannot be used: {error.strerror or error}"

@@ -76,3 +76,8 @@ OperatorRequest: TypeAlias = Annotated[
     Field(discriminator="kind"),
 ]
 REQUESTS: TypeAdapter[OperatorRequest] = TypeAdapter(OperatorRequest)
+
+
+def lets_go(request: OperatorRequest) -> bool:
+    """Whether a request ends following: such a one is nobody's privilege and is never put off."""
+    return isinstance(request, Stop) or (isinstance(request, Consent) and not request.given)

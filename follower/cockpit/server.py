@@ -16,10 +16,11 @@ from pydantic import TypeAdapter
 
 from follower.cockpit.access import Access
 from follower.cockpit.app import Parts, make_app
+from follower.cockpit.crowd import Crowd, crowded_protocol
 from follower.cockpit.flights import Flights
 from follower.cockpit.guard import Guard
 from follower.cockpit.hub import Hub, Message
-from follower.cockpit.limiter import Limiter
+from follower.cockpit.limiters import Limiters
 from follower.cockpit.mjpeg import JpegStream
 from follower.cockpit.objects import Objects
 from follower.cockpit.settings import CockpitSettings
@@ -32,8 +33,10 @@ from follower_vision.frame import Frame
 from follower_vision.models import ModelStore, default_folder
 
 _MOST_MESSAGE_BYTES = 4096
+_GUESSES_HZ, _GUESSES_BURST = 1.0, 8
 _WRITES_HZ, _WRITES_BURST = 50.0, 100
-_MOST_CONNECTIONS = 300
+_MOST_CONNECTIONS, _MOST_OF_ONE_ADDRESS = 300, 60
+_FIRST_REQUEST_S = 10.0
 _PING_S = 5.0
 
 
@@ -66,6 +69,8 @@ class CockpitServer:
             Peers(studio.page, self._settings.on_loopback),
             Flights(Path(begin["runs"])),
             objects,
+            Limiters(_GUESSES_HZ, _GUESSES_BURST, self._clock),
+            Limiters(_WRITES_HZ, _WRITES_BURST, self._clock),
             self._clock,
         )
         self._tasks: set[asyncio.Task[None]] = set()
@@ -112,15 +117,17 @@ class CockpitServer:
     def _server(self) -> uvicorn.Server:
         nonce = secrets.token_urlsafe(12)
         app = make_app(self._parts, nonce, self._settings.scheme == "https")
-        writes = Limiter(_WRITES_HZ, _WRITES_BURST, self._clock)
-        guard = Guard(app, self._parts.access, writes, nonce)
+        parts = self._parts
+        guard = Guard(app, parts.access, parts.guesses, parts.writes, nonce)
         config = uvicorn.Config(
             guard,
             ws="websockets-sansio",
             ws_max_size=_MOST_MESSAGE_BYTES,
             ws_ping_interval=_PING_S,
             ws_per_message_deflate=False,
+            http=crowded_protocol(Crowd(self._most_each), _FIRST_REQUEST_S),
             limit_concurrency=_MOST_CONNECTIONS,
+            proxy_headers=False,
             timeout_graceful_shutdown=1,
             log_config=None,
             access_log=False,
@@ -129,6 +136,11 @@ class CockpitServer:
             ssl_keyfile=self._settings.tls_key,
         )
         return _Server(config)
+
+    @property
+    def _most_each(self) -> int:
+        """Connections of one address; on loopback there is only one."""
+        return _MOST_CONNECTIONS if self._settings.on_loopback else _MOST_OF_ONE_ADDRESS
 
     def _address(self, port: int) -> str:
         host = self._settings.host

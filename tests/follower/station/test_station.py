@@ -8,11 +8,21 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+)
+from cryptography.x509.oid import NameOID
 
 from follower.cockpit.opening import open_station
 from follower.cockpit.operator import FlightOperator
@@ -202,7 +212,14 @@ def station(tmp_path: Any) -> Iterator[tuple[Station, list[str]]]:
 
 
 def test_nothing_is_started_where_nothing_is_wanted(tmp_path: Any) -> None:
+    threads, children = threading.active_count(), child_processes()
     assert open_station(Settings(), False, {}, tmp_path, print) is None
+    assert (threading.active_count(), child_processes()) == (threads, children)
+
+
+def child_processes() -> str:
+    task = Path(f"/proc/self/task/{threading.get_native_id()}/children")
+    return task.read_text("utf-8")
 
 
 def test_a_flight_without_the_extra_says_what_to_install(
@@ -230,6 +247,27 @@ def test_a_token_or_certificate_that_cannot_be_used_is_refused_before_the_flight
     settings = load_settings(None, None, (override,))
     with pytest.raises(SettingsError, match=words):
         open_station(settings, True, {}, tmp_path, print)
+
+
+def test_an_encrypted_key_is_refused_and_nobody_is_asked_for_a_password(tmp_path: Path) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    locked = key.private_bytes(
+        Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"a password")
+    )
+    (tmp_path / "key.pem").write_bytes(locked)
+    (tmp_path / "cert.pem").write_bytes(certificate(key))
+    where = f"cockpit={{tls_cert: {tmp_path}/cert.pem, tls_key: {tmp_path}/key.pem}}"
+    settings = load_settings(None, None, (where,))
+    with pytest.raises(SettingsError, match=r"tls_key: it is encrypted.*openssl pkey"):
+        open_station(settings, True, {}, tmp_path, print)
+
+
+def certificate(key: ec.EllipticCurvePrivateKey) -> bytes:
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cockpit")])
+    made = x509.CertificateBuilder(name, name, key.public_key(), 1)
+    made = made.not_valid_before(datetime(2020, 1, 1, tzinfo=UTC))
+    made = made.not_valid_after(datetime(2120, 1, 1, tzinfo=UTC))
+    return made.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM)
 
 
 def test_a_port_that_is_taken_is_told_with_what_to_do(tmp_path: Path) -> None:

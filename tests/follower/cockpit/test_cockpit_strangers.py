@@ -1,0 +1,185 @@
+"""Strangers on the network take neither the pilot's turn nor his place."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import Any
+
+import httpx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from uvicorn import Config
+from uvicorn.server import ServerState
+from websockets.sync.client import connect
+
+from follower.cockpit.access import Access
+from follower.cockpit.app import Parts, make_app
+from follower.cockpit.asker import network_of
+from follower.cockpit.crowd import Crowd, crowded_protocol
+from follower.cockpit.guard import Guard
+from follower.cockpit.hub import Hub
+from follower.cockpit.limiters import Limiters
+from follower_vision.clock import SimulatedClock
+
+TOKEN = "a token of some length"
+PILOT, STRANGER = "127.0.0.1", "127.0.0.66"
+STOP, DROP = {"kind": "stop"}, {"kind": "stop_tracking"}
+MANY = 300
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def open_to_all(serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    path = tmp_path_factory.mktemp("token") / "token"
+    path.write_text(TOKEN + "\n", "utf-8")
+    return serve("cockpit.host=0.0.0.0", f"cockpit.token_file={path}")
+
+
+def at(address: str, served: Any, **options: Any) -> httpx.Client:
+    transport = httpx.HTTPTransport(local_address=address)
+    return httpx.Client(base_url=served.url, transport=transport, timeout=30, **options)
+
+
+def guesses(client: httpx.Client, times: int) -> list[int]:
+    wish = {"token": "a guess"}
+    return [client.post("/api/session", json=wish).status_code for _ in range(times)]
+
+
+def test_each_one_has_a_limit_of_his_own_and_few_are_kept() -> None:
+    clock = SimulatedClock()
+    limiters = Limiters(1.0, 2, clock)
+    assert [limiters["one"].allows() for _ in range(3)] == [True, True, False]
+    assert limiters["another"].allows()
+    crowd = [limiters[f"stranger {number}"] for number in range(MANY)]
+    for limiter in crowd:
+        limiter.allows()
+    assert len({id(one) for one in crowd}) < MANY, "those who come late share one"
+    assert not limiters["one"].allows(), "he is not forgotten to begin anew"
+    clock.sleep_until(10.0)
+    assert limiters["somebody new"].allows()
+    assert limiters["somebody new"] is not limiters["yet another"], "the strangers are forgotten"
+
+
+@given(st.ip_addresses(v=6), st.integers(0, 2**64 - 1))
+def test_one_who_has_a_network_of_ipv6_is_one(address: Any, other: int) -> None:
+    neighbour = type(address)((int(address) >> 64 << 64) | other)
+    if address.ipv4_mapped is None and neighbour.ipv4_mapped is None:
+        assert network_of(str(address)) == network_of(str(neighbour))
+
+
+def test_an_ipv4_address_is_one_however_it_is_written() -> None:
+    assert network_of("::ffff:10.0.0.7") == network_of("10.0.0.7") != network_of("10.0.0.8")
+    assert network_of("fe80::1%eth0") == network_of("fe80::2%eth0")
+
+
+def test_who_guesses_tokens_slows_himself_alone(open_to_all: Any) -> None:
+    with at(STRANGER, open_to_all) as stranger, at(PILOT, open_to_all) as pilot:
+        assert 429 in guesses(stranger, 12)
+        assert pilot.post("/api/session", json={"token": TOKEN}).status_code == 204
+        assert pilot.post("/api/request", json=STOP).json()["accepted"]
+
+
+def test_tokens_in_headers_cannot_be_guessed_faster(open_to_all: Any) -> None:
+    stranger = "127.0.0.67"
+    with at(stranger, open_to_all) as one, at(stranger, open_to_all) as pilots_page:
+        assert pilots_page.post("/api/session", json={"token": TOKEN}).status_code == 204
+        wrong = {"authorization": "Bearer guessed"}
+        codes = [one.get("/api/state", headers=wrong).status_code for _ in range(15)]
+        assert codes[0] == 401
+        assert 429 in codes
+        right = {"authorization": f"Bearer {TOKEN}"}
+        assert one.get("/api/state", headers=right).status_code == 429, "nor is it told when right"
+        assert pilots_page.get("/api/state").status_code == 200, "who is known is not slowed"
+    with at(PILOT, open_to_all) as script:
+        assert script.get("/api/state", headers=right).status_code == 200
+
+
+def test_stop_is_never_put_off() -> None:
+    """However much the same client has asked for before, and whoever waits for answers."""
+    clock = SimulatedClock()
+    limits = [Limiters(1.0, 8, clock), Limiters(50.0, 100, clock)]
+    told: list[dict[str, Any]] = []
+
+    async def run() -> None:
+        hub = Hub({}, told.append, clock, 4)
+        parts = Parts(hub, Access(None), *[None] * 4, *limits, clock)  # type: ignore[arg-type]
+        app = Guard(make_app(parts, "", False), parts.access, *limits, "")
+        way = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=way, base_url="http://127.0.0.1") as client:
+
+            async def ask(**wish: Any) -> int:
+                return (await client.post("/api/request", json=wish)).status_code
+
+            codes = [await ask(**DROP) for _ in range(101)]
+            assert (codes[0], codes[-1]) == (409, 429)
+            waiting = [asyncio.create_task(ask(**STOP)) for _ in range(MANY)]
+            withdrawal = asyncio.create_task(ask(kind="consent", given=False))
+            await asyncio.sleep(0.5)
+            for task in (*waiting, withdrawal):
+                task.cancel()
+
+    asyncio.run(run())
+    kinds = [one["request"]["kind"] for one in told]
+    assert (kinds.count("stop"), kinds.count("consent")) == (MANY, 1)
+
+
+def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> None:
+    where = (PILOT, open_to_all.port)
+    lines = [socket.create_connection(where, source_address=(STRANGER, 0)) for _ in range(100)]
+    with at(PILOT, open_to_all) as pilot:
+        assert pilot.get("/").status_code == 200
+        pilot.post("/api/session", json={"token": TOKEN})
+        cookie = "; ".join(f"{name}={value}" for name, value in pilot.cookies.items())
+        url = open_to_all.url.replace("http", "ws") + "/ws"
+        with connect(url, additional_headers={"cookie": cookie}) as page:
+            assert page.recv(30)
+    shut = sum(is_hung_up_on(line, 0.05) for line in lines)
+    for line in lines:
+        line.close()
+    assert 30 <= shut < 100
+
+
+def test_who_asks_for_nothing_is_hung_up_on() -> None:
+    """But not who has asked, be it long ago."""
+
+    async def answer(scope: Any, receive: Any, send: Any) -> None:
+        del scope, receive
+        await send({"type": "http.response.start", "status": 204, "headers": []})
+        await send({"type": "http.response.body"})
+
+    async def run() -> None:
+        config = Config(answer, log_config=None, interface="asgi3")
+        config.load()
+        made = crowded_protocol(Crowd(2), 0.2)
+        loop = asyncio.get_running_loop()
+        server = await loop.create_server(lambda: made(config, ServerState(), {}), PILOT, 0)
+        where = server.sockets[0].getsockname()
+        await asyncio.to_thread(meet, where)
+        server.close()
+
+    def meet(where: tuple[str, int]) -> None:
+        with socket.create_connection(where) as asking, socket.create_connection(where) as slow:
+            for line in (asking, slow):
+                line.settimeout(PATIENCE_S)
+            slow.sendall(b"GET / HTTP/1.1\r\n")
+            asking.sendall(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+            assert b"204" in asking.recv(4096)
+            with socket.create_connection(where) as one_too_many:
+                assert is_hung_up_on(one_too_many)
+            assert is_hung_up_on(slow)
+            asking.sendall(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+            assert b"204" in asking.recv(4096)
+
+    asyncio.run(run())
+
+
+def is_hung_up_on(line: socket.socket, patience_s: float = PATIENCE_S) -> bool:
+    line.settimeout(patience_s)
+    try:
+        return line.recv(1) == b""
+    except ConnectionResetError:
+        return True
+    except TimeoutError:
+        return False
