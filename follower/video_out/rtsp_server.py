@@ -9,11 +9,13 @@ from follower.video_out.channel import Channel
 from follower.video_out.rtsp_viewer import RtspViewer
 from follower.video_out.settings import Address
 
-_MOST_VIEWERS = 8
+_MOST_VIEWERS, _MOST_OF_ONE_ADDRESS = 8, 4
 
 
 class RtspServer:
     """Serves rtsp://host:port/live, with RTP inside the connection or by UDP.
+
+    One address has at most half of the places; who does not play soon loses his.
 
     Args:
         channel: what is shown.
@@ -27,7 +29,7 @@ class RtspServer:
         self._channel = channel
         self._address = address
         self._server: asyncio.Server | None = None
-        self._viewers: set[asyncio.Task[None]] = set()
+        self._viewers: dict[asyncio.Task[None], str] = {}
         self.port = address.port
 
     async def start(self) -> None:
@@ -49,15 +51,20 @@ class RtspServer:
             task.cancel()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is None or len(self._viewers) >= _MOST_VIEWERS:
+        task, peer = asyncio.current_task(), writer.get_extra_info("peername")
+        address = str(peer[0]) if peer else ""
+        if task is None or not self._has_place_for(address):
             writer.close()
             return
-        self._viewers.add(task)
+        self._viewers[task] = address
         viewer = RtspViewer(self._channel, reader, writer)
         try:
             with suppress(OSError, EOFError, asyncio.CancelledError):
                 await viewer.run()
         finally:
-            self._viewers.discard(task)
+            del self._viewers[task]
             viewer.close()
+
+    def _has_place_for(self, address: str) -> bool:
+        of_one = sum(other == address for other in self._viewers.values())
+        return len(self._viewers) < _MOST_VIEWERS and of_one < _MOST_OF_ONE_ADDRESS

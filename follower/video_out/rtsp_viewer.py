@@ -18,6 +18,8 @@ _METHODS = "OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN, GET_PARAMETER, SET_PARAMET
 _MOST_HEADERS = 40
 _MOST_BODY_BYTES = 4096
 _IDLE_S = 120.0
+_BEGINS_WITHIN_S = 10.0
+"""Who does not play after so long is hung up on; likewise who plays and takes nothing."""
 _LONGEST_LINE_BYTES = 2048
 _BEHIND_BYTES = 400_000
 """A viewer by TCP that is so far behind gets nothing more until the next key picture."""
@@ -48,11 +50,19 @@ class RtspViewer:
         self._is_set_up = False
         self._playing = False
         self._needs_key = True
+        self._behind_s: float | None = None
         self._leave: Callable[[], None] | None = None
         self._keyed = asyncio.Event()
 
     async def run(self) -> None:
         """Answer until the viewer leaves or says nothing sensible."""
+        watch = self._loop.call_later(_BEGINS_WITHIN_S, self._give_up)
+        try:
+            await self._converse()
+        finally:
+            watch.cancel()
+
+    async def _converse(self) -> None:
         while (request := await self._request()) is not None:
             method, url, headers = request
             answer = await self._answer(method, url, headers)
@@ -61,6 +71,10 @@ class RtspViewer:
                 await self._writer.drain()
             if method == "TEARDOWN":
                 return
+
+    def _give_up(self) -> None:
+        if not self._playing:
+            self._writer.transport.abort()
 
     def close(self) -> None:
         """Send no more."""
@@ -182,12 +196,23 @@ class RtspViewer:
             self._keyed.set()
         if not self._playing or self._writer.is_closing():
             return
-        behind = self._writer.transport.get_write_buffer_size() > _BEHIND_BYTES
+        behind = self._is_behind()
         self._needs_key = (self._needs_key and not unit.is_key) or behind
         if self._needs_key:
             return
         for packet in self._packetiser.pack(unit):
             self._send_packet(packet)
+
+    def _is_behind(self) -> bool:
+        """Whether too much waits to be taken; for too long, it ends."""
+        if self._writer.transport.get_write_buffer_size() <= _BEHIND_BYTES:
+            self._behind_s = None
+            return False
+        now_s = self._loop.time()
+        self._behind_s = now_s if self._behind_s is None else self._behind_s
+        if now_s - self._behind_s > _BEGINS_WITHIN_S:
+            self._writer.transport.abort()
+        return True
 
     def _send_packet(self, packet: bytes) -> None:
         if self._udp is None:

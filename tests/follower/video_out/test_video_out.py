@@ -369,6 +369,54 @@ def test_who_says_nothing_more_gives_his_place_back(
         assert one.recv(4096) == b""
 
 
+def is_hung_up_on(connection: socket.socket) -> bool:
+    connection.settimeout(PATIENCE_S)
+    try:
+        while connection.recv(65536):
+            pass
+    except ConnectionResetError:
+        return True
+    return True
+
+
+def test_one_address_does_not_take_all_places(server: tuple[Live, RtspServer]) -> None:
+    where = ("127.0.0.1", server[1].port)
+    with contextlib.ExitStack() as stack:
+        for _ in range(4):
+            one = stack.enter_context(ask(where[1], "OPTIONS"))
+            assert b"200 OK" in one.recv(4096)
+        with ask(where[1], "OPTIONS") as fifth:
+            assert is_hung_up_on(fifth)
+        other = socket.create_connection(where, PATIENCE_S, ("127.0.0.2", 0))
+        with other:
+            other.sendall(request("OPTIONS"))
+            assert b"200 OK" in other.recv(4096)
+
+
+@pytest.mark.parametrize("said", [(), ("OPTIONS",), ("DESCRIBE",)])
+def test_who_does_not_play_soon_loses_his_place(
+    monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer], said: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEGINS_WITHIN_S", 0.3)
+    where = ("127.0.0.1", server[1].port)
+    with socket.create_connection(where, timeout=PATIENCE_S) as one, ask(where[1], "SETUP") as two:
+        for method in said:
+            one.sendall(request(method))
+        assert is_hung_up_on(one)
+        assert is_hung_up_on(two)
+
+
+def test_who_plays_and_takes_nothing_loses_his_place(
+    monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer]
+) -> None:
+    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEGINS_WITHIN_S", 0.3)
+    nothing_is_little_enough = -1
+    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEHIND_BYTES", nothing_is_little_enough)
+    with ask(server[1].port, "SETUP", "Transport: RTP/AVP/TCP;unicast") as one:
+        one.sendall(request("PLAY"))
+        assert is_hung_up_on(one)
+
+
 def test_setting_up_again_and_again_keeps_one_socket(server: tuple[Live, RtspServer]) -> None:
     transport = "Transport: RTP/AVP;unicast;client_port=40000-40001"
     with ask(server[1].port, "OPTIONS") as connection:
