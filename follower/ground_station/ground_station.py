@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ from follower_vision.clock import Clock
 from follower_vision.framesource import ClosesItself
 
 _WAIT_S = 0.02
+_THERE_FIRST_S = 3.0
+"""Who sends heartbeats as our camera so early was there before: they come once a second."""
 _COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
 _PARAMETERS = frozenset(
     {
@@ -92,7 +95,8 @@ class GroundStation(ClosesItself):
         self._extended: ParameterExtServer | None = None
         self._files: FileServer | None = None
         self._target: TargetReport | None = None
-        self._clashed = False
+        self._begun_s = math.inf
+        self._clashed = self._warned = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ground station", daemon=True)
 
@@ -110,6 +114,7 @@ class GroundStation(ClosesItself):
         """Answer what has come and send what is due; what the thread does again and again."""
         packets = self._port.wait(wait_s)
         if self._camera is None and self._view.link.vehicle_id is not None:
+            self._begun_s = now_s
             self._begin(self._view.link.vehicle_id)
         if self._camera is None:
             return
@@ -161,7 +166,7 @@ class GroundStation(ClosesItself):
         message = self._decoder.decode(bytearray(packet.data))
         number = packet.message_id
         if number == _HEARTBEAT:
-            self._look_for_another(packet, message)
+            self._look_for_another(packet, message, now_s)
         if self._parameters is not None and (number == _HEARTBEAT or number in _PARAMETERS):
             self._parameters.hear(message, now_s)
         if self._clashed:
@@ -173,16 +178,22 @@ class GroundStation(ClosesItself):
         elif number == _FILES and self._files is not None:
             self._files.hear(message)
 
-    def _look_for_another(self, packet: Packet, message: Any) -> None:
-        """Be silent as a camera where another one has the same number."""
-        ours = self._view.link.vehicle_id, self._settings.camera_component
-        if (packet.system, packet.component) != ours or self._clashed:
-            return
-        self._clashed = True
+    def _look_for_another(self, packet: Packet, message: Any, now_s: float) -> None:
+        """Be silent as a camera where another one was there first with the same number.
+
+        One that comes later, real or forged, does not take the pilot's tracking away.
+        """
         number = self._settings.camera_component
-        self._view.requests.note(
-            (
-                f"another camera (type {message.type}) has component {number} already: "
-                "ours is silent; set ground_station.camera_component",
-            )
+        ours = self._view.link.vehicle_id, number
+        if (packet.system, packet.component) != ours or self._warned:
+            return
+        self._warned = True
+        self._clashed = now_s - self._begun_s < _THERE_FIRST_S
+        who = f"another camera (type {message.type}) has component {number}"
+        note = (
+            f"{who} already: ours is silent; set ground_station.camera_component"
+            if self._clashed
+            else f"{who} now, too: ours goes on. Give one of them another number; "
+            "if there is none, somebody pretends: sign the link (docs/links.md)"
         )
+        self._view.requests.note((note,))

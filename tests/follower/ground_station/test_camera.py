@@ -350,6 +350,23 @@ def test_another_camera_of_the_same_number_silences_ours(make_rig: MakeRig) -> N
     assert any("camera_component" in note for note in rig.requests.take().notes)
 
 
+def test_one_that_comes_later_or_pretends_does_not_silence_ours(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    qgc = station(rig)
+    rig.run(4.0)
+    forged = rig.peer(1, 100)
+    rig.run(0.1)
+    before = len(qgc.of("HEARTBEAT", 100))
+    for _ in range(5):
+        forged.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_CAMERA, 8, 0, 0, 4, 3))
+        rig.run(1.0)
+    assert len(qgc.of("HEARTBEAT", 100)) >= before + 4
+    assert answer(rig, qgc, RECTANGLE, 0.25, 0.5, 0.5, 0.75) == ACCEPTED
+    notes = [note for note in rig.requests.take().notes if "component 100" in note]
+    assert len(notes) == 1
+    assert "sign the link" in notes[0]
+
+
 numbers = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
