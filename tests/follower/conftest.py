@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rich._export_format import CONSOLE_SVG_FORMAT
+from rich.console import Console
 
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.supervisor import Reason, State
@@ -215,3 +220,21 @@ def vehicle_of(body: BodyState) -> VehicleState:
 def fly() -> MakeFlight:
     """Return the generator of synthetic flights."""
     return make_flight
+
+
+KeepTerminal = Callable[[Console, str, str], None]
+_WEB_FONTS = re.compile(r"@font-face \{\{.*?\}\}\s*", re.DOTALL)
+
+
+@pytest.fixture
+def keep_terminal() -> KeepTerminal:
+    """Keep what a recording console was shown as a picture, where somebody asks for it."""
+
+    def keep(console: Console, title: str, name: str) -> None:
+        wanted = os.environ.get("FOLLOWER_PICTURES")  # `docs/pictures`, for the guides
+        if wanted:
+            pattern = _WEB_FONTS.sub("", CONSOLE_SVG_FORMAT)
+            svg = console.export_svg(title=title, code_format=pattern, unique_id=name)
+            (Path(wanted) / f"{name}.svg").write_text(svg, "utf-8")
+
+    return keep

@@ -3,6 +3,7 @@
 import configparser
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -11,10 +12,14 @@ from follower.preflight.table import CHECKS
 from follower.supervisor import Reason
 
 ROOT = Path(__file__).parents[2]
-GUIDES = ("start-simulator.md", "start-raspberry-pi.md", "calibration.md", "when-it-goes-wrong.md")
+GUIDES = (
+    *("start-simulator.md", "start-raspberry-pi.md", "calibration.md"),
+    *("when-it-goes-wrong.md", "ground-station.md", "cockpit.md", "video.md"),
+)
 PACKAGES = ("follower", "control/follower_control", "vision/follower_vision")
 GLUED = re.compile(r'"\s*\n\s*f?"')
 CODE = re.compile(r"`([^`]+)`")
+SVG = "{http://www.w3.org/2000/svg}"
 UNIT = ROOT / "configs" / "systemd" / "follower.service"
 
 
@@ -66,6 +71,33 @@ def test_links_of_the_guides_lead_somewhere(name: str) -> None:
     links = re.findall(r"\]\(([^)#]+)", guide(name))
     assert links
     assert [one for one in links if not (ROOT / "docs" / one).exists()] == []
+
+
+def test_pictures_are_there_and_small_and_need_nothing_from_elsewhere() -> None:
+    pages = [path.read_text("utf-8") for path in (ROOT / "docs").glob("*.md")]
+    names = {name for page in pages for name in re.findall(r"[(\"](pictures/[^)\"]+)", page)}
+    assert len(names) > 10
+    for name in names:
+        data = (ROOT / "docs" / name).read_bytes()
+        assert len(data) < 150_000, name
+        if name.endswith(".svg"):
+            assert not re.search(rb"(?:href|src)\s*=|url\(\s*[^#\s]|@import", data), name
+
+
+def test_the_drawing_of_the_wires_says_what_the_table_says() -> None:
+    drawing = ElementTree.parse(ROOT / "docs" / "pictures" / "wiring.svg")
+    texts = [element.text or "" for element in drawing.iter(f"{SVG}text")]
+    (about,) = (element.text or "" for element in drawing.iter(f"{SVG}desc"))
+    rows = re.findall(
+        r"^\| (\d): (\w+) \| . \| pin (\d+): (.+) \|$", guide(GUIDES[1]), re.MULTILINE
+    )
+    assert len(rows) == 3
+    for pin, name, to, what in rows:
+        assert f"{pin}: {name}" in texts
+        assert f"{to}: {what}" in texts
+        assert re.search(
+            rf"pin {pin} \({name}\) (?:goes )?to (?:the Raspberry Pi's )?pin {to} ", about
+        )
 
 
 def test_the_service_stops_by_holding_and_is_begun_anew_only_after_an_error() -> None:

@@ -1,5 +1,6 @@
 """`follower calibrate`: from a folder of images to settings that fly and track take."""
 
+import io
 import os
 import re
 import struct
@@ -10,10 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console, Group
 from typer.testing import CliRunner
 
 from follower.calibration import display, session
 from follower.calibration.board import Board
+from follower.calibration.views import ViewCollection
 from follower.cli import app
 from follower.settings import CameraSettings, load_settings
 from follower_control.strict_yaml import SettingsError
@@ -77,8 +80,19 @@ def test_images_become_settings_and_a_picture(
 
 
 def test_a_camera_is_watched_until_there_are_views_enough(
-    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    photos: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    keep_terminal: Callable[[Console, str, str], None],
 ) -> None:
+    console = Console(record=True, width=100, file=io.StringIO())
+    seen: list[Group] = []
+
+    def shown(views: ViewCollection, board_in_sight: bool) -> Group:
+        seen.append(display.shown(views, board_in_sight))
+        return seen[-1]
+
+    monkeypatch.setattr(session, "shown", shown)
     monkeypatch.setattr(session, "is_live", lambda _: True)
     monkeypatch.setattr(display, "GOOD_VIEWS", 10)
     monkeypatch.setattr(display, "GOOD_COVERAGE", 0.6)
@@ -88,6 +102,9 @@ def test_a_camera_is_watched_until_there_are_views_enough(
     assert looked is not None
     assert 10 <= int(looked[2]) <= int(looked[1]) < len(list(photos.iterdir())), "it ended early"
     assert "Ctrl-C ends it and computes the lens" in said
+    console.print(seen[len(seen) // 2])
+    assert "the board is in sight; next: show it at the" in console.export_text(clear=False)
+    keep_terminal(console, "follower calibrate 0", "calibrating")
 
 
 def test_what_is_there_is_not_overwritten(photos: Path, tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.setpoint import HOLD
 
 PATIENCE_MS = 120_000
+TRIES = 6
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 pytestmark = [
@@ -85,15 +86,18 @@ def drag_over_car(page: Page, simulation: Any) -> None:
 
 
 def follow(page: Page, simulation: Any) -> None:
-    """Choose the car, again if the tracker did not take to it, until it is followed."""
-    for _ in range(3):
+    """Choose the car, again if it had driven out of the box meanwhile, until it is followed."""
+    for _ in range(TRIES):
         drag_over_car(page, simulation)
         try:
-            page.wait_for_selector("#state[data-state=following]", timeout=PATIENCE_MS / 3)
+            page.wait_for_selector("#state[data-state=following]", timeout=PATIENCE_MS / TRIES)
         except TooLateError:
             continue
-        return
-    page.wait_for_selector("#state[data-state=following]")
+        for _ in range(20):
+            if is_on_target(simulation):
+                return
+            page.wait_for_timeout(100)
+    pytest.fail("the car was not followed")
 
 
 def controls(simulation: Any) -> list[ControlRecord]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from follower.fly.options import FlyOptions
 from follower.fly.preflight import preflight
@@ -70,6 +72,36 @@ def test_a_healthy_vehicle_is_ready(
     assert content["camera"]["interval_s"] == pytest.approx(1 / 30, abs=0.01)
     assert there.setpoints == []
     assert not there.autopilot.armed
+
+
+@pytest.mark.slow
+def test_the_checklist_that_people_see_ends_with_ready(
+    vehicle: MakeVehicle,
+    port: int,
+    video: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    keep_terminal: Callable[[Console, str, str], None],
+) -> None:
+    console = Console(record=True, width=100, file=io.StringIO())
+    monkeypatch.setattr("follower.fly.preflight.Console", lambda: console)
+    monkeypatch.setattr("follower.preflight.computer.load", lambda _: 0.4)
+    monkeypatch.chdir(tmp_path)
+    Path("camera.mp4").symlink_to(video)
+    vehicle("px4")
+    given = FlyOptions(
+        f"udpin:127.0.0.1:{port}",
+        camera="camera.mp4",
+        out=Path("runs"),
+        overrides=BASE,
+        needs_target=False,
+        look_s=8.0,
+    )
+    assert preflight(given) == 0
+    shown = console.export_text(clear=False)
+    assert shown.rstrip().splitlines()[-1].startswith("Ready")
+    assert "→" in shown, "a warning says what to do"
+    keep_terminal(console, "follower preflight", "preflight")
 
 
 def test_what_is_wrong_with_the_vehicle_is_told_each_for_its_reason(
