@@ -122,6 +122,19 @@ def test_what_is_tapped_is_followed(phone: Page, seeing: Any) -> None:
     picture(phone, "cockpit-tapped")
 
 
+def test_a_line_that_died_without_a_word_is_told_and_stop_takes_another_way(
+    phone: Page, seeing: Any
+) -> None:
+    phone.evaluate("() => { socket.onmessage = () => {}; socket.send = () => {}; }")
+    phone.wait_for_selector("#connection.bad:has-text('silent')")
+    assert phone.evaluate("document.body.classList.contains('old')"), "what is shown is marked"
+    phone.tap("#stop")
+    wait_for(phone, lambda: seeing.operator.stops_s, "the stop received")
+    phone.wait_for_selector("#connection.good:has-text('connected')")
+    phone.wait_for_selector("#state[data-state=released]")
+    wait_for(phone, lambda: not phone.evaluate("document.body.className"), "nothing marked")
+
+
 def test_when_nobody_wants_numbers_there_are_none(phone: Page) -> None:
     phone.tap("#objects")
     phone.wait_for_timeout(1000)
