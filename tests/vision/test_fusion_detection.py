@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
+import time
 
+import cv2
 import numpy as np
 import pytest
 
 from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
 from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import (
@@ -62,6 +66,21 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+BUSY_S = 0.05
+
+
+class BusyDetector:
+    """Keeps a processor busy for a while."""
+
+    class_names = ("thing",)
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:  # noqa: ARG002
+        until_s = time.thread_time() + BUSY_S
+        while time.thread_time() < until_s:
+            pass
+        return []
+
+
 class LaggingTracker:
     """Goes half the way to the middle of the white pixels about its box."""
 
@@ -110,6 +129,37 @@ def test_background_detection_never_makes_the_asker_wait() -> None:
     assert service.wait_idle(10)
     assert [answer.request.index for answer in service.take(1)] == [5]
     assert service.take(1) == []
+    service.close()
+
+
+def test_background_detection_rests_after_its_work_less_if_it_is_urgent() -> None:
+    """So it never takes more than a third of a core, or two thirds while a target is lost."""
+    clock = SimulatedClock()
+    service = BackgroundDetection(BusyDetector(), clock)
+    assert service.ready()
+    service.submit(_request(1, 5, None))
+    assert service.wait_idle(10)
+    assert not service.ready()
+    assert not service.ready(urgent=True)
+    clock.sleep_until(1.0 * BUSY_S)
+    assert service.ready(urgent=True)
+    assert not service.ready()
+    clock.sleep_until(10 * BUSY_S)
+    assert service.ready()
+    service.close()
+
+
+def test_background_detection_that_only_waits_need_not_rest() -> None:
+    """A thread that a busy machine keeps waiting has not taken anything from anybody."""
+    detector, clock = SquareDetector(), SimulatedClock()
+    service = BackgroundDetection(detector, clock)
+    detector.may_answer.clear()
+    service.submit(_request(1, 5, None))
+    clock.sleep_until(100.0)
+    detector.may_answer.set()
+    assert service.wait_idle(10)
+    clock.sleep_until(100.1)
+    assert service.ready()
     service.close()
 
 
@@ -292,6 +342,53 @@ def test_a_cut_to_another_scene_is_no_motion() -> None:
     camera = CameraMotion()
     camera.update(images[0])
     assert camera.update(images[1]) == Warp()
+
+
+def test_half_a_motion_done_twice_is_the_motion() -> None:
+    motion = Warp(1.02, 0.05, -30.0, 12.0)
+    half = motion.halved()
+    assert half.then(half).point(12.0, 34.0) == pytest.approx(motion.point(12.0, 34.0))
+    assert Warp().halved() == Warp()
+
+
+def test_an_even_motion_is_measured_in_every_other_image() -> None:
+    """What the tracker is told adds up to the truth, also when the camera stops."""
+    rng = np.random.default_rng(5)
+    grain = cv2.resize(rng.integers(0, 255, (120, 200), np.uint8), (1600, 960))
+    wide = np.repeat(grain[..., None], 3, axis=2)
+    camera, target, total, foreseen = CameraMotion(), Box(160, 120, 40, 40), 0.0, []
+    places = [min(3 * number, 60) for number in range(30)]
+    for number, place in enumerate(places):
+        image = np.ascontiguousarray(wide[200:440, 100 + place : 420 + place])
+        foreseen.append(camera.foresee(image, [target]))
+        total += camera.update(image).right
+        if number and not foreseen[-1]:
+            assert total == pytest.approx(-place, abs=1.0)
+    assert foreseen[:3] == [False] * 3
+    assert not any(one and two for one, two in itertools.pairwise(foreseen))
+    assert sum(foreseen[3:21]) >= 8
+
+
+def test_a_motion_that_is_large_beside_the_target_is_measured_in_every_image() -> None:
+    rng = np.random.default_rng(7)
+    grain = cv2.resize(rng.integers(0, 255, (120, 200), np.uint8), (1600, 960))
+    wide = np.repeat(grain[..., None], 3, axis=2)
+    camera, small = CameraMotion(), Box(160, 120, 8, 8)
+    for place in range(0, 40, 4):
+        image = np.ascontiguousarray(wide[200:440, 100 + place : 420 + place])
+        assert not camera.foresee(image, [small])
+        camera.update(image)
+
+
+def test_a_motion_that_changes_is_measured_in_every_image() -> None:
+    rng = np.random.default_rng(6)
+    grain = cv2.resize(rng.integers(0, 255, (120, 200), np.uint8), (1600, 960))
+    wide = np.repeat(grain[..., None], 3, axis=2)
+    camera, target = CameraMotion(), Box(160, 120, 40, 40)
+    for place in (0, 4, 16, 18, 30, 34, 46, 50, 62):
+        image = np.ascontiguousarray(wide[200:440, 100 + place : 420 + place])
+        assert not camera.foresee(image, [target])
+        camera.update(image)
 
 
 def test_scan_goes_around_the_box_and_stays_in_the_image() -> None:

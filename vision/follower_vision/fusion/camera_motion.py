@@ -28,8 +28,10 @@ _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 _OUTLIER_PX = 1.0
 _LEAST_INLIERS = 12
 _LEAST_INLIER_SHARE = 0.4
-_CLEAR_SHARE = 0.75
+_VAIN = 2
 _MOST_ZOOM = 1.2
+_CALM_SIZES = 0.25
+_STEADY_SIZES = 0.05
 _AROUND_TARGET = 1.3
 
 Grey = npt.NDArray[np.uint8]
@@ -39,9 +41,12 @@ Points = npt.NDArray[np.float32]
 class CameraMotion:
     """Sparse optical flow (Lucas and Kanade) on a small grey image, then a robust similarity.
 
-    Corners are followed through a few images before they are looked for anew. Where too little of
-    the background agrees, as when the camera swings fast, the image's shift as a whole counts;
-    where there is none either, the motion is said to be none.
+    Corners that agree are followed through a few images before they are looked for anew. Where too
+    little of the background agrees, as when the camera swings fast, the image's shift as a whole
+    counts; where there is none either, the motion is said to be none. Where corners were followed
+    in vain twice, the shift comes first, and corners are tried every fifth time.
+
+    A camera that moves evenly need not be measured in every image: see `foresee`.
     """
 
     def __init__(self) -> None:
@@ -49,13 +54,46 @@ class CameraMotion:
         self._grey: Grey | None = None
         self._corners: Points = _NO_POINTS
         self._kept = 0
+        self._vain = 0
         self._warp = Warp()
         self._full: Grey | None = None
+        self._paces: tuple[Warp | None, Warp | None] = (None, None)
+        self._foreseen = False
 
     def reset(self) -> None:
         """Forget the last image."""
         self._grey = self._full = self._image = None
         self._warp = Warp()
+        self._paces, self._foreseen = (None, None), False
+        self._vain = 0
+
+    def foresee(self, image: Image, boxes: Sequence[Box]) -> bool:
+        """Take an image for which the motion need not be measured; tell whether it is such a one.
+
+        It is if the last two measurements agreed, seen at the boxes, and the last image's motion
+        was measured. `update` then says that the camera went on like that. The next measurement
+        reaches over two images, so that errors do not add up.
+
+        Args:
+            image: the next image.
+            boxes: what is followed, in the last image.
+        """
+        known = image is self._image or self._image is None or image.shape != self._image.shape
+        if known or self._foreseen or not self._even(boxes):
+            return False
+        self._image, self._warp, self._foreseen = image, self._paces[1] or Warp(), True
+        return True
+
+    def _even(self, boxes: Sequence[Box]) -> bool:
+        """Whether the camera moves so evenly that its next motion is known."""
+        before, now = self._paces
+        if before is None or now is None:
+            return False
+        return bool(boxes) and all(
+            now.box(box).distance(box) < _CALM_SIZES * box.scale
+            and now.box(box).distance(before.box(box)) < _STEADY_SIZES * box.scale
+            for box in boxes
+        )
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -68,7 +106,7 @@ class CameraMotion:
         """
         if image is not self._image:
             self._image = image
-            self._warp = self._measure(image, avoid)
+            self._warp = self._since_foreseen(image, avoid)
         return self._warp
 
     @property
@@ -76,22 +114,40 @@ class CameraMotion:
         """The last image of `update` in grey, (H, W): it was needed anyway."""
         return self._full
 
-    def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp:
+    def _since_foreseen(self, image: Image, avoid: Sequence[Box]) -> Warp:
+        """Measure, and take off what was foreseen since the last measurement."""
+        if not self._foreseen:
+            warp = self._measure(image, avoid)
+            self._paces = self._paces[1], warp
+            return warp or Warp()
+        back, self._foreseen = self._warp.back(), False
+        total = self._measure(image, [back.box(box) for box in avoid])
+        self._paces = self._paces[1], None if total is None else total.halved()
+        return back.then(total or Warp())
+
+    def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp | None:
+        """Return the motion from the last image measured; None if there is nothing to measure."""
         factor = min(1.0, _WIDTH / image.shape[1])
         self._full = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
         size = round(image.shape[1] * factor), round(image.shape[0] * factor)
         last, self._grey = self._grey, reduced(self._full, *size)
         if last is None or last.shape != self._grey.shape:
             self._corners = _NO_POINTS
-            return Warp()
+            return None
         around = [box.scaled(_AROUND_TARGET) for box in avoid]
-        flow = self._flow(last, self._grey, around, factor)
-        return flow or _shifted(last, self._grey, factor)
+        if self._vain < _VAIN or self._vain % _FRAMES_KEPT == 0:
+            flow = self._flow(last, self._grey, around, factor)
+            self._vain = self._vain + 1 if flow is None else 0
+            return flow or _shifted(last, self._grey, factor)
+        self._vain += 1
+        self._corners = _NO_POINTS
+        shift = _shifted(last, self._grey, factor)
+        return shift or self._flow(last, self._grey, around, factor)
 
     def _flow(self, last: Grey, grey: Grey, avoid: list[Box], factor: float) -> Warp | None:
         before, after = _followed(last, grey, self._background(last, avoid, factor))
-        warp, inliers = _similarity(before, after, factor)
-        self._corners = after if inliers >= _CLEAR_SHARE * len(after) else _NO_POINTS
+        warp, agreeing = _similarity(before, after, factor)
+        self._corners = after[agreeing]
         return warp
 
     def _background(self, last: Grey, avoid: list[Box], factor: float) -> Points:
@@ -135,16 +191,20 @@ def _outside(corners: Points, avoid: list[Box], factor: float) -> Points:
     return corners[kept]
 
 
-def _similarity(before: Points, after: Points, factor: float) -> tuple[Warp | None, int]:
-    """Return the motion, if there is one to be believed, and how many points agree."""
+def _similarity(
+    before: Points, after: Points, factor: float
+) -> tuple[Warp | None, npt.NDArray[np.bool_]]:
+    """Return the motion, if there is one to be believed, and which points agree."""
+    none = np.zeros(len(before), bool)
     if len(before) < _LEAST_INLIERS:
-        return None, 0
+        return None, none
     matrix, agreeing = cv2.estimateAffinePartial2D(
         before, after, method=cv2.RANSAC, ransacReprojThreshold=_OUTLIER_PX
     )
-    inliers = 0 if matrix is None else int(agreeing.sum())
-    if matrix is None or inliers < max(_LEAST_INLIERS, _LEAST_INLIER_SHARE * len(before)):
-        return None, 0
+    inliers = none if matrix is None else agreeing.ravel() > 0
+    least = max(_LEAST_INLIERS, _LEAST_INLIER_SHARE * len(before))
+    if matrix is None or np.count_nonzero(inliers) < least:
+        return None, none
     warp = Warp(
         float(matrix[0, 0]),
         float(matrix[1, 0]),
@@ -152,9 +212,9 @@ def _similarity(before: Points, after: Points, factor: float) -> tuple[Warp | No
         float(matrix[1, 2]) / factor,
     )
     believable = abs(math.log(max(warp.zoom, 1e-6))) < math.log(_MOST_ZOOM)
-    return (warp, inliers) if believable else (None, 0)
+    return (warp, inliers) if believable else (None, none)
 
 
-def _shifted(last: Grey, grey: Grey, factor: float) -> Warp:
+def _shifted(last: Grey, grey: Grey, factor: float) -> Warp | None:
     shift = global_shift(last, grey)
-    return Warp() if shift is None else Warp(right=shift[0] / factor, down=shift[1] / factor)
+    return None if shift is None else Warp(right=shift[0] / factor, down=shift[1] / factor)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
 from follower_vision.box import Box
+from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.detection.detection import Detection, Detector
 from follower_vision.frame import Image
 
@@ -44,8 +47,8 @@ class DetectionAnswer:
 class DetectionService(Protocol):
     """Takes requests and has answers later, or at once."""
 
-    def ready(self) -> bool:
-        """Tell whether a request would be taken now."""
+    def ready(self, urgent: bool = False) -> bool:
+        """Tell whether a request should be handed in now; an urgent one sooner than others."""
         ...
 
     def submit(self, request: DetectionRequest) -> None:
@@ -68,7 +71,7 @@ class InlineDetection:
         self._detector = detector
         self._waiting: list[DetectionRequest] = []
 
-    def ready(self) -> bool:
+    def ready(self, urgent: bool = False) -> bool:  # noqa: ARG002
         """Tell that a request is always taken."""
         return True
 
@@ -88,6 +91,8 @@ class InlineDetection:
 
 
 _NICENESS = 10
+_REST_SHARE = 2.0
+_REST_SHARE_URGENT = 0.5
 
 
 class BackgroundDetection:
@@ -96,11 +101,17 @@ class BackgroundDetection:
     Where the system allows it (Linux), the thread has a lower priority than its asker's.
 
     One request is worked on at a time; while that lasts, others are refused (`ready`) or dropped.
+    Then the thread rests for twice the processor time that it took, for half of it if the next
+    request is urgent: a detector that never pauses slows the motion tracker down, with which it
+    shares memory, caches and often a core. At a camera's rate that is hardly ever felt.
     An error of the detector is raised by the next `take`.
     """
 
-    def __init__(self, detector: Detector) -> None:
+    def __init__(self, detector: Detector, clock: Clock | None = None) -> None:
+        """Start the thread; the clock is the computer's if none is given."""
         self._detector = detector
+        self._clock = clock or MonotonicClock()
+        self._ended_s, self._worked_s = -math.inf, 0.0
         self._changed = threading.Condition()
         self._request: DetectionRequest | None = None
         self._answers: list[DetectionAnswer] = []
@@ -111,10 +122,12 @@ class BackgroundDetection:
         # A thread that is inside a network when the interpreter ends would crash it.
         atexit.register(self.close)
 
-    def ready(self) -> bool:
-        """Tell whether the thread is idle."""
+    def ready(self, urgent: bool = False) -> bool:
+        """Tell whether the thread is idle and has rested."""
+        share = _REST_SHARE_URGENT if urgent else _REST_SHARE
         with self._changed:
-            return self._request is None
+            rested = self._clock.now() >= self._ended_s + share * self._worked_s
+            return rested and self._request is None
 
     def submit(self, request: DetectionRequest) -> None:
         """Hand a request to the thread, unless it is busy."""
@@ -152,20 +165,23 @@ class BackgroundDetection:
     def _work(self) -> None:
         _step_back()
         while (request := self._next()) is not None:
+            began_s = time.thread_time()
             try:
                 answer = _answer(self._detector, request)
             except (ValueError, RuntimeError) as error:
-                self._put(None, error)
+                self._put(None, error, began_s)
                 return
-            self._put(answer, None)
+            self._put(answer, None, began_s)
 
     def _next(self) -> DetectionRequest | None:
         with self._changed:
             self._changed.wait_for(lambda: self._request is not None or self._closed)
             return None if self._closed else self._request
 
-    def _put(self, answer: DetectionAnswer | None, error: Exception | None) -> None:
+    def _put(self, answer: DetectionAnswer | None, error: Exception | None, began_s: float) -> None:
         with self._changed:
+            self._ended_s = self._clock.now()
+            self._worked_s = time.thread_time() - began_s
             if answer is not None:
                 self._answers.append(answer)
             self._error = error

@@ -28,6 +28,7 @@ _RIVAL_FRAMES = 2
 _RESUME_SIZES = 1.5
 _STEADY_SIZES = 0.75
 _ANCHOR_LOOKS = 0.88
+_NOTICED_LOOKS = 0.8
 _CONFIDENCE_MEMORY_S = 2.0
 
 
@@ -254,9 +255,11 @@ class Following:
         box = clamped(evidence.box, belief, self._settings)
         belief.see(box, evidence.relative, self._name)
         belief.kinematics.see(box)
-        if evidence.fresh and evidence.looks >= _ANCHOR_LOOKS and evidence.relative >= _SURE:
-            belief.anchor()
+        sure = evidence.fresh and evidence.relative >= _SURE
+        if sure and evidence.looks >= _NOTICED_LOOKS:
             self._looks.notice(evidence.score, evidence.box, frame.captured_s)
+        if sure and evidence.looks >= _ANCHOR_LOOKS:
+            belief.anchor()
             if not evidence.blurred:
                 self._looks.learn(frame, box, evidence.score, belief.familiar)
         self._confidence.learn(evidence.confidence, interval_s)

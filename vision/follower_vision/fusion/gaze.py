@@ -30,6 +30,7 @@ class Gaze:
         self._rivalled = motion if isinstance(motion, CandidateTracker) else None
         self._ahead: tuple[Box, MotionEstimate] | None = None
         self._turns = 0
+        self._unsure = 0
 
     def learn(self, frame: Frame, box: Box) -> None:
         """Let the tracker learn a target anew."""
@@ -84,7 +85,10 @@ class Gaze:
         calm = place.distance(wanted) < CALM_SIZES * wanted.scale
         if calm or usual.relative(estimate.confidence) >= _SURE:
             return estimate
-        return _looked(self._steerable, frame, wanted)
+        seen = belief.state is TrackState.TRACKING
+        self._unsure = 0 if seen else self._unsure + 1
+        # What was not to be seen lately need not be looked for at two places in each frame.
+        return estimate if self._unsure % 2 else _looked(self._steerable, frame, wanted)
 
     def settled(self, belief: Belief, expected: Box, estimate: MotionEstimate) -> MotionEstimate:
         """Go back to the target if the motion tracker went with a look-alike."""

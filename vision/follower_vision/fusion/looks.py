@@ -15,7 +15,7 @@ _FALL_S = 2.5
 _FRESH_SHARE = 0.8
 _KIN_COSINE = 0.675
 _KIN_WEIGHT = 3.0
-_LOOK_EVERY_S = 0.05
+_LOOK_EVERY_S = 0.08
 _SAME_PLACE_IOU = 0.5
 
 
@@ -60,7 +60,7 @@ class Looks:
         self._noticed = score, box, captured_s
 
     def recent(self, box: Box, captured_s: float) -> float | None:
-        """Return that score if it is less than 0.05 s old and of about the same place."""
+        """Return that score if it is less than 0.08 s old and of about the same place."""
         if self._noticed is None:
             return None
         score, seen, seen_s = self._noticed

@@ -32,6 +32,7 @@ class FusionSettings:
         validate_every: frames between two validations.
         validate_steady_every: the same while the motion tracker is certain, the detector has
             agreed with it lately, and nobody like the target is about.
+        validate_blurred_every: the same while the target is blurred; 1 is the paper.
         search_every: frames between two searches while the target is lost.
         crop_sizes: side of the validated crop in target sizes.
         crop_least_px: the crop's smallest side.
@@ -72,6 +73,7 @@ class FusionSettings:
 
     validate_every: int = 4
     validate_steady_every: int = 8
+    validate_blurred_every: int = 2
     search_every: int = 2
     crop_sizes: float = 5.0
     crop_least_px: float = 128.0
@@ -99,8 +101,8 @@ class FusionSettings:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
-        counts = ("validate_every", "validate_steady_every", "search_every")
-        for name in (*counts, "misses_to_lose", "low_frames"):
+        pauses = ("validate_every", "validate_steady_every", "validate_blurred_every")
+        for name in (*pauses, "search_every", "misses_to_lose", "low_frames"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fusion: {name} is at least 1")
         for name in ("match_iou", "position_share", "size_share", "low_ratio", "resume_ratio"):
@@ -117,7 +119,7 @@ class FusionSettings:
     @classmethod
     def paper(cls) -> FusionSettings:
         """Return the paper's algorithm, its slips corrected, without any improvement."""
-        settings = cls(validate_every=10, validate_steady_every=10)
+        settings = cls(validate_every=10, validate_steady_every=10, validate_blurred_every=1)
         for name in IMPROVEMENTS:
             settings = settings.without(name)
         return settings.without_recent()

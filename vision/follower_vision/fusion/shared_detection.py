@@ -33,7 +33,7 @@ class SharedDetection:
         """How many passes of the detector were begun."""
         return self._passes
 
-    def ready(self) -> bool:
+    def ready(self, urgent: bool = False) -> bool:  # noqa: ARG002
         """Tell that a request is always taken: it waits for its turn."""
         return True
 
@@ -44,7 +44,7 @@ class SharedDetection:
 
     def flush(self) -> None:
         """Begin the next pass, if the detector is free."""
-        if not self._waiting or not self._service.ready():
+        if not self._waiting or not self._service.ready(urgent=True):
             return
         group, region = self._next_group()
         self._waiting = [one for one in self._waiting if one not in group]

@@ -93,6 +93,7 @@ class FusionTracker:
         self._finding = Finding(self._settings, self._following, self._validation, self._looks)
         self._identity = Identity(self._settings)
         self._blur = BlurDetector(self._settings.blur)
+        self._blurred = False
         self._health = FrameCheck()
         self._aside = Aside()
         self._belief: Belief | None = None
@@ -184,6 +185,7 @@ class FusionTracker:
     def _forget(self) -> None:
         self._camera.reset()
         self._blur.reset()
+        self._blurred = False
         self._validation.start()
         self._finding.forget()
         self._identity = Identity(self._settings)
@@ -197,6 +199,10 @@ class FusionTracker:
         prepare = partial(self._prepare, frame, belief.box)
         if not self._settings.camera_motion:
             return prepare()
+        sure = belief.state is TrackState.TRACKING and belief.confidence >= CERTAIN
+        if sure and self._camera.foresee(frame.image, [belief.box]):
+            warp = self._camera.update(frame.image)
+            return _Prepared(self._health.update(frame), warp, self._blurred)
         return self._aside.during(partial(self._following.look_ahead, frame, belief), prepare)
 
     def _prepare(self, frame: Frame, box: Box) -> _Prepared:
@@ -207,8 +213,8 @@ class FusionTracker:
             image = image if self._camera.grey is None else self._camera.grey
         if health is not FrameHealth.GOOD:
             return _Prepared(health, warp, blurred=False)
-        reading = self._blur.update(image, warp.box(box), frame.captured_s)
-        return _Prepared(health, warp, reading.blurred)
+        self._blurred = self._blur.update(image, warp.box(box), frame.captured_s).blurred
+        return _Prepared(health, warp, self._blurred)
 
     def _follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
@@ -223,24 +229,26 @@ class FusionTracker:
     def _is_due(self, belief: Belief, blurred: bool) -> bool:
         if self._identity.strange:
             return False
-        tracking = belief.state is TrackState.TRACKING
-        if tracking and blurred:
-            return True
-        return belief.now.index - self._asked >= self._pause(belief, tracking)
+        return belief.now.index - self._asked >= self._pause(belief, blurred)
 
-    def _pause(self, belief: Belief, tracking: bool) -> int:
+    def _pause(self, belief: Belief, blurred: bool) -> int:
         """How many frames lie between two looks."""
         settings = self._settings
+        if belief.state is not TrackState.TRACKING:
+            return settings.search_every
+        if blurred:
+            return settings.validate_blurred_every
         low = settings.score_coasting and belief.confidence < settings.resume_ratio
         odd = settings.appearance_check and belief.witness.wonders
-        if not tracking or low or odd:
+        if low or odd:
             return settings.search_every
         if belief.confidence >= CERTAIN and self._validation.steady:
             return settings.validate_steady_every
         return settings.validate_every
 
     def _ask(self, frame: Frame, belief: Belief) -> None:
-        if self._service is None or not self._service.ready():
+        urgent = belief.state is TrackState.LOST
+        if self._service is None or not self._service.ready(urgent):
             return
         self._asked = belief.now.index
         region = self._region(frame, belief)

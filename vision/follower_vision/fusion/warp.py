@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -48,6 +49,12 @@ class Warp:
         cosine, sine = later.turn(self.cosine, self.sine)
         right, down = later.point(self.right, self.down)
         return Warp(cosine, sine, right, down)
+
+    def halved(self) -> Warp:
+        """Return the motion that, done twice, is this one."""
+        root = cmath.sqrt(complex(self.cosine, self.sine))
+        shift = complex(self.right, self.down) / (1 + root)
+        return Warp(root.real, root.imag, shift.real, shift.imag)
 
     def back(self) -> Warp:
         """Return the motion that undoes this one."""
