@@ -7,10 +7,16 @@ from enum import StrEnum
 
 from follower.links.link import Link
 from follower.supervisor import State
+from follower_control.vehicle import LocalPosition, VehicleState
 
 _RETRY_S = 1.0
 _REACHED_SHARE = 0.93
 _SETTLED_M_S = 0.3
+_ON_GROUND_M = 0.3
+_IN_THE_AIR_M = 2.0
+_HOVERS_S, _TELLS_LANDED_S = 1.0, 3.0
+"""Without motion up or down it hovers after the first; the second is for an autopilot that does not
+say whether an armed vehicle stands on the ground."""
 
 
 class Phase(StrEnum):
@@ -28,7 +34,9 @@ class Autonomy:
     """Plays the pilot: setting `autonomy: full` alone puts it in charge.
 
     Stepped beside the control loop. Each command is repeated once a second until telemetry shows
-    its effect; nothing is believed by its acknowledgement.
+    its effect; nothing is believed by its acknowledgement. A vehicle that is in the air already is
+    taken over at the height at which it hovers: neither autopilot takes off from there, ArduCopter
+    refuses and PX4 would climb as much again.
 
     Attributes:
         phase: how far the flight has come.
@@ -41,6 +49,7 @@ class Autonomy:
         self._height_m = takeoff_height_m
         self._asked_s = float("-inf")
         self._ground_down_m: float | None = None
+        self._still_since_s: float | None = None
         self.phase = Phase.CONNECTING
         self.resumes = False
 
@@ -70,23 +79,40 @@ class Autonomy:
             self.phase = Phase.ARMING
 
     def _arm(self, now_s: float) -> None:
-        position = self._link.state.position
-        if self._link.state.armed and position is not None:
-            self._ground_down_m = position.down_m
-            self.phase = Phase.TAKING_OFF
+        vehicle = self._link.state
+        if vehicle.armed and vehicle.position is not None:
+            self._leave_ground(vehicle, vehicle.position, now_s)
             return
-        if self._link.autopilot_name == "ardupilot" and not self._link.state.obeys_setpoints:
+        self._still_since_s = None
+        if self._link.autopilot_name == "ardupilot" and not vehicle.obeys_setpoints:
             # ArduCopter takes off by command in GUIDED alone.
             self._ask(now_s, self._link.enter_setpoint_mode)
         else:
             self._ask(now_s, self._link.arm)
 
+    def _leave_ground(self, vehicle: VehicleState, position: LocalPosition, now_s: float) -> None:
+        """Take off with an armed vehicle, unless it flies already."""
+        moves = abs(position.down_m_s) >= _SETTLED_M_S
+        if self._still_since_s is None or moves:
+            self._still_since_s = now_s
+        still_s = now_s - self._still_since_s
+        if vehicle.landed is None and still_s < _TELLS_LANDED_S:
+            return
+        flies = position.height_m > _IN_THE_AIR_M if vehicle.landed is None else not vehicle.landed
+        if flies and still_s < _HOVERS_S:
+            return  # it may be landing, or climb by somebody else's command
+        self._ground_down_m = position.down_m
+        self.phase = Phase.AIRBORNE if flies else Phase.TAKING_OFF
+
     def _climb(self, now_s: float) -> None:
         position = self._link.state.position
+        if not self._link.state.armed:
+            self.phase = Phase.ARMING  # what is armed and does not take off disarms by itself
+            return
         if position is None or self._ground_down_m is None:
             return
         climbed_m = self._ground_down_m - position.down_m
-        if climbed_m < 0.3:
+        if climbed_m < _ON_GROUND_M:
             self._ask(now_s, lambda: self._link.take_off(self._height_m))
         if climbed_m > _REACHED_SHARE * self._height_m and abs(position.down_m_s) < _SETTLED_M_S:
             self.phase = Phase.AIRBORNE

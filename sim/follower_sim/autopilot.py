@@ -160,6 +160,7 @@ class SimAutopilot:
         self._now_s = now_s
         self._controller.refuses_setpoints = self.faults.refuses_setpoints
         self._controller.refused_modes = self.faults.refused_modes
+        self._controller.arms_from_s = max(self.health.settled_s, self.health.fit_s)
         for message in self._link.receive():
             self._hear(message)
         self._say_texts()

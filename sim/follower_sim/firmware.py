@@ -43,6 +43,7 @@ class Firmware:
         spool_up_s: from arming until it can lift off.
         disarm_landed_s: from touching down until it disarms itself.
         disarm_idle_s: from arming until it gives up waiting for a take-off.
+        unfit_text: what it says when it is asked to arm before it is fit to fly.
         parameters: what PARAM_REQUEST_READ finds.
         message_rates_hz: what it sends unasked, by message name.
         home: latitude and longitude in degrees, height above mean sea level.
@@ -65,6 +66,7 @@ class Firmware:
     spool_up_s: float
     disarm_landed_s: float
     disarm_idle_s: float
+    unfit_text: str
     parameters: dict[str, float]
     message_rates_hz: dict[str, float]
     home: tuple[float, float, float] = field(default=(47.397742, 8.545594, 488.0))
@@ -92,6 +94,7 @@ PX4 = Firmware(
     spool_up_s=1.0,
     disarm_landed_s=2.0,
     disarm_idle_s=10.0,
+    unfit_text="Arming denied: Resolve system health failures first",
     parameters=PX4_PARAMETERS,
     message_rates_hz={
         "HEARTBEAT": 1.0,
@@ -122,6 +125,7 @@ ARDUCOPTER = Firmware(
     spool_up_s=2.0,
     disarm_landed_s=1.0,
     disarm_idle_s=10.0,
+    unfit_text="Arm: Need Position Estimate",
     parameters=ARDUCOPTER_PARAMETERS,
     message_rates_hz={
         "HEARTBEAT": 1.0,

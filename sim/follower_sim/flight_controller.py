@@ -36,6 +36,7 @@ class FlightController(ABC):
         parameters: by name.
         refuses_setpoints: the mode that flies set-points is not entered.
         refused_modes: names of others that are not.
+        arms_from_s: it is not fit to fly, and does not arm, before.
         pulses_us: what the pilot's receiver gives, channel by channel; empty without one.
     """
 
@@ -59,6 +60,7 @@ class FlightController(ABC):
         self._flown = self.armed
         self.refuses_setpoints = False
         self.refused_modes: tuple[str, ...] = ()
+        self.arms_from_s = -math.inf
         self.pulses_us: tuple[int, ...] = ()
 
     @property
@@ -107,6 +109,9 @@ class FlightController(ABC):
     def arm(self, force: bool = False) -> bool:
         """Start the motors; whether that is accepted."""
         if not self.armed:
+            if self.now_s < self.arms_from_s and not force:
+                self.texts.append((CRITICAL, self.firmware.unfit_text))
+                return False
             if not (self.mode.can_arm or force):
                 self.texts.append((CRITICAL, f"Arm: {self.mode.name} mode not armable"))
                 return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,10 @@ class Health:
         hdop: horizontal dilution of precision.
         estimates: flags of the estimator's report (the low bits are the same for both).
         test_ratio: innovation over its limit, of all measurements; above 1 they are rejected.
+        settled_s: when its estimator has a position, on the simulation's clock. Before that it
+            tells no place and does not arm, as a real autopilot does not for up to a minute after
+            its start.
+        fit_s: when it has nothing else against being armed.
         has_rangefinder: one looks down and tells the distance to level ground.
     """
 
@@ -46,6 +51,8 @@ class Health:
     hdop: float = 0.8
     estimates: int = ESTIMATES_ALL
     test_ratio: float = 0.1
+    settled_s: float = -math.inf
+    fit_s: float = -math.inf
     has_rangefinder: bool = False
 
     def sys_status(self) -> Any:

@@ -103,7 +103,7 @@ class Telemetry:
             self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
         if self._faults.telemetry_stopped:
             names = [name for name in names if name == "HEARTBEAT"]
-        if self._faults.position_stopped:
+        if self._faults.position_stopped or now_s < self._health.settled_s:
             names = [name for name in names if name != "LOCAL_POSITION_NED"]
         if not self._controller.pulses_us:
             names = [name for name in names if name != "RC_CHANNELS"]
