@@ -33,17 +33,19 @@ class MavlinkLink(AutopilotLink):
     def take_off(self, height_m: float) -> None:
         """Ask for a take-off to `height_m` above the ground the vehicle stands on."""
         # PX4 takes an altitude above mean sea level, ArduCopter one above home.
-        above = height_m
-        if self.autopilot_name == "px4":
-            above = math.nan if self.altitude_msl_m is None else self.altitude_msl_m + height_m
+        if self.autopilot_name != "px4":
+            # Of NaN as a place older ArduPilot SITLs die by a floating point exception.
+            self._command(mavlink.MAV_CMD_NAV_TAKEOFF, *(0.0,) * 6, height_m)
+            return
         nan = math.nan
+        above = nan if self.altitude_msl_m is None else self.altitude_msl_m + height_m
         self._command(mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, nan, nan, nan, above)
 
     def _receive(self, now_s: float) -> None:
         for packet in self._channel.receive(now_s):
             if self._is_vehicles(packet):
                 self._sequence.count(packet.sequence)
-                if self._take_health(packet, now_s):
+                if not packet.is_known or self._take_health(packet, now_s):
                     continue
                 message = self._decoded(packet)
                 self._take(message.get_type(), message, now_s)

@@ -77,14 +77,14 @@ class VehicleFinder:
         heard = self.vehicles(now_s)
         if self._wanted is not None:
             return next((v for v in heard if v.system == self._wanted), None)
-        listened = self._first_s is not None and now_s - self._first_s >= self._listen_s
-        return heard[0] if len(heard) == 1 and listened else None
+        return heard[0] if len(heard) == 1 and self._has_listened(now_s) else None
 
     def problem(self, now_s: float) -> str:
         """Return in words why there is no vehicle although some are heard, else ""."""
         heard = self.vehicles(now_s)
         names = ", ".join(map(str, heard[:_MOST_NAMED]))
-        if self._wanted is not None and heard and self.found(now_s) is None:
+        missed = self._wanted is not None and self.found(now_s) is None
+        if missed and heard and self._has_listened(now_s):
             return f"system {self._wanted} is not heard, but {names}: set link.vehicle_id"
         if self._wanted is None and len(heard) > 1:
             return (
@@ -92,3 +92,6 @@ class VehicleFinder:
                 f"for example --set link.vehicle_id={heard[0].system}"
             )
         return ""
+
+    def _has_listened(self, now_s: float) -> bool:
+        return self._first_s is not None and now_s - self._first_s >= self._listen_s

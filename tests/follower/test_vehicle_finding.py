@@ -1,6 +1,7 @@
 """Which vehicle is ours, how often it speaks, and how we present ourselves."""
 
 import io
+import math
 from typing import Any
 
 import pytest
@@ -72,7 +73,7 @@ def test_the_chosen_one_is_taken_at_once_and_the_others_are_told_of_once() -> No
     air = Air(vehicle_id=2)
     air.beat(1)
     air.link.poll(0.0)
-    assert "system 2 is not heard, but 1 (px4)" in air.link.status(0.0).problem
+    assert not air.link.connected
     air.pass_time(3.0, 2, 1)
     assert air.link.status(3.0).vehicle_id == 2
     told = [note for note in air.link.take_notes() if "another vehicle" in note]
@@ -224,3 +225,26 @@ def test_the_terminal_shows_the_link() -> None:
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(status_table(LiveStatus(1.0, link="pymavlink to px4 1, 21 ms and back")))
     assert "link          pymavlink to px4 1, 21 ms and back" in console.export_text()
+
+
+def test_a_wanted_vehicle_is_given_time_to_speak_before_others_are_called_a_problem() -> None:
+    air = Air(vehicle_id=1)
+    air.pass_time(0.4, 2)
+    assert air.link.status(0.4).problem == ""
+    air.pass_time(2.6, 2)
+    assert "system 1 is not heard, but 2 (px4)" in air.link.status(2.6).problem
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_ardupilot_is_never_told_a_place_that_is_no_number(autopilot: int) -> None:
+    air = Air(vehicle_id=1)
+    air.beat(1, autopilot=autopilot)
+    air.link.poll(0.0)
+    air.heard("")
+    air.link.take_off(5.0)
+    (command,) = air.heard("COMMAND_LONG")
+    place = command.param4, command.param5, command.param6
+    if autopilot == ARDUPILOT:
+        assert (*place, command.param7) == (0.0, 0.0, 0.0, 5.0)
+    else:
+        assert all(map(math.isnan, place))
