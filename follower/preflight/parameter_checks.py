@@ -97,6 +97,18 @@ def rc_loss_action(_s: Snapshot, value: float) -> Finding:
     return passed("the autopilot takes over when the remote control is lost")
 
 
+def data_link_loss(_s: Snapshot, value: float) -> Finding:
+    """Whether PX4 wants a ground station, to arm and all the time."""
+    if value == 0:
+        return passed("a lost ground station changes nothing")
+    return warned(
+        "does not arm without a ground station, and acts when its heartbeat stops; our own "
+        "heartbeat does not count",
+        "keep a ground station connected during the flight (QGroundControl listens on UDP 14550), "
+        "or set it to 0, as in a simulation",
+    )
+
+
 def rc_loss_exceptions(_s: Snapshot, value: float) -> Finding:
     """Whether a lost remote control counts in OFFBOARD."""
     if round(value) & _IGNORES_OFFBOARD:

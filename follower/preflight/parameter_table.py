@@ -61,6 +61,12 @@ PARAMETER_CHECKS = (
         parameter_checks.rc_loss_exceptions,
         needed=False,
     ),
+    _px4(
+        {"NAV_DLL_ACT": 1.0},
+        "0, unless a ground station stays connected",
+        parameter_checks.data_link_loss,
+        needed=False,
+    ),
     _px4({"MPC_ACC_HOR": 1.0}, "at least envelope.braking_m_s2", parameter_checks.braking),
     _px4(
         {"MPC_XY_VEL_MAX": 1.0},

@@ -290,6 +290,7 @@ ONE = [
     ("px4", "NAV_RCL_ACT", parameter("NAV_RCL_ACT", 0), WARN, "nothing happens"),
     ("px4", "NAV_RCL_ACT", parameter("NAV_RCL_ACT", 6), FAIL, "motors stop"),
     ("px4", "COM_RCL_EXCEPT", parameter("COM_RCL_EXCEPT", 4), WARN, "ignored"),
+    ("px4", "NAV_DLL_ACT", parameter("NAV_DLL_ACT", 2), WARN, "does not arm without"),
     ("px4", "MPC_ACC_HOR", parameter("MPC_ACC_HOR", 1.5), FAIL, "overrun"),
     ("px4", "MPC_XY_VEL_MAX", parameter("MPC_XY_VEL_MAX", 5), WARN, "the autopilot cuts"),
     ("px4", "MPC_Z_VEL_MAX_UP", parameter("MPC_Z_VEL_MAX_UP", 1), WARN, "2 wanted"),
