@@ -29,6 +29,7 @@ from follower.settings_file import save_settings
 from follower.situation import Order
 from follower.target_wish import (
     NoTargetWish,
+    ObjectWish,
     Outcome,
     PointWish,
     RectangleWish,
@@ -136,6 +137,16 @@ class OperatorRequests:
             RequestRefusedError: that is no rectangle in the image.
         """
         return self._ask(RectangleWish(left, top, right, bottom), by)
+
+    def select_object(
+        self, left: float, top: float, right: float, bottom: float, by: str
+    ) -> TargetRequest:
+        """Follow a detected object that was seen in a rectangle a moment ago, where it is now.
+
+        Raises:
+            RequestRefusedError: that is no rectangle in the image.
+        """
+        return self._ask(ObjectWish(left, top, right, bottom), by)
 
     def stop_tracking(self, by: str) -> TargetRequest:
         """Have no target any more; a vehicle that follows holds, then lets go."""

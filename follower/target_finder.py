@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from follower.target_wish import (
     NoTargetWish,
+    ObjectWish,
     Outcome,
     PointWish,
     RectangleWish,
@@ -20,6 +21,10 @@ from follower_vision.pointed import box_around
 _NEAR = 1.4
 """A finger lands beside small things: a detection counts so many times as large."""
 _LOOK_SHARE = 0.35
+_MOVED_SHARE = 0.15
+"""How far an object may have moved since it was shown, as a share of the image's longer side."""
+_MOST_GROWTH = 3.0
+"""By how much its area may differ from what was shown: detectors do not agree with themselves."""
 
 
 class TargetFinder:
@@ -38,6 +43,8 @@ class TargetFinder:
             return Outcome(True, "no target any more")
         if isinstance(wish, PointWish):
             return self._at_point(wish, frame)
+        if isinstance(wish, ObjectWish) and self._detector is not None:
+            return self._moved_object(wish, frame)
         return _in_rectangle(wish, frame)
 
     def _at_point(self, wish: PointWish, frame: Frame) -> Outcome:
@@ -49,6 +56,18 @@ class TargetFinder:
         if box is None:
             return Outcome(False, "nothing stands out there: draw a rectangle around the target")
         return Outcome(True, f"what stands out there, {box.width:.0f} x {box.height:.0f} px", box)
+
+    def _moved_object(self, wish: ObjectWish, frame: Frame) -> Outcome:
+        """Find the object again: what an operator was shown is older than the newest frame."""
+        try:
+            box = wish.on(frame.width, frame.height)
+        except RequestRefusedError as error:
+            return Outcome(False, str(error))
+        reach = _MOVED_SHARE * max(frame.width, frame.height)
+        seen = _nearest(self._seen_near(frame, box.cx, box.cy), box, reach)
+        if seen is None:
+            return Outcome(False, "that is not seen there any more: tap it again")
+        return Outcome(True, f"the {seen.class_name} there", seen.box)
 
     def _seen_near(self, frame: Frame, x: float, y: float) -> Iterable[Detection]:
         """Give what the detector sees, first in an enlarged part around the point."""
@@ -73,6 +92,17 @@ def _under(detections: Iterable[Detection], x: float, y: float) -> Detection | N
     near = [one for one in detections if _holds(one.box.scaled(_NEAR), x, y)]
     hit = [one for one in near if _holds(one.box, x, y)]
     return min(hit or near, key=lambda one: one.box.area, default=None)
+
+
+def _nearest(detections: Iterable[Detection], box: Box, reach: float) -> Detection | None:
+    """Return the detection of about this size whose centre is nearest, within reach."""
+    alike = [
+        one
+        for one in detections
+        if one.box.distance(box) <= reach
+        and 1 / _MOST_GROWTH <= one.box.area / box.area <= _MOST_GROWTH
+    ]
+    return min(alike, key=lambda one: one.box.distance(box), default=None)
 
 
 def _holds(box: Box, x: float, y: float) -> bool:

@@ -76,6 +76,15 @@ class RectangleWish:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectWish(RectangleWish):
+    """A detected object that was seen in a rectangle a moment ago; it may have moved since."""
+
+    def __str__(self) -> str:
+        box = f"{self.left:.3f}, {self.top:.3f} to {self.right:.3f}, {self.bottom:.3f}"
+        return f"the object seen at {box}"
+
+
+@dataclass(frozen=True, slots=True)
 class NoTargetWish:
     """No target any more."""
 
@@ -83,7 +92,7 @@ class NoTargetWish:
         return "no target"
 
 
-Wish: TypeAlias = PointWish | RectangleWish | NoTargetWish
+Wish: TypeAlias = PointWish | RectangleWish | ObjectWish | NoTargetWish
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from follower.cockpit.requests import (
     Consent,
     OperatorRequest,
     SelectBox,
+    SelectObject,
     SelectPoint,
     Show,
     Stop,
@@ -84,12 +85,15 @@ class FlightOperator:
                 return _answer(True, f"{request.key} is {request.value} now")
             case Show():
                 return _answer(False, "that is for a replay; this is a flight")
-            case SelectPoint() | SelectBox() | StopTracking():
+            case SelectPoint() | SelectBox() | SelectObject() | StopTracking():
                 self._point_out(request, number, by)
                 return None
 
     def _point_out(
-        self, request: SelectPoint | SelectBox | StopTracking, number: int, by: str
+        self,
+        request: SelectPoint | SelectBox | SelectObject | StopTracking,
+        number: int,
+        by: str,
     ) -> None:
         """Ask for a target, or for none; vision answers with its next frame."""
         match request:
@@ -98,6 +102,9 @@ class FlightOperator:
             case SelectBox():
                 corners = (request.left, request.top, request.right, request.bottom)
                 target = self._requests.select_rectangle(*corners, by)
+            case SelectObject():
+                corners = (request.left, request.top, request.right, request.bottom)
+                target = self._requests.select_object(*corners, by)
             case StopTracking():
                 target = self._requests.stop_tracking(by)
         with self._lock:

@@ -31,6 +31,16 @@ class SelectBox(_Request):
     bottom: _Share
 
 
+class SelectObject(_Request):
+    """Follow a numbered object, where it is now; shares of the image's width and height."""
+
+    kind: Literal["select_object"]
+    left: _Share
+    top: _Share
+    right: _Share
+    bottom: _Share
+
+
 class StopTracking(_Request):
     """Have no target any more."""
 
@@ -72,7 +82,7 @@ class Show(_Request):
 
 
 OperatorRequest: TypeAlias = Annotated[
-    SelectPoint | SelectBox | StopTracking | Consent | Stop | Change | Show,
+    SelectPoint | SelectBox | SelectObject | StopTracking | Consent | Stop | Change | Show,
     Field(discriminator="kind"),
 ]
 REQUESTS: TypeAdapter[OperatorRequest] = TypeAdapter(OperatorRequest)

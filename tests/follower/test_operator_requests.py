@@ -97,6 +97,39 @@ def test_a_point_snaps_to_the_detection_there() -> None:
     assert track.box == box
 
 
+SHOWN = 0.4, 0.3, 0.6, 0.5  # 32 x 24 px around (80, 48)
+
+
+def test_an_object_that_was_shown_is_followed_where_it_is_now() -> None:
+    moved = Box(96, 44, 30, 20)
+    requests, vision = rig(SeesOne(moved))
+    request = requests.select_object(*SHOWN, BY)
+    track = vision.step(frame()).track
+    assert track is not None
+    assert track.box == moved
+    assert request.outcome is not None
+    assert request.outcome.text == "the car there"
+
+
+@pytest.mark.parametrize("box", [Box(120, 48, 32, 24), Box(80, 48, 100, 80), Box(80, 48, 8, 6)])
+def test_an_object_that_is_gone_is_no_target(box: Box) -> None:
+    """Too far from where it was shown, or of another size."""
+    requests, vision = rig(SeesOne(box))
+    request = requests.select_object(*SHOWN, BY)
+    assert vision.step(frame()).track is None
+    assert request.outcome is not None
+    assert not request.outcome.accepted
+    assert "tap it again" in request.outcome.text
+
+
+def test_an_object_without_a_detector_is_what_its_rectangle_shows() -> None:
+    requests, vision = rig()
+    requests.select_object(*SHOWN, BY)
+    track = vision.step(frame()).track
+    assert track is not None
+    assert track.box.xywh == pytest.approx((64, 36, 32, 24))
+
+
 def test_a_point_without_a_detection_takes_what_stands_out() -> None:
     requests, vision = rig(SeesOne(Box(20, 20, 10, 10)))
     requests.select_point(85 / WIDTH, 50 / HEIGHT, BY)

@@ -20,6 +20,7 @@ from follower.cockpit.showing import FlightShow, first_page
 from follower.configs import find_scenario
 from follower.flight_video import SeveralVideos
 from follower.flying import fly_lockstep
+from follower.ground_station.opening import operators_finder
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
 from follower.scenario_start import base_settings
 from follower.selecting import colour_selector
@@ -86,12 +87,12 @@ class TimedOperator(FlightOperator):
         super().__init__(flight.requests, flight.stage.hear_cockpit)
         self._clock = clock
         self.stops_s: list[float] = []
-        self.boxes = 0
+        self.objects = 0
 
     def ask(self, request: Message, by: str) -> Message | None:
         if request["kind"] == "stop":
             self.stops_s.append(self._clock.now())
-        self.boxes += request["kind"] == "select_box"
+        self.objects += request["kind"] == "select_object"
         return super().ask(request, by)
 
 
@@ -176,7 +177,10 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
     config = FlightConfig.of("simulated", settings, camera=camera, epoch_ns=LOCKSTEP_EPOCH_NS)
     with station, Recorder(folder, config, clock, settings.recorder, threaded=True) as recorder:
         ends, videos = MemoryTransport.pair(), SeveralVideos((eye, station))
-        flight = SimulatedFlight(world, settings, "px4", clock, ends, videos, recorder)
+        finder = operators_finder(settings, cockpit=True)
+        flight = SimulatedFlight(
+            world, settings, "px4", clock, ends, videos, recorder, finder=finder
+        )
         flight.operate()
         show = FlightShow(station, flight)
         operator = TimedOperator(flight, clock)
