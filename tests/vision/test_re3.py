@@ -97,7 +97,7 @@ def test_a_new_start_forgets_everything() -> None:
         for _ in range(3):
             estimate = tracker.update(image())
     assert network.states == [1.0, 2.0, 3.0] * 2
-    assert estimate.confidence == 0.75
+    assert estimate.confidence == pytest.approx(0.75**0.35)
     assert network.boxes[3] == Box(320, 240, 40, 40)
 
 

@@ -70,7 +70,7 @@ class Re3Tracker:
             self._image, image, self._box, self._fill, self._memory, self._state
         )
         self._take(output, image, self._box)
-        return MotionEstimate(self._box, output.confidence)
+        return MotionEstimate(self._box, output.confidence**self._settings.confidence_power)
 
     def _forget_in_time(self) -> None:
         if self._frames >= self._settings.reset_frames:

@@ -14,15 +14,21 @@ class Re3Settings:
         reset_frames: what the LSTM layers remember goes back to what it was after the first frame
             each time so many frames have passed; the paper's number.
         smallest_side_px: no side of the box becomes shorter, in pixels.
+        confidence_power: the confidence is the network's likelihood raised to this. The likelihood
+            is about 0.85 where the box is right, and at 0.5 every second box is right, too; Fusion
+            was made for trackers that lose a fifth of their confidence only where they are lost.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     reset_frames: int = 32
     smallest_side_px: float = 4.0
+    confidence_power: float = 0.35
 
     def __post_init__(self) -> None:
         if self.reset_frames < 1:
             raise ValueError("reset_frames must be at least 1")
         if not self.smallest_side_px > 0.0:
             raise ValueError("smallest_side_px must be positive")
+        if not 0.0 < self.confidence_power <= 1.0:
+            raise ValueError("confidence_power must be above 0, and at most 1")
