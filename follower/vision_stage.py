@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from follower.operator_requests import OperatorRequests
 from follower.target_finder import TargetFinder
+from follower.target_wish import ObjectWish, Outcome, TargetRequest
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.target_tracker import Learner, TargetTracker
@@ -17,6 +18,9 @@ from follower_vision.track import Track, TrackState
 Selector: TypeAlias = Callable[[Frame], Box | None]
 """Finds the box to follow in a frame, or None if it is not there (yet)."""
 
+_SEEK_S = 0.7
+"""How long an object that was seen a moment ago is looked for."""
+_REPLACED = Outcome(False, "another target was asked for before it was seen again")
 OUT_OF_ORDER = "out of order"
 """What a track is said to be produced by that answers for a frame from the past."""
 
@@ -48,7 +52,8 @@ class VisionStage:
         self._finder = finder or TargetFinder()
         self._selector: Selector | None = None
         self._started = self._drops = False
-        self._newest_s = -math.inf
+        self._sought: TargetRequest | None = None
+        self._newest_s = self._seek_until_s = -math.inf
         self._track: Track | None = None
         self.chosen: Box | None = None
         self.dropped = False
@@ -82,11 +87,15 @@ class VisionStage:
             self._tracker.learn()
 
     def _take_request(self, frame: Frame) -> None:
-        request = None if self._requests is None else self._requests.take_target()
+        request = self._request_now(frame)
         if self._requests is None or request is None:
             return
         outcome = self._finder.find(request.wish, frame)
         box = outcome.box
+        looks_on = isinstance(request.wish, ObjectWish) and frame.captured_s < self._seek_until_s
+        if box is None and looks_on:  # a detector does not see a thing in each frame
+            return
+        self._sought = None
         if outcome.accepted:
             self.requests_done += 1
             if box is None:
@@ -95,6 +104,15 @@ class VisionStage:
                 self.select(lambda _: box)
         self._requests.note((f"{request.wish}, by {request.by}: {outcome.text}",))
         request.settle(outcome)
+
+    def _request_now(self, frame: Frame) -> TargetRequest | None:
+        """Return what somebody wants: the newest wish, else the one that is still looked for."""
+        fresh = None if self._requests is None else self._requests.take_target()
+        if fresh is not None:
+            if self._sought is not None:
+                self._sought.settle(_REPLACED)
+            self._sought, self._seek_until_s = fresh, frame.captured_s + _SEEK_S
+        return self._sought
 
     def _followed(self, frame: Frame) -> Track | None:
         if self._drops:

@@ -111,15 +111,47 @@ def test_an_object_that_was_shown_is_followed_where_it_is_now() -> None:
     assert request.outcome.text == "the car there"
 
 
-@pytest.mark.parametrize("box", [Box(120, 48, 32, 24), Box(80, 48, 100, 80), Box(80, 48, 8, 6)])
+FAR, LARGE, SMALL = Box(120, 48, 32, 24), Box(80, 48, 100, 80), Box(80, 48, 8, 6)
+
+
+@pytest.mark.parametrize("box", [FAR, LARGE, SMALL])
 def test_an_object_that_is_gone_is_no_target(box: Box) -> None:
-    """Too far from where it was shown, or of another size."""
+    """Too far from where it was shown, or of another size, for most of a second."""
     requests, vision = rig(SeesOne(box))
     request = requests.select_object(*SHOWN, BY)
-    assert vision.step(frame()).track is None
+    for number in range(7):
+        assert vision.step(frame(number)).track is None
+        assert request.outcome is None
+    vision.step(frame(7))
     assert request.outcome is not None
     assert not request.outcome.accepted
     assert "tap it again" in request.outcome.text
+    assert vision.step(frame(8)).track is None
+
+
+def test_an_object_that_is_not_seen_in_each_frame_is_followed_once_it_is() -> None:
+    detector = SeesOne(FAR)
+    requests, vision = rig(detector)
+    request = requests.select_object(*SHOWN, BY)
+    vision.step(frame(0))
+    detector.box = Box(84, 50, 30, 24)
+    track = vision.step(frame(1)).track
+    assert track is not None
+    assert track.box == detector.box
+    assert request.outcome is not None
+    assert request.outcome.accepted
+
+
+def test_a_newer_wish_ends_the_search_for_an_object() -> None:
+    requests, vision = rig(SeesOne(FAR))
+    sought = requests.select_object(*SHOWN, BY)
+    vision.step(frame(0))
+    requests.select_rectangle(0.1, 0.1, 0.4, 0.4, BY)
+    track = vision.step(frame(1)).track
+    assert track is not None
+    assert sought.outcome is not None
+    assert not sought.outcome.accepted
+    assert vision.step(frame(2)).requests == 1
 
 
 def test_an_object_without_a_detector_is_what_its_rectangle_shows() -> None:
