@@ -28,6 +28,7 @@ def fly_lockstep(
     clock: SimulatedClock,
     show: Callable[[], None],
     paced: bool = False,
+    physics: Callable[[float], None] | None = None,
 ) -> None:
     """Fly to the end on a simulated clock: the same setpoints each time, bit for bit.
 
@@ -36,15 +37,15 @@ def fly_lockstep(
         clock: stands at 0.
         show: is called ten times a simulated second.
         paced: go no faster than a real clock does, for people who watch.
+        physics: brings what flies to a time; None is the flight's own autopilot.
     """
     lockstep = Lockstep(clock)
 
-    autopilot = flight.autopilot
-    if autopilot is None:
+    if physics is None and flight.autopilot is not None:
+        physics = flight.autopilot.step
+    if physics is None:
         raise ValueError("an external autopilot has its own time: it flies in real time alone")
-
-    def physics() -> None:
-        autopilot.step(clock.now())
+    fly_to = physics
 
     def capture() -> None:
         delivery = flight.camera.capture()
@@ -59,7 +60,7 @@ def fly_lockstep(
         record = flight.vision.step(frame, VISION_DELAY_S)
         lockstep.at(record.done_s, lambda: flight.vision.tracks.put(record))
 
-    lockstep.every(STEP_S, physics)
+    lockstep.every(STEP_S, lambda: fly_to(clock.now()))
     lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
     lockstep.every(1 / flight.settings.control_rate_hz, lambda: flight.control.step(clock.now()))
     lockstep.every(SHOW_EVERY_S, show)

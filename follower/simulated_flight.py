@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from follower.autonomy import Autonomy, Phase
+from follower.autopilot_wait import AutopilotWait
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.faults.injector import FaultInjector
@@ -17,7 +18,6 @@ from follower.flight_truth import FlightTruth
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.ground_station.flight_view import FlightView
-from follower.links.connection import ConnectionFailedError
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
 from follower.links.opening import open_link
@@ -50,7 +50,6 @@ from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
 
 EXTERNAL = "external"
-_ANSWER_WITHIN_S = 15.0
 _STANDING_M_S = 0.3
 _AIRBORNE_M = 2.0
 _LONGEST_STOP_S = 6.0
@@ -61,8 +60,10 @@ _STAND_IN = 21
 class SimulatedFlight:
     """A drone with our follower in a simulated world.
 
-    The scenario's time 0 is the clock's time 0. Nothing of the truth goes to vision or
-    control: they see frames and MAVLink.
+    The scenario's time 0 is the clock's time 0; with an autopilot that runs elsewhere, and needs
+    its own time to be ready and to be armed, it is when that is in the air, and the scenario's
+    start is where it is then. Nothing of the truth goes to vision or control: they see frames and
+    MAVLink.
 
     Args:
         world: what there is, its scenario and its seed.
@@ -105,7 +106,9 @@ class SimulatedFlight:
         self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
-        if flavour != EXTERNAL:
+        if flavour == EXTERNAL:
+            world.begins_s = math.inf
+        else:
             wind, gimbal = world.wind.velocity_m_s, gimbal_of(scenario)
             drag = scenario.vehicle.drag
             self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal, drag=drag)
@@ -115,6 +118,7 @@ class SimulatedFlight:
         make_camera = BlindCamera if is_blind else SimCamera if faults is None else faults.camera
         self.camera = make_camera(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
+        self._wait = AutopilotWait(self._link, self.log)
         self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
         self.chosen_s: float | None = None
         self._operated = False
@@ -196,9 +200,11 @@ class SimulatedFlight:
 
     def status(self) -> LiveStatus:
         """Return what a display shows of this moment."""
-        errors, phase = self.stage.servo.errors, str(self.phase or "")
+        errors, phase = self.stage.servo.errors, self._wait.words(self.phase)
         duration_s, link = self.scenario.duration_s, self.link_status.line()
-        return LiveStatus.of(self.log, 0.0, duration_s, errors, phase, link)
+        newest_s = self.log.controls[-1].time_s if self.log.controls else 0.0
+        start_s = min(self._world.begins_s or 0.0, newest_s)
+        return LiveStatus.of(self.log, start_s, duration_s, errors, phase, link)
 
     @property
     def link_status(self) -> LinkStatus:
@@ -259,11 +265,13 @@ class SimulatedFlight:
         if self._faults is not None:
             supervisor = self.stage.supervisor
             self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
+        if self._world.begins_s == math.inf and self._is_airborne:
+            self._begin(now_s)
         if self.chosen_s is None and self._may_be_chosen(record):
             self.chosen_s = now_s
             if not self._operated:
                 self._vision_stage.select(self._selector())
-        if now_s >= self.scenario.duration_s:
+        if self._world.scene_time(now_s) >= self.scenario.duration_s:
             self.stop()
 
     def _may_be_chosen(self, record: ControlRecord) -> bool:
@@ -288,27 +296,20 @@ class SimulatedFlight:
         high = vehicle.position is not None and vehicle.position.height_m > _AIRBORNE_M
         return vehicle.armed and vehicle.landed is not True and high
 
-    @property
-    def _is_told_enough(self) -> bool:
-        return self._autonomy is None and self._link.state.position is not None
-
     def check_answered(self) -> None:
-        """Refuse to wait for ever.
+        """Refuse to wait for ever; looked at while a real-time flight goes on.
 
         Raises:
-            ConnectionFailedError: no autopilot was heard for some time.
+            ConnectionFailedError: no autopilot was heard, or it did not get into the air, for some
+                time.
         """
-        if self.phase not in (Phase.CONNECTING, None) or self._is_told_enough:
-            return
-        status = self._link.status(self._clock.now())
-        if status.problem:
-            raise ConnectionFailedError(status.problem)
-        if self._clock.now() > _ANSWER_WITHIN_S:
-            heard = "its telemetry is incomplete" if self._link.connected else status.line()
-            raise ConnectionFailedError(
-                f"no autopilot answered within {_ANSWER_WITHIN_S:.0f} s ({heard}): start it, "
-                "have it send MAVLink to the address given by --connect, and try again"
-            )
+        self._wait.check(self.phase, self._clock.now())
+
+    def _begin(self, now_s: float) -> None:
+        """Let the scenario begin, once an autopilot elsewhere is in the air."""
+        if isinstance(self.vehicle, TelemetryVehicle):
+            self.vehicle.place()
+        self._world.begins_s = now_s
 
     def _make_stand_in(self) -> StandIn:
         camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _STAND_IN])

@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import Self
+
 from follower.links.link import Link
 from follower_control.attitude_history import turned_on
-from follower_control.vehicle import VehicleState
-from follower_sim.kinematics import BodyState
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_sim.kinematics import BodyState, Triple
+from follower_vision.lineofsight import wrap_angle
 
 _LONGEST_PREDICTION_S = 0.2
 
 
 class TelemetryVehicle:
-    """Gives the camera and the score the place that telemetry reports.
+    """Gives the camera and the score the place that telemetry reports, in the scenario's world.
 
-    For PX4 or ArduPilot in software-in-the-loop: their simulator flies, our world is seen. The
-    autopilot's local origin is the scenario's; its ground is at height 0.
+    For PX4 or ArduPilot in software-in-the-loop: their simulator flies, our world is seen. Their
+    world begins elsewhere and with another heading than the scenario: one rigid motion, a turn
+    about the vertical and a shift, takes the vehicle's place and heading at `place` to where the
+    scenario has it start. Until then it stands there, at the height that it has. The follower's
+    control is told nothing of that: it flies in the autopilot's own world. Height 0 is the ground
+    in both.
 
     Args:
         link: hears the autopilot; polled by the control loop.
-        parked: where the vehicle stands until it is heard.
+        parked: where the vehicle is to stand at `place`, and before it is heard.
     """
 
     def __init__(self, link: Link, parked: BodyState) -> None:
         self._link = link
         self._parked = parked
+        self._motion: _RigidMotion | None = None
 
     @property
     def state(self) -> BodyState:
@@ -34,24 +44,65 @@ class TelemetryVehicle:
         """Return the newest that telemetry said, carried on to `time_s` for a moment."""
         return self._of(self._link.state, time_s)
 
+    def place(self) -> None:
+        """From now on let it move: the scenario's start is where it is now."""
+        position, attitude = self._link.state.position, self._link.state.attitude
+        if position is not None and attitude is not None:
+            self._motion = _RigidMotion.onto(self._parked, position, attitude)
+
     def _of(self, vehicle: VehicleState, time_s: float) -> BodyState:
         position, attitude = vehicle.position, vehicle.attitude
         if position is None or attitude is None:
             return self._parked
+        motion = self._motion or _RigidMotion.onto(self._parked, position, attitude)
         moved_s = _bounded(time_s - position.time_s)
         turned = turned_on(attitude, _bounded(time_s - attitude.time_s))
         velocity = position.north_m_s, position.east_m_s, position.down_m_s
+        place = (
+            position.north_m + moved_s * velocity[0],
+            position.east_m + moved_s * velocity[1],
+            position.down_m + moved_s * velocity[2],
+        )
         return BodyState(
             time_s,
-            (
-                position.north_m + moved_s * velocity[0],
-                position.east_m + moved_s * velocity[1],
-                position.down_m + moved_s * velocity[2],
-            ),
-            velocity,
-            (turned.roll_rad, turned.pitch_rad, turned.yaw_rad),
+            motion.place(place),
+            motion.turned(velocity),
+            (turned.roll_rad, turned.pitch_rad, wrap_angle(turned.yaw_rad + motion.turn_rad)),
             (attitude.roll_rate_rad_s, attitude.pitch_rate_rad_s, attitude.yaw_rate_rad_s),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _RigidMotion:
+    """From the autopilot's world to the scenario's: a turn about a place, which is then shifted.
+
+    Attributes:
+        turn_rad: clockwise seen from above.
+        from_m, to_m: (north, east) of a place in both worlds.
+    """
+
+    turn_rad: float
+    from_m: tuple[float, float]
+    to_m: tuple[float, float]
+
+    @classmethod
+    def onto(cls, parked: BodyState, position: LocalPosition, attitude: Attitude) -> Self:
+        """Return the one that takes a vehicle's place and heading to the parked one's."""
+        here = position.north_m, position.east_m
+        turn_rad = wrap_angle(parked.yaw_rad - attitude.yaw_rad)
+        return cls(turn_rad, here, (parked.position_m[0], parked.position_m[1]))
+
+    def place(self, place_m: Triple) -> Triple:
+        """Return where a place of the autopilot's world lies."""
+        away_m = place_m[0] - self.from_m[0], place_m[1] - self.from_m[1], place_m[2]
+        north, east, down = self.turned(away_m)
+        return self.to_m[0] + north, self.to_m[1] + east, down
+
+    def turned(self, vector: Triple) -> Triple:
+        """Return a vector of the autopilot's world."""
+        north, east, down = vector
+        c, s = math.cos(self.turn_rad), math.sin(self.turn_rad)
+        return c * north - s * east, s * north + c * east, down
 
 
 def _bounded(interval_s: float) -> float:

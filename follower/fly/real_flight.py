@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from follower.autonomy import Autonomy, Phase
+from follower.autopilot_wait import AutopilotWait
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.flight_video import FlightVideo
@@ -78,6 +79,7 @@ class RealFlight:
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
             self._autonomy = Autonomy(link, settings.takeoff_height_m)
+        self._wait = AutopilotWait(link, log)
         self._selector: Selector | None = None
         self._control = ControlLoop(link, self.stage, self._newest, log, self._autonomy)
 
@@ -136,7 +138,7 @@ class RealFlight:
         record = self.log.controls[-1] if self.log.controls else None
         words = waiting_for(record, self._link.autopilot_name, wish, self.settings, self._ending)
         if self._autonomy is not None and self._selector is not None:
-            words = str(self._autonomy.phase)
+            words = self._wait.words(self._autonomy.phase)
         if self._source.problem:
             words = f"{words} (camera: {self._source.problem})"
         link = self._link.status(self._clock.now()).line()

@@ -68,6 +68,7 @@ class SimCamera:
         self._faults = world.scenario.faults
         self._state_at = state_at
         self._start_s = start_s
+        self._scene_time = world.scene_time
         self._renderer: Draws = renderer or Renderer(world)
         root = world.seed if seed is None else seed
         self._timing = np.random.default_rng([root, 11])
@@ -94,7 +95,7 @@ class SimCamera:
         late_s = self._settings.latency_s
         late_s += abs(self._timing.normal(0, self._settings.latency_jitter_s or 0))
         self._schedule_next()
-        fault = self._fault(captured_s - self._start_s)
+        fault = self._fault(self._scene_time(captured_s - self._start_s))
         if dropped or fault == "silent":
             return None
         image = self._image(captured_s, fault)

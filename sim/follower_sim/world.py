@@ -48,11 +48,16 @@ class World:
     Args:
         scenario: what to build.
         seed: for everything random; the scenario's own if None.
+
+    Attributes:
+        begins_s: when the scenario's time is 0, on the clock whose times are asked about; before
+            that all stands as it will begin, and infinite is "not yet". None: it is that clock.
     """
 
     def __init__(self, scenario: Scenario, seed: int | None = None) -> None:
         self.seed = scenario.seed if seed is None else seed
         self.scenario = scenario = staged(scenario, self._rng(_STAGING))
+        self.begins_s: float | None = None
         self.paths = [target.path.build() for target in scenario.targets]
         self.wind = Wind(scenario.wind, self._rng(0))
         self.sun = _sun(scenario.sky.sun_azimuth_deg, scenario.sky.sun_elevation_deg)
@@ -131,17 +136,24 @@ class World:
         north, east = points[:, :2].max(axis=0) + _MARGIN_M
         return float(south), float(west), float(north), float(east)
 
+    def scene_time(self, time_s: float) -> float:
+        """Return the scenario's time at a time of the clock."""
+        return time_s if self.begins_s is None else max(0.0, time_s - self.begins_s)
+
     def is_present(self, number: int, time_s: float) -> bool:
         """Whether a target is in the world; a fault may have taken the followed one out."""
+        scene_s = self.scene_time(time_s)
         removed = any(
-            fault.kind == "target_removed" and fault.from_s <= time_s < fault.until_s
+            fault.kind == "target_removed" and fault.from_s <= scene_s < fault.until_s
             for fault in self.scenario.faults
         )
         return not (removed and number == self.scenario.followed)
 
     def target_pose(self, number: int, time_s: float) -> TargetPose:
         """Return where a target stands, and how it moves."""
-        return self.paths[number].pose(time_s)
+        pose = self.paths[number].pose(self.scene_time(time_s))
+        waits = self.begins_s is not None and time_s < self.begins_s
+        return replace(pose, velocity_m_s=(0.0, 0.0, 0.0)) if waits else pose
 
     def target_centre(self, number: int, time_s: float) -> Triple:
         """Return the middle of a target's body: (north, east, down)."""
@@ -153,7 +165,7 @@ class World:
         settings, pose = self.scenario.targets[number], self.target_pose(number, time_s)
         travelled = round(pose.distance_m, 2) % 1.5 if settings.kind == "person" else 0.0
         mesh = _target_mesh(settings.kind, colour_of(settings.colour), travelled)
-        roll, pitch = _lean(settings, self.paths[number], time_s)
+        roll, pitch = _lean(settings, self.paths[number], self.scene_time(time_s))
         turn = rotation(roll, pitch, pose.heading_rad)
         sun = self.sun if lit else None
         return Solid.placed(mesh, pose.position_m, turn, sun, pose.velocity_m_s)
