@@ -28,6 +28,8 @@ class AutopilotFaults:
         self._flavour = flavour
         self._schedule = schedule
         self._done: set[Kind] = set()
+        self._before_s: float | None = None
+        self._lost_s = 0.0
 
     def apply(self, now_s: float) -> None:
         """Bring the switches to where they belong now."""
@@ -40,7 +42,7 @@ class AutopilotFaults:
         faults.position_stopped = self._on(Kind.POSITION_STOPPED, now_s)
         faults.position_jump_m = self._amount(Kind.POSITION_JUMPS, now_s)
         faults.yaw_jump_rad = self._amount(Kind.YAW_JUMPS, now_s)
-        faults.clock_jump_s = self._amount(Kind.CLOCK_JUMPS, now_s)
+        faults.clock_jump_s = self._amount(Kind.CLOCK_JUMPS, now_s) - self._lost_time(now_s)
         faults.refuses_setpoints = self._on(Kind.MODE_REFUSED, now_s)
         faults.refused_modes = _OTHERS if self._on(Kind.OTHER_MODES_REFUSED, now_s) else ()
         self._autopilot.health.test_ratio = self._amount(Kind.ESTIMATOR_UNWELL, now_s, _WELL)
@@ -58,6 +60,13 @@ class AutopilotFaults:
             self._autopilot.switch_mode(_SETPOINT_MODE[self._flavour])
         if self._begins(Kind.ESTIMATOR_FAILSAFE, now_s):
             self._autopilot.switch_mode(_FAILSAFE_MODE[self._flavour])
+
+    def _lost_time(self, now_s: float) -> float:
+        """Return what the autopilot's clock has lost; it never makes up for it."""
+        passed_s = 0.0 if self._before_s is None else now_s - self._before_s
+        self._before_s = now_s
+        self._lost_s += passed_s * self._amount(Kind.CLOCK_SLOW, now_s)
+        return self._lost_s
 
     def _on(self, kind: Kind, now_s: float) -> bool:
         return self._schedule.active(kind, now_s) is not None

@@ -52,6 +52,7 @@ class Kind(StrEnum):
     BATTERY_LOW = "battery low"  # percent left
     STICK_MOVED = "stick moved"  # pulse, microseconds
     CLOCK_JUMPS = "autopilot's clock jumps"  # seconds
+    CLOCK_SLOW = "autopilot's clock slow"  # seconds lost a second
     WALL_CLOCK_JUMPS = "wall clock jumps"  # seconds
     CONTROL_STALLS = "control stalls"
     CONTROL_STARVED = "control starved"  # longest pause, seconds

@@ -7,6 +7,8 @@ import math
 _SLACK_S = 0.002
 """Times since boot are whole milliseconds."""
 _LATE_S = 1.0
+_DRIFT, _LARGEST_DRIFT = 1e-4, 0.02
+"""Crystals are right to 1e-5; simulated autopilots were seen to lose a second in a hundred."""
 
 
 class AutopilotClock:
@@ -18,23 +20,25 @@ class AutopilotClock:
     "Maintaining the time in a distributed system", 1983); a slow packet is a loose bound and does
     no harm. The bounds relax with time, so that a crystal that runs wrong is followed.
 
-    Bounds that contradict each other several times in a row mean that the autopilot was restarted
-    or its clock jumped; a single one is a stray packet and is not believed.
+    Bounds that contradict each other several times in a row mean that the autopilot was restarted,
+    that its clock jumped, or that it runs at another speed than ours; a single one is a stray
+    packet and is not believed. Answers and messages are counted each for themselves: a message
+    bounds from one side only, and agrees with nearly everything. After answers have contradicted
+    by less than a second, the bounds relax faster, as for a simulation that loses time.
 
     Args:
-        drift: how much the two clocks may drift apart, seconds a second.
         patience: so many contradictions in a row are believed.
 
     Attributes:
-        restarts: how often the offset was found anew.
+        restarts: how often the clock jumped by a second or more.
     """
 
-    def __init__(self, drift: float = 1e-4, patience: int = 5) -> None:
-        self._drift = drift
+    def __init__(self, patience: int = 5) -> None:
+        self._drift = _DRIFT
         self._patience = patience
         self._low_s, self._high_s = -math.inf, math.inf
         self._at_s = -math.inf
-        self._strikes = 0
+        self._strikes = {"message": 0, "answer": 0}
         self.restarts = 0
 
     @property
@@ -45,12 +49,12 @@ class AutopilotClock:
 
     def to_system(self, boot_s: float, arrival_s: float) -> float:
         """Return when `boot_s` was on the system's clock; never later than its arrival."""
-        self._bound(-math.inf, arrival_s - boot_s, arrival_s)
+        self._bound(-math.inf, arrival_s - boot_s, arrival_s, "message")
         return min(boot_s + self._offset_s, arrival_s)
 
     def exchange(self, asked_s: float, boot_s: float, arrival_s: float) -> None:
         """Take in that a question of `asked_s` was answered at `boot_s` on the autopilot."""
-        self._bound(asked_s - boot_s, arrival_s - boot_s, arrival_s)
+        self._bound(asked_s - boot_s, arrival_s - boot_s, arrival_s, "answer")
 
     @property
     def _offset_s(self) -> float:
@@ -58,19 +62,27 @@ class AutopilotClock:
             return self._high_s
         return (self._low_s + self._high_s) / 2
 
-    def _bound(self, low_s: float, high_s: float, now_s: float) -> None:
+    def _bound(self, low_s: float, high_s: float, now_s: float, source: str) -> None:
         self._relax(now_s)
         if self._contradicts(low_s, high_s):
-            self._strikes += 1
-            if self._strikes >= self._patience:
-                self._low_s, self._high_s = low_s, high_s
-                self._strikes = 0
-                self.restarts += 1
+            self._strikes[source] += 1
+            if self._strikes[source] >= self._patience:
+                self._begin_anew(low_s, high_s)
             return
-        self._strikes = 0
+        self._strikes[source] = 0
         self._low_s, self._high_s = max(self._low_s, low_s), min(self._high_s, high_s)
         if self._low_s > self._high_s:
             self._low_s = self._high_s = (self._low_s + self._high_s) / 2
+
+    def _begin_anew(self, low_s: float, high_s: float) -> None:
+        """Believe the newest bounds alone."""
+        jumped_s = max(low_s - self._high_s, self._low_s - high_s, high_s - self._high_s)
+        if jumped_s < _LATE_S:
+            self._drift = _LARGEST_DRIFT
+        else:
+            self.restarts += 1
+        self._low_s, self._high_s = low_s, high_s
+        self._strikes = dict.fromkeys(self._strikes, 0)
 
     def _relax(self, now_s: float) -> None:
         if now_s > self._at_s and self._at_s != -math.inf:

@@ -196,8 +196,10 @@ class MavsdkLink(AutopilotLink):
         while mavsdk is not None and not self._stop.is_set():
             for packet in self._channel.receive(clock.now()):
                 if self._is_vehicles(packet):
-                    self._look_at(packet)
-                    mavsdk.pass_received_raw_bytes(packet.data)
+                    self._sequence.count(packet.sequence)
+                    if packet.is_known:
+                        self._look_at(packet)
+                        mavsdk.pass_received_raw_bytes(packet.data)
                 else:
                     self._strangers.append(packet)
             if self._stream is not None:
@@ -206,7 +208,6 @@ class MavsdkLink(AutopilotLink):
 
     def _look_at(self, packet: Packet) -> None:
         """Keep the mode in view also while the control loop stands still."""
-        self._sequence.count(packet.sequence)
         self._own.append((self._system_clock.now(), packet))
         if packet.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and self._vehicle is not None:
             beat = mavlink.MAVLink(None).decode(bytearray(packet.data))

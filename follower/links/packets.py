@@ -22,7 +22,7 @@ _CRC_EXTRA = {
 
 
 class Packet(NamedTuple):
-    """One MAVLink packet whose checksum is right.
+    """One MAVLink packet whose checksum is right, or cannot be known.
 
     Attributes:
         system, component: who says that it sent it.
@@ -39,13 +39,18 @@ class Packet(NamedTuple):
     signed: bool
     data: bytes
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the dialect has this message; if not, nothing but its head means anything."""
+        return crc_extra_of(self.message_id) is not None
+
 
 class PacketReader:
     """Finds the packets in a stream that may hold anything.
 
     After a byte that fits nowhere it looks on at the next one, so that garbage never hides a
-    packet behind it. Messages that the dialect does not know cannot be checked: they are passed
-    over if they come from somebody whose packets were right, and are garbage else. What begins like
+    packet behind it. Messages that the dialect does not know cannot be checked: they are packets
+    if they come from somebody whose packets were right, and garbage else. What begins like
     a packet and is not complete soon is garbage too.
 
     Attributes:
@@ -67,14 +72,15 @@ class PacketReader:
         packets: list[Packet] = []
         at = self._next_start(stream, 0)
         while (length := self._length(stream, at, now_s)) != _NOT_YET:
-            packet = None if length == _NEVER else _packet(stream[at : at + length])
-            if packet is not None:
-                packets.append(packet)
-                self._senders.add(_sender(packet.data))
+            data = b"" if length == _NEVER else stream[at : at + length]
+            if data and _is_right(data):
+                packets.append(_packet(data))
+                self._senders.add(_sender(data))
                 at = self._next_start(stream, at + length)
-            elif length != _NEVER and self._is_unknown(stream, at, length):
+            elif data and self._is_unknown(stream, at, length):
                 if at + length == len(stream) and not self._is_overdue(at, now_s):
                     break  # what comes next will tell
+                packets.append(_packet(data))
                 at = self._next_start(stream, at + length)
             else:
                 self.skipped_bytes += 1
@@ -138,18 +144,22 @@ def _length(stream: bytes, at: int) -> int:
     return length if len(stream) >= at + length else _NOT_YET
 
 
-def _packet(data: bytes) -> Packet | None:
-    """Return the packet that these bytes are, None if they are none that is known."""
-    message_id = message_id_of(data)
-    crc_extra = crc_extra_of(message_id)
+def _is_right(data: bytes) -> bool:
+    """Whether these bytes are a packet of a known message with the right checksum."""
+    crc_extra = crc_extra_of(message_id_of(data))
     if crc_extra is None:
-        return None
-    signed = data[0] == _V2 and bool(data[2] & SIGNED_FLAG)
-    body = data[:-SIGNATURE] if signed else data
-    if checksum(body[:-2], crc_extra) != body[-2:]:
-        return None
+        return False
+    body = data[:-SIGNATURE] if _is_signed(data) else data
+    return checksum(body[:-2], crc_extra) == body[-2:]
+
+
+def _is_signed(data: bytes) -> bool:
+    return data[0] == _V2 and bool(data[2] & SIGNED_FLAG)
+
+
+def _packet(data: bytes) -> Packet:
     sequence, system, component = data[2:5] if data[0] == _V1 else data[4:7]
-    return Packet(system, component, message_id, sequence, signed, data)
+    return Packet(system, component, message_id_of(data), sequence, _is_signed(data), data)
 
 
 def _sender(data: bytes) -> bytes:

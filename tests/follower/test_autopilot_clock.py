@@ -84,6 +84,34 @@ def test_a_crystal_that_runs_wrong_is_followed(drift: float) -> None:
     assert clock.restarts == 0
 
 
+@pytest.mark.parametrize("slow", [0.98, 0.99])
+def test_a_simulation_that_loses_time_is_followed(slow: float) -> None:
+    """PX4's SIH was recorded at 0.988 to 0.992 of real time, with messages at 50 Hz between."""
+    clock = AutopilotClock()
+    ages_s = [_heard(clock, step, slow * 0.02 * step) for step in range(5000)]
+    assert max(ages_s[200:]) < 0.01
+    assert clock.error_s is not None
+    assert max(ages_s[200:]) < clock.error_s + 0.002
+    assert clock.restarts == 0
+
+
+@pytest.mark.parametrize("lost_s", [0.3, 0.9])
+def test_time_that_a_simulation_loses_at_once_is_found_again_within_a_second(lost_s: float) -> None:
+    clock = AutopilotClock()
+    ages_s = [_heard(clock, step, 0.02 * step - lost_s * (step > 500)) for step in range(1000)]
+    assert ages_s[502] == pytest.approx(lost_s, abs=0.02)
+    assert max(ages_s[555:]) < 0.01
+
+
+def _heard(clock: AutopilotClock, step: int, boot_s: float) -> float:
+    """Hear a message 3 ms after it was sent, now and then an answer; return its age."""
+    now_s = 0.02 * step + 0.003
+    age_s = now_s - clock.to_system(round(boot_s, 3), now_s)
+    if step % 10 == 0:
+        clock.exchange(now_s - 0.008, boot_s, now_s)
+    return age_s
+
+
 def test_questions_go_at_their_rate_and_an_answer_counts_once() -> None:
     clock = AutopilotClock()
     sync = TimeSync(clock, rate_hz=5.0)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
-from follower.links.packets import PacketReader, checksum
+from follower.links.packets import PacketReader, checksum, crc_extra_of, message_id_of
 from follower.links.sequence import SequenceCounter
 from follower_control.transport import MemoryTransport
 
@@ -62,9 +62,18 @@ def test_a_flipped_bit_makes_a_packet_none(bit: int) -> None:
     assert [packet.data for packet in found] != [bytes(data)]
 
 
-def test_another_dialects_message_is_passed_over_as_a_whole() -> None:
-    unknown = b"\xfd\x09\x00\x00\x00\x07\x01\x9a\x2b\x00" + b"\xfd" * 9 + b"ab"
-    packets = PacketReader().feed(unknown + _beat() + unknown)
+UNKNOWN = b"\xfd\x09\x00\x00\x2a\x07\x01\x9a\x2b\x00" + b"\xfd" * 9 + b"ab"
+
+
+def test_another_dialects_message_is_a_packet_of_which_the_head_alone_is_known() -> None:
+    beat, unknown = PacketReader().feed(_beat() + UNKNOWN + _beat())[:2]
+    assert (beat.is_known, unknown.is_known) == (True, False)
+    assert (unknown.system, unknown.component, unknown.sequence) == (7, 1, 42)
+    assert unknown.data == UNKNOWN
+
+
+def test_from_nobody_whose_packets_were_right_it_is_garbage() -> None:
+    packets = PacketReader().feed(UNKNOWN + _beat() + UNKNOWN)
     assert [packet.message_id for packet in packets] == [0]
 
 
@@ -161,3 +170,26 @@ def test_a_hundred_thousand_hostile_packets_of_the_vehicle_itself_raise_nothing(
             link.take_notes()
             theirs.receive()
     assert link.status(101.0).received > 99_000
+
+
+def test_messages_of_the_autopilots_own_dialect_do_not_count_as_lost() -> None:
+    ours, theirs = MemoryTransport.pair()
+    link = MavlinkLink(ours, LinkSettings(vehicle_id=7))
+    for number in range(100):
+        theirs.send(_numbered(UNKNOWN, 2 * number) + _numbered(_beat(), 2 * number + 1))
+        link.poll(0.1 * number)
+    status = link.status(10.0)
+    assert (status.lost, status.received) == (0, 199)  # the first came before its sender was known
+    theirs.send(_numbered(_beat(), 205))
+    link.poll(10.0)
+    assert link.status(10.0).lost == 5
+
+
+def _numbered(packet: bytes, number: int) -> bytes:
+    """Return the packet with another sequence number."""
+    data = bytearray(packet)
+    data[4] = number % 256
+    crc_extra = crc_extra_of(message_id_of(packet))
+    if crc_extra is not None:
+        data[-2:] = checksum(bytes(data[:-2]), crc_extra)
+    return bytes(data)

@@ -69,4 +69,19 @@ AUTOPILOT = (
         for_s=6.0,
         back_within_s=2.0,
     ),
+    carries_on(
+        "autopilot-clock-slow",
+        "autopilot",
+        "The autopilot's clock loses 2 % for 10 s, as a simulated one may: follows on.",
+        Action(Kind.CLOCK_SLOW, 0.02),
+        for_s=10.0,
+    ),
+    carries_on(
+        "autopilot-clock-stutters",
+        "autopilot",
+        "The autopilot's clock stands for 0.4 s: follows on, or holds for less than 2 s.",
+        Action(Kind.CLOCK_JUMPS, -0.4),
+        for_s=6.0,
+        back_within_s=2.0,
+    ),
 )
