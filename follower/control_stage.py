@@ -68,7 +68,8 @@ class ControlStage:
         self._sound = SoundTelemetry()
         self._estimator = TargetEstimator(settings.estimator)
         self._steering = Steering(settings)
-        self._humans = HumanInput(settings.consent, settings.sticks, settings.cockpit)
+        autonomous = settings.autonomy == "full"
+        self._humans = HumanInput(settings.consent, settings.sticks, settings.cockpit, autonomous)
         self._hand_back = HandBack(settings.release)
         self._supervisor = Supervisor(settings.supervisor)
         self.settings = settings
@@ -162,7 +163,8 @@ class ControlStage:
         else:
             self.servo.nudge(self._humans.nudge)
             limited = self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
-        self._held = self._sent and vehicle.obeys_setpoints
+        chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
+        self._held = self._sent and chosen
         record = ControlRecord(
             time_s=now_s,
             late_s=late_s,

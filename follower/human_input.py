@@ -17,6 +17,12 @@ from follower_control.vehicle import VehicleState
 class HumanInput:
     """Orders, stop, consent, sticks and the pilot's mode, for the supervisor to decide by.
 
+    Args:
+        consent: what counts as the second consent.
+        sticks: what the pilot's sticks do.
+        cockpit: how long a page in control may be missed.
+        autonomous: the program chooses the mode itself.
+
     Attributes:
         stop_requested: somebody wants us to let go; until consent is given or renewed.
         stop_at_once: they pressed a button for it.
@@ -30,7 +36,9 @@ class HumanInput:
         consent: ConsentSettings,
         sticks: StickSettings,
         cockpit: CockpitSettings | None = None,
+        autonomous: bool = False,
     ) -> None:
+        self._autonomous = autonomous
         self._consent = Consent(consent)
         self._sticks = Sticks(sticks)
         self._orders: deque[Order] = deque()
@@ -101,7 +109,9 @@ class HumanInput:
     def mode_allows(self, vehicle: VehicleState, state: State) -> bool:
         """Whether somebody chose our mode and it was not left since following began.
 
-        It may have been left and entered again between two steps.
+        It may have been left and entered again between two steps. With `autonomy: full` the mode
+        is ours to choose.
         """
         left = state.engaged and vehicle.entries != self._entry
-        return vehicle.obeys_setpoints and not vehicle.entered_by_itself and not left
+        chosen = self._autonomous or not vehicle.entered_by_itself
+        return vehicle.obeys_setpoints and chosen and not left

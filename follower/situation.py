@@ -40,7 +40,8 @@ class Situation:
         consent_given: the second consent stands; always so where none is asked for.
         failsafe: the autopilot says that it is in a failsafe.
         sticks_moved: a stick is so far out that the pilot wants the vehicle back.
-        mode_left: the autopilot has just left the mode, and flew by our stream in it.
+        mode_left: the autopilot has just left the mode that somebody chose, and flew by our stream
+            in it.
         answer_age_s: how long the autopilot has not answered us, though it may talk.
         battery_low: less is left of the battery than is asked, now or to begin.
         navigation_poor: the autopilot does not know well where it is.

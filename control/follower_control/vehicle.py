@@ -170,7 +170,8 @@ class VehicleState:
         heartbeat_s: when the last heartbeat arrived, None before the first.
         failsafe: the autopilot says that it is in a failsafe or worse.
         entries: how often it was seen to enter that mode.
-        entered_by_itself: it did so out of a failsafe the last time: nobody chose the mode.
+        entered_by_itself: it did so out of a failsafe the last time, or was armed and in it when
+            it was first heard: nobody chose the mode for us.
         rc: the pilot's sticks and switches, None where the autopilot does not show them.
         gimbal: how a gimbal holds its camera, None without one.
         clearance: height above what is below, None where nothing measures it.

@@ -109,15 +109,20 @@ class VehicleMonitor:
         mode = mode_name(self._autopilot, message.custom_mode)
         obeys = mode == setpoint_mode(self._autopilot)
         enters = obeys and not before.obeys_setpoints
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        # Who flies already when we come has a mode that nobody chose for us.
+        unseen = before.heartbeat_s is None and armed
+        if unseen and obeys:
+            self.note(f"it flies in {mode} already; to follow, leave that mode and take it again")
         self._news.update(
             mode=mode,
             obeys_setpoints=obeys,
-            armed=bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+            armed=armed,
             heartbeat_s=now_s,
             failsafe=message.system_status in _FAILSAFES,
             entries=before.entries + enters,
             # PX4 returns into OFFBOARD out of its failsafe alone, as soon as the stream is back.
-            entered_by_itself=before.failsafe if enters else before.entered_by_itself,
+            entered_by_itself=before.failsafe or unseen if enters else before.entered_by_itself,
         )
 
     def _on_attitude(self, message: Any, now_s: float) -> None:

@@ -115,8 +115,15 @@ class Rig:
                 return record
         raise AssertionError(f"not {state} but {record.state}: {record.reason}")
 
+    def hand_over(self) -> None:
+        """Have the pilot take our mode, and us hear of it."""
+        self.until(State.READY)
+        self.fly(0.3)
+        assert self.autopilot.switch_mode(OURS[self.flavour])
+        self.fly(1.2)
+
     def follow(self) -> None:
-        """Have the pilot hand over."""
+        """Have the pilot hand over what follows at once."""
         self.until(State.READY)
         self.fly(0.3)
         assert self.autopilot.switch_mode(OURS[self.flavour])
@@ -184,6 +191,20 @@ def test_the_pilot_leaves_the_mode_and_setpoints_end_within_a_tenth_of_a_second(
     assert rig.fly(5.0).state is R
     assert rig.wire.setpoints(left_s + 0.1) == []
     assert rig.autopilot.mode == PILOTS[flavour]
+
+
+@flavours
+def test_a_mode_that_stood_before_we_came_is_not_for_us(flavour: str) -> None:
+    """A vehicle that flies in GUIDED does somebody's bidding; a program of ours may have died."""
+    rig = Rig(flavour)
+    rig.follow()
+    rig.begin(FlightLog())
+    assert rig.fly(2.5).reason is Reason.WAITING_FOR_PILOT
+    assert any("take it again" in text for text in rig.events("autopilot"))
+    rig.autopilot.switch_mode(PILOTS[flavour])
+    rig.fly(1.2)
+    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.until(F)
 
 
 @flavours
@@ -361,15 +382,13 @@ def test_a_command_gives_consent_and_takes_it_back(flavour: str) -> None:
 
 def test_a_command_from_anybody_else_or_for_another_consent_is_denied() -> None:
     rig = Rig("ardupilot", "consent.kind=command")
-    rig.autopilot.switch_mode("GUIDED")
-    rig.until(State.READY)
+    rig.hand_over()
     rig.command(1.0, system=42)
     rig.command(7.0)
     rig.command(float("nan"))
     assert rig.fly(2.0).reason is Reason.WAITING_FOR_CONSENT
     other = Rig("ardupilot", "consent.kind=rc")
-    other.autopilot.switch_mode("GUIDED")
-    other.until(State.READY)
+    other.hand_over()
     other.command(1.0)
     assert other.fly(1.0).reason is Reason.WAITING_FOR_CONSENT
     assert set(rig.answers() + other.answers()) == {mavlink.MAV_RESULT_DENIED}
@@ -377,8 +396,7 @@ def test_a_command_from_anybody_else_or_for_another_consent_is_denied() -> None:
 
 def test_a_command_repeated_after_the_pilot_took_over_is_no_new_consent() -> None:
     rig = Rig("ardupilot", "consent.kind=command")
-    rig.autopilot.switch_mode("GUIDED")
-    rig.until(State.READY)
+    rig.hand_over()
     rig.command(1.0)
     rig.until(F)
     rig.autopilot.switch_mode("LOITER")
@@ -425,8 +443,7 @@ def test_a_switch_gives_consent_when_it_is_turned_on(flavour: str) -> None:
 def test_a_transmitter_that_falls_silent_withdraws_consent() -> None:
     rig = Rig("ardupilot", "consent.kind=rc", "consent.rc_channel=5")
     rig.autopilot.move_sticks(1500, 1500, 1500, 1500, 1000)
-    rig.autopilot.switch_mode("GUIDED")
-    rig.until(State.READY)
+    rig.hand_over()
     rig.fly(0.5)
     rig.autopilot.move_sticks(1500, 1500, 1500, 1500, 2000)
     rig.until(F, 0.3)
