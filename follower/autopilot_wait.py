@@ -6,7 +6,7 @@ import math
 from itertools import takewhile
 
 from follower.autonomy import Phase
-from follower.flightlog import FlightLog
+from follower.flightlog import Event, FlightLog
 from follower.links.connection import ConnectionFailedError
 from follower.links.link import Link
 
@@ -92,9 +92,13 @@ class AutopilotWait:
         return ""
 
     def _refusal(self) -> str:
-        """Return what the autopilot said last, rather in its own words than by a number."""
+        """Return what the autopilot said in this phase, in its own words rather than a number's."""
         newest_s = self._log.controls[-1].time_s if self._log.controls else 0.0
-        events = takewhile(lambda e: e.time_s > newest_s - _LATELY_S, reversed(self._log.events))
+
+        def is_of_now(event: Event) -> bool:
+            return event.time_s > newest_s - _LATELY_S and event.source != "autonomy"
+
+        events = takewhile(is_of_now, reversed(self._log.events))
         said = [event.text for event in events if event.source == "autopilot"]
         said = [text for text in said if " Hz" not in text]
         own = [text for text in said if not text.startswith("MAV_CMD_")]

@@ -198,8 +198,11 @@ def test_one_that_refuses_to_arm_is_quoted_and_given_up_late() -> None:
     log.note(0.0, "autopilot", "ATTITUDE comes at 4.0 Hz, not at 100; asking again")
     assert wait.words(Phase.ARMING) == "arming: Arm: Need Position Estimate"
     wait.check(Phase.ARMING, 30.0)
+    log.note(31.0, "autonomy", "taking off")
+    assert wait.words(Phase.TAKING_OFF) == "taking off"
+    log.note(32.0, "autopilot", "Takeoff denied")
     wait.check(Phase.TAKING_OFF, 209.0)
-    with pytest.raises(ConnectionFailedError, match="taking off: Arm: Need Position"):
+    with pytest.raises(ConnectionFailedError, match="taking off: Takeoff denied"):
         wait.check(Phase.TAKING_OFF, 211.0)
     wait.check(Phase.AIRBORNE, 999.0)
     wait.check(None, 999.0)
