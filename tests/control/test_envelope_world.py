@@ -174,12 +174,16 @@ def test_at_a_fence_it_is_not_driven_back_by_a_velocity_of_some_time_ago() -> No
         position=LocalPosition(49.0, 0.0, -10.0, 1.0, 0.0, 0.0, 10.0),
     )
 
-    def forward_m_s(age_s: float) -> float:
-        context = FlightContext.of(outwards, 10.0 + age_s)
-        return settled(settings, HOLD, context).allowed.forward_m_s
+    def forward_m_s(age_s: float, after_s: float) -> float:
+        context, envelope = FlightContext.of(outwards, 10.0 + age_s), Envelope(settings)
+        envelope.start(now_s=0.0)
+        times = (0.02 * i for i in range(round(after_s / 0.02)))
+        return [envelope.limit(HOLD, at_s, context) for at_s in times][-1].allowed.forward_m_s
 
-    assert forward_m_s(0.1) < -1.0
-    assert forward_m_s(0.4) == pytest.approx(0.0, abs=1e-6)
+    assert forward_m_s(0.1, after_s=2.5) < -1.0
+    assert forward_m_s(0.4, after_s=2.5) == pytest.approx(0.0, abs=1e-6)
+    # Nor by one that no braking changes: its heading may not be true.
+    assert forward_m_s(0.1, after_s=8.0) == pytest.approx(0.0, abs=1e-6)
 
 
 anything = st.one_of(st.none(), st.floats(-100, 100), st.floats(allow_nan=True))

@@ -78,6 +78,7 @@ class Invariants:
         self._blind_since_s: float | None = None
         self._blind_speed = 0.0
         self._stalled_s = 0.0
+        self._braked_until_s = -math.inf
         self.longest_after_pilot_s = 0.0
         self.setpoints = 0
 
@@ -176,6 +177,7 @@ class Invariants:
         speed, since_s = setpoint.speed_m_s, setpoint.time_s - self._blind_since_s
         if self._is_against(setpoint, inputs):
             self._blind_speed = max(self._blind_speed, speed)
+            self._braked_until_s = setpoint.time_s
         if speed > self._blind_speed + self._grows_m_s:
             raise InvariantError(
                 f"the speed grows to {speed:.2f} m/s, {since_s:.2f} s after the last good input"
@@ -183,7 +185,8 @@ class Invariants:
         # Nothing brakes while no step is done; then the autopilot's own time-out acts.
         self._stalled_s += max(inputs.step_gap_s - self._limits.max_interval_s, 0.0)
         longest_s = self._blind_speed / self._limits.braking_m_s2 + 2.0 + self._stalled_s
-        if since_s > longest_s and speed > 0.05:
+        ramps_s = setpoint.time_s - max(self._blind_since_s, self._braked_until_s)
+        if ramps_s > longest_s and speed > 0.05:
             raise InvariantError(
                 f"still {speed:.2f} m/s, {since_s:.2f} s after the last good input"
             )
