@@ -30,12 +30,12 @@ def prepare(
     seed: int,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> None:
-    """Copy what a listing names, made small, into a stock's folder.
+    """Copy what a listing names, made small, into a stock's folder: all of it or nothing.
 
     Args:
         folder: into which the packages were unpacked, by `dpkg -x PACKAGE.deb FOLDER`.
         listing: YAML with lists of glob patterns, `photographs` and `cutouts`.
-        stock: the folder to fill.
+        stock: the folder to make.
         seed: chooses which cut-outs to take if there are more than `MOST_CUTOUTS`.
         progress: called with the files read and all.
 
@@ -49,16 +49,18 @@ def prepare(
     order = np.random.default_rng(seed).permutation(len(cutouts))[:MOST_CUTOUTS]
     chosen = [cutouts[index] for index in order]
     total = len(photographs) + len(chosen)
+    part = stock.with_name(f"{stock.name}.part")
     for kind, paths, shrink in (
         ("photographs", photographs, _small_photograph),
         ("cutouts", chosen, _small_cutout),
     ):
-        (stock / kind).mkdir(parents=True, exist_ok=True)
+        (part / kind).mkdir(parents=True, exist_ok=True)
         for index, path in enumerate(paths):
             picture = shrink(path)
             if picture is not None:
-                cv2.imwrite(str(stock / kind / f"{index:05}.png"), picture)
+                cv2.imwrite(str(part / kind / f"{index:05}.png"), picture)
             progress(index + 1 + (len(photographs) if kind == "cutouts" else 0), total)
+    part.replace(stock)
 
 
 def load(stock: Path, seed: int, collages: int = COLLAGES) -> Pictures:

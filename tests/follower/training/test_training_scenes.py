@@ -150,6 +150,10 @@ def test_nonsense_is_refused(key: str, value: float) -> None:
         SceneSettings(**{key: value})
 
 
+def interrupted(_done: int, _total: int) -> None:
+    raise KeyboardInterrupt
+
+
 def test_pictures_are_made_small_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     (tmp_path / "free").mkdir()
@@ -161,6 +165,9 @@ def test_pictures_are_made_small_once(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "free" / "opaque.png"), photograph)
     listing = tmp_path / "pictures.yaml"
     listing.write_text("photographs: [{files: free/*.jpg}]\ncutouts: [{files: free/*.png}]\n")
+    with pytest.raises(KeyboardInterrupt):
+        prepare(tmp_path, listing, tmp_path / "stock", 1, interrupted)
+    assert not (tmp_path / "stock").exists()
     prepare(tmp_path, listing, tmp_path / "stock", 1)
     pictures = load(tmp_path / "stock", 1, collages=1)
     assert pictures.photographs[0].shape == (150, 1100, 3)
