@@ -296,11 +296,12 @@ class ControlStage:
             self._place_liveness.age_s(now_s),
         )
         engaged = self._supervisor.state.engaged
+        unseen_s = self._unseen_s(track, now_s)
         verdict = judge(self._health, self.settings.health, engaged, now_s)
         return Situation(
             target_chosen=track is not None,
-            unseen_s=self._unseen_s(track, now_s),
-            estimate_good=estimate is not None and _is_good(estimate),
+            unseen_s=unseen_s,
+            estimate_good=estimate is not None and self._is_good(estimate, unseen_s),
             heartbeat_age_s=vehicle.heartbeat_age_s(now_s),
             telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
@@ -322,6 +323,14 @@ class ControlStage:
             cockpit_lost=humans.cockpit_lost,
         )
 
+    def _is_good(self, estimate: TargetEstimate, unseen_s: float) -> bool:
+        """Whether the predicted direction may be steered by; while coasting, settings say."""
+        limit = _GOOD_DIRECTION_RAD
+        if unseen_s > 0 and self._supervisor.state.steers:
+            limit = math.radians(self.settings.supervisor.coast_within_deg)
+        variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
+        return variance < limit**2
+
     def _unseen_s(self, track: Track | None, now_s: float) -> float:
         if track is not None and track.state is TrackState.TRACKING:
             return 0.0
@@ -338,8 +347,3 @@ class ControlStage:
             return False
         comes_back = state is State.RELEASED and vehicle.mode == _NEEDS_STREAM
         return state.streams or (vehicle.obeys_setpoints and (self._sent or comes_back))
-
-
-def _is_good(estimate: TargetEstimate) -> bool:
-    variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
-    return variance < _GOOD_DIRECTION_RAD**2

@@ -144,14 +144,18 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
-    """How long each trouble is borne, in seconds.
+    """How long each trouble is borne, in seconds, and how good a prediction is flown by.
 
     Attributes:
         link_timeout_s: silence of the autopilot's heartbeat (sent at 1 Hz).
         telemetry_timeout_s: age of attitude or position.
         frame_timeout_s: age of the newest frame that vision has answered for.
         control_timeout_s: time between two control steps.
-        coast_s: how long to fly on the predicted target.
+        coast_s: how long to fly on the predicted target, ...
+        coast_within_deg: ... while the standard deviation of its direction is smaller. More than
+            5 degrees is for targets that are known to go on as they did behind what hides them;
+            how fast is then flown is limited by `envelope.trust`, and how long there is an
+            estimate at all by `estimator.restart_after_s`.
         search_s: how long to look for a lost target.
         hold_s: how long to hold before letting go.
         alone_s: without a word from us for so long the autopilot may act by itself; below PX4's
@@ -165,12 +169,15 @@ class SupervisorSettings:
     frame_timeout_s: float = 0.5
     control_timeout_s: float = 0.2
     coast_s: float = 0.8
+    coast_within_deg: float = 5.0
     search_s: float = 10.0
     hold_s: float = 3.0
     alone_s: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
+        if not 0 < self.coast_within_deg <= 180:
+            raise ValueError(f"coast_within_deg lies within 180, not {self.coast_within_deg}")
+        for name in (name for name in self.__slots__ if name.endswith("_s")):
             if not 0 < getattr(self, name) < 3600:
                 raise ValueError(f"{name} is a time in seconds above 0, not {getattr(self, name)}")
 

@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+
+import numpy as np
 
 from follower_control.estimate import TargetEstimate
 from follower_control.ground_range import ranged_by_ground
+from follower_control.moved_estimate import seen_again, seen_from
+from follower_control.moving_target import MovingTarget, place_noise
+from follower_control.own_path import OwnPath
 from follower_control.reference import Reference
-from follower_control.relative_motion import (
-    OLD_S,
-    azimuth_of,
-    offset_rate,
-    own_velocity,
-    speed_towards,
-)
+from follower_control.relative_motion import OLD_S, azimuth_of
 from follower_control.servo_errors import ServoErrors
 from follower_control.servo_settings import Mode, RangeFrom, ServoSettings
+from follower_control.sighting import SightFrame
 from follower_control.target_motion import TargetMotion
-from follower_control.target_speed import TargetSpeed
-from follower_control.vehicle import VehicleState
+from follower_control.vehicle import LocalPosition, VehicleState
+from follower_vision.camera import Vector
 from follower_vision.lineofsight import wrap_angle
 
 _LOG_TEN = math.log(10)
 _STRAIGHT_DOWN_RAD = -math.pi / 2
 
+ACROSS, ALONG, ALONG_GROUND = 0.005, 0.03, 0.05
+"""Standard deviations of a place as shares of the distance: across the line of sight, along it by
+size, and along the ground."""
+
 
 class PursuitSight:
     """Compares estimates with what is wanted, and keeps the target's size and motion.
+
+    With telemetry, the target is kept as a place in the world that moves steadily: what is told of
+    it for now is that place seen from where we are now. Our own motion since the frame was taken
+    is thereby known, and never mistaken for the target's.
 
     Args:
         settings: of the servo.
@@ -39,8 +48,9 @@ class PursuitSight:
     def __init__(self, settings: ServoSettings, reference: Reference) -> None:
         self._settings = settings
         self._reference = reference
-        self._speed = TargetSpeed(settings.target_speed_filter_s, settings.own_speed_lag_s)
-        self.target = TargetMotion(settings.course_filter_s, settings.own_speed_lag_s)
+        self.target = TargetMotion(settings.course_filter_s)
+        self._own = OwnPath()
+        self._moving = MovingTarget(settings.target_acceleration_m_s2)
         self.start()
 
     def start(self) -> None:
@@ -50,21 +60,38 @@ class PursuitSight:
         if s.target_size_m is not None:
             self._wanted_log_scale = math.log(s.target_size_m / s.distance_m)
         self.target.start()
-        self.pause()
+        self._forget()
 
     def change(self, settings: ServoSettings) -> None:
         """Go on by other settings; a size that is held stays as far away as it was."""
-        before, self._settings = self._settings, settings
+        size_m, before = self._size_m, self._settings
+        self._settings = settings
         if settings.target_size_m is not None:
             self._wanted_log_scale = math.log(settings.target_size_m / settings.distance_m)
         elif self._wanted_log_scale is not None:
             self._wanted_log_scale += math.log(before.distance_m / settings.distance_m)
-        self._speed.change(settings.target_speed_filter_s, settings.own_speed_lag_s)
-        self.target.change(settings.course_filter_s, settings.own_speed_lag_s)
+        if size_m is not None and self._size_m is not None:
+            self._rescale(self._size_m / size_m)
+        self._moving.change(settings.target_acceleration_m_s2)
+        self.target.change(settings.course_filter_s)
 
-    def pause(self) -> None:
-        """Forget the target's velocity."""
-        self._speed.reset()
+    @property
+    def _size_m(self) -> float | None:
+        """The size that the target is taken to have."""
+        if self._wanted_log_scale is None:
+            return None
+        return self._settings.distance_m * math.exp(self._wanted_log_scale)
+
+    def _rescale(self, factor: float) -> None:
+        """Put a target that is so many times as large so many times as far away."""
+        if self._here_m is not None and self._settings.range_from is RangeFrom.SIZE:
+            self._moving.rescale(self._here_m, factor)
+
+    def _forget(self) -> None:
+        """Forget where the target is and how it moves."""
+        self._moving.reset()
+        self._here_m: Vector | None = None
+        self._velocity_m_s: Vector | None = None
         self.target.reset()
 
     def hold_size(self, estimate: TargetEstimate) -> None:
@@ -72,61 +99,94 @@ class PursuitSight:
         if self._wanted_log_scale is None:
             self._wanted_log_scale = estimate.log_scale
 
-    def ranged(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
-        """Put the range by the ground into the place of the one by size, if that is wanted."""
+    def seen(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
+        """Return what is known of the target now, by its motion in the world and our own.
+
+        Without telemetry, and in the body's frame, that is the estimate itself.
+        """
         position = vehicle.position
         fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
-        if self._settings.range_from is RangeFrom.SIZE or position is None or not fresh:
+        if position is None or not fresh or estimate.frame is SightFrame.BODY:
+            self._own.clear()
+            self._forget()
             return estimate
+        if not self._own.add(position):
+            self._forget()
+        here = self._own.at(estimate.time_s)
+        if here is None:
+            return self._ranged(estimate, position, 0.0)[0]
+        self._watch(estimate, position, here)
+        place, velocity = self._moving.at(estimate.time_s)
+        size_m = self._size_m
+        if self._moving.time_s is None or size_m is None:
+            return self._ranged(estimate, position, 0.0)[0]
+        self._here_m, self._velocity_m_s = here, velocity
+        own = np.array(position.numbers[3:])
+        return seen_from(estimate, place - here, velocity - own, size_m)
+
+    def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
+        """Take in where the target was when it was seen last, if that is news."""
+        newest_s, seen_s = self._moving.time_s, estimate.last_seen_s
+        there = self._own.at(seen_s)
+        if there is None or (newest_s is not None and seen_s <= newest_s):
+            return
+        above_m = float(here[2] - there[2])
+        seen, by_ground = self._ranged(seen_again(estimate), position, above_m)
+        self.hold_size(seen)
+        range_m, direction = self.range_m(seen), seen.direction
+        level = np.array([*direction[:2], 0.0]) / max(math.hypot(*direction[:2]), 1e-6)
+        along = ALONG_GROUND if by_ground else ALONG
+        noise = place_noise(level if by_ground else direction, along * range_m, ACROSS * range_m)
+        self._moving.observe(there + range_m * direction, noise, seen_s)
+
+    def _ranged(
+        self, estimate: TargetEstimate, position: LocalPosition, higher_m: float
+    ) -> tuple[TargetEstimate, bool]:
+        """Put the range by the ground into the place of the one by size, if that is wanted.
+
+        Args:
+            estimate: of the target.
+            position: our newest one.
+            higher_m: how much higher we were when the estimate holds.
+        """
+        if self._settings.range_from is RangeFrom.SIZE:
+            return estimate, False
         size_m = self._settings.target_size_m or self._settings.distance_m
         self._wanted_log_scale = math.log(size_m / self._settings.distance_m)
-        above_m = position.height_m - self._settings.target_middle_m
-        return ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
+        above_m = position.height_m + higher_m - self._settings.target_middle_m
+        ranged = ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
+        return ranged, ranged is not estimate
 
     def errors(
-        self,
-        estimate: TargetEstimate,
-        yaw: float,
-        vehicle: VehicleState,
-        mode: Mode,
-        interval_s: float,
+        self, estimate: TargetEstimate, yaw: float, mode: Mode, interval_s: float
     ) -> ServoErrors:
         """Return how far the pursuit is from what is wanted, `interval_s` after the last time."""
         range_m = self.range_m(estimate)
-        self._watch_motion(estimate, vehicle, range_m, interval_s)
         wanted = self._reference.elevation_rad
         wanted = _STRAIGHT_DOWN_RAD if mode is Mode.OVERHEAD else wanted
+        velocity = complex(0.0)
+        if self._velocity_m_s is not None:
+            velocity = complex(*self._velocity_m_s[:2].tolist())
+            self.target.update(velocity, interval_s)
         return ServoErrors(
             azimuth_rad=wrap_angle(azimuth_of(estimate) - yaw),
             elevation_rad=estimate.height_angle_rad - wanted,
             log_range=math.log(range_m / self._reference.distance_m),
             range_m=range_m,
-            target_speed_m_s=self._seen_speed(estimate, vehicle, range_m, interval_s),
+            target_speed_m_s=_speed_away(velocity, estimate),
         )
-
-    def _watch_motion(
-        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
-    ) -> None:
-        own = own_velocity(estimate, vehicle)
-        if own is None:
-            self.target.reset()
-        else:
-            self.target.update(own, offset_rate(estimate, range_m), interval_s)
-
-    def _seen_speed(
-        self, estimate: TargetEstimate, vehicle: VehicleState, range_m: float, interval_s: float
-    ) -> float:
-        own_speed = speed_towards(estimate, vehicle)
-        if own_speed is None:
-            self._speed.reset()
-            return 0.0
-        range_rate = -range_m * estimate.log_scale_rate_s
-        return self._speed.update(own_speed, range_rate, interval_s)
 
     def range_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""
         wanted = estimate.log_scale if self._wanted_log_scale is None else self._wanted_log_scale
         return self._settings.distance_m * math.exp(_clip(wanted - estimate.log_scale, _LOG_TEN))
+
+
+def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:
+    """Return what of a velocity leads away from us; from above, that is sinking, which none is."""
+    if estimate.frame is SightFrame.DOWN:
+        return 0.0
+    return (velocity_m_s * cmath.rect(1.0, -azimuth_of(estimate))).real
 
 
 def _clip(value: float, largest: float) -> float:

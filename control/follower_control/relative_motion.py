@@ -37,13 +37,10 @@ def offset_rate(estimate: TargetEstimate, range_m: float) -> complex:
     return closing + range_m * cmath.rect(1.0, azimuth) * complex(-steep * rise, level * turn)
 
 
-def own_velocity(estimate: TargetEstimate, vehicle: VehicleState) -> complex | None:
-    """Return our own horizontal velocity, None if it is too old or the frame is not the world's."""
-    position = vehicle.position
-    fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
-    if position is None or not fresh or estimate.frame is SightFrame.BODY:
-        return None
-    return complex(position.north_m_s, position.east_m_s)
+def level_rate(estimate: TargetEstimate, range_m: float) -> float:
+    """Return how fast the horizontal distance to a target at this distance grows, m/s."""
+    away = cmath.phase(offset(estimate, range_m))
+    return (offset_rate(estimate, range_m) * cmath.rect(1.0, -away)).real
 
 
 def azimuth_of(estimate: TargetEstimate) -> float:
@@ -61,16 +58,6 @@ def heading_at(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
     if vehicle.attitude is None or age_s > OLD_S:
         return None
     return turned_on(vehicle.attitude, min(max(age_s, -_AHEAD_S), _AHEAD_S)).yaw_rad
-
-
-def speed_towards(estimate: TargetEstimate, vehicle: VehicleState) -> float | None:
-    """Return our own speed towards the target, None if it is not known."""
-    position = vehicle.position
-    fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
-    if position is None or not fresh or estimate.frame is not SightFrame.WORLD:
-        return None
-    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
-    return position.north_m_s * north + position.east_m_s * east
 
 
 def centred_share(azimuth_rad: float, centred_rad: float, off_axis_rad: float) -> float:

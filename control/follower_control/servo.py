@@ -16,6 +16,7 @@ from follower_control.relative_motion import (
     OLD_S,
     centred_share,
     heading_at,
+    level_rate,
     offset,
     offset_rate,
 )
@@ -30,8 +31,6 @@ TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
 
 _STEEPEST_RAD = math.radians(60)
-
-
 _AROUND = (Mode.SIDE, Mode.ORBIT)
 
 
@@ -107,7 +106,6 @@ class VisualServo:
         self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
         self._fade.start()
-        self._sight.pause()
 
     @property
     def mode(self) -> Mode:
@@ -145,7 +143,7 @@ class VisualServo:
                 forward.
             allowed: what the envelope let through of the last setpoint.
         """
-        estimate = self._sight.ranged(estimate, vehicle)
+        estimate = self._sight.seen(estimate, vehicle)
         yaw = heading_at(estimate, vehicle)
         if yaw is None:
             self.resume()
@@ -156,7 +154,7 @@ class VisualServo:
         if self._last_s is None:
             self._begin(estimate, yaw)
         self._reference.step(interval_s)
-        self._errors = self._sight.errors(estimate, yaw, vehicle, self._mode, interval_s)
+        self._errors = self._sight.errors(estimate, yaw, self._mode, interval_s)
         if interval_s > 0:
             self._last_s = estimate.time_s
             steered = self._steer(self._errors, estimate, yaw, allowed, interval_s)
@@ -273,8 +271,8 @@ class VisualServo:
         """Downward velocity: the loop's output is the climb over the range.
 
         Closing in on a target that lies below, it would sink in the image by itself. Fed forward
-        is the climb that keeps its elevation: the closing speed, which over the range is the rate
-        of the log scale, times the elevation's tangent.
+        is the climb that keeps its elevation: the horizontal closing speed times the elevation's
+        tangent. Our own climbing is no part of that, or it would keep itself up.
         """
         if self._settings.hold_height:
             return 0.0
@@ -283,7 +281,7 @@ class VisualServo:
             errors.elevation_rad,
             -errors.elevation_rad,
             interval_s,
-            feed_forward=slope * estimate.log_scale_rate_s,
+            feed_forward=-slope * level_rate(estimate, errors.range_m) / errors.range_m,
             cut=(self._climb + allowed.down_m_s) / errors.range_m,
         )
         self._climb = climb

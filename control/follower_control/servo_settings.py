@@ -78,12 +78,13 @@ class ServoSettings:
         max_backward_m_s: largest backward velocity.
         max_vertical_m_s: largest velocity up or down.
         max_yaw_rate_deg_s: largest yaw rate.
-        target_speed_filter_s: time constant of the target's estimated speed, which is fed forward.
+        target_acceleration_m_s2: how hard the target is expected to manoeuvre: the root of the
+            spectral density of its acceleration, per sqrt(Hz). More follows its changes of speed
+            sooner, and errors of its size as well.
         schedule_range: scale the range loop's gains with the distance that is wanted now, when a
             nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
             as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
-            four times as high, which is the edge of instability.
-        own_speed_lag_s: how late the estimate's rates are, against our own velocity.
+            four times as high, and the margins thin.
         side_deg: for `side`: where to stay, from the target's course, clockwise seen from above:
             0 is ahead of it, 90 on its right, 180 behind it.
         orbit_m_s: for `orbit`: speed round the target; positive is clockwise seen from above.
@@ -115,8 +116,7 @@ class ServoSettings:
     max_backward_m_s: float = 3.0
     max_vertical_m_s: float = 2.0
     max_yaw_rate_deg_s: float = 60.0
-    target_speed_filter_s: float = 0.4
-    own_speed_lag_s: float = 0.5
+    target_acceleration_m_s2: float = 1.5
     schedule_range: bool = True
     side_deg: float = 90.0
     orbit_m_s: float = 3.0
@@ -157,6 +157,8 @@ class ServoSettings:
             raise ValueError(f"orbit_m_s lies within max_sideways_m_s, not {self.orbit_m_s}")
         if self.orbit_deg_s is not None and not abs(self.orbit_deg_s) <= 90:
             raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
-        for name in ("course_filter_s", "target_speed_filter_s", "own_speed_lag_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is not negative, not {getattr(self, name)}")
+        if not 0 <= self.course_filter_s < math.inf:
+            raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
+        if not 0 < self.target_acceleration_m_s2 <= 50:
+            most = self.target_acceleration_m_s2
+            raise ValueError(f"target_acceleration_m_s2 lies above 0 and not above 50, not {most}")

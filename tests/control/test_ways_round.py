@@ -16,11 +16,11 @@ DT = 0.02
 
 def moving(course_deg: float | None = None) -> TargetMotion:
     """Return a target that stands, or goes at 3 m/s."""
-    motion = TargetMotion(0.0, 0.0)
+    motion = TargetMotion(0.0)
     if course_deg is not None:
         velocity = cmath.rect(3.0, math.radians(course_deg))
         for _ in range(3):
-            motion.update(0j, velocity, DT)
+            motion.update(velocity, DT)
     return motion
 
 

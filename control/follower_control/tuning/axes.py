@@ -12,10 +12,11 @@ from enum import StrEnum
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.estimator import EstimatorSettings
 from follower_control.pid import PidSettings
+from follower_control.pursuit_sight import ACROSS, ALONG, ALONG_GROUND
 from follower_control.servo_settings import RangeFrom, ServoSettings
 from follower_control.tuning.axis_loop import AxisLoop
 from follower_control.tuning.conditions import Conditions
-from follower_control.tuning.rational import ONE, Rational, integrator, low_pass
+from follower_control.tuning.rational import ONE, Rational, integrator
 from follower_control.tuning.response_model import ResponseModel, VehicleModel
 from follower_control.tuning.steady_filter import SteadyFilter
 
@@ -67,6 +68,30 @@ def _without_derivative(gains: PidSettings) -> Rational:
     return Rational((gains.kp, gains.ki), (1.0, 0.0)) if gains.ki else Rational((gains.kp,))
 
 
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """From where the target is to what is known of it: the estimator, then the place it is kept at.
+
+    Our own motion is known at once, by telemetry, and goes by no filter.
+    """
+
+    estimator: SteadyFilter
+    place: SteadyFilter
+
+    def value(self, age_s: float) -> Rational:
+        """Return from the quantity, seen `age_s` late, to the one for now."""
+        return self.estimator.value(0.0) * self.place.value(age_s)
+
+    def rate(self, age_s: float) -> Rational:
+        """Return from the quantity, seen `age_s` late, to its rate."""
+        return self.estimator.value(0.0) * self.place.rate(age_s)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of one sighting."""
+        return self.estimator.noise
+
+
 def _azimuth(
     gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
 ) -> AxisLoop:
@@ -75,7 +100,7 @@ def _azimuth(
     A wrong stamp lets our own turning look like the target's for as long as it is wrong.
     """
     delays = conditions.delays
-    sight = _direction_filter(follower, conditions, Axis.AZIMUTH)
+    sight = _direction_sight(follower, conditions, Axis.AZIMUTH)
     controller = pid(gains)
     seen = controller * sight.value(0.0) + sight.rate(0.0)
     own: tuple[Rational, ...] = (controller,)
@@ -101,15 +126,14 @@ def _azimuth(
 def _elevation(
     gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
 ) -> AxisLoop:
-    sight = _direction_filter(follower, conditions, Axis.ELEVATION)
-    seen = pid(gains) * sight.value(conditions.delays.sight_s)
+    sight = _direction_sight(follower, conditions, Axis.ELEVATION)
     return AxisLoop(
         Axis.ELEVATION,
         "rad",
         _plant(vehicle.down, conditions, _smoothing_s(follower, conditions)),
         integrator(math.cos(conditions.elevation_rad)),
-        (seen,),
-        seen,
+        (pid(gains),),
+        pid(gains) * sight.value(conditions.delays.sight_s),
         (),
         _without_derivative(gains),
         sight.noise,
@@ -122,26 +146,23 @@ def _elevation(
 def _range(
     gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
 ) -> AxisLoop:
-    """The target's speed, which is fed forward, is made from our own: a loop inside the loop."""
+    """The target's speed is fed forward; our own is no part of it."""
     servo, delays = follower.servo, conditions.delays
-    sight = _range_filter(follower, conditions)
+    sight = _range_sight(follower, conditions)
     level, scale = math.cos(conditions.elevation_rad), servo.distance_m / conditions.range_m
     if servo.schedule_range:
         share = 1 / scale
         gains = replace(gains, kp=share * gains.kp, ki=share * gains.ki, kd=share * gains.kd)
-    smooth = low_pass(servo.target_speed_filter_s)
     # The speed is horizontal, the range is along the line of sight.
-    fed = smooth * sight.rate(delays.sight_s).scaled(1.0 / scale)
-    seen = pid(gains) * sight.value(delays.sight_s) + fed
-    told = smooth * low_pass(servo.own_speed_lag_s)
+    fed = sight.rate(delays.sight_s).scaled(1.0 / (scale * level))
     return AxisLoop(
         Axis.RANGE,
         "log",
         _plant(vehicle.forward, conditions, _smoothing_s(follower, conditions)),
         integrator(scale * level),
-        (seen,),
-        seen,
-        (told.delayed(delays.position_s),),
+        (pid(gains),),
+        pid(gains) * sight.value(delays.sight_s) + fed,
+        (),
         _without_derivative(gains),
         sight.noise,
         delays.frame_interval_s,
@@ -175,13 +196,26 @@ def _direction_filter(follower: Follower, conditions: Conditions, axis: Axis) ->
     return SteadyFilter.of(acceleration, noise, conditions.delays.frame_interval_s)
 
 
-def _range_filter(follower: Follower, conditions: Conditions) -> SteadyFilter:
-    """Return the filter on the log scale, or on the elevation where the ground tells the range."""
+def _direction_sight(follower: Follower, conditions: Conditions, axis: Axis) -> _Sight:
+    estimator = _direction_filter(follower, conditions, axis)
+    return _Sight(estimator, _place_filter(ACROSS, follower, conditions))
+
+
+def _range_sight(follower: Follower, conditions: Conditions) -> _Sight:
+    """Return the sight of the log scale, or of the elevation where the ground tells the range."""
     s, interval_s = follower.estimator, conditions.delays.frame_interval_s
     if follower.servo.range_from is RangeFrom.SIZE:
-        return SteadyFilter.of(s.log_scale_acceleration_s2, s.log_scale_noise, interval_s)
+        scale = SteadyFilter.of(s.log_scale_acceleration_s2, s.log_scale_noise, interval_s)
+        return _Sight(scale, _place_filter(ALONG, follower, conditions))
     direction = _direction_filter(follower, conditions, Axis.ELEVATION)
     slope = 1 / max(abs(math.tan(conditions.elevation_rad)), 0.05)
-    return SteadyFilter(
+    estimator = SteadyFilter(
         direction.rate_gain_per_s2, direction.gain_per_s, slope * direction.noise, interval_s
     )
+    return _Sight(estimator, _place_filter(ALONG_GROUND, follower, conditions))
+
+
+def _place_filter(share: float, follower: Follower, conditions: Conditions) -> SteadyFilter:
+    """Return the filter on the target's place, over the distance."""
+    acceleration = follower.servo.target_acceleration_m_s2 / conditions.range_m
+    return SteadyFilter.of(acceleration, share, conditions.delays.frame_interval_s)

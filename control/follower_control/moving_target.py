@@ -1,0 +1,100 @@
+"""Where the target is in the world, and how it moves there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from follower_vision.camera import Vector
+
+_START_SPEED_M_S = 3.0
+_FAR_OFF = 25.0
+"""A place with a larger squared Mahalanobis distance from the prediction is a new beginning."""
+
+
+class MovingTarget:
+    """A Kalman filter on the target's place (north, east, down), for one that moves steadily.
+
+    Its places are those of the world. So our own motion, which telemetry tells at once, never
+    looks like the target's, however late the camera is.
+
+    Args:
+        acceleration_m_s2: how the target is expected to manoeuvre: the root of the spectral
+            density of its acceleration, per sqrt(Hz).
+    """
+
+    def __init__(self, acceleration_m_s2: float) -> None:
+        self.change(acceleration_m_s2)
+        self.reset()
+
+    def change(self, acceleration_m_s2: float) -> None:
+        """Go on with another expectation of how it manoeuvres."""
+        self._density = acceleration_m_s2**2
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._time_s: float | None = None
+        self._state = np.zeros(6)
+        self._covariance = np.zeros((6, 6))
+
+    @property
+    def time_s(self) -> float | None:
+        """When it was seen last; None before that."""
+        return self._time_s
+
+    def observe(self, place_m: Vector, noise_m2: Vector, time_s: float) -> None:
+        """Take in where it was seen; what is not newer than before is left out.
+
+        Args:
+            place_m: (3,) north, east, down.
+            noise_m2: 3x3 covariance of the place.
+            time_s: when it was there.
+        """
+        if self._time_s is None:
+            self._begin(place_m, noise_m2, np.zeros(3))
+        elif time_s <= self._time_s:
+            return
+        else:
+            self._fuse(place_m, noise_m2, time_s - self._time_s)
+        self._time_s = time_s
+
+    def at(self, time_s: float) -> tuple[Vector, Vector]:
+        """Return its place and velocity, (3,) each, if it goes on as it did."""
+        ahead_s = 0.0 if self._time_s is None else time_s - self._time_s
+        place, velocity = self._state[:3], self._state[3:]
+        return place + ahead_s * velocity, velocity
+
+    def rescale(self, from_m: Vector, factor: float) -> None:
+        """Put it so many times as far from a place, in the same direction."""
+        self._state[:3] = from_m + factor * (self._state[:3] - from_m)
+
+    def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector) -> None:
+        self._state = np.concatenate([place_m, velocity_m_s])
+        self._covariance = np.zeros((6, 6))
+        self._covariance[:3, :3] = noise_m2
+        self._covariance[3:, 3:] = _START_SPEED_M_S**2 * np.eye(3)
+
+    def _fuse(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
+        move = np.eye(6)
+        move[0, 3] = move[1, 4] = move[2, 5] = elapsed_s
+        state = move @ self._state
+        covariance = move @ self._covariance @ move.T + self._drive(elapsed_s)
+        off = place_m - state[:3]
+        inverse = np.linalg.inv(covariance[:3, :3] + noise_m2)
+        if off @ inverse @ off > _FAR_OFF:
+            self._begin(place_m, noise_m2, self._state[3:])
+            return
+        gain = covariance[:, :3] @ inverse
+        left = covariance - gain @ covariance[:3]
+        self._state, self._covariance = state + gain @ off, (left + left.T) / 2
+
+    def _drive(self, elapsed_s: float) -> Vector:
+        """Continuous white acceleration, integrated over the interval (Bar-Shalom, ch. 6.2)."""
+        t = elapsed_s
+        blocks = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
+        return np.asarray(np.kron(blocks, self._density * np.eye(3)), np.float64)
+
+
+def place_noise(direction: Vector, along_m: float, across_m: float) -> Vector:
+    """Return the 3x3 covariance of a place that is seen in a direction, a unit vector."""
+    along = np.outer(direction, direction)
+    return np.asarray(along_m**2 * along + across_m**2 * (np.eye(3) - along))

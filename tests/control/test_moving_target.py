@@ -1,0 +1,97 @@
+"""The target as a place in the world, and the way that we went ourselves."""
+
+import numpy as np
+import pytest
+
+from follower_control.moving_target import MovingTarget, place_noise
+from follower_control.own_path import OwnPath
+from follower_control.vehicle import LocalPosition
+
+NOISE = place_noise(np.array([1.0, 0.0, 0.0]), along_m=2.0, across_m=0.1)
+VELOCITY = np.array([3.0, -1.0, 0.2])
+
+
+def followed(seconds: float = 12.0, hz: float = 30.0) -> MovingTarget:
+    """Return a target that goes steadily from (10, 5, -2), seen for so long."""
+    target = MovingTarget(1.5)
+    for i in range(round(seconds * hz)):
+        target.observe(np.array([10.0, 5.0, -2.0]) + VELOCITY * i / hz, NOISE, i / hz)
+    return target
+
+
+def test_a_steady_target_is_predicted_without_error() -> None:
+    place, velocity = followed().at(14.0)
+    assert velocity == pytest.approx(VELOCITY, abs=1e-3)
+    assert place == pytest.approx(np.array([10.0, 5.0, -2.0]) + 14.0 * VELOCITY, abs=0.01)
+
+
+def test_what_is_not_newer_changes_nothing() -> None:
+    target = followed(1.0)
+    before = target.at(2.0)
+    assert target.time_s is not None
+    target.observe(np.zeros(3), NOISE, target.time_s)
+    assert np.array_equal(np.array(target.at(2.0)), np.array(before))
+
+
+def test_a_place_far_off_is_a_new_beginning_at_the_old_velocity() -> None:
+    target = followed()
+    _, velocity = target.at(12.0)
+    far = np.array([500.0, 0.0, 0.0])
+    target.observe(far, NOISE, 12.0)
+    assert target.at(12.0)[0] == pytest.approx(far)
+    assert target.at(12.0)[1] == pytest.approx(velocity)
+
+
+def test_noise_lies_along_the_line_of_sight() -> None:
+    slanted = np.array([0.6, 0.0, 0.8])
+    noise = place_noise(slanted, along_m=2.0, across_m=0.1)
+    assert slanted @ noise @ slanted == pytest.approx(4.0)
+    across = np.array([-0.8, 0.0, 0.6])
+    assert across @ noise @ across == pytest.approx(0.01)
+
+
+def test_a_target_twice_as_large_is_twice_as_far_away() -> None:
+    target = followed()
+    here, before = np.array([1.0, 2.0, -3.0]), target.at(12.0)[0]
+    still = MovingTarget(1.5)
+    still.observe(before, NOISE, 12.0)
+    still.rescale(here, 2.0)
+    assert still.at(12.0)[0] == pytest.approx(here + 2 * (before - here))
+
+
+def told(now_s: float, north_m_s: float, north_m: float = 0.0) -> LocalPosition:
+    return LocalPosition(north_m, 0.0, -5.0, north_m_s, 0.0, 0.0, now_s)
+
+
+def test_the_way_is_added_up_from_velocities_whatever_positions_say() -> None:
+    path = OwnPath()
+    kept = [path.add(told(0.02 * i, 0.2 * i, 99.0 * (i % 3))) for i in range(51)]
+    assert kept == [False] + [True] * 50
+    there, here = path.at(0.51), path.at(1.0)
+    assert there is not None
+    assert here is not None
+    # v = 10 t: 5 t² metres.
+    assert here[0] - there[0] == pytest.approx(5 * (1.0 - 0.51**2), abs=2e-3)
+
+
+def test_after_the_newest_the_velocity_leads_on_for_a_moment() -> None:
+    path = OwnPath()
+    path.add(told(0.0, 4.0))
+    path.add(told(0.1, 4.0))
+    soon = path.at(0.3)
+    assert soon is not None
+    assert soon[0] == pytest.approx(1.2)
+    assert path.at(0.7) is None
+    assert path.at(-0.1) is None
+
+
+def test_a_gap_begins_another_path() -> None:
+    path = OwnPath()
+    path.add(told(0.0, 4.0))
+    assert not path.add(told(2.0, 4.0))
+    assert path.at(1.0) is None
+    again = path.at(2.0)
+    assert again is not None
+    assert not again.any()
+    path.clear()
+    assert path.at(2.0) is None
