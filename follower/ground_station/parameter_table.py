@@ -46,6 +46,7 @@ _WORDS = {
     "vertical": "VRT",
     "sideways": "SWY",
     "speed": "SPD",
+    "acceleration": "ACC",
     "rate": "RT",
     "course": "CRS",
     "clearance": "CLR",
