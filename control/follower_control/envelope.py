@@ -37,8 +37,8 @@ NOTICEABLE = 0.05
 
 _LEVEL = math.cos(math.radians(45))
 _AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
-_LONGEST_AGAINST_S = 3.0
-"""What has not braked by then goes the wrong way, as by a heading that is not true."""
+_LONGEST_AGAINST_S, _SLOWER_M_S = 3.0, 0.1
+"""What is not slower by then goes the wrong way, as by a heading that is not true."""
 """How much is asked for against a velocity that is too fast, per velocity, and at most."""
 
 _NO_WAY = tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
@@ -91,7 +91,8 @@ class Envelope:
         self._last_s: float | None = None
         self._limits: list[Limit] = []
         self._turns_out = False
-        self._too_fast_since_s: float | None = None
+        self._slower_s: float | None = None
+        self._slowest_m_s = math.inf
 
     def _take_yaw(self) -> None:
         s = self._settings
@@ -202,21 +203,23 @@ class Envelope:
         known = context.known("yaw_rad", "north_m_s", "east_m_s")
         own = 0j if known is None else complex(*known[1:]) * cmath.rect(1.0, -known[0])
         broken = [(bound, excess) for bound in bounds if (excess := bound.excess(own)) > NOTICEABLE]
-        if not self._helps_against(bool(broken)):
+        if not self._helps_against(abs(own) if broken else None):
             return velocity
         for bound, too_fast in broken:
             least = bound.max_speed_m_s - min(_AGAINST * too_fast, _FASTEST_BACK_M_S)
             velocity -= max(bound.speed(velocity) - least, 0.0) * bound.direction
         return velocity
 
-    def _helps_against(self, too_fast: bool) -> bool:
-        """Whether it may still help to brake harder than by asking for less."""
-        if not too_fast:
-            self._too_fast_since_s = None
-        elif self._too_fast_since_s is None:
-            self._too_fast_since_s = self._last_s
-        since_s, now_s = self._too_fast_since_s, self._last_s
-        return since_s is None or now_s is None or now_s - since_s < _LONGEST_AGAINST_S
+    def _helps_against(self, too_fast_m_s: float | None) -> bool:
+        """Whether braking harder than by asking for less has made it slower, or still may."""
+        if too_fast_m_s is None:
+            self._slower_s, self._slowest_m_s = None, math.inf
+            return True
+        if self._slower_s is None or too_fast_m_s < self._slowest_m_s - _SLOWER_M_S:
+            self._slower_s, self._slowest_m_s = self._last_s, too_fast_m_s
+        if self._slower_s is None or self._last_s is None:
+            return True
+        return self._last_s - self._slower_s < _LONGEST_AGAINST_S
 
     def _turned_slowly(self, yaw_rate: float) -> float:
         """Turn no faster than the vehicle can brake, where the velocity would be turned out."""

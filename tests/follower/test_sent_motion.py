@@ -49,7 +49,7 @@ def test_a_zero_may_come_at_any_time_and_following_may_begin_after_it() -> None:
 
 
 def _look(setpoint: WireSetpoint, allowed: float, telemetry_age_s: float = 0.02) -> None:
-    inputs = Inputs(0.05, 0.05, 0.5, STEP_S, telemetry_age_s, True, (allowed, 0.0, 0.0, 0.0))
+    inputs = Inputs(0.05, 0.05, 0.5, STEP_S, telemetry_age_s, None, True, (allowed, 0.0, 0.0, 0.0))
     invariants = Invariants(Settings(), own_mode=4, begun_anew_by_mode=False)
     invariants.tell(4, setpoint.time_s)
     invariants.look([setpoint], setpoint.time_s, inputs, engages=True)
@@ -66,7 +66,7 @@ def test_steering_by_old_telemetry_is_told() -> None:
         _look(_sent(5, 1.0), allowed=1.0, telemetry_age_s=0.6)
 
 
-def _blind(speeds: list[float]) -> None:
+def _blind(speeds: list[float], own_m_s: complex | None = None) -> None:
     """Send these speeds, a step each; after the first one the frames are too old."""
     envelope = {"max_acceleration_m_s2": 3.0, "max_jerk_m_s3": 3.0}
     settings = load_settings(base={"envelope": envelope})
@@ -74,7 +74,7 @@ def _blind(speeds: list[float]) -> None:
     for number, speed in enumerate(speeds):
         setpoint = _sent(number, speed)
         age_s = 5.0 if number else 0.0
-        inputs = Inputs(age_s, age_s, 0.1, STEP_S, 0.02, False, setpoint.values)
+        inputs = Inputs(age_s, age_s, 0.1, STEP_S, 0.02, own_m_s, False, setpoint.values)
         invariants.tell(4, setpoint.time_s)
         invariants.look([setpoint], setpoint.time_s, inputs, engages=False)
 
@@ -96,6 +96,13 @@ def test_braking_within_the_jerk_may_add_speed_when_nothing_is_seen() -> None:
 def test_speeding_up_when_nothing_is_seen_is_told() -> None:
     with pytest.raises(InvariantError, match="the speed grows"):
         _blind([2.0 + 3.0 * STEP_S * number for number in range(60)])
+
+
+def test_it_may_grow_against_the_motion_that_fresh_telemetry_tells_of() -> None:
+    speeds = [2.0 + 3.0 * STEP_S * number for number in range(60)]
+    _blind(speeds, own_m_s=-1.0 + 0.5j)
+    with pytest.raises(InvariantError, match="the speed grows"):
+        _blind(speeds, own_m_s=1.0 + 0j)
 
 
 def test_a_vehicle_can_be_handed_a_mode_before_its_first_step() -> None:
