@@ -482,16 +482,18 @@ NUDGES: list[tuple[int, int, Right]] = [
 def test_sticks_shift_what_is_wanted_the_way_they_are_moved(
     channel: int, pulse: int, way: Right
 ) -> None:
-    rig = Rig("ardupilot", "sticks.nudge=true")
-    rig.autopilot.move_sticks(*MIDDLE)
-    rig.follow()
-    before = way(rig.fly(1.0))
-    moved = list(MIDDLE)
+    moved, asked = list(MIDDLE), []
     moved[channel] = pulse
-    rig.autopilot.move_sticks(*moved)
-    record = rig.fly(0.5)
-    assert record.state is F
-    assert way(record) > before + 0.02
+    for sticks in (MIDDLE, moved):
+        rig = Rig("ardupilot", "sticks.nudge=true")
+        rig.autopilot.move_sticks(*MIDDLE)
+        rig.follow()
+        rig.fly(1.0)
+        rig.autopilot.move_sticks(*sticks)
+        record = rig.fly(0.5)
+        assert record.state is F
+        asked.append(way(record))
+    assert asked[1] > asked[0] + 0.02
 
 
 def test_sticks_do_nothing_unless_asked_for() -> None:
