@@ -84,7 +84,7 @@ def test_what_ifs_change_what_they_name() -> None:
     assert (far.conditions.range_m, far.gain) == (40.0, 2.0)
 
 
-def test_a_known_delay_of_the_camera_takes_no_margin_and_dead_time_takes_it_from_every_loop() -> None:
+def test_a_known_delay_takes_no_margin_and_dead_time_takes_it_from_every_loop() -> None:
     """Our own motion is told at once: what the camera sees late is the target's alone."""
     settings, vehicle = load_settings(), find_vehicle("px4")
     here = conditions_of(settings, vehicle, -20.0)
