@@ -13,6 +13,7 @@ from follower.settings import Settings
 LET_GO_WITHIN_S = 0.1
 _STEPS_TO_LET_GO = 2
 """A starved computer's next steps may come later: garbage can hide the heartbeat from the first."""
+_BROKEN_OFF_S = 0.5
 _GRACE_S = 0.1
 _NOTICEABLE_M_S = 0.1
 _FLOAT32 = 1e-5
@@ -114,12 +115,22 @@ class Invariants:
         self._note_blindness(now_s, inputs)
         for setpoint in setpoints:
             self.setpoints += 1
+            self._forget_a_broken_stream(setpoint)
             self._within_envelope(setpoint)
             self._of_this_step(setpoint, now_s, inputs)
             self._in_our_mode(setpoint)
             self._not_blind(setpoint, inputs)
             self._flown = self._flown or not setpoint.is_zero
             self._before = setpoint
+
+    def _forget_a_broken_stream(self, setpoint: WireSetpoint) -> None:
+        """Let a stream that was silent, as in PX4's failsafe, begin anew at a lower speed."""
+        before = self._before
+        if before is None or setpoint.time_s - before.time_s < _BROKEN_OFF_S:
+            return
+        if setpoint.speed_m_s <= before.speed_m_s:
+            self._before = None
+            self._motion.start()
 
     def _within_envelope(self, setpoint: WireSetpoint) -> None:
         if failure := envelope_failure(setpoint, self._limits):
