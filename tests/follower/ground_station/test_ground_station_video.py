@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,11 @@ class Screen:
 
     def _watch(self) -> None:
         options = {"protocol_whitelist": "file,udp,rtp", "fflags": "nobuffer", "flags": "low_delay"}
-        with av.open(str(self._sdp), options={**options, "probesize": "2048"}) as container:
+        # A stream that has ended is told of by a time-out, long after the test.
+        with (
+            suppress(av.FFmpegError),
+            av.open(str(self._sdp), options={**options, "probesize": "2048"}) as container,
+        ):
             container.streams.video[0].codec_context.thread_count = 1
             for frame in container.decode(video=0):
                 self._newest = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
