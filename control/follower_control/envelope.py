@@ -37,9 +37,9 @@ NOTICEABLE = 0.05
 
 _LEVEL = math.cos(math.radians(45))
 _AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
+"""How much is asked for against a velocity that is too fast, per velocity, and at most."""
 _LONGEST_AGAINST_S, _SLOWER_M_S = 3.0, 0.1
 """What is not slower by then goes the wrong way, as by a heading that is not true."""
-"""How much is asked for against a velocity that is too fast, per velocity, and at most."""
 
 _NO_WAY = tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from follower.cockpit.opening import open_station
 from follower.cockpit.operator import FlightOperator
@@ -38,12 +43,51 @@ from follower_vision.track import Track
 
 WIDTH, HEIGHT = 320, 240
 COLOUR = "#e0401c"
+PATIENCE_MS = 120_000
 _STARTS_WITHIN_S = 60.0
+_LOOK_EVERY_MS = 50
+_ON_TARGET_IOU = 0.3
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("there is no chromium to test the page with")
+    arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def open_page() -> Callable[..., Page]:
+    """Open a page that is waited for as long as a busy computer needs."""
+
+    def opened(browser: Browser, **options: object) -> Page:
+        page = browser.new_context(**options).new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        return page
+
+    return opened
+
+
+@pytest.fixture(scope="session")
+def picture() -> Callable[[Page, str], None]:
+    """Keep a screenshot where somebody asks for it, to look at and for the docs."""
+    folder = os.environ.get("FOLLOWER_SCREENSHOTS")
+
+    def keep(page: Page, name: str) -> None:
+        if folder:
+            page.screenshot(path=Path(folder) / f"{name}.png")
+
+    return keep
 
 
 def circling_car(folder: Path) -> Path:
-    """The demo's car on a circle that is in view from where the drone takes off."""
-    scenario = yaml.safe_load(find_scenario("demo").read_text("utf-8"))
+    """The winding road's car on a circle that is in view from where the drone takes off."""
+    scenario = yaml.safe_load(find_scenario("winding").read_text("utf-8"))
     angles = np.arange(0, 80 * 2 * math.pi, math.pi / 6)
     points = [[12 - 12 * math.cos(a), 12 * math.sin(a)] for a in angles.tolist()]
     scenario["targets"][0]["path"] = {
@@ -120,6 +164,40 @@ class FlyingSimulation(Served):
     folder: Path = field(kw_only=True)
     began: Settings = field(kw_only=True)
     end: Callable[[], None] = field(kw_only=True)
+    stands: threading.Event = field(kw_only=True)
+
+    @contextmanager
+    def standing_still(self) -> Iterator[None]:
+        """Stop the world while a person points at something, however slow the computer is."""
+        self.stands.set()
+        try:
+            time.sleep(0.3)  # one simulated tenth of a second, at whose end it stands
+            yield
+        finally:
+            self.stands.clear()
+
+    def is_on_target(self) -> bool:
+        """Whether what is followed is the car, as a person would see it."""
+        car, tracks = self.eye.car(), self.flight.log.tracks
+        track = tracks[-1].track if tracks else None
+        return car is not None and track is not None and car.iou(track.box) > _ON_TARGET_IOU
+
+    def wait_for(self, page: Page, condition: Callable[[], Any], what: str) -> Any:
+        """Wait until something is so, and return it."""
+        for _ in range(PATIENCE_MS // _LOOK_EVERY_MS):
+            if found := condition():
+                return found
+            page.wait_for_timeout(_LOOK_EVERY_MS)
+        pytest.fail(f"waited in vain: {what}")
+
+    def comes_within(self, page: Page, condition: Callable[[], Any], seconds: float) -> bool:
+        """Say whether something is so within some seconds of the world's time."""
+        end_s = self.clock.now() + seconds
+        while self.clock.now() < end_s:
+            if condition():
+                return True
+            page.wait_for_timeout(_LOOK_EVERY_MS)
+        return False
 
 
 @dataclass
@@ -182,12 +260,19 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
             world, settings, "px4", clock, ends, videos, recorder, finder=finder
         )
         flight.operate()
-        show = FlightShow(station, flight)
+        show, stands = FlightShow(station, flight), threading.Event()
+
+        def shown() -> None:
+            show.show(flight.status())
+            while stands.is_set() and not flight.finished:
+                time.sleep(0.02)
+                show.show(flight.status())
+
         operator = TimedOperator(flight, clock)
         station.operator = operator
         thread = threading.Thread(
             target=fly_lockstep,
-            args=(flight, clock, lambda: show.show(flight.status()), True),
+            args=(flight, clock, shown, True),
             daemon=True,
         )
         thread.start()
@@ -208,6 +293,7 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
             folder=folder,
             began=settings,
             end=end,
+            stands=stands,
         )
         flight.stop()
         thread.join(60)

@@ -5,17 +5,13 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
-import shutil
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
-from playwright.sync_api import TimeoutError as TooLateError
+from playwright.sync_api import Browser, Page
 from websockets.sync.client import connect
 
 from follower.flightlog import ControlRecord
@@ -25,29 +21,16 @@ from follower.setting_change import live_keys
 from follower.supervisor import State
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.setpoint import HOLD
+from follower_vision.box import Box
+from follower_vision.frame import Frame
 
-PATIENCE_MS = 120_000
-TRIES = 6
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to test the page with"),
-]
+TRIES, SEEN_WITHIN_S = 6, 3.0
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def page(browser: Browser, simulation: Any) -> Iterator[Page]:
-    page = browser.new_page(viewport={"width": 1280, "height": 1000})
-    page.set_default_timeout(PATIENCE_MS)
+def page(browser: Browser, open_page: Any, simulation: Any) -> Iterator[Page]:
+    page = open_page(browser, viewport={"width": 1280, "height": 1000})
     trouble: list[str] = []
     page.on("pageerror", lambda error: trouble.append(str(error)))
     page.goto(simulation.url)
@@ -56,60 +39,41 @@ def page(browser: Browser, simulation: Any) -> Iterator[Page]:
     assert not trouble
 
 
-def wait_for(page: Page, condition: Callable[[], Any], what: str) -> None:
-    for _ in range(PATIENCE_MS // 100):
-        if condition():
-            return
-        page.wait_for_timeout(100)
-    pytest.fail(f"waited in vain: {what}")
-
-
-def picture(page: Page, name: str) -> None:
-    """Keep a screenshot where somebody asks for it, to look at and for the docs."""
-    folder = os.environ.get("FOLLOWER_SCREENSHOTS")
-    if folder:
-        page.screenshot(path=Path(folder) / f"{name}.png")
-
-
 def drag_over_car(page: Page, simulation: Any) -> None:
-    wait_for(page, simulation.eye.car, "the car in view")
-    car, frame = simulation.eye.car(), simulation.eye.frame
+    """Draw a box about the car, while the world stands still if it is still in view then."""
+    for _ in range(TRIES):
+        simulation.wait_for(page, simulation.eye.car, "the car in view")
+        with simulation.standing_still():
+            if car := simulation.eye.car():
+                drag_over(page, car, simulation.eye.frame)
+                return
+    pytest.fail("the car is in view for moments only")
+
+
+def drag_over(page: Page, box: Box, frame: Frame) -> None:
     glass = page.locator("#glass").bounding_box()
     assert glass is not None
     assert glass["width"] / glass["height"] == pytest.approx(frame.width / frame.height, rel=0.02)
     across, down = glass["width"] / frame.width, glass["height"] / frame.height
-    page.mouse.move(glass["x"] + across * (car.left - 1), glass["y"] + down * (car.top - 1))
+    page.mouse.move(glass["x"] + across * (box.left - 1), glass["y"] + down * (box.top - 1))
     page.mouse.down()
-    page.mouse.move(glass["x"] + across * car.cx, glass["y"] + down * car.cy)
-    page.mouse.move(glass["x"] + across * (car.right + 1), glass["y"] + down * (car.bottom + 1))
+    page.mouse.move(glass["x"] + across * box.cx, glass["y"] + down * box.cy)
+    page.mouse.move(glass["x"] + across * (box.right + 1), glass["y"] + down * (box.bottom + 1))
     page.mouse.up()
 
 
 def follow(page: Page, simulation: Any) -> None:
-    """Choose the car, again if it had driven out of the box meanwhile, until it is followed."""
+    """Choose the car until it is followed."""
     for _ in range(TRIES):
         drag_over_car(page, simulation)
-        try:
-            page.wait_for_selector("#state[data-state=following]", timeout=PATIENCE_MS / TRIES)
-        except TooLateError:
-            continue
-        for _ in range(20):
-            if is_on_target(simulation):
-                return
-            page.wait_for_timeout(100)
+        if simulation.comes_within(page, simulation.is_on_target, SEEN_WITHIN_S):
+            page.wait_for_selector("#state[data-state=following]")
+            return
     pytest.fail("the car was not followed")
 
 
 def controls(simulation: Any) -> list[ControlRecord]:
     return list(simulation.flight.log.controls)
-
-
-def is_on_target(simulation: Any) -> bool:
-    """Whether what is followed is the car, as a person would see it."""
-    car = simulation.eye.car()
-    tracks = simulation.flight.log.tracks
-    track = tracks[-1].track if tracks else None
-    return car is not None and track is not None and car.iou(track.box) > 0.3
 
 
 def test_the_page_shows_live_video(page: Page) -> None:
@@ -121,12 +85,14 @@ def test_the_page_shows_live_video(page: Page) -> None:
     assert page.evaluate(f"document.querySelector('{shown}').{width}") == 320
 
 
-def test_a_target_that_is_dragged_over_is_followed(page: Page, simulation: Any) -> None:
+def test_a_target_that_is_dragged_over_is_followed(
+    page: Page, simulation: Any, picture: Any
+) -> None:
     page.wait_for_selector("#reason:has-text('airborne')")
     assert page.get_attribute("#state", "data-state") == "idle"
     follow(page, simulation)
-    wait_for(page, lambda: is_on_target(simulation), "the car followed")
-    wait_for(
+    simulation.wait_for(page, simulation.is_on_target, "the car followed")
+    simulation.wait_for(
         page,
         lambda: max(map(abs, controls(simulation)[-1].allowed.values)) > 0.3,
         "the drone moving",
@@ -135,9 +101,10 @@ def test_a_target_that_is_dragged_over_is_followed(page: Page, simulation: Any) 
     picture(page, "cockpit")
 
 
-def test_a_browser_without_webrtc_is_shown_pictures(browser: Browser, simulation: Any) -> None:
-    page = browser.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+def test_a_browser_without_webrtc_is_shown_pictures(
+    browser: Browser, open_page: Any, simulation: Any
+) -> None:
+    page = open_page(browser)
     page.add_init_script("delete window.RTCPeerConnection")
     page.goto(simulation.url)
     page.wait_for_selector("#stage[data-video=mjpeg]")
@@ -149,7 +116,9 @@ def test_a_gain_is_changed_and_control_goes_by_it(page: Page, simulation: Any) -
     field = page.locator("[data-key='servo.azimuth.kp'] input[type=number]")
     field.fill("1.25")
     field.press("Enter")
-    wait_for(page, lambda: simulation.flight.stage.settings.servo.azimuth.kp == 1.25, "the gain")
+    simulation.wait_for(
+        page, lambda: simulation.flight.stage.settings.servo.azimuth.kp == 1.25, "the gain"
+    )
     page.wait_for_selector("[data-key='servo.azimuth.kp'].changed")
     keys = {change.key for record in controls(simulation) for change in record.changes}
     assert "servo.azimuth.kp" in keys
@@ -164,7 +133,7 @@ def test_a_limit_cannot_be_loosened_and_the_page_says_so(page: Page, simulation:
     assert simulation.flight.requests.settings.envelope.max_speed_m_s == before
 
 
-def test_stop_stops_the_vehicle_within_300_ms(page: Page, simulation: Any) -> None:
+def test_stop_stops_the_vehicle_within_300_ms(page: Page, simulation: Any, picture: Any) -> None:
     page.wait_for_selector("#state[data-state=following]")
     page.click("#stop")
     page.wait_for_selector("#state[data-state=released]")
@@ -174,7 +143,7 @@ def test_stop_stops_the_vehicle_within_300_ms(page: Page, simulation: Any) -> No
     zero_s = next(r.time_s for r in sent if r.sent and r.allowed == HOLD) - stopped_s
     assert zero_s <= 0.3
     print(f"zero setpoint {1000 * zero_s:.0f} ms after STOP was received")
-    wait_for(page, lambda: speed(simulation) < 0.2, "the drone standing")
+    simulation.wait_for(page, lambda: speed(simulation) < 0.2, "the drone standing")
     assert all(record.allowed == HOLD for record in sent if record.time_s > stopped_s + 0.3)
     picture(page, "cockpit-stopped")
 
@@ -185,23 +154,23 @@ def speed(simulation: Any) -> float:
 
 def test_consent_on_the_page_begins_again(page: Page, simulation: Any) -> None:
     page.click("#consent:has-text('Allow following')")
-    wait_for(
+    simulation.wait_for(
         page,
         lambda: simulation.flight.stage.supervisor.state is not State.RELEASED,
         "not let go any more",
     )
-    if not is_on_target(simulation):
+    if not simulation.is_on_target():
         follow(page, simulation)
     page.wait_for_selector("#state[data-state=following]")
 
 
-def test_a_phone_watches_and_stops(browser: Browser, page: Page, simulation: Any) -> None:
+def test_a_phone_watches_and_stops(
+    browser: Browser, page: Page, open_page: Any, simulation: Any, picture: Any
+) -> None:
     size = {"width": 412, "height": 839}
-    context = browser.new_context(
-        viewport=size, device_scale_factor=2.0, is_mobile=True, has_touch=True
+    phone = open_page(
+        browser, viewport=size, device_scale_factor=2.0, is_mobile=True, has_touch=True
     )
-    phone = context.new_page()
-    phone.set_default_timeout(PATIENCE_MS)
     phone.goto(simulation.url)
     phone.wait_for_selector("#control:has-text('watching')")
     phone.wait_for_selector("#stage:not([data-video=none])")
@@ -217,7 +186,7 @@ def test_a_phone_watches_and_stops(browser: Browser, page: Page, simulation: Any
     phone.tap("#stop")
     phone.wait_for_selector("#state[data-state=released]")
     page.wait_for_selector("#state[data-state=released]")
-    context.close()
+    phone.context.close()
 
 
 def test_nothing_that_is_asked_goes_past_supervisor_and_envelope(
