@@ -196,7 +196,16 @@ class _Composer:
         offset = rng.normal(0, 20 * strength) + hover(rng, frames, 10 * strength, 0.95)
         noise = float(rng.choice([0.5, 2.0, 6.0]))
         way = self._blur(middle)
-        return Light(level[:, None] * tint, offset, noise, way, int(rng.integers(1 << 31)))
+        seed = int(rng.integers(1 << 31))
+        return Light(level[:, None] * tint, offset, noise, way, seed, *self._film())
+
+    def _film(self) -> tuple[float, bool, int | None]:
+        """Return the lens's blur, whether the film is grey, and its quality."""
+        rng, settings = self._rng, self._settings
+        soft = float(rng.uniform(0.4, 1.5)) if self._chance(settings.soft) else 0.0
+        grey = self._chance(settings.grey)
+        quality = int(rng.integers(15, 80)) if self._chance(settings.compression) else None
+        return soft, grey, quality
 
     def _blur(self, middle: Matrix) -> npt.NDArray[np.float64]:
         """Return (T, 2) the way smeared: a share of the motion, or a burst."""

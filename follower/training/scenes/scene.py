@@ -15,6 +15,7 @@ from follower_vision.frame import Image
 
 _BLUR_LEAST_PX = 1.5
 _BLUR_MOST_PX = 31
+_SOFT_LEAST_PX = 0.3
 _GRAIN = np.random.default_rng(0).standard_normal((331, 331, 3), dtype=np.float32)
 
 
@@ -51,6 +52,9 @@ class Light:
         noise: standard deviation of each pixel.
         blur: (T, 2) way of the picture during the exposure, in frame pixels.
         seed: of the noise.
+        soft: standard deviation of the lens's blur, in frame pixels.
+        grey: whether the film is black and white.
+        quality: of the JPEG compression, 0 to 100; None leaves it out.
     """
 
     gain: npt.NDArray[np.float64]
@@ -58,6 +62,9 @@ class Light:
     noise: float
     blur: npt.NDArray[np.float64]
     seed: int
+    soft: float = 0.0
+    grey: bool = False
+    quality: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,14 +188,36 @@ class Scene:
         region: Box,
     ) -> Image:
         light = self.light
+        canvas = _softened(canvas, light.soft * view[0, 0])
         canvas = _blurred(canvas, light.blur[frame] * (view[0, 0], view[1, 1]))
         where = light.seed + 7919 * frame + 31 * round(region.left) + 17 * round(region.top)
         grain = _grain(where, *canvas.shape[:2]) * np.float32(light.noise)
         lit = canvas * light.gain[frame].astype(np.float32)
         lit += grain + np.float32(light.offset[frame])
-        if inside is not None:
-            lit = np.where(inside[:, :, None], lit, np.asarray(self.fill))
-        return np.asarray(np.clip(lit, 0, 255), dtype=np.uint8)
+        film = _filmed(np.asarray(np.clip(lit, 0, 255), dtype=np.uint8), light)
+        if inside is None:
+            return film
+        fill = np.clip(self.fill, 0, 255).astype(np.uint8)
+        return np.where(inside[:, :, None], film, fill)
+
+
+def _filmed(image: Image, light: Light) -> Image:
+    """Return what is left of a picture in a film."""
+    if light.grey:
+        image = np.asarray(
+            cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+        )
+    if light.quality is not None:
+        _, data = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, light.quality))
+        image = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return image
+
+
+def _softened(canvas: Image, sigma: float) -> Image:
+    """Blur a picture as a lens does that is not quite in focus; `sigma` in its own pixels."""
+    if sigma < _SOFT_LEAST_PX:
+        return canvas
+    return np.asarray(cv2.GaussianBlur(canvas, (0, 0), sigma), dtype=np.uint8)
 
 
 def _grain(where: int, height: int, width: int) -> npt.NDArray[np.float32]:

@@ -28,6 +28,9 @@ class SceneSettings:
         leaving: share in which the target may leave the frame and return.
         blur: share with motion blur.
         low_light: share with strong changes of light.
+        soft: share that is not quite in focus.
+        grey: share in black and white.
+        compression: share with the traces of a film's compression.
         pieces: share in which the target is a piece of the ground itself, without an edge.
         loose: share in which the box does not fit the mask, as one that a user has drawn.
     """
@@ -49,6 +52,9 @@ class SceneSettings:
     leaving: float = 0.15
     blur: float = 0.35
     low_light: float = 0.5
+    soft: float = 0.5
+    grey: float = 0.15
+    compression: float = 0.5
     pieces: float = 0.25
     loose: float = 0.7
 

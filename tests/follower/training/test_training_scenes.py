@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,7 @@ from follower_vision.box import Box
 from follower_vision.datasets import load_dataset
 
 HARD = SceneSettings(perspective=1.0, deformation=1.0, occlusion=1.0, look_alikes=1.0, blur=1.0)
+PLAIN = SceneSettings(blur=0.0, leaving=0.0, soft=0.0, grey=0.0, compression=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,9 @@ def test_a_scene_depends_on_its_seed_and_number_alone(pictures: Pictures) -> Non
 
 
 def test_a_crop_is_what_the_whole_frame_shows_there(pictures: Pictures) -> None:
-    settings = SceneSettings(blur=0.0, low_light=0.0, leaving=0.0, least_scale=60.0)
+    settings = SceneSettings(
+        blur=0.0, low_light=0.0, leaving=0.0, least_scale=60.0, soft=0.0, compression=0.0
+    )
     scene = SceneMaker(pictures, settings, 4).scene(2, 4)
     region = Box(320, 240, 128, 128)
     part = scene.whole(2).image[176:304, 256:384].astype(float)
@@ -74,8 +78,32 @@ def test_a_crop_is_what_the_whole_frame_shows_there(pictures: Pictures) -> None:
     assert np.abs(cv2.blur(part, (9, 9)) - cv2.blur(crop, (9, 9))).mean() < 2.5
 
 
+def test_a_black_and_white_film_has_no_colours(pictures: Pictures) -> None:
+    for settings, grey in ((PLAIN, False), (replace(PLAIN, grey=1.0), True)):
+        image = SceneMaker(pictures, settings, 4).scene(2, 4).whole(2).image
+        assert (image == image[:, :, :1]).all() == grey
+
+
+@pytest.mark.parametrize("trace", ["soft", "compression"])
+def test_a_film_loses_detail_and_keeps_the_rest(pictures: Pictures, trace: str) -> None:
+    """Both take the finest detail; what is larger stays, and so does the target's place."""
+    scenes = [
+        SceneMaker(pictures, settings, 4).scene(5, 4)
+        for settings in (PLAIN, replace(PLAIN, **{trace: 1.0}))
+    ]
+    # The sensor's noise comes after the lens.
+    clear, film = (replace(scene, light=replace(scene.light, noise=0.0)) for scene in scenes)
+    assert clear.box(2) == film.box(2)
+    one, other = (scene.whole(2).image.astype(float) for scene in (clear, film))
+    assert (one != other).any()
+    fine = [float(cv2.Laplacian(image, cv2.CV_64F).var()) for image in (one, other)]
+    assert fine[1] < 0.9 * fine[0]
+    coarse = [cv2.blur(image, (33, 33)) for image in (one, other)]
+    assert np.abs(coarse[0] - coarse[1]).mean() < 3.0
+
+
 def test_outside_the_frame_there_is_one_colour(pictures: Pictures) -> None:
-    scene = SceneMaker(pictures, SceneSettings(), 4).scene(1, 4)
+    scene = SceneMaker(pictures, SceneSettings(compression=1.0), 4).scene(1, 4)
     crop = scene.crop(1, Box(0, 0, 100, 100), 100).image
     assert np.ptp(crop[:49, :49].reshape(-1, 3), axis=0).max() == 0
     assert np.ptp(crop[51:, 51:].reshape(-1, 3), axis=0).max() > 0
