@@ -2,7 +2,7 @@
 
     python benchmarks/hidden_car.py --seeds 50
 
-Flies the scenario `hidden` on a simulated clock, each seed with the scenario's own settings (Fusion
+Flies the scenario `demo` on a simulated clock, each seed with the scenario's own settings (Fusion
 with the embedded detector) and with the same motion tracker without a detector. A seed changes the
 scenery, the wind, the camera's noise and timing. Each flight takes the time of some 1200 rendered
 frames.
@@ -92,7 +92,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=50, help="how many")
     parser.add_argument("--first", type=int, default=1, help="the first one")
-    parser.add_argument("--scenario", default="hidden")
+    parser.add_argument("--scenario", default="demo")
     parser.add_argument("--ways", nargs="*", default=list(WAYS), choices=list(WAYS))
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     return parser.parse_args()

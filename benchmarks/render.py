@@ -1,4 +1,4 @@
-"""How fast the simulated camera renders the demo, all imperfections on, on one core.
+"""How fast the simulated camera renders the scenario `winding`, all imperfections on, on one core.
 
 Run: python benchmarks/render.py [SCENARIO.yaml]
 """
@@ -18,7 +18,7 @@ from follower_sim.kinematics import BodyState
 from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
 
-DEMO = Path(__file__).parent.parent / "configs" / "scenarios" / "demo.yaml"
+WINDING = Path(__file__).parent.parent / "configs" / "scenarios" / "winding.yaml"
 FRAMES = 600
 BEHIND_M, ABOVE_M = 12.6, 8.0
 
@@ -67,7 +67,7 @@ def frame_times(path: Path) -> tuple[list[float], list[float]]:
 def main() -> None:
     """Print the medians and percentiles."""
     cv2.setNumThreads(1)
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else DEMO
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else WINDING
     for name, seconds in zip(("wall", "processor"), frame_times(path), strict=True):
         median, p95 = (1e3 * float(np.quantile(seconds, q)) for q in (0.5, 0.95))
         print(

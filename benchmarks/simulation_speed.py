@@ -2,7 +2,7 @@
 
     python benchmarks/simulation_speed.py [SCENARIO] [SECONDS]
 
-The scenario (`demo` unless told) is flown in lockstep for so many simulated seconds (40 unless
+The scenario (`winding` unless told) is flown in lockstep for so many simulated seconds (40 unless
 told): once with its camera rendered, all imperfections on, at the size that the scenario says and
 followed by the default tracker; once with the truth + noise in vision's place; and, as `follower
 faults --random` does it, with a cheap vehicle and random faults. Nothing is recorded or filmed.
@@ -98,7 +98,7 @@ def random_flights() -> tuple[float, int]:
 def main() -> None:
     """Measure and print."""
     cv2.setNumThreads(1)
-    name = sys.argv[1] if len(sys.argv) > 1 else "demo"
+    name = sys.argv[1] if len(sys.argv) > 1 else "winding"
     seconds = float(sys.argv[2]) if len(sys.argv) > 2 else SECONDS
     scenario = load_scenario(find_scenario(name), (f"duration_s={seconds}",))
     camera = scenario.camera

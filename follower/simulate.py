@@ -25,6 +25,7 @@ from follower.fly.keyboard import Keyboard
 from follower.flying import fly_lockstep, fly_realtime
 from follower.ground_station.opening import open_ground_station, operators_finder
 from follower.interrupt import StopOnInterrupt
+from follower.keeping_up import said_of_late_frames
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LINK_KINDS
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
@@ -178,12 +179,20 @@ def _fly(order: _Order, ends: tuple[Transport, Transport], early: StopOnInterrup
     remarks = (
         NO_PIXELS if options.sight is Sight.TRUTH else None,
         INTERRUPTED if interrupted else None,
+        _said_of_late_frames(flight, options),
         video.remark if video else None,
         station.remark if station else None,
     )
     recorded = () if recorder is None else recorder.remarks
     said = (*(remark for remark in remarks if remark is not None), *recorded)
     return _Flown(flight, (*said, *map(said_of, judged)), judged)
+
+
+def _said_of_late_frames(flight: SimulatedFlight, options: SimulationOptions) -> str | None:
+    silent = options.faults or any(one.kind == "silent" for one in flight.scenario.faults)
+    if options.lockstep or silent or options.sight is Sight.TRUTH:
+        return None
+    return said_of_late_frames(flight.log, flight.scenario.camera.rate_hz)
 
 
 def _fly_to_its_end(

@@ -17,7 +17,7 @@ EPILOG = """
 `follower tune runs/identify/vehicle.yaml -c my.yaml` – your vehicle, your settings; then
 `follower fly -c runs/tune/tuned.yaml …`
 
-`follower tune ardupilot --scenario demo --bandwidth azimuth=1.5 --ms 1.5` – slower, more robust
+`follower tune ardupilot --scenario winding --bandwidth azimuth=1.5 --ms 1.5` – slower, more robust
 
 `follower tune px4 --what-if delay=0.15 --what-if dead_time=0.2 --what-if gain=2` – what do the
 gains survive?

@@ -121,7 +121,7 @@ def tune_follower(options: TuneOptions) -> int:
     for file in (path, report):
         console.print(str(file), highlight=False)
     console.print(
-        f"Next: follower sim demo --lockstep -c {shlex.quote(str(path))}", highlight=False
+        f"Next: follower sim winding --lockstep -c {shlex.quote(str(path))}", highlight=False
     )
     return 0
 

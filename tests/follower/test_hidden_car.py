@@ -13,7 +13,7 @@ from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
 from follower_vision.clock import SimulatedClock
 
-FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "hidden.yaml"
+FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "demo.yaml"
 
 
 @pytest.mark.slow

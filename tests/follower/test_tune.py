@@ -23,7 +23,7 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     options = TuneOptions(
         "ardupilot",
         mine,
-        scenario="demo",
+        scenario="winding",
         bandwidths=("elevation=0.8",),
         max_sensitivity=1.5,
         what_ifs=("delay=0.15", "gain=9,dead_time=0.3"),

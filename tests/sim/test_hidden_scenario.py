@@ -1,4 +1,4 @@
-"""The scenario `hidden`: its hall hides the car, its look-alike crosses, its camera shakes."""
+"""The scenario `demo`: its hall hides the car, its look-alike crosses, its camera shakes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from follower_sim.truth import TruthTeller
 from follower_sim.world import World
 from follower_vision.frame import Image
 
-FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "hidden.yaml"
+FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "demo.yaml"
 
 
 @pytest.fixture(scope="module")

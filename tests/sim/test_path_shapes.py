@@ -144,5 +144,5 @@ def test_the_seed_of_the_world_draws_the_path() -> None:
 
 
 def test_a_scenario_without_shapes_is_left_as_it_is() -> None:
-    scenario = load_scenario(FOLDER / "demo.yaml")
+    scenario = load_scenario(FOLDER / "winding.yaml")
     assert World(scenario).scenario is scenario

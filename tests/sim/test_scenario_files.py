@@ -126,13 +126,13 @@ def test_a_shipped_target_can_be_found_by_its_colour_after_take_off(path: Path) 
 
 
 @pytest.fixture
-def demo() -> Scenario:
-    return load_scenario(FOLDER / "demo.yaml")
+def winding() -> Scenario:
+    return load_scenario(FOLDER / "winding.yaml")
 
 
-def test_the_demo_has_turns_a_stop_and_a_speed_change(demo: Scenario) -> None:
-    path = demo.targets[0].path.build()
-    poses = [path.pose(t) for t in range(int(demo.duration_s))]
+def test_the_winding_road_has_turns_a_stop_and_a_speed_change(winding: Scenario) -> None:
+    path = winding.targets[0].path.build()
+    poses = [path.pose(t) for t in range(int(winding.duration_s))]
     speeds = [math.hypot(*pose.velocity_m_s) for pose in poses]
     departed = next(i for i, speed in enumerate(speeds) if speed > 1)
     assert max(speeds) == pytest.approx(5.5, abs=0.1)
@@ -141,17 +141,18 @@ def test_the_demo_has_turns_a_stop_and_a_speed_change(demo: Scenario) -> None:
     assert max(headings) - min(headings) > 90
 
 
-def test_the_demo_starts_behind_the_car_and_turned_away(demo: Scenario) -> None:
-    world = World(demo)
-    north, east = demo.start.at
-    body = BodyState(0, (north, east, 0), attitude_rad=(0, 0, math.radians(demo.start.heading_deg)))
+def test_the_winding_road_starts_behind_the_car_and_turned_away(winding: Scenario) -> None:
+    world = World(winding)
+    north, east = winding.start.at
+    heading_rad = math.radians(winding.start.heading_deg)
+    body = BodyState(0, (north, east, 0), attitude_rad=(0, 0, heading_rad))
     truth = target_truth(world, 0, body)
     assert 20 < truth.range_m < 30
     assert 20 < math.degrees(truth.line_of_sight.azimuth_rad) < 40
 
 
-def test_yaml_says_it_all(demo: Scenario) -> None:
+def test_yaml_says_it_all(winding: Scenario) -> None:
     assert (
-        Scenario.model_validate(yaml.safe_load(yaml.safe_dump(demo.model_dump(mode="json"))))
-        == demo
+        Scenario.model_validate(yaml.safe_load(yaml.safe_dump(winding.model_dump(mode="json"))))
+        == winding
     )

@@ -1,0 +1,35 @@
+"""A flight in real time says so if the computer was too slow for it."""
+
+import numpy as np
+import pytest
+
+from follower.flightlog import FlightLog, TrackRecord
+from follower.keeping_up import said_of_late_frames
+
+
+def log_of(captured_s: list[float]) -> FlightLog:
+    log = FlightLog()
+    for number, time_s in enumerate(captured_s):
+        log.add_track(TrackRecord(None, number, time_s, time_s + 0.05, time_s + 0.06, 0.01))
+    return log
+
+
+def test_nothing_is_said_of_vision_that_keeps_up() -> None:
+    assert said_of_late_frames(log_of(list(np.arange(0, 10, 1 / 28))), 30) is None
+    assert said_of_late_frames(log_of([1.0]), 30) is None
+
+
+def test_too_few_frames_are_told_with_their_rate() -> None:
+    said = said_of_late_frames(log_of(list(np.arange(0, 10, 1 / 15))), 30)
+    assert said is not None
+    assert "15 of the camera's 30 frames a second" in said
+    assert "--lockstep" in said
+
+
+@pytest.mark.parametrize("gap_s", [0.5, 1.9])
+def test_a_gap_is_told_however_many_frames_there_were(gap_s: float) -> None:
+    before = list(np.arange(0, 10, 1 / 30))
+    after = [before[-1] + gap_s + number / 30 for number in range(300)]
+    said = said_of_late_frames(log_of(before + after), 30)
+    assert said is not None
+    assert f"gaps of up to {gap_s:.1f} s" in said
