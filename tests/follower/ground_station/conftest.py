@@ -25,6 +25,7 @@ from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink
 from follower.operator_requests import OperatorRequests
 from follower.settings import Settings
+from follower_control.transport import Transport
 from follower_control.udp import UdpTransport
 from follower_vision.box import Box
 from follower_vision.clock import SimulatedClock
@@ -32,6 +33,29 @@ from follower_vision.track import Track, TrackState
 
 WIDTH, HEIGHT, STEP_S = 640, 480, 0.02
 LOOPBACK = "127.0.0.1"
+
+
+class SharedTransport:
+    """The autopilot's end and a ground station's, on one link."""
+
+    def __init__(self, *ends: Transport) -> None:
+        self._ends = ends
+
+    def send(self, data: bytes) -> None:
+        for end in self._ends:
+            end.send(data)
+
+    def receive(self) -> bytes:
+        return b"".join(end.receive() for end in self._ends)
+
+    def close(self) -> None:
+        for end in self._ends:
+            end.close()
+
+
+@pytest.fixture(scope="session")
+def share() -> Callable[..., Transport]:
+    return SharedTransport
 
 
 class Peer:

@@ -1,7 +1,7 @@
 """A whole flight whose target is chosen, tuned and dropped from a ground station alone."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -47,33 +47,15 @@ SCENARIO = {
 }
 
 
-class SharedTransport:
-    """The autopilot's end and a ground station's, on one link."""
-
-    def __init__(self, autopilot: Transport, station: Transport) -> None:
-        self._ends = autopilot, station
-
-    def send(self, data: bytes) -> None:
-        for end in self._ends:
-            end.send(data)
-
-    def receive(self) -> bytes:
-        return b"".join(end.receive() for end in self._ends)
-
-    def close(self) -> None:
-        for end in self._ends:
-            end.close()
-
-
 class Flight:
     """Flown on a simulated clock, with what a pilot does in a ground station at its times."""
 
-    def __init__(self) -> None:
+    def __init__(self, share: Callable[..., Transport]) -> None:
         wanted, self.clock = Scenario.model_validate(SCENARIO), SimulatedClock()
         ours, autopilot = MemoryTransport.pair()
         near, self._far = MemoryTransport.pair()
         settings = load_settings(base=base_settings(wanted))
-        ends = SharedTransport(ours, near), autopilot
+        ends = share(ours, near), autopilot
         self._picture: Frame | None = None
         self.flight = SimulatedFlight(World(wanted), settings, "px4", self.clock, ends, self)
         self.flight.operate()
@@ -134,8 +116,8 @@ class Flight:
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
-    return Flight()
+def flight(share: Callable[..., Transport]) -> Flight:
+    return Flight(share)
 
 
 def test_nothing_is_followed_before_a_box_is_drawn(flight: Flight) -> None:

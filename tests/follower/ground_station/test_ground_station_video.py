@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -109,28 +109,10 @@ class Screen:
                 self.pictures += 1
 
 
-class SharedTransport:
-    """The autopilot's end and a ground station's, on one link."""
-
-    def __init__(self, *ends: Transport) -> None:
-        self._ends = ends
-
-    def send(self, data: bytes) -> None:
-        for end in self._ends:
-            end.send(data)
-
-    def receive(self) -> bytes:
-        return b"".join(end.receive() for end in self._ends)
-
-    def close(self) -> None:
-        for end in self._ends:
-            end.close()
-
-
 class Pilot:
     """Draws a box onto the received video, as QGroundControl sends it, and lists parameters."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, share: Callable[..., Transport]) -> None:
         scenario, self._clock = Scenario.model_validate(SCENARIO), SimulatedClock()
         ours, autopilot = MemoryTransport.pair()
         near, self._far = MemoryTransport.pair()
@@ -145,7 +127,7 @@ class Pilot:
         self.drawn: Box | None = None
         self._script = self._hands()
         with station:
-            ends = SharedTransport(ours, near), autopilot
+            ends = share(ours, near), autopilot
             videos = SeveralVideos((self, station))
             world = World(scenario)
             self.flight = SimulatedFlight(world, settings, "px4", self._clock, ends, videos)
@@ -209,8 +191,8 @@ def car_in(image: Image) -> Box:
 
 
 @pytest.fixture(scope="module")
-def pilot(tmp_path_factory: pytest.TempPathFactory) -> Pilot:
-    return Pilot(tmp_path_factory.mktemp("pilot"))
+def pilot(tmp_path_factory: pytest.TempPathFactory, share: Callable[..., Transport]) -> Pilot:
+    return Pilot(tmp_path_factory.mktemp("pilot"), share)
 
 
 def test_what_was_drawn_on_the_received_video_is_followed(pilot: Pilot) -> None:
