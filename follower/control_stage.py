@@ -18,6 +18,7 @@ from follower.steering import Steering
 from follower.stopwatch import Stopwatch
 from follower.supervisor import State, Supervisor
 from follower_control.attitude_history import AttitudeHistory
+from follower_control.envelope import LimitedSetpoint
 from follower_control.estimate import TargetEstimate
 from follower_control.estimator import TargetEstimator
 from follower_control.gimbal import GimbalRates
@@ -158,11 +159,7 @@ class ControlStage:
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
         self._sent = self._sends(state, vehicle)
-        if state is State.READY or not self._sent or situation.stop_at_once:
-            limited = self._steering.stand_by(now_s)
-        else:
-            self.servo.nudge(self._humans.nudge)
-            limited = self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
+        limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
         chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
         self._held = self._sent and chosen
         record = ControlRecord(
@@ -235,6 +232,19 @@ class ControlStage:
             self._steering.change_mode(mode)
             self._sighter.looks_down = mode is Mode.OVERHEAD
         return mode
+
+    def _steer(
+        self,
+        now_s: float,
+        state: State,
+        estimate: TargetEstimate | None,
+        vehicle: VehicleState,
+        stop_at_once: bool,
+    ) -> LimitedSetpoint:
+        if state is State.READY or not self._sent or stop_at_once:
+            return self._steering.stand_by(now_s)
+        self.servo.nudge(self._humans.nudge)
+        return self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
 
     def _turn_gimbal(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState

@@ -8,19 +8,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links import ekf_status_report
 from follower.links.autopilot_clock import AutopilotClock
 from follower.links.channel import PacketChannel
 from follower.links.gimbal_manager import GimbalManager
 from follower.links.health_monitor import HealthMonitor
 from follower.links.link_settings import LinkSettings
 from follower.links.link_status import LinkStatus
-from follower.links.message_rates import MessageRates
 from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
 from follower.links.operator_commands import OperatorCommand, OperatorCommands
 from follower.links.packet_port import PacketPort
 from follower.links.packets import Packet
 from follower.links.parameter_reader import ParameterReader
+from follower.links.questions import Questions, Voice
 from follower.links.sequence import SequenceCounter
 from follower.links.signing import Signer
 from follower.links.timesync import TimeSync, time_ns
@@ -35,16 +34,6 @@ from follower_control.vehicle import Attitude, VehicleState
 COMPONENT_ID = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 _HEARTBEAT_S = 1.0
 _SILENCE_S = 3.0
-_RC = "RC_CHANNELS"
-_SLACK_S = 1e-6
-_GIMBAL_HZ, _ORIGIN_HZ = 50.0, 0.5
-_NOT_EVERYWHERE = (
-    _RC,
-    "DISTANCE_SENSOR",
-    "TERRAIN_REPORT",
-    "GPS_GLOBAL_ORIGIN",
-    "GIMBAL_MANAGER_STATUS",
-)
 _GIMBALS = (
     mavlink.MAV_COMP_ID_GIMBAL,
     mavlink.MAV_COMP_ID_GIMBAL2,
@@ -53,8 +42,6 @@ _GIMBALS = (
     mavlink.MAV_COMP_ID_GIMBAL5,
     mavlink.MAV_COMP_ID_GIMBAL6,
 )
-_HEALTH_HZ = 1.0
-_ASK_VERSION_S = 1.0
 _COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 
@@ -82,28 +69,18 @@ class AutopilotLink(ABC):
         self._codec = mavlink.MAVLink(None, settings.vehicle_id or 1, COMPONENT_ID)
         self._clock = AutopilotClock()
         self._timesync = TimeSync(self._clock, settings.timesync_rate_hz)
-        rates = {
-            "ATTITUDE": settings.attitude_rate_hz,
-            "LOCAL_POSITION_NED": settings.position_rate_hz,
-            "GLOBAL_POSITION_INT": 2.0,
-            "EXTENDED_SYS_STATE": 5.0,
-            _RC: settings.rc_rate_hz,
-            "DISTANCE_SENSOR": settings.clearance_rate_hz,
-            "TERRAIN_REPORT": settings.clearance_rate_hz,
-            "GPS_GLOBAL_ORIGIN": _ORIGIN_HZ,
-        }
-        wanted = {name: rate for name, rate in rates.items() if rate > 0}
-        self._rates = MessageRates(wanted, optional=_NOT_EVERYWHERE)
+        voice = Voice(
+            self._command, self._request, self._send_parameter_request, self._send_timesync
+        )
+        self._questions = Questions(settings, self._timesync, voice)
+        self._rates = self._questions.rates
         self._operators = OperatorCommands()
-        self._mode_asked_s = float("-inf")
         self._sequence = SequenceCounter()
         self._gimbal_device: int | None = None
         self._gimbal: GimbalManager | None = None
         self._vehicle: Vehicle | None = None
         self._monitor: VehicleMonitor | None = None
         self._health: HealthMonitor | None = None
-        self._watches_health = False
-        self._version_asked_s = float("-inf")
         self._heartbeat_sent_s = float("-inf")
         self._others: set[int] = set()
 
@@ -159,14 +136,12 @@ class AutopilotLink(ABC):
 
     def watch_health(self) -> None:
         """From now on have the vehicle tell its firmware and, once a second, its health."""
-        self._watches_health = True
-        self._want_health()
+        self._questions.watch_health(self._vehicle)
 
     def use_gimbal(self, device: int) -> None:
         """From now on find the gimbal, take its control and have its attitude told."""
         self._gimbal_device = device
-        self._rates.want("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_HZ)
-        self._rates.want("GIMBAL_MANAGER_STATUS", 1.0)
+        self._questions.watch_gimbal()
 
     def turn_gimbal(self, rates: GimbalRates) -> None:
         """Turn the gimbal, if there is one and nobody else controls it."""
@@ -207,7 +182,9 @@ class AutopilotLink(ABC):
             self._heartbeat_sent_s = now_s
             self._send_heartbeat()
         if self._vehicle is not None and self._can_ask:
-            self._ask(now_s)
+            steered = self.state.obeys_setpoints
+            for text in self._questions.ask(now_s, steered, self._health, self._gimbal):
+                self._note(text)
 
     def take_notes(self) -> list[str]:
         """Return the autopilot's texts, refusals and the link's own troubles since last time."""
@@ -303,14 +280,7 @@ class AutopilotLink(ABC):
         self._health = HealthMonitor(vehicle)
         if self._gimbal_device is not None:
             self._gimbal = GimbalManager(vehicle.system, COMPONENT_ID, self._gimbal_device)
-        self._want_health()
-
-    def _want_health(self) -> None:
-        if self._watches_health and self._vehicle is not None:
-            px4 = self._vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4
-            estimator = "ESTIMATOR_STATUS" if px4 else ekf_status_report.NAME
-            for name in ("SYS_STATUS", "GPS_RAW_INT", estimator):
-                self._rates.want(name, _HEALTH_HZ)
+        self._questions.begin(vehicle)
 
     def _take_health(self, packet: Packet, now_s: float) -> bool:
         """Take a packet of the vehicle's if it is about health; whether it is nothing else."""
@@ -393,43 +363,6 @@ class AutopilotLink(ABC):
         if self._monitor is not None:
             self._monitor.hears_us(now_s)
 
-    def _ask(self, now_s: float) -> None:
-        """Ask for the time and for messages that do not come."""
-        stamp = self._timesync.question(now_s)
-        if stamp is not None:
-            self._send_timesync(0, stamp)
-        for text in self._rates.changes(now_s):
-            self._note(text)
-        if self.state.obeys_setpoints:
-            self._ask_for_mode(now_s)
-        for rate in self._rates.due(now_s):
-            number = float(_message_id(rate.name))
-            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
-        if self._health is not None:
-            self._ask_about_health(self._health, now_s)
-        if self._gimbal is not None:
-            for command, params in self._gimbal.due(now_s):
-                self._command(command, *params)
-
-    def _ask_about_health(self, health: HealthMonitor, now_s: float) -> None:
-        for name in health.parameters.due(now_s):
-            self._send_parameter_request(name)
-        unknown = self._watches_health and health.health.firmware is None
-        if unknown and now_s - self._version_asked_s >= _ASK_VERSION_S:
-            self._version_asked_s = now_s
-            number = float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-            self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
-
-    def _ask_for_mode(self, now_s: float) -> None:
-        """Ask for a heartbeat out of turn, to see soon when the pilot takes another mode.
-
-        PX4 refuses to send heartbeats at another rate than 1 Hz.
-        """
-        rate_hz = self._settings.mode_rate_hz
-        if rate_hz > 0 and now_s - self._mode_asked_s >= 1 / rate_hz - _SLACK_S:
-            self._mode_asked_s = now_s
-            self._request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
-
     def _request(self, message_id: int) -> None:
         """Ask for one message, once; nobody waits for an answer."""
         self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
@@ -456,9 +389,3 @@ class AutopilotLink(ABC):
         data = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
         self._channel.send(data)
-
-
-def _message_id(name: str) -> int:
-    if name == ekf_status_report.NAME:
-        return ekf_status_report.MESSAGE_ID
-    return int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"))
