@@ -108,7 +108,7 @@ def _picture(
     world: StagedWorld, renderer: Renderer, silhouettes: Silhouettes, rng: np.random.Generator
 ) -> LabelledImage:
     world.stage = random_stage(world, rng)
-    body = _looking(world, rng)
+    body = looking(world, rng)
     image = _moved(renderer.render(0.0, body), rng)
     boxes, classes = [], []
     for box, kind in _seen(world, silhouettes, View.of(body, _MOUNT)):
@@ -133,7 +133,7 @@ def _seen(world: StagedWorld, silhouettes: Silhouettes, view: View) -> Iterator[
         yield seen.box, actor.kind if clear else IGNORED
 
 
-def _looking(world: StagedWorld, rng: np.random.Generator) -> BodyState:
+def looking(world: StagedWorld, rng: np.random.Generator) -> BodyState:
     """Return a camera in the air that looks somewhere near a body; one in ten straight down."""
     wanted = [actor.solid for actor in world.stage if actor.kind is not None]
     solid = wanted[int(rng.integers(len(wanted)))]

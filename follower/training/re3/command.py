@@ -74,14 +74,13 @@ def export_command(
     import torch
 
     from follower.training.checkpoint import load_checkpoint
-    from follower.training.re3.run import finished
+    from follower.training.re3.run import finished, learnt_from
     from follower.training.re3.trainer import Re3Trainer
-    from follower.training.scenes.stock import load_any
 
     config, device = _config(folder / "config.yaml", [], None), torch.device("cpu")
     state = load_checkpoint(folder, device)
     torch.set_num_threads(config.training.threads)
-    trainer = Re3Trainer(config.training, load_any(folder / "stock", config.training.seed), device)
+    trainer = Re3Trainer(config.training, learnt_from(config, folder), device)
     trainer.restore(state)
     exported = finished(trainer, config, folder, trainer.validate())
     typer.echo(f"{exported.path}\nsha256 {exported.sha256}")

@@ -21,11 +21,14 @@ from follower.training.re3.export import Exported, export_re3
 from follower.training.re3.sheet import sample_sheet
 from follower.training.re3.trainer import LOSSES, Re3Trainer
 from follower.training.scenes.maker import SceneMaker
-from follower.training.scenes.pictures import Pictures, procedural
-from follower.training.scenes.stock import load, prepare
+from follower.training.scenes.pictures import Pictures
+from follower.training.scenes.rendered import rendered
+from follower.training.scenes.stock import load_any, prepare
 
 SAMPLES, LOG, STOCK, CONFIG = "samples.png", "log.csv", "stock", "config.yaml"
 _SMOOTHED = 0.98
+_WORLDS = 5
+"""Tells the simulated worlds' numbers from those of other things of the same seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ class Re3Run:
         state = load_checkpoint(self.folder, self.device) if self.resume else None
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / CONFIG).write_text(self.config.to_yaml(), encoding="utf-8")
-        pictures = self._pictures()
+        self._prepare()
+        pictures = learnt_from(self.config, self.folder)
         trainer = Re3Trainer(self.config.training, pictures, self.device)
         if state is None:
             self._look(pictures)
@@ -65,23 +69,21 @@ class Re3Run:
             trainer.restore(state)
         return finished(trainer, self.config, self.folder, self._train(trainer))
 
-    def _pictures(self) -> Pictures:
-        seed, folder = self.config.training.seed, self.config.pictures
-        if folder is None:
-            return procedural(np.random.default_rng(seed))
-        stock = self.folder / STOCK
-        if not stock.is_dir():
-            listing = configs_folder() / "train" / "pictures.yaml"
-            with progress_bar(self.console) as bar:
-                task = bar.add_task("pictures made small", total=None)
-                prepare(
-                    folder,
-                    listing,
-                    stock,
-                    seed,
-                    lambda done, total: bar.update(task, completed=done, total=total),
-                )
-        return load(stock, seed)
+    def _prepare(self) -> None:
+        """Make the pictures small, once, if there are any."""
+        folder, stock = self.config.pictures, self.folder / STOCK
+        if folder is None or stock.is_dir():
+            return
+        listing = configs_folder() / "train" / "pictures.yaml"
+        with progress_bar(self.console) as bar:
+            task = bar.add_task("pictures made small", total=None)
+            prepare(
+                folder,
+                listing,
+                stock,
+                self.config.training.seed,
+                lambda done, total: bar.update(task, completed=done, total=total),
+            )
 
     def _look(self, pictures: Pictures) -> None:
         training, path = self.config.training, self.folder / SAMPLES
@@ -115,6 +117,13 @@ class Re3Run:
             f"step {step}: loss {loss:.3f}, overlap on held-out scenes {overlap:.3f}",
             highlight=False,
         )
+
+
+def learnt_from(config: Re3Config, folder: Path) -> Pictures:
+    """Return what the scenes of a training are made of: prepared pictures and rendered ones."""
+    seed, worlds = config.training.seed, config.training.worlds
+    pictures = load_any(folder / STOCK, seed)
+    return pictures.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
 
 
 def finished(trainer: Re3Trainer, config: Re3Config, folder: Path, overlap: float) -> Exported:

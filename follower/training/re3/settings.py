@@ -48,6 +48,7 @@ class Re3TrainingSettings:
         stages: one after the other.
         network: its size.
         scenes: how hard they are.
+        worlds: of the simulator, whose views and bodies join the pictures.
         weight_decay: of AdamW.
         average: share of the averaged weights that each step keeps.
         validate_every: steps between validations.
@@ -63,6 +64,7 @@ class Re3TrainingSettings:
     stages: tuple[Stage, ...] = (Stage(steps=100),)
     network: Re3NetworkSettings = field(default_factory=Re3NetworkSettings)
     scenes: SceneSettings = field(default_factory=SceneSettings)
+    worlds: int = 0
     weight_decay: float = 1e-4
     average: float = 0.998
     validate_every: int = 250
@@ -74,6 +76,8 @@ class Re3TrainingSettings:
     def __post_init__(self) -> None:
         if not self.stages:
             raise ValueError("a training needs at least one stage")
+        if self.worlds < 0:
+            raise ValueError(f"worlds is a number of simulated worlds, not {self.worlds}")
 
     @property
     def steps(self) -> int:

@@ -31,6 +31,14 @@ class Pictures:
     textures: tuple[Image, ...]
     cutouts: tuple[Cutout, ...]
 
+    def joined(self, other: Pictures) -> Pictures:
+        """Return this stock and another one together."""
+        return Pictures(
+            self.photographs + other.photographs,
+            self.textures + other.textures,
+            self.cutouts + other.cutouts,
+        )
+
     def any_ground(self, rng: np.random.Generator) -> Image:
         """Return a photograph, or sometimes a procedural texture."""
         stock = self.textures

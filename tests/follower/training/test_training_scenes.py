@@ -12,6 +12,7 @@ import pytest
 from follower.training.scenes.cutout import Cutout, mask_outline
 from follower.training.scenes.maker import SceneMaker
 from follower.training.scenes.pictures import Pictures, procedural
+from follower.training.scenes.rendered import rendered
 from follower.training.scenes.settings import SceneSettings
 from follower.training.scenes.shapes import cut, random_mask
 from follower.training.scenes.stock import load, prepare
@@ -28,6 +29,28 @@ PLAIN = SceneSettings(blur=0.0, leaving=0.0, soft=0.0, grey=0.0, compression=0.0
 @pytest.fixture(scope="module")
 def pictures() -> Pictures:
     return procedural(np.random.default_rng(3), 6)
+
+
+def test_the_simulator_gives_grounds_and_objects() -> None:
+    """From one seed the same; bodies are cut out whole, without the ground around them."""
+    one, same = (rendered(np.random.default_rng(3), 2) for _ in range(2))
+    assert len(one.photographs) == 6
+    assert one.photographs[0].shape == (480, 640, 3)
+    np.testing.assert_array_equal(one.photographs[5], same.photographs[5])
+    assert len(one.cutouts) == len(same.cutouts) >= 3
+    for cutout in one.cutouts:
+        mask = cutout.levels[0][:, :, 3]
+        assert 0.15 < (mask > 127).mean() < 0.95
+        box = fitting(mask)
+        assert box.width > 0.8 * mask.shape[1]
+        assert box.height > 0.8 * mask.shape[0]
+
+
+def test_stocks_are_joined(pictures: Pictures) -> None:
+    both = pictures.joined(rendered(np.random.default_rng(3), 1))
+    assert (len(both.textures), len(both.photographs)) == (len(pictures.textures), 3)
+    scene = SceneMaker(both, HARD, 1).scene(0, 3)
+    assert scene.whole(1).image.shape == (480, 640, 3)
 
 
 def fitting(mask: np.ndarray) -> Box:
