@@ -32,7 +32,7 @@ from follower_vision.camera import CameraModel
 from follower_vision.fusion import FusionSettings
 from follower_vision.lineofsight import CameraMount
 from follower_vision.longterm import LongTermSettings
-from follower_vision.trackers import tracker_names
+from follower_vision.trackers import is_tracker, tracker_names
 
 _LEAST_FOV_DEG = 4.0  # above pi: an angle in radians does not pass; a longer lens has focal_px
 
@@ -153,7 +153,7 @@ class Settings(BaseModel):
     @field_validator("tracker")
     @classmethod
     def _tracker_exists(cls, name: str) -> str:
-        if name not in tracker_names():
+        if not is_tracker(name):
             raise ValueError(f"there is no {name!r}; there are {', '.join(tracker_names())}")
         return name
 

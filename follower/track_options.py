@@ -17,7 +17,7 @@ from follower_vision.fusion.multi import MOST_TARGETS
 from follower_vision.fusion.settings import IMPROVEMENTS
 from follower_vision.models import MODELS, Purpose
 from follower_vision.sources import is_live
-from follower_vision.trackers import tracker_names
+from follower_vision.trackers import is_tracker, tracker_names
 
 LIST = "list"
 """What `--select` takes instead of an object, to have them listed."""
@@ -56,7 +56,7 @@ class TrackOptions:
         self._check_choice()
         if not self.video and self.save is not None:
             raise SettingsError("--save and --no-video contradict each other")
-        if self.tracker is not None and self.tracker not in tracker_names():
+        if self.tracker is not None and not is_tracker(self.tracker):
             names = ", ".join(tracker_names())
             raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
         _check_improvements(self.without)

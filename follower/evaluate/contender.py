@@ -15,7 +15,7 @@ from follower_vision.models import ModelStore, default_folder
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.target_tracker import TargetTracker
 from follower_vision.track import Track, TrackState
-from follower_vision.trackers import make_tracker, tracker_names
+from follower_vision.trackers import is_tracker, make_tracker
 
 _KINDS = ("longterm", "fusion", "fusion-paper")
 _WITH_DETECTOR = frozenset({"fusion", "fusion-paper"})
@@ -36,10 +36,10 @@ class Contender:
     default_detector: str
 
     def __post_init__(self) -> None:
-        if self.motion not in tracker_names() or (self.asked_detector and not self.detector):
+        if not is_tracker(self.motion) or (self.asked_detector and not self.detector):
             raise SettingsError(
-                f"--trackers {self.name}: write a name from `follower trackers`, or one of "
-                f"{', '.join(_KINDS)}, alone or as KIND:NAME or KIND:NAME+DETECTOR"
+                f"--trackers {self.name}: write a name from `follower trackers`, a network's "
+                f"path, or one of {', '.join(_KINDS)}, alone or as KIND:NAME or KIND:NAME+DETECTOR"
             )
 
     @property

@@ -117,7 +117,7 @@ class ResultStore:
         return result if same and whole else None
 
     def _path(self, contender: Contender, sequence: Sequence, start: Start) -> Path:
-        name = contender.name.replace(":", "@")
+        name = contender.name.replace(":", "@").replace("/", "_")
         return self._folder / name / sequence.name / f"{start.kind}-{start.number}.json"
 
 

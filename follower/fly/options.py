@@ -15,7 +15,7 @@ from follower.track_options import usual_detector
 from follower_control.strict_yaml import SettingsError, parse
 from follower_vision.box import Box
 from follower_vision.connection import without_password
-from follower_vision.trackers import tracker_names
+from follower_vision.trackers import is_tracker, tracker_names
 
 _LENS_KEYS = ("fov_deg", "focal_px")
 
@@ -52,7 +52,7 @@ class FlyOptions:
             raise SettingsError("which camera? give --camera 0, a video file or a stream's address")
         if self.link is not None and self.link not in LINK_KINDS:
             raise SettingsError(f"--link {self.link}: choose {' or '.join(LINK_KINDS)}")
-        if self.tracker is not None and self.tracker not in tracker_names():
+        if self.tracker is not None and not is_tracker(self.tracker):
             names = ", ".join(tracker_names())
             raise SettingsError(f"--tracker {self.tracker}: no such tracker; there are {names}")
         if not 1 <= self.look_s <= 600:

@@ -24,15 +24,17 @@ class Re3Tracker:
     starts it anew where a detection corrects it, as the paper does.
     """
 
-    name = "re3"
-
-    def __init__(self, network: Re3Network, settings: Re3Settings = NO_SETTINGS) -> None:
+    def __init__(
+        self, network: Re3Network, settings: Re3Settings = NO_SETTINGS, name: str = "re3"
+    ) -> None:
         """Make a tracker that waits for `start`.
 
         Args:
             network: several trackers in one thread may share it.
             settings: how its answers are used.
+            name: for tables and logs.
         """
+        self.name = name
         self._network = network
         self._settings = settings
         self._memory: Re3Memory | None = None

@@ -16,6 +16,7 @@ from follower_vision.re3_network import Re3Network
 
 RE3_FILE = "follower-re3.onnx"
 _RE3 = "re3"
+_NETWORK = ".onnx"
 _NANOTRACK = {f"nanotrack-v{version}": version for version in NANOTRACK_SETTINGS}
 
 
@@ -24,11 +25,16 @@ def tracker_names() -> list[str]:
     return ["identity", "correlation", *_NANOTRACK, _RE3, *opencv_tracker_names()]
 
 
+def is_tracker(name: str) -> bool:
+    """Return whether `make_tracker` takes a name: one of `tracker_names()`, or a file's path."""
+    return name in tracker_names() or name.endswith(_NETWORK)
+
+
 def make_tracker(name: str, find_file: Callable[[str], Path]) -> MotionTracker:
     """Return a motion tracker, not yet started.
 
     Args:
-        name: one of `tracker_names()`.
+        name: one of `tracker_names()`, or the path of a network that `follower train re3` wrote.
         find_file: gives the path of a network's file by its name, as `ModelStore.file` does; it
             is asked only by trackers that have networks.
 
@@ -42,6 +48,8 @@ def make_tracker(name: str, find_file: Callable[[str], Path]) -> MotionTracker:
         return _correlation()
     if name == _RE3:
         return Re3Tracker(Re3Network(find_file(RE3_FILE)))
+    if name.endswith(_NETWORK):
+        return Re3Tracker(Re3Network(Path(name)), name=Path(name).stem)
     if name in _NANOTRACK:
         return _nanotrack(_NANOTRACK[name], find_file)
     if name in OPENCV_KINDS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -25,9 +25,11 @@ _DECODE_RADIUS = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Re3NetworkSettings:
-    """How large the network is.
+    """What the network is, and how large.
 
     Attributes:
+        kind: "re3"; or a peer of the paper's out of the same parts: "goturn" knows the frame before
+            alone, "siamfc" the first frame alone.
         channels: of the trunk's features.
         hidden: units of each LSTM layer.
         head: channels of the maps after the correlation.
@@ -35,6 +37,7 @@ class Re3NetworkSettings:
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
+    kind: Literal["re3", "goturn", "siamfc"] = "re3"
     channels: int = 64
     hidden: int = 192
     head: int = 64
@@ -122,7 +125,7 @@ class Re3Network(nn.Module):
 
     def memory(self, template: Tensor) -> Tensor:
         """Return features (N, C, 8, 8) of template crops (N, 3, 64, 64), 0 to 255."""
-        return functional.normalize(self.trunk(_centred(template)), dim=1)
+        return functional.normalize(self.trunk(centred(template)), dim=1)
 
     def forward(
         self,
@@ -155,7 +158,7 @@ class Re3Network(nn.Module):
         state: Re3State,
     ) -> Re3Answer:
         """Do as `forward`, with the features of the previous crops at hand."""
-        features = self.trunk(_centred(present))
+        features = self.trunk(centred(present))
         unit = functional.normalize(features, dim=1)
         maps, peaks = self._maps(features, unit, last, size, memory, memory_size)
         scores = self.score(maps).flatten(1) + self.prior(state.hidden[1])
@@ -282,7 +285,8 @@ def _trunk(channels: int) -> nn.Sequential:
     )
 
 
-def _centred(crop: Tensor) -> Tensor:
+def centred(crop: Tensor) -> Tensor:
+    """Return a crop's values, 0 to 255, about zero."""
     return (crop - 120.0) / 64.0
 
 

@@ -14,7 +14,8 @@ from torch.nn.utils import clip_grad_norm_
 from follower.training.re3.calibration import Tracked, tracked
 from follower.training.re3.examples import pair, swapped
 from follower.training.re3.loss import Loss, re3_loss
-from follower.training.re3.network import Re3Network
+from follower.training.re3.network import Re3NetworkSettings
+from follower.training.re3.peers import make_network
 from follower.training.re3.rollout import Batch, Rollout, answered
 from follower.training.re3.settings import Re3TrainingSettings, Stage
 from follower.training.scenes.maker import SceneMaker
@@ -67,7 +68,7 @@ class Re3Trainer:
         torch.manual_seed(settings.seed)
         self.settings = settings
         self.device = device
-        self.network = Re3Network(settings.network).to(self.device)
+        self.network = make_network(settings.network).to(self.device)
         # A fifth faster on a processor; torch's own types do not know this keyword.
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.averaged = copy.deepcopy(self.network).eval()
@@ -127,7 +128,8 @@ class Re3Trainer:
         Raises:
             SettingsError: it belongs to another network.
         """
-        if state.get("kind") != "re3" or state["size"] != asdict(self.settings.network):
+        size = Re3NetworkSettings(**state["size"]) if state.get("kind") == "re3" else None
+        if size != self.settings.network:
             raise SettingsError("the checkpoint is of another network, or of another size")
         self.network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
