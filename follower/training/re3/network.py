@@ -28,19 +28,19 @@ class Re3NetworkSettings:
     """What the network is, and how large.
 
     Attributes:
-        kind: "re3"; or a peer of the paper's out of the same parts: "goturn" knows the frame before
-            alone, "siamfc" the first frame alone.
         channels: of the trunk's features.
         hidden: units of each LSTM layer.
         head: channels of the maps after the correlation.
+        kind: "re3"; or a peer of the paper's out of the same parts: "goturn" knows the frame before
+            alone, "siamfc" the first frame alone.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
-    kind: Literal["re3", "goturn", "siamfc"] = "re3"
     channels: int = 64
     hidden: int = 192
     head: int = 64
+    kind: Literal["re3", "goturn", "siamfc"] = "re3"
 
     def __post_init__(self) -> None:
         if min(self.channels, self.hidden, self.head) < 8:
