@@ -11,9 +11,8 @@ import numpy as np
 
 from follower.autonomy import Autonomy, Phase
 from follower.autopilot_wait import AutopilotWait
-from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
-from follower.faults.injector import FaultInjector
+from follower.flight_parts import FlightParts
 from follower.flight_truth import FlightTruth
 from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
@@ -23,7 +22,6 @@ from follower.links.link_status import LinkStatus
 from follower.links.opening import open_link
 from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
-from follower.realtime import VisionLoop
 from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
 from follower.scenario_start import gimbal_of, start_state
 from follower.scoring import score_flight
@@ -39,7 +37,6 @@ from follower.vision_stage import Selector, VisionStage
 from follower_control.transport import Transport
 from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.blind_camera import BlindCamera
-from follower_sim.camera import SimCamera
 from follower_sim.identity_score import IdentityScore
 from follower_sim.kinematics import BodyState
 from follower_sim.score import PursuitGoal, PursuitScore
@@ -74,7 +71,7 @@ class SimulatedFlight:
         ends: the transports of the follower and of the simulated autopilot.
         video: takes every frame with its track, if given.
         recorder: records the flight, if given.
-        faults: what is made to go wrong, if anything.
+        parts: what it is made of; others than the sound ones make something go wrong.
         sight: what vision goes by. Without pixels, pictures are drawn for `video` alone.
         finder: finds what operators point at.
 
@@ -91,32 +88,29 @@ class SimulatedFlight:
         ends: tuple[Transport, Transport],
         video: FlightVideo | None = None,
         recorder: Recorder | None = None,
-        faults: FaultInjector | None = None,
+        parts: FlightParts | None = None,
         sight: Sight = Sight.PIXELS,
         finder: TargetFinder | None = None,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
         self.settings = settings
-        start = start_state(scenario)
         self._recorder = recorder
-        self._faults = faults
-        ours = ends[0] if faults is None else faults.transport(ends[0])
+        self._parts = parts = parts or FlightParts()
+        ours = parts.transport(ends[0])
         ours = ours if recorder is None else recorder.transport(ours)
         self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
         self.autopilot: SimAutopilot | None = None
-        self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(self._link, start)
+        self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(
+            self._link, start_state(scenario)
+        )
         if flavour == EXTERNAL:
             world.begins_s = math.inf
         else:
-            wind, gimbal = world.wind.velocity_m_s, gimbal_of(scenario)
-            drag = scenario.vehicle.drag
-            self.autopilot = SimAutopilot(flavour, ends[1], start, wind, gimbal=gimbal, drag=drag)
-            self.vehicle = self.autopilot
+            self.vehicle = self.autopilot = _autopilot(world, flavour, ends[1])
         self.sight = sight
         is_blind = sight is Sight.TRUTH and video is None
-        make_camera = BlindCamera if is_blind else SimCamera if faults is None else faults.camera
-        self.camera = make_camera(world, self._camera_at)
+        self.camera = (BlindCamera if is_blind else parts.camera)(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self._wait = AutopilotWait(self._link, self.log)
         self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
@@ -129,8 +123,7 @@ class SimulatedFlight:
         mode = InlineDetection if isinstance(clock, SimulatedClock) else BackgroundDetection
         self._tracker = self._stand_in or make_target_tracker(settings, mode)
         self._vision_stage = VisionStage(self._tracker, self.requests, finder)
-        make_vision = VisionLoop if faults is None else faults.vision
-        self.vision = make_vision(
+        self.vision = parts.vision(
             self._vision_stage, clock, self.log, video, self._lines, self._truth.compare
         )
         self._autonomy: Autonomy | None = None
@@ -138,13 +131,10 @@ class SimulatedFlight:
             self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
         camera = scenario.camera.model
         self.stage = ControlStage(settings, camera, self.log, requests=self.requests)
-        make_control = ControlLoop if faults is None else faults.control
-        self.control = make_control(
+        self.control = parts.control(
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
         )
-        if faults is not None:
-            withdraw = partial(self.stage.order, Order.WITHDRAW)
-            faults.attach(self.autopilot, self.stop, withdraw)
+        parts.attach(self.autopilot, self.stop, partial(self.stage.order, Order.WITHDRAW))
         self._last_link: LinkStatus | None = None
 
     @property
@@ -217,8 +207,7 @@ class SimulatedFlight:
         self._link.close()
         if isinstance(self._tracker, FusionTracker):
             self._tracker.close()
-        if self._faults is not None:
-            self._faults.end()
+        self._parts.end()
 
     def operate(self) -> None:
         """Leave it to a person at a cockpit to choose the target and to begin again.
@@ -241,7 +230,7 @@ class SimulatedFlight:
             return False
         if self._operated and not self._ending:
             return False
-        if self._faults is not None and not self._faults.is_over(self._clock.now()):
+        if not self._parts.is_over(self._clock.now()):
             return False
         waited_s = self.stage.supervisor.in_state_s(self._clock.now())
         speed = math.hypot(*self.vehicle.state.velocity_m_s)
@@ -262,9 +251,8 @@ class SimulatedFlight:
         sample = self._truth.take(now_s)
         if self._recorder is not None:
             self._recorder.add_truth(sample)
-        if self._faults is not None:
-            supervisor = self.stage.supervisor
-            self._faults.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
+        supervisor = self.stage.supervisor
+        self._parts.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
         if self._world.begins_s == math.inf and self._is_airborne:
             self._begin(now_s)
         if self.chosen_s is None and self._may_be_chosen(record):
@@ -338,3 +326,15 @@ def _link_settings(settings: Settings, flavour: str) -> LinkSettings:
 
 def _epoch_ns(clock: Clock) -> int:
     return LOCKSTEP_EPOCH_NS if isinstance(clock, SimulatedClock) else epoch_now_ns(clock)
+
+
+def _autopilot(world: World, flavour: str, transport: Transport) -> SimAutopilot:
+    scenario = world.scenario
+    return SimAutopilot(
+        flavour,
+        transport,
+        start_state(scenario),
+        world.wind.velocity_m_s,
+        gimbal=gimbal_of(scenario),
+        drag=scenario.vehicle.drag,
+    )

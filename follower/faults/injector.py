@@ -21,6 +21,7 @@ from follower.faults.planned import PlannedFault
 from follower.faults.schedule import FaultSchedule
 from follower.faults.stages import FaultyControl, FaultyVision
 from follower.faults.wire import FaultyTransport
+from follower.flight_parts import FlightParts
 from follower.recorder import append_file
 from follower.supervisor import State
 from follower_control.transport import Transport
@@ -30,7 +31,7 @@ from follower_sim.world import World
 from follower_vision.clock import Clock, SimulatedClock
 
 
-class FaultInjector:
+class FaultInjector(FlightParts):
     """Everything by which faults come into one flight, and an independent watcher beside it.
 
     Enter it around the flight: what is changed of the process is put back at the end.
