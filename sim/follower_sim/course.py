@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from follower_sim.kinematics import Triple
 from follower_vision.camera import Vector
 
 Corners = Literal["winding", "rounded"]
@@ -128,12 +129,18 @@ class Course:
 
     def position(self, distance_m: float) -> Vector:
         """Return (north, east, down); before the start and after the end: the end points."""
-        return np.array(self._between(self._places, distance_m))
+        return np.array(self.at(distance_m)[0])
 
     def direction(self, distance_m: float) -> Vector:
         """Return the unit tangent (north, east, down)."""
+        return np.array(self.at(distance_m)[1])
+
+    def at(self, distance_m: float) -> tuple[Triple, Triple]:
+        """Return position and direction."""
+        place = self._between(self._places, distance_m)
         north, east, down = self._between(self._directions, distance_m)
-        return np.array([north, east, down]) / math.sqrt(north**2 + east**2 + down**2)
+        length = math.sqrt(north**2 + east**2 + down**2)
+        return (place[0], place[1], place[2]), (north / length, east / length, down / length)
 
     def _between(self, samples: list[list[float]], distance_m: float) -> list[float]:
         """Interpolate between samples along the line; plain floats, for it is asked for often."""

@@ -9,6 +9,9 @@ from follower_sim.course import Course
 from follower_sim.kinematics import Triple
 from follower_sim.speed_profile import SpeedProfile
 
+_KEPT = 16
+"""So many poses are kept: one step asks for the same few again and again."""
+
 
 @dataclass(frozen=True, slots=True)
 class TargetPose:
@@ -33,25 +36,26 @@ class TargetPath:
     def __init__(self, course: Course, speeds: SpeedProfile) -> None:
         self.course = course
         self._speeds = speeds
-        self._newest: tuple[float, TargetPose] | None = None
+        self._newest: dict[float, TargetPose] = {}
 
     def pose(self, time_s: float) -> TargetPose:
         """Return the pose; at the end of an open course the target stands."""
-        newest = self._newest
-        if newest is None or newest[0] != time_s:
-            self._newest = newest = time_s, self._pose(time_s)
-        return newest[1]
+        pose = self._newest.get(time_s)
+        if pose is None:
+            if len(self._newest) >= _KEPT:
+                self._newest.clear()
+            self._newest[time_s] = pose = self._pose(time_s)
+        return pose
 
     def _pose(self, time_s: float) -> TargetPose:
         distance = self._speeds.distance_m(time_s)
         speed = self._speeds.speed_m_s(time_s)
         if not self.course.closed and distance >= self.course.length_m:
             speed = 0.0
-        north, east, down = (float(x) for x in self.course.position(distance))
-        tangent = self.course.direction(distance)
-        v_north, v_east, v_down = (float(x) * speed for x in tangent)
-        heading = math.atan2(float(tangent[1]), float(tangent[0]))
-        return TargetPose((north, east, down), (v_north, v_east, v_down), heading, distance)
+        place, tangent = self.course.at(distance)
+        north, east, down = tangent
+        heading = math.atan2(east, north)
+        return TargetPose(place, (north * speed, east * speed, down * speed), heading, distance)
 
     def shortfall_m(self, until_s: float) -> float:
         """Return by how much the speeds drive past the course's end until `until_s`."""

@@ -85,10 +85,14 @@ class Silhouettes:
         nearer = self._nearer(solid, moving, view)
         if not nearer:
             return 1.0
-        own = self._drawn(np.zeros((_MASK_PX, _MASK_PX), np.uint8), [solid], box, view, 255)
-        before = cv2.countNonZero(own)
-        left = self._drawn(own, nearer, box, view, 0)
-        return cv2.countNonZero(left) / before if before else 1.0
+        hiding = self._polygons(nearer, box, view)
+        if not hiding:
+            return 1.0
+        mask = np.zeros((_MASK_PX, _MASK_PX), np.uint8)
+        _fill(mask, self._polygons([solid], box, view), 255)
+        before = cv2.countNonZero(mask)
+        _fill(mask, hiding, 0)
+        return cv2.countNonZero(mask) / before if before else 1.0
 
     def _nearer(self, solid: Solid, moving: Sequence[Solid], view: View) -> list[Solid]:
         """Return the bodies whose spheres touch the line of sight in front of the body."""
@@ -103,11 +107,24 @@ class Silhouettes:
         hit = _in_front(seen_from, radii, solid.centre - view.position_m, solid.radius_m)
         return [bodies[i] for i in np.flatnonzero(hit)]
 
-    def _drawn(self, mask: Grey, solids: list[Solid], box: Box, view: View, value: int) -> Grey:
+    def _polygons(self, solids: list[Solid], box: Box, view: View) -> list[FixedPoints]:
+        """Return the polygons of bodies that reach into the mask, which the box fills."""
         selection = self._painter.select([SolidBatch.of(solids)], view)
-        for _, polygon in self._painter.polygons(selection.corners, view):
-            cv2.fillConvexPoly(mask, _into(polygon, box), (value,), cv2.LINE_8, _SHIFT)
-        return mask
+        polygons = [polygon for _, polygon in self._painter.polygons(selection.corners, view)]
+        if not polygons:
+            return []
+        points = _into(np.concatenate(polygons), box)
+        ends = np.cumsum([len(polygon) for polygon in polygons])
+        starts = np.concatenate([[0], ends[:-1]])
+        high = np.maximum.reduceat(points, starts, axis=0) >= -(1 << _SHIFT)
+        low = np.minimum.reduceat(points, starts, axis=0) <= (_MASK_PX + 1) << _SHIFT
+        reaching = np.flatnonzero(np.all(high & low, axis=1))
+        return [points[starts[i] : ends[i]] for i in reaching.tolist()]
+
+
+def _fill(mask: Grey, polygons: list[FixedPoints], value: int) -> None:
+    for polygon in polygons:
+        cv2.fillConvexPoly(mask, polygon, (value,), cv2.LINE_8, _SHIFT)
 
 
 def _in_front(
