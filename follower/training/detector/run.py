@@ -15,6 +15,12 @@ from follower.training.checkpoint import load_checkpoint, save_checkpoint
 from follower.training.detector.anchors import find_anchors, mean_overlap
 from follower.training.detector.average_precision import Precision
 from follower.training.detector.config import DetectorConfig
+from follower.training.detector.eight_bit import (
+    Measured,
+    is_worth_it,
+    measure_files,
+    write_eight_bit,
+)
 from follower.training.detector.export import Exported, export_detector
 from follower.training.detector.folder import FolderPictures
 from follower.training.detector.labelled import IGNORED, LabelledImage, Pictures
@@ -30,6 +36,7 @@ SAMPLES, DETECTIONS, LOG = "samples.png", "detections.png", "log.csv"
 _SHEET_PICTURES = 40
 _SHOWN_SCORE = 0.3
 _SMOOTHED = 0.95
+_RANGE_PICTURES = 120
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +76,27 @@ class TrainingRun:
         held_out = pictures.held_out(side, count)
         measured = self._train(trainer, held_out)
         self._show_found(trainer, held_out[:_SHEET_PICTURES])
-        return export_detector(trainer, self.config, measured, self.folder)
+        exported = export_detector(trainer, self.config, measured, self.folder)
+        self._try_eight_bit(exported.path, pictures, held_out)
+        return exported
+
+    def _try_eight_bit(self, path: Path, pictures: Pictures, held_out: list[LabelledImage]) -> None:
+        """Write NAME-int8.onnx, say what it is worth, and keep it if it is worth it."""
+        if not held_out:
+            return
+        training = self.config.training
+        shown = pictures.training(training.side_px, self.config.seed)
+        out = path.with_name(f"{path.stem}-int8.onnx")
+        write_eight_bit(path, [next(shown) for _ in range(_RANGE_PICTURES)], out)
+        trained, eight_bit = measure_files([path, out], held_out)
+        kept = is_worth_it(eight_bit, trained)
+        self.console.print(
+            f"in 8 bits: {_said(eight_bit)}; as trained: {_said(trained)}: "
+            + (str(out) if kept else "not kept"),
+            highlight=False,
+        )
+        if not kept:
+            out.unlink()
 
     def _trainer(self, pictures: Pictures, state: dict[str, Any] | None) -> DetectorTrainer:
         training, seed = self.config.training, self.config.seed
@@ -155,6 +182,11 @@ def pictures_of(config: DetectorConfig) -> Pictures:
     if config.data is None:
         return config.rendered
     return FolderPictures(config.data, config.folder, config.seed)
+
+
+def _said(one: Measured) -> str:
+    mean = "-" if one.precision is None else f"{one.precision:.3f}"
+    return f"mAP@0.5 {mean}, {one.work_ms:.2f} ms"
 
 
 def _sizes(pictures: list[LabelledImage]) -> np.ndarray:

@@ -13,6 +13,12 @@ from follower.cli import app
 from follower.training.detector.anchors import find_anchors, mean_overlap, shape_iou
 from follower.training.detector.average_precision import average_precision, mean_average_precision
 from follower.training.detector.distort import mirrored
+from follower.training.detector.eight_bit import (
+    Measured,
+    is_worth_it,
+    measure_files,
+    write_eight_bit,
+)
 from follower.training.detector.export import AGREEMENT, largest_difference, write_onnx
 from follower.training.detector.labelled import IGNORED, LabelledImage
 from follower.training.detector.loss import RegionLoss, giou, make_labels
@@ -192,6 +198,28 @@ def test_the_exported_file_answers_as_the_network_does_and_detects(
     assert detector.class_names == ("red", "blue")
     right = [_best_is_right(detector, picture) for picture in Squares().held_out(SIDE, 12)]
     assert sum(right) >= 7
+
+
+def test_in_eight_bits_it_finds_as_much_and_says_what_it_is(
+    trained: DetectorTrainer, tmp_path: Path
+) -> None:
+    path, small = tmp_path / "squares.onnx", tmp_path / "squares-int8.onnx"
+    write_onnx(trained.averaged, SIDE, trained.class_names, trained.anchors, path)
+    stream = Squares().training(SIDE, 3)
+    write_eight_bit(path, [next(stream) for _ in range(20)], small)
+    whole, eight_bit = measure_files([path, small], Squares().held_out(SIDE, 30))
+    assert whole.precision is not None
+    assert eight_bit.precision is not None
+    assert eight_bit.precision > whole.precision - 0.1
+    assert OnnxDetector(small).class_names == ("red", "blue")
+
+
+def test_eight_bits_are_kept_only_where_they_are_faster_at_no_loss() -> None:
+    trained = Measured(0.6, 2.0)
+    assert is_worth_it(Measured(0.599, 1.0), trained)
+    assert not is_worth_it(Measured(0.59, 1.0), trained)
+    assert not is_worth_it(Measured(0.61, 2.1), trained)
+    assert not is_worth_it(Measured(None, 1.0), Measured(None, 2.0))
 
 
 def _best_is_right(detector: OnnxDetector, picture: LabelledImage) -> bool:
