@@ -210,8 +210,8 @@ def demo(
 ) -> None:
     """Fly a pursuit: the camera shakes, the car vanishes in a hall, and another one crosses.
 
-    Fusion with the networks that come along finds it again. Takes three quarters of a minute in
-    real time; on a computer that is too slow for it, frames come late and the end says so: then
+    Fusion with the networks that come along finds it again. Takes under a minute in real
+    time; on a computer that is too slow for it, frames come late and the end says so: then
     take --lockstep. Afterwards runs/demo holds the video, an HTML report and the score. The exit
     code is 0 if the pursuit succeeded, 1 if it failed.
     """
