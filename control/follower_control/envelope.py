@@ -126,6 +126,8 @@ class Envelope:
         self._vertical.start(_clip(known.down_m_s, HUGE))
         self._yaw_rate = _clip(known.yaw_rate_rad_s, self._max_yaw_rate)
         self._last_s = now_s if now_s is not None and math.isfinite(now_s) else None
+        self._turns_out = False
+        self._slower_s, self._slowest_m_s = None, math.inf
 
     def limit(
         self, asked: VelocitySetpoint, now_s: float, context: FlightContext

@@ -25,8 +25,10 @@ def range_to_ground(height_m: float, elevation_rad: float) -> float:
 
     Args:
         height_m: above the ground, taken to be level.
-        elevation_rad: of the line of sight from the horizontal, negative looks down.
+        elevation_rad: of the line of sight from the horizontal, negative looks down; a prediction
+            that has passed below us counts as straight down.
     """
+    elevation_rad = max(elevation_rad, -math.pi / 2)
     if height_m < _LOWEST_M or elevation_rad > -_FLATTEST_RAD:
         return math.inf
     return _MARGIN * height_m / math.sin(-elevation_rad)
@@ -45,7 +47,7 @@ def ranged_by_ground(
         above_m: our height above the target's middle.
         climb_m_s: how fast that grows.
     """
-    elevation = estimate.height_angle_rad
+    elevation = max(estimate.height_angle_rad, -math.pi / 2)
     if above_m < _LOWEST_M or elevation > -_FLATTEST_RAD or estimate.frame is SightFrame.BODY:
         return estimate
     range_m = above_m / math.sin(-elevation)

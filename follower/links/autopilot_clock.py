@@ -6,7 +6,9 @@ import math
 
 _SLACK_S = 0.002
 """Times since boot are whole milliseconds."""
-_LATE_S = 1.0
+_BACK_S = 1.0
+"""Messages overtake each other by less."""
+_JUMP_S = 1.0
 _DRIFT, _LARGEST_DRIFT = 1e-4, 0.02
 """Crystals are right to 1e-5; simulated autopilots were seen to lose a second in a hundred."""
 
@@ -24,7 +26,9 @@ class AutopilotClock:
     that its clock jumped, or that it runs at another speed than ours; a single one is a stray
     packet and is not believed. Answers and messages are counted each for themselves: a message
     bounds from one side only, and agrees with nearly everything. After answers have contradicted
-    by less than a second, the bounds relax faster, as for a simulation that loses time.
+    by less than a second, the bounds relax faster, and do so from then on, as for a simulation that
+    loses time. That a message is late contradicts nothing, however late it is: a link that has
+    become slow must not make old telemetry look new. A time since boot that goes back does.
 
     Args:
         patience: so many contradictions in a row are believed.
@@ -37,7 +41,7 @@ class AutopilotClock:
         self._drift = _DRIFT
         self._patience = patience
         self._low_s, self._high_s = -math.inf, math.inf
-        self._at_s = -math.inf
+        self._at_s = self._newest_boot_s = -math.inf
         self._strikes = {"message": 0, "answer": 0}
         self.restarts = 0
 
@@ -49,12 +53,12 @@ class AutopilotClock:
 
     def to_system(self, boot_s: float, arrival_s: float) -> float:
         """Return when `boot_s` was on the system's clock; never later than its arrival."""
-        self._bound(-math.inf, arrival_s - boot_s, arrival_s, "message")
+        self._bound(-math.inf, boot_s, arrival_s, "message")
         return min(boot_s + self._offset_s, arrival_s)
 
     def exchange(self, asked_s: float, boot_s: float, arrival_s: float) -> None:
         """Take in that a question of `asked_s` was answered at `boot_s` on the autopilot."""
-        self._bound(asked_s - boot_s, arrival_s - boot_s, arrival_s, "answer")
+        self._bound(asked_s, boot_s, arrival_s, "answer")
 
     @property
     def _offset_s(self) -> float:
@@ -62,14 +66,17 @@ class AutopilotClock:
             return self._high_s
         return (self._low_s + self._high_s) / 2
 
-    def _bound(self, low_s: float, high_s: float, now_s: float, source: str) -> None:
+    def _bound(self, asked_s: float, boot_s: float, now_s: float, source: str) -> None:
         self._relax(now_s)
-        if self._contradicts(low_s, high_s):
+        low_s, high_s = asked_s - boot_s, now_s - boot_s
+        if self._contradicts(low_s, high_s) or boot_s < self._newest_boot_s - _BACK_S:
             self._strikes[source] += 1
             if self._strikes[source] >= self._patience:
+                self._newest_boot_s = boot_s
                 self._begin_anew(low_s, high_s)
             return
         self._strikes[source] = 0
+        self._newest_boot_s = max(self._newest_boot_s, boot_s)
         self._low_s, self._high_s = max(self._low_s, low_s), min(self._high_s, high_s)
         if self._low_s > self._high_s:
             self._low_s = self._high_s = (self._low_s + self._high_s) / 2
@@ -77,7 +84,7 @@ class AutopilotClock:
     def _begin_anew(self, low_s: float, high_s: float) -> None:
         """Believe the newest bounds alone."""
         jumped_s = max(low_s - self._high_s, self._low_s - high_s, high_s - self._high_s)
-        if jumped_s < _LATE_S:
+        if jumped_s < _JUMP_S:
             self._drift = _LARGEST_DRIFT
         else:
             self.restarts += 1
@@ -93,4 +100,4 @@ class AutopilotClock:
     def _contradicts(self, low_s: float, high_s: float) -> bool:
         too_early = high_s < self._low_s - _SLACK_S
         too_late = low_s > self._high_s + _SLACK_S
-        return too_early or too_late or high_s > self._high_s + _LATE_S
+        return too_early or too_late

@@ -208,3 +208,25 @@ def test_whatever_is_known_what_leaves_is_finite_and_within_speed(asked, values)
         assert math.hypot(allowed.forward_m_s, allowed.right_m_s) <= settings.max_speed_m_s + 1e-6
         assert -settings.max_climb_m_s - 1e-6 <= allowed.down_m_s
         assert allowed.down_m_s <= settings.max_descent_m_s + 1e-6
+
+
+@hypothesis_settings(max_examples=40, deadline=None)
+@given(speeds=st.lists(st.floats(-8, 8), min_size=2, max_size=30), begins=st.floats(0.5, 8))
+def test_nothing_is_left_over_from_the_engagement_before(
+    speeds: list[float], begins: float
+) -> None:
+    """Whatever went before: from a beginning on an envelope answers as a new one does."""
+    settings = EnvelopeSettings(fence_radius_m=50)
+    used, new = Envelope(settings), Envelope(settings)
+
+    def outside(speed: float) -> FlightContext:
+        place = {"north_m": 52.0, "east_m": 0.0, "height_m": 10.0}
+        return FlightContext(yaw_rad=0.0, north_m_s=speed, east_m_s=0.0, **place)
+
+    for step, speed in enumerate(speeds):
+        used.limit(VelocitySetpoint(forward_m_s=speed), 0.02 * step, outside(abs(speed)))
+    for one in (used, new):
+        one.start(VelocitySetpoint(forward_m_s=begins), 10.0)
+    for step in range(1, 150):
+        now_s, context = 10.0 + 0.02 * step, outside(begins)
+        assert used.limit(HOLD, now_s, context) == new.limit(HOLD, now_s, context)

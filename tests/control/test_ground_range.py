@@ -73,3 +73,15 @@ def test_along_a_flat_line_or_too_low_the_size_counts(away: float) -> None:
     above = 4.2 if away > 1 else 0.4
     flat = replace(estimate, log_scale=-1.5)
     assert (ranged_by_ground(flat, 2.0, above, 0.0) is flat) == (away > 1 or above < 1)
+
+
+@given(st.floats(-7.0, 7.0), st.floats(-5.0, 50.0))
+def test_a_prediction_that_has_passed_below_us_is_straight_down_and_never_behind(
+    elevation: float, height: float
+) -> None:
+    assert range_to_ground(height, elevation) > 0
+    seen = replace(standing_on_the_ground(10.0, 10.0, 1.0, 0.0, 0.0), elevation_rad=elevation)
+    ranged = ranged_by_ground(seen, 2.0, height, 0.5)
+    assert math.isfinite(ranged.log_scale)
+    if elevation <= -math.pi / 2 and height >= 1.0:
+        assert 2.0 / math.exp(ranged.log_scale) == pytest.approx(height)

@@ -129,3 +129,24 @@ def test_questions_go_at_their_rate_and_an_answer_counts_once() -> None:
 
 def test_time_zero_is_no_question() -> None:
     assert time_ns(0.0) == 1
+
+
+@pytest.mark.parametrize("answers", [True, False])
+@pytest.mark.parametrize(("longest_s", "growth"), [(1.1, 5.0), (1.3, 0.3), (3.0, 0.3)])
+def test_a_link_that_becomes_slow_makes_telemetry_old_and_never_new(
+    longest_s: float, growth: float, answers: bool
+) -> None:
+    """Packets keep their order; answers are late by as much as messages."""
+    clock, offset_s = AutopilotClock(), 500.0
+
+    def delay_s(time_s: float) -> float:
+        return 0.01 + min(max(growth * (time_s - 20.0), 0.0), longest_s)
+
+    for step in range(3000):
+        time_s = 0.02 * step
+        arrival_s = time_s + delay_s(time_s)
+        if answers and step % 10 == 0:
+            clock.exchange(time_s - 0.005, time_s - offset_s, arrival_s)
+        mapped_s = clock.to_system(time_s - offset_s, arrival_s)
+        assert mapped_s <= time_s + 0.02 + 1e-4 * time_s
+    assert clock.restarts == 0
