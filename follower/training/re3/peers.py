@@ -17,7 +17,7 @@ from follower_vision.re3_geometry import PLACES, SEARCH_PX
 
 _STRETCHES_PX = (0, -3, 3)
 """By how much each side of the crop is moved out to look for a target that has grown."""
-_SCALE_PENALTY = 0.975
+_SCALE_PENALTY = 0.99
 _SCALE_RATE = 0.59
 _GAIN = 4.0
 
