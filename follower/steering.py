@@ -121,7 +121,7 @@ class Steering:
         errors, context = self.servo.errors, FlightContext.of(vehicle, now_s)
         if errors is None:
             return context
-        range_m, elevation, trust = errors.range_m, None, None
+        range_m, elevation, trust = errors.least_range_m, None, None
         if estimate is not None:
             elevation = estimate.height_angle_rad
             range_m = self._before_the_ground(range_m, elevation, context)

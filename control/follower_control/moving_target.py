@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from follower_vision.camera import Vector
@@ -62,6 +64,16 @@ class MovingTarget:
         ahead_s = 0.0 if self._time_s is None else time_s - self._time_s
         place, velocity = self._state[:3], self._state[3:]
         return place + ahead_s * velocity, velocity
+
+    def deviation_m(self, time_s: float, direction: Vector) -> float:
+        """Return the standard deviation of its place then, along a unit vector, (3,).
+
+        Nothing being seen, it grows with the time.
+        """
+        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+        along = np.concatenate([direction, ahead_s * direction])
+        variance = float(along @ self._covariance @ along) + self._density * ahead_s**3 / 3
+        return math.sqrt(max(variance, 0.0))
 
     def rescale(self, from_m: Vector, factor: float) -> None:
         """Put it so many times as far from a place, in the same direction."""

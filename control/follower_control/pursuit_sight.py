@@ -25,6 +25,9 @@ from follower_vision.lineofsight import wrap_angle
 _LOG_TEN = math.log(10)
 _STRAIGHT_DOWN_RAD = -math.pi / 2
 
+SIZE_ERROR = 0.08
+"""By what share a range by size is usually wrong, and for seconds: measured of trackers' boxes."""
+
 ACROSS, ALONG, ALONG_GROUND = 0.005, 0.03, 0.05
 """Standard deviations of a place as shares of the distance: across the line of sight, along it by
 size, and along the ground."""
@@ -92,6 +95,7 @@ class PursuitSight:
         self._moving.reset()
         self._here_m: Vector | None = None
         self._velocity_m_s: Vector | None = None
+        self._by_ground = False
         self.target.reset()
 
     def hold_size(self, estimate: TargetEstimate) -> None:
@@ -131,12 +135,14 @@ class PursuitSight:
         if there is None or (newest_s is not None and seen_s <= newest_s):
             return
         above_m = float(here[2] - there[2])
-        seen, by_ground = self._ranged(seen_again(estimate), position, above_m)
+        seen, self._by_ground = self._ranged(seen_again(estimate), position, above_m)
         self.hold_size(seen)
         range_m, direction = self.range_m(seen), seen.direction
         level = np.array([*direction[:2], 0.0]) / max(math.hypot(*direction[:2]), 1e-6)
-        along = ALONG_GROUND if by_ground else ALONG
-        noise = place_noise(level if by_ground else direction, along * range_m, ACROSS * range_m)
+        along = ALONG_GROUND if self._by_ground else ALONG
+        noise = place_noise(
+            level if self._by_ground else direction, along * range_m, ACROSS * range_m
+        )
         self._moving.observe(there + range_m * direction, noise, seen_s)
 
     def _ranged(
@@ -174,7 +180,18 @@ class PursuitSight:
             log_range=math.log(range_m / self._reference.distance_m),
             range_m=range_m,
             target_speed_m_s=_speed_away(velocity, estimate),
+            range_deviation_m=self._range_deviation_m(estimate, range_m),
         )
+
+    def _range_deviation_m(self, estimate: TargetEstimate, range_m: float) -> float:
+        """Return by how much the range is usually wrong.
+
+        The filter takes errors for white, so that it says too little about those of a size.
+        """
+        own = 0.0 if self._by_ground else SIZE_ERROR * range_m
+        if self._velocity_m_s is None:
+            return own
+        return math.hypot(own, self._moving.deviation_m(estimate.time_s, estimate.direction))
 
     def range_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""

@@ -15,6 +15,7 @@ class ServoErrors:
         log_range: logarithm of the range over the wanted range; too far is positive.
         range_m: distance to the target, as good as `target_size_m` is.
         target_speed_m_s: the target's own speed away from us; 0 without telemetry.
+        range_deviation_m: standard deviation of `range_m`.
     """
 
     azimuth_rad: float
@@ -22,3 +23,9 @@ class ServoErrors:
     log_range: float
     range_m: float
     target_speed_m_s: float
+    range_deviation_m: float = 0.0
+
+    @property
+    def least_range_m(self) -> float:
+        """The distance, taken to be a standard deviation less: what it is safe to count on."""
+        return max(self.range_m - self.range_deviation_m, 0.0)

@@ -1,7 +1,11 @@
 """The target as a place in the world, and the way that we went ourselves."""
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from follower_control.moving_target import MovingTarget, place_noise
 from follower_control.own_path import OwnPath
@@ -57,6 +61,32 @@ def test_a_target_twice_as_large_is_twice_as_far_away() -> None:
     still.observe(before, NOISE, 12.0)
     still.rescale(here, 2.0)
     assert still.at(12.0)[0] == pytest.approx(here + 2 * (before - here))
+
+
+def test_how_well_it_is_known_is_told_along_a_direction_and_falls_while_unseen() -> None:
+    north, east = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    target = followed()
+    seen_s = target.time_s
+    assert seen_s is not None
+    assert target.deviation_m(seen_s, east) < 0.1 < target.deviation_m(seen_s, north) < 2.0
+    unseen = [target.deviation_m(seen_s + i, north) for i in range(5)]
+    assert unseen == sorted(unseen)
+    # White acceleration alone: q t³ / 3, q = 1.5².
+    assert unseen[4] > math.sqrt(1.5**2 * 4**3 / 3)
+
+
+@given(
+    ahead_s=st.floats(-5, 20),
+    heading=st.floats(-math.pi, math.pi),
+)
+def test_how_well_it_is_known_is_finite_and_the_same_both_ways(ahead_s, heading) -> None:
+    direction = np.array([math.cos(heading), math.sin(heading), 0.0])
+    target = followed(0.2)
+    deviation = target.deviation_m((target.time_s or 0.0) + ahead_s, direction)
+    assert 0 <= deviation < math.inf
+    assert deviation == pytest.approx(
+        target.deviation_m((target.time_s or 0.0) + ahead_s, -direction)
+    )
 
 
 def told(now_s: float, north_m_s: float, north_m: float = 0.0) -> LocalPosition:
