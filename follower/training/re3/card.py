@@ -6,6 +6,15 @@ from follower.training.re3.config import Re3Config
 from follower.training.re3.export import Exported
 from follower.training.re3.network import Re3Network
 
+_WHAT = {
+    "re3": (
+        "A motion tracker: a small Re3 (Gordon, Farhadi, Fox, RA-L 2018), with departures that\n"
+        "docs/training.md lists."
+    ),
+    "goturn": "A motion tracker to compare Re3 with: the frame before is all it knows of its target.",
+    "siamfc": "A motion tracker to compare Re3 with: the first frame is all it knows of its target.",
+}
+
 
 def model_card(
     config: Re3Config, exported: Exported, network: Re3Network, steps: int, overlap: float
@@ -25,8 +34,7 @@ def model_card(
         [
             f"# {config.name}",
             "",
-            "A motion tracker: a small Re3 (Gordon, Farhadi, Fox, RA-L 2018), with departures that",
-            "docs/training.md lists.",
+            _WHAT[training.network.kind],
             "",
             "| | |",
             "|---|---|",
