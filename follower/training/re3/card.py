@@ -11,8 +11,8 @@ _WHAT = {
         "A motion tracker: a small Re3 (Gordon, Farhadi, Fox, RA-L 2018), with departures that\n"
         "docs/training.md lists."
     ),
-    "goturn": "A motion tracker to compare Re3 with: the frame before is all it knows of its target.",
-    "siamfc": "A motion tracker to compare Re3 with: the first frame is all it knows of its target.",
+    "goturn": "A motion tracker to compare Re3 with: it knows the frame before alone.",
+    "siamfc": "A motion tracker to compare Re3 with: it knows the first frame alone.",
 }
 
 
