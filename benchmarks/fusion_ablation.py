@@ -1,24 +1,30 @@
 """What each part of Fusion is worth: success and precision on real sequences.
 
     python benchmarks/fusion_ablation.py [DATA] [--only NAME,NAME] [--starts 3] [--variants all]
+        [--late SECONDS]
 
 DATA holds `sequences` and `weights`. Variants: "fusion", "paper", or an improvement's name, which
 is then switched off; "all" is everything. The first start is the true box, the others are jittered
-(place by 4 % of the side, size by 4 %, one sigma, seeds 1001, 1002 ...).
+(place by 4 % of the side, size by 4 %, one sigma, seeds 1001, 1002 ...). With `--late`, detection
+is in the background, beside a camera of 30 frames a second, and each answer comes so many seconds
+late, in simulated time.
 """
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
+from late_detection import LateDetection
 
 from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.frame import Frame
-from follower_vision.fusion import FusionSettings, FusionTracker
+from follower_vision.fusion import FusionSettings, FusionTracker, InlineDetection
 from follower_vision.fusion.settings import IMPROVEMENTS
 from follower_vision.trackers import make_tracker
 
@@ -35,10 +41,13 @@ def main() -> None:
     detector = OnnxDetector(weights / options.detector)
     print(f"{'variant':20} success (least-most of the starts)  precision  tracking at IoU 0")
     for variant in _variants(options.variants):
-        tracker = FusionTracker(motion, detector, _settings(variant))
+        clock = SimulatedClock()
+        late = partial(LateDetection, clock=clock, late_s=options.late or 0.0)
+        mode = InlineDetection if options.late is None else late
+        tracker = FusionTracker(motion, detector, _settings(variant), mode)
         scores = np.array(
             [
-                [_score(tracker, folder, start) for folder in _folders(options)]
+                [_score(tracker, clock, folder, start) for folder in _folders(options)]
                 for start in range(options.starts)
             ]
         ).mean(axis=1)
@@ -58,6 +67,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--variants", default="fusion")
     parser.add_argument("--tracker", default="nanotrack-v3")
     parser.add_argument("--detector", default="yolox_nano_bi.onnx")
+    parser.add_argument("--late", type=float, help="seconds until a detection's answer comes")
     return parser.parse_args()
 
 
@@ -77,14 +87,17 @@ def _folders(options: argparse.Namespace) -> list[Path]:
     return [folder for folder in folders if any(part in folder.name for part in wanted)]
 
 
-def _score(tracker: FusionTracker, folder: Path, start: int) -> tuple[float, float, float]:
+def _score(
+    tracker: FusionTracker, clock: SimulatedClock, folder: Path, start: int
+) -> tuple[float, float, float]:
     """Success, precision, and the share of frames called TRACKING without any overlap."""
     lines = (folder / "groundtruth.txt").read_text().split()
     truth = [[float(value) for value in line.split(",")] for line in lines]
     paths = sorted((folder / "img").iterdir())[: len(truth)]
     tracker.start(_frame(paths[0], 0), _jittered(Box.from_xywh(*truth[0]), start))
-    rows = []
+    rows, began_s = [], clock.now()
     for number, path in enumerate(paths[1:], 1):
+        clock.sleep_until(began_s + number / RATE_HZ)
         track = tracker.step(_frame(path, number))
         if truth[number][2] > 0 and truth[number][3] > 0:
             box = Box.from_xywh(*truth[number])

@@ -90,3 +90,28 @@ def test_a_meeting_is_forgotten_when_it_lasts() -> None:
     _approach(rivals, 10, speed=2.0)
     _together(rivals, 40, 300.0)
     assert not rivals.merged
+
+
+def test_a_look_alike_that_hides_the_target_is_not_gone_with() -> None:
+    rivals = Rivals()
+    for _ in range(10):
+        target = _place(300.0)
+        rivals.advance(STEP_S)
+        assert rivals.settle(target.box, target, [target, _place(420.0)]) is target
+    assert [box.cx for box in rivals.standing] == [420.0]
+    jumped, expected = _place(420.0), _place(300.0).box
+    rivals.advance(STEP_S)
+    hidden = rivals.settle(expected, jumped, [jumped])
+    assert hidden.box == expected
+    assert hidden.confidence == 0.0
+    assert rivals.standing == [jumped.box]
+
+
+def test_who_is_who_is_not_decided_before_they_have_parted() -> None:
+    rivals = Rivals()
+    _approach(rivals, 10, speed=8.0)
+    _together(rivals, 5, 300.0)
+    assert rivals.merged
+    rivals.advance(STEP_S)
+    both, part = _place(300.0), _place(280.0, confidence=0.6)
+    assert rivals.settle(both.box, both, [both, part]) is both

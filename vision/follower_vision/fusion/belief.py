@@ -12,6 +12,7 @@ from follower_vision.fusion.forecasts import CALM_SIZES, Forecasts
 from follower_vision.fusion.history import History, Moment
 from follower_vision.fusion.kinematics import Kinematics
 from follower_vision.fusion.rivals import Rivals
+from follower_vision.fusion.strangers import Strangers
 from follower_vision.fusion.warp import Warp
 from follower_vision.fusion.witness import Witness
 from follower_vision.track import Track, TrackState
@@ -56,6 +57,7 @@ class Belief:
         kinematics: where the target goes.
         taken: where the other targets are that are followed as well.
         rivals: look-alikes in the motion tracker's window.
+        strangers: where they stood.
         witness: what the detector says of the motion tracker's places.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
@@ -72,6 +74,7 @@ class Belief:
         self.kinematics = Kinematics(box)
         self.taken: Sequence[Box] = ()
         self.rivals = Rivals()
+        self.strangers = Strangers()
         self.witness = Witness()
         self._forecasts = Forecasts(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
@@ -82,6 +85,10 @@ class Belief:
     def is_free(self, box: Box) -> bool:
         """Whether a box is no other target's."""
         return all(box.iou(other) < SAME_IOU for other in self.taken)
+
+    def is_strange(self, box: Box, expected: Box) -> bool:
+        """Whether a box is rather a look-alike's that was seen beside the target."""
+        return self.strangers.refuse(box, expected, self.unseen_s, self.history)
 
     @property
     def now(self) -> Moment:

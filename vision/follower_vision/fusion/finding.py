@@ -20,6 +20,9 @@ _ALIKE = 0.68
 _ALIKE_IF_STRANGE = 0.5
 _FAR = 0.25
 _SIZE_WEIGHT = 0.3
+_SURELY_ALIKE = 0.85
+_MARGIN = 0.1
+_SAME_PLACE_IOU = 0.3
 
 
 class Finding:
@@ -73,6 +76,8 @@ class Finding:
         growth = self._settings.search_growth_s * belief.unseen_s
         reach_px = expected.scale * (_UNFAMILIAR_REACH_SIZES + growth)
         boxes = self._looks.proposals(frame.image, expected, reach_px)
+        if self._settings.distractor_memory:
+            boxes = [box for box in boxes if not belief.is_strange(box, expected)]
         scored = [(self._looks.score(frame.image, box), box) for box in boxes]
         found = self._recognised(frame.image, belief, scored, belief.now)
         if found is None:
@@ -87,7 +92,7 @@ class Finding:
 
         The further away and the more different in size, the better it has to look.
         """
-        best: tuple[float, Box, float] | None = None
+        fits: list[tuple[float, Box, float]] = []
         for score, box in scored:
             strange = self._strangeness(belief, moment, box)
             lenience = self._looks.kinship(image, box) if belief.familiar else 0.0
@@ -95,9 +100,20 @@ class Finding:
             if self._looks.relative(score) < least:
                 continue
             value = score - strange + lenience
-            if value >= self._looks.epsilon and (best is None or value > best[0]):
-                best = value, box, score
-        return None if best is None else best[1:]
+            if value >= self._looks.epsilon:
+                fits.append((value, box, score))
+        best = max(fits, key=lambda one: one[0], default=None)
+        return None if best is None or self._ambiguous(best, fits) else best[1:]
+
+    def _ambiguous(
+        self, best: tuple[float, Box, float], fits: Sequence[tuple[float, Box, float]]
+    ) -> bool:
+        """Whether the best looks not quite like the target, and another one about as much."""
+        value, box, score = best
+        if not self._settings.distractor_memory or self._looks.relative(score) >= _SURELY_ALIKE:
+            return False
+        others = [one for one in fits if one[1].iou(box) < _SAME_PLACE_IOU]
+        return any(one[0] > value - _MARGIN for one in others)
 
     def _strangeness(self, belief: Belief, moment: Moment, box: Box) -> float:
         settings = self._settings

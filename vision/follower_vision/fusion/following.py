@@ -118,7 +118,8 @@ class Following:
         settings = self._settings
         unsure = settings.score_coasting and evidence.relative < settings.low_ratio
         denied = belief.witness.denies and evidence.looks < _USUAL_LOOKS
-        if not unsure and not denied and not self._judge.unlike(evidence):
+        odd = self._judge.unlike(evidence) or self._exchanged(belief, evidence, expected)
+        if not unsure and not denied and not odd:
             self._see(frame, belief, evidence, interval_s)
             return
         self._low += 1
@@ -135,6 +136,17 @@ class Following:
             self._doubted_s = self._steady_s = 0.0
             self._rival_frames = self._doubts = 0
             self.coast(frame, belief, belief.box, "doubtful")
+
+    def _exchanged(self, belief: Belief, evidence: Evidence, expected: Box) -> bool:
+        """Whether a tracker that hesitated or jumped may have come back to another thing."""
+        if not self._low or not self._broken:
+            return False
+        return not self._judge.alike(evidence) or self._strange(belief, evidence, expected)
+
+    def _strange(self, belief: Belief, evidence: Evidence, expected: Box) -> bool:
+        """Whether the box is rather that of a look-alike which stood beside the target."""
+        known = self._settings.distractor_memory and evidence.relative >= self._settings.low_ratio
+        return known and belief.is_strange(evidence.box, expected)
 
     def _may_doubt(self, belief: Belief, evidence: Evidence, interval_s: float) -> bool:
         """Whether a box in doubt is still worth following."""
@@ -194,7 +206,8 @@ class Following:
         steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
         alike = self._recognised(belief, evidence) or self._insistent(belief)
-        known = belief.is_free(evidence.box) and alike
+        strange = self._strange(belief, evidence, expected)
+        known = belief.is_free(evidence.box) and alike and not strange
         if self._settings.score_coasting and sure and near and known:
             self._see(frame, belief, evidence, interval_s)
         else:

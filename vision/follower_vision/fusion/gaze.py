@@ -97,9 +97,11 @@ class Gaze:
             return estimate
         others = self._rivalled.candidates(LEAST_SHARE * estimate.confidence)
         settled = belief.rivals.settle(expected, estimate, others)
+        belief.strangers.meet(belief.rivals.standing, belief.history)
         if settled is not estimate:
             self._steerable.move_to(settled.box)
-            belief.kinematics.restart(settled.box)
+            if settled.confidence > 0:
+                belief.kinematics.restart(settled.box)
         return settled
 
     def probe(self, frame: Frame, expected: Box) -> MotionEstimate | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ LEAST_SHARE = 0.5
 _LEAST_SHARE_NEW = 0.8
 _MOST_COMMON = 0.55
 _MOST_SIZE_RATIO = 1.4
+_HITS_TO_JUMP = 3
 _HITS_TO_KNOW = 3
 _HITS_TO_COUNT = 5
 _HITS_KEPT = 15
@@ -75,6 +77,12 @@ class Rivals:
     def __init__(self) -> None:
         self._known: list[_Rival] = []
         self._now_s = 0.0
+        self._standing: list[Box] = []
+
+    @property
+    def standing(self) -> Sequence[Box]:
+        """The established look-alikes that stand beside the target in the present frame."""
+        return self._standing
 
     @property
     def merged(self) -> bool:
@@ -91,23 +99,35 @@ class Rivals:
     ) -> MotionEstimate:
         """Return the place that is the target.
 
+        If the tracker has gone over to a look-alike and nothing is left where the target should be,
+        that is hidden: the place expected is returned, with no confidence.
+
         Args:
             expected: where the target should be.
             estimate: what the motion tracker takes for it.
             candidates: every place like it that the tracker saw.
         """
         places = [estimate, *_others(estimate, candidates)]
-        away = [one.expected(self._now_s) for one in self._known if one.merged]
+        away = self._parted(estimate)
         fits = [self._fit(place, places, away) for place in places]
         fits[0] += _STAY
         target = places[fits.index(max(fits))]
         if target is estimate and self._jumped(expected, estimate):
             target = _nearest(expected, places)
+            if target is estimate:
+                self._standing = [estimate.box]
+                return replace(estimate, box=expected, confidence=0.0)
         if target is not estimate:
             self._known = []
         self._share_out(target, [place for place in places if place is not target])
         self._notice_merging(target.box)
         return target
+
+    def _parted(self, target: MotionEstimate) -> list[tuple[float, float]]:
+        """Where those should be that came together with the target and should be clear of it."""
+        reach_px = _REACH_SIDES * min(target.box.width, target.box.height)
+        away = [one.expected(self._now_s) for one in self._known if one.merged]
+        return [one for one in away if _likeness(one, (0.0, 0.0), reach_px) < _LEAST_FIT]
 
     def _fit(
         self,
@@ -129,12 +149,13 @@ class Rivals:
         here = _beside(expected, estimate.box)
         if _likeness(here, (0.0, 0.0), reach_px) >= _LEAST_FIT:
             return False
-        known = [one.expected(self._now_s) for one in self._known if one.hits >= _HITS_TO_KNOW]
+        known = [one.expected(self._now_s) for one in self._known if one.hits >= _HITS_TO_JUMP]
         return any(_likeness(here, one, reach_px) >= _LEAST_FIT for one in known)
 
     def _share_out(self, target: MotionEstimate, places: list[MotionEstimate]) -> None:
         """Give each look-alike its place; what is left and very likely is new."""
         reach_px = _REACH_SIDES * min(target.box.width, target.box.height)
+        self._standing = []
         for one in sorted(self._known, key=lambda rival: -rival.hits):
             expected = one.expected(self._now_s)
             beside = [_beside(target.box, place.box) for place in places]
@@ -142,7 +163,9 @@ class Rivals:
             if fits and max(fits) >= _LEAST_FIT:
                 best = fits.index(max(fits))
                 one.see(self._now_s, beside[best])
-                places.pop(best)
+                place = places.pop(best)
+                if one.hits >= _HITS_TO_KNOW:
+                    self._standing.append(place.box)
         least = _LEAST_SHARE_NEW * target.confidence
         self._known += [
             _Rival(self._now_s, _beside(target.box, place.box))
