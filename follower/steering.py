@@ -130,7 +130,7 @@ class Steering:
             context,
             target_range_m=range_m,
             target_bearing_rad=errors.azimuth_rad,
-            target_speed_m_s=errors.target_speed_m_s,
+            target_speed_m_s=errors.sure_speed_m_s,
             target_elevation_rad=elevation,
             trust=trust,
         )

@@ -272,7 +272,9 @@ class Envelope:
         if known is None:
             return 0.0
         (target_speed,) = context.known("target_speed_m_s") or (0.0,)
-        moves_on = min(max(target_speed, 0.0), HUGE) ** 2 / (2 * self._settings.braking_m_s2)
+        # However fast it is: more than our own speed is not needed, and might not be true.
+        moves_on = _clip(max(target_speed, 0.0), self._settings.max_speed_m_s) ** 2
+        moves_on /= 2 * self._settings.braking_m_s2
         return self._braking_speed(known[0] + moves_on - nearest)
 
     def _wanted_down(self, wanted: float, context: FlightContext, closing: float | None) -> float:

@@ -12,6 +12,9 @@ _START_SPEED_M_S = 3.0
 _FAR_OFF = 25.0
 """A place with a larger squared Mahalanobis distance from the prediction is a new beginning."""
 
+_WRONG_VELOCITY = 3
+"""After so many such places in a row the velocity is not believed any more."""
+
 
 class MovingTarget:
     """A Kalman filter on the target's place (north, east, down), for one that moves steadily.
@@ -35,6 +38,7 @@ class MovingTarget:
     def reset(self) -> None:
         """Forget the target."""
         self._time_s: float | None = None
+        self._misses = 0
         self._state = np.zeros(6)
         self._covariance = np.zeros((6, 6))
 
@@ -85,6 +89,19 @@ class MovingTarget:
         self._covariance[:3, :3] = noise_m2
         self._covariance[3:, 3:] = _START_SPEED_M_S**2 * np.eye(3)
 
+    def _miss(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
+        """Begin anew with the velocity that was known; if that is wrong, with two places' own.
+
+        A single place that is far off is two misses: there and back.
+        """
+        self._misses += 1
+        if self._misses < _WRONG_VELOCITY:
+            self._begin(place_m, noise_m2, self._state[3:])
+            return
+        self._begin(place_m, noise_m2, (place_m - self._state[:3]) / elapsed_s)
+        self._covariance[:3, 3:] = self._covariance[3:, :3] = noise_m2 / elapsed_s
+        self._covariance[3:, 3:] += 2 * noise_m2 / elapsed_s**2
+
     def _fuse(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
         move = np.eye(6)
         move[0, 3] = move[1, 4] = move[2, 5] = elapsed_s
@@ -93,8 +110,9 @@ class MovingTarget:
         off = place_m - state[:3]
         inverse = np.linalg.inv(covariance[:3, :3] + noise_m2)
         if off @ inverse @ off > _FAR_OFF:
-            self._begin(place_m, noise_m2, self._state[3:])
+            self._miss(place_m, noise_m2, elapsed_s)
             return
+        self._misses = 0
         gain = covariance[:, :3] @ inverse
         left = covariance - gain @ covariance[:3]
         self._state, self._covariance = state + gain @ off, (left + left.T) / 2

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from follower_control.estimate import TargetEstimate
 from follower_control.ground_range import ranged_by_ground
+from follower_control.known_size import KnownSize
 from follower_control.moved_estimate import seen_again, seen_from
 from follower_control.moving_target import MovingTarget, place_noise
 from follower_control.own_path import OwnPath
@@ -33,6 +35,11 @@ ACROSS, ALONG, ALONG_GROUND = 0.005, 0.03, 0.05
 size, and along the ground."""
 
 
+_LARGER = 1.25
+"""So much larger a target may look than it is; if more, the ground is not level, and the target
+nearer than it says."""
+
+
 class PursuitSight:
     """Compares estimates with what is wanted, and keeps the target's size and motion.
 
@@ -54,14 +61,17 @@ class PursuitSight:
         self.target = TargetMotion(settings.course_filter_s)
         self._own = OwnPath()
         self._moving = MovingTarget(settings.target_acceleration_m_s2)
+        self._known = KnownSize()
         self.start()
 
     def start(self) -> None:
         """Begin a pursuit; without a `target_size_m`, the size that `hold_size` sees will count."""
         s = self._settings
         self._wanted_log_scale: float | None = None
+        self._known.reset()
         if s.target_size_m is not None:
             self._wanted_log_scale = math.log(s.target_size_m / s.distance_m)
+            self._known.set(s.target_size_m)
         self.target.start()
         self._forget()
 
@@ -69,12 +79,16 @@ class PursuitSight:
         """Go on by other settings; a size that is held stays as far away as it was."""
         size_m, before = self._size_m, self._settings
         self._settings = settings
+        by_size = settings.range_from is RangeFrom.SIZE
         if settings.target_size_m is not None:
             self._wanted_log_scale = math.log(settings.target_size_m / settings.distance_m)
+            self._known.set(settings.target_size_m)
+        elif by_size and before.range_from is RangeFrom.GROUND and self._known.log_m is not None:
+            self._wanted_log_scale = self._known.log_m - math.log(settings.distance_m)
         elif self._wanted_log_scale is not None:
             self._wanted_log_scale += math.log(before.distance_m / settings.distance_m)
-        if size_m is not None and self._size_m is not None:
-            self._rescale(self._size_m / size_m)
+        if by_size and before.range_from is RangeFrom.SIZE:
+            self._rescale(size_m)
         self._moving.change(settings.target_acceleration_m_s2)
         self.target.change(settings.course_filter_s)
 
@@ -85,17 +99,17 @@ class PursuitSight:
             return None
         return self._settings.distance_m * math.exp(self._wanted_log_scale)
 
-    def _rescale(self, factor: float) -> None:
-        """Put a target that is so many times as large so many times as far away."""
-        if self._here_m is not None and self._settings.range_from is RangeFrom.SIZE:
-            self._moving.rescale(self._here_m, factor)
+    def _rescale(self, size_m: float | None) -> None:
+        """Put a target that was taken to have another size so many times as far away."""
+        if self._here_m is not None and size_m is not None and self._size_m is not None:
+            self._moving.rescale(self._here_m, self._size_m / size_m)
 
     def _forget(self) -> None:
         """Forget where the target is and how it moves."""
         self._moving.reset()
         self._here_m: Vector | None = None
         self._velocity_m_s: Vector | None = None
-        self._by_ground = False
+        self._by_ground, self._nearer = False, 1.0
         self.target.reset()
 
     def hold_size(self, estimate: TargetEstimate) -> None:
@@ -135,15 +149,22 @@ class PursuitSight:
         if there is None or (newest_s is not None and seen_s <= newest_s):
             return
         above_m = float(here[2] - there[2])
-        seen, self._by_ground = self._ranged(seen_again(estimate), position, above_m)
+        raw = seen_again(estimate)
+        seen, self._by_ground = self._ranged(raw, position, above_m)
         self.hold_size(seen)
-        range_m, direction = self.range_m(seen), seen.direction
+        range_m, direction = self._unbounded_m(seen), seen.direction
+        self._nearer = self._compared(range_m, raw.log_scale) if self._by_ground else 1.0
         level = np.array([*direction[:2], 0.0]) / max(math.hypot(*direction[:2]), 1e-6)
         along = ALONG_GROUND if self._by_ground else ALONG
         noise = place_noise(
             level if self._by_ground else direction, along * range_m, ACROSS * range_m
         )
         self._moving.observe(there + range_m * direction, noise, seen_s)
+
+    def _compared(self, range_m: float, log_scale: float) -> float:
+        """Return what share of a range by the ground is safe to count on, by the target's size."""
+        self._known.learn(range_m, log_scale)
+        return min(_LARGER * self._known.range_m(log_scale) / range_m, 1.0)
 
     def _ranged(
         self, estimate: TargetEstimate, position: LocalPosition, higher_m: float
@@ -161,7 +182,14 @@ class PursuitSight:
         self._wanted_log_scale = math.log(size_m / self._settings.distance_m)
         above_m = position.height_m + higher_m - self._settings.target_middle_m
         ranged = ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
-        return ranged, ranged is not estimate
+        if ranged is not estimate:
+            return ranged, True
+        if self._settings.target_size_m is not None:
+            return estimate, False
+        # The ground says nothing: the size counts that fitted when it did.
+        self._known.assume(self._settings.distance_m, estimate.log_scale)
+        log_range = math.log(self._known.range_m(estimate.log_scale))
+        return replace(estimate, log_scale=math.log(size_m) - log_range), False
 
     def errors(
         self, estimate: TargetEstimate, yaw: float, mode: Mode, interval_s: float
@@ -181,6 +209,7 @@ class PursuitSight:
             range_m=range_m,
             target_speed_m_s=_speed_away(velocity, estimate),
             range_deviation_m=self._range_deviation_m(estimate, range_m),
+            is_level=self._nearer == 1.0,
         )
 
     def _range_deviation_m(self, estimate: TargetEstimate, range_m: float) -> float:
@@ -189,14 +218,24 @@ class PursuitSight:
         The filter takes errors for white, so that it says too little about those of a size.
         """
         own = 0.0 if self._by_ground else SIZE_ERROR * range_m
+        too_far = range_m - min(self._nearer * range_m, self._unbounded_m(estimate))
         if self._velocity_m_s is None:
-            return own
-        return math.hypot(own, self._moving.deviation_m(estimate.time_s, estimate.direction))
+            return own + too_far
+        moving = self._moving.deviation_m(estimate.time_s, estimate.direction)
+        return math.hypot(own, moving) + too_far
 
     def range_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""
+        return self._settings.distance_m * math.exp(_clip(self._log_range(estimate), _LOG_TEN))
+
+    def _unbounded_m(self, estimate: TargetEstimate) -> float:
+        """Return the distance to the target, however near: the keep-out has to know."""
+        return self._settings.distance_m * math.exp(min(self._log_range(estimate), _LOG_TEN))
+
+    def _log_range(self, estimate: TargetEstimate) -> float:
+        """Return the logarithm of the distance over the wanted one."""
         wanted = estimate.log_scale if self._wanted_log_scale is None else self._wanted_log_scale
-        return self._settings.distance_m * math.exp(_clip(wanted - estimate.log_scale, _LOG_TEN))
+        return wanted - estimate.log_scale
 
 
 def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:

@@ -125,3 +125,28 @@ def test_a_gap_begins_another_path() -> None:
     assert not again.any()
     path.clear()
     assert path.at(2.0) is None
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30])
+@pytest.mark.parametrize("speed", [15.0, 20.0])
+def test_a_velocity_that_is_wrong_is_given_up(rate_hz: int, speed: float) -> None:
+    """Passing close by: seen first at full speed; and left for a standing one beside it."""
+    noise = place_noise(np.array([1.0, 0.0, 0.0]), 0.36, 0.06)
+    target = MovingTarget(1.5)
+    for number in range(rate_hz):
+        target.observe(np.array([12.0, speed * number / rate_hz, 0.0]), noise, number / rate_hz)
+    assert target.at(1.0)[1][1] == pytest.approx(speed, rel=0.1)
+    there = np.array([12.0, speed + 6.0, 0.0])
+    for number in range(rate_hz, 2 * rate_hz + 1):
+        target.observe(there, noise, number / rate_hz)
+    assert abs(target.at(2.0)[1][1]) < 1.0
+
+
+def test_a_single_place_that_is_far_off_leaves_the_velocity() -> None:
+    noise = place_noise(np.array([1.0, 0.0, 0.0]), 0.36, 0.06)
+    target = MovingTarget(1.5)
+    for number in range(90):
+        off_m = 8.0 if number == 60 else 0.0
+        target.observe(np.array([12.0, 0.1 * number + off_m, 0.0]), noise, number / 30)
+        if number > 30:
+            assert target.at(number / 30)[1][1] == pytest.approx(3.0, abs=1.0)

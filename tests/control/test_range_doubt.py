@@ -98,3 +98,22 @@ def test_a_target_that_brakes_is_not_run_into_by_one_that_wants_to(
         gap_m += (target_m_s - late.popleft()) * dt
         nearest_m = min(nearest_m, gap_m)
     assert nearest_m > KEEP_OUT
+
+
+def test_where_the_ground_says_nothing_the_size_that_fitted_before_counts() -> None:
+    """The line of sight becomes too flat; nobody told the size, and no stand-in takes its place."""
+    servo = VisualServo(ServoSettings(range_from=RangeFrom.GROUND, distance_m=12.0))
+    servo.start()
+    for i in range(200):
+        now_s, elevation = i * DT, -30.0 if i < 100 else -4.0
+        seen = TargetEstimate(
+            now_s, 0.0, math.radians(elevation), math.log(0.9 / 6.0), 0, 0, 0,
+            np.eye(6) * 1e-4, now_s, SightFrame.WORLD,
+        )  # fmt: skip
+        vehicle = VehicleState(
+            attitude=Attitude(0, 0, 0, 0, 0, 0, now_s),
+            position=LocalPosition(0, 0, -3.0, 0, 0, 0, now_s),
+        )
+        servo.update(seen, vehicle, HOLD)
+        assert servo.errors is not None
+        assert servo.errors.range_m == pytest.approx(6.0, rel=0.1)
