@@ -74,7 +74,7 @@ def test_the_least_range_is_not_negative() -> None:
 @given(
     speed=st.floats(0.0, 8.0),
     seems=st.floats(1 - SIZE_ERROR, 1 + SIZE_ERROR),
-    delay_s=st.floats(0.0, 0.8),
+    delay_s=st.floats(0.0, 0.5),
     braking=st.floats(0.5, 2.0),
 )
 def test_a_target_that_brakes_is_not_run_into_by_one_that_wants_to(
