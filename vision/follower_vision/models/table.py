@@ -48,7 +48,7 @@ MODELS: tuple[Model, ...] = (
             ModelFile(
                 "follower-re3.onnx",
                 2657773,
-                "9408461e5ea3e2ef9810d7b37b73d12b55c373f8b60ef1fc5fb2c5c17d48c599",
+                "70423c56ab3df8261c77df039cc011f5743a6b30febb331d1b85f73acdf51246",
             ),
         ),
     ),
