@@ -123,6 +123,18 @@ class Re3Network(nn.Module):
         zeros = self.places.new_zeros(2, count, self.settings.hidden)
         return Re3State(zeros, zeros)
 
+    def recurrence(self) -> tuple[nn.Module, ...]:
+        """Return what feeds the LSTM layers, these, and what reads them."""
+        readers = self.prior, self.refine, self.recalled
+        return self.summary, self.squeeze, self.levelled, self.first, self.second, *readers
+
+    def begin_recurrence(self) -> None:
+        """Give the LSTM layers new weights, and their readers none: they have no say at first."""
+        for part in (self.levelled, self.first, self.second):
+            part.reset_parameters()
+        for reader in (self.prior, self.refine, self.recalled):
+            nn.init.zeros_(reader.weight)
+
     def memory(self, template: Tensor) -> Tensor:
         """Return features (N, C, 8, 8) of template crops (N, 3, 64, 64), 0 to 255."""
         return functional.normalize(self.trunk(centred(template)), dim=1)

@@ -21,6 +21,7 @@ class Stage:
         rate: learning rate, after a warm-up and before the last part's fall.
         own_boxes: share of the sequences that go on from the network's own boxes.
         trunk: whether the convolutions of the crops learn.
+        recurrence_anew: the LSTM layers begin anew, without a say at first, and learn alone.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -31,12 +32,15 @@ class Stage:
     rate: float = 1e-3
     own_boxes: float = 0.0
     trunk: bool = True
+    recurrence_anew: bool = False
 
     def __post_init__(self) -> None:
         if min(self.steps, self.batch, self.unroll) < 1:
             raise ValueError("a stage needs at least one step, one target and one frame")
         if self.rate <= 0.0 or not 0.0 <= self.own_boxes <= 1.0:
             raise ValueError("a stage's rate must be positive, and own_boxes from 0 to 1")
+        if self.recurrence_anew and self.unroll == 1:
+            raise ValueError("recurrence is learnt from runs: unroll must be 2 or more")
 
 
 @dataclass(frozen=True, slots=True)

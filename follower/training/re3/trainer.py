@@ -90,6 +90,8 @@ class Re3Trainer:
         rate = stage.rate * _rate_factor(share, stage.steps)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
+        if stage.recurrence_anew and share == 0.0:
+            self._begin_recurrence_anew()
         self._set_mode(stage)
         self._optimiser.zero_grad(set_to_none=True)
         loss = self._pairs(stage) if stage.unroll == 1 else self._sequences(stage)
@@ -159,8 +161,22 @@ class Re3Trainer:
     def _set_mode(self, stage: Stage) -> None:
         """Let batch statistics be learnt from independent pairs alone."""
         self.network.train(stage.unroll == 1)
-        for parameter in self.network.trunk.parameters():
-            parameter.requires_grad_(stage.trunk)
+        self.network.requires_grad_(not stage.recurrence_anew)
+        self.network.trunk.requires_grad_(stage.trunk and not stage.recurrence_anew)
+        if stage.recurrence_anew:
+            for part in self.network.recurrence():
+                part.requires_grad_(True)
+
+    @torch.no_grad()
+    def _begin_recurrence_anew(self) -> None:
+        """Wake gates that have shut for good; what the network says stays what it was."""
+        torch.manual_seed(self.settings.seed)
+        self.network.load_state_dict(self.averaged.state_dict())
+        self.network.begin_recurrence()
+        for part in self.network.recurrence():
+            for parameter in part.parameters():
+                self._optimiser.state.pop(parameter, None)
+        self.averaged.load_state_dict(self.network.state_dict())
 
     def _pairs(self, stage: Stage) -> Loss:
         rng = np.random.default_rng((self.settings.seed, self.step, 1))

@@ -136,6 +136,30 @@ def test_the_trunk_rests_where_a_stage_says_so(pictures: Pictures) -> None:
     assert (trainer.network.first.weight_hh != lstm).any()
 
 
+def test_recurrence_begins_anew_without_a_say_and_learns_alone(pictures: Pictures) -> None:
+    plan = settings(
+        Stage(steps=2, batch=2, unroll=2, rate=0.01),
+        Stage(steps=2, batch=2, unroll=2, rate=0.01, recurrence_anew=True),
+    )
+    trainer = Re3Trainer(plan, pictures)
+    trainer.train_step()
+    trainer.train_step()
+    before = {name: value.clone() for name, value in trainer.averaged.state_dict().items()}
+    trainer.network.begin_recurrence()
+    for reader in (trainer.network.prior, trainer.network.refine, trainer.network.recalled):
+        assert not reader.weight.any()
+    trainer.train_step()
+    trainer.train_step()
+    of_recurrence = {id(one) for part in trainer.network.recurrence() for one in part.parameters()}
+    learnt = dict(trainer.network.named_parameters())
+    for name, parameter in learnt.items():
+        if id(parameter) not in of_recurrence:
+            assert torch.equal(parameter, before[name]), f"{name} goes on from the averaged weights"
+    assert learnt["recalled.weight"].any()
+    with pytest.raises(ValueError, match="unroll"):
+        Stage(steps=1, recurrence_anew=True)
+
+
 def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     torch.manual_seed(2)
     network = Re3Network(SMALL)
