@@ -12,12 +12,14 @@ from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.sole import Sole
 from follower_vision.fusion.validation import Sight, Validation
 
 _REACH_SIZES = 3.0
 _UNFAMILIAR_REACH_SIZES = 4.0
 _ALIKE = 0.68
 _ALIKE_IF_STRANGE = 0.5
+_ALIKE_IF_ALONE = 0.6
 _FAR = 0.25
 _SIZE_WEIGHT = 0.3
 _SURELY_ALIKE = 0.85
@@ -36,10 +38,12 @@ class Finding:
         self._validation = validation
         self._looks = looks
         self._suspect: tuple[Moment, Box] | None = None
+        self._sole = Sole()
 
     def forget(self) -> None:
         """Begin anew with another target."""
         self._suspect = None
+        self._sole.forget()
 
     def suspect(self, belief: Belief) -> Box | None:
         """Return where the likeliest of the last look's strangers is now.
@@ -60,16 +64,33 @@ class Finding:
             self._validation.neighbours.see(known, belief.history, sight.moment, False)
         free = [box for box, taken in zip(sight.boxes, claimed, strict=True) if not taken]
         scored = [(self._looks.score(image, box), box) for box in free]
-        found = self._recognised(image, belief, scored, sight.moment)
+        scored.sort(key=lambda one: -one[0])
+        alone = self._alone(belief, sight.moment, scored)
+        recognised = self._recognised(image, belief, scored, sight.moment)
+        found = recognised or alone
         if found is None:
-            likely = max(scored, key=lambda one: one[0], default=None)
-            self._suspect = None if likely is None else (sight.moment, likely[1])
+            self._suspect = (sight.moment, scored[0][1]) if scored else None
             return False
         box, score = found
         belief.kinematics.restart(box)
         self._resume(frame, belief, belief.present(sight.moment, box), score)
         belief.confirm(sight.moment, box)
+        if recognised is None:
+            self._looks.accept(frame, belief.box)
+            belief.witness.overrule()
         return True
+
+    def _alone(
+        self, belief: Belief, moment: Moment, scored: Sequence[tuple[float, Box]]
+    ) -> tuple[Box, float] | None:
+        """Return the only candidate there is, with its score, if it looks about like the target."""
+        if not self._settings.growing_search:
+            return None
+        reach_px = belief.reference.scale * _REACH_SIZES
+        persists = self._sole.persists(scored, moment, belief.history, reach_px)
+        if not persists or self._looks.relative(scored[0][0]) < _ALIKE_IF_ALONE:
+            return None
+        return scored[0][1], scored[0][0]
 
     def unaided(self, frame: Frame, belief: Belief, expected: Box) -> bool:
         """Look for a target that no detector knows; return whether it is found."""

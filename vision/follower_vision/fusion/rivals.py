@@ -18,7 +18,6 @@ LEAST_SHARE = 0.5
 _LEAST_SHARE_NEW = 0.8
 _MOST_COMMON = 0.55
 _MOST_SIZE_RATIO = 1.4
-_HITS_TO_JUMP = 3
 _HITS_TO_KNOW = 3
 _HITS_TO_COUNT = 5
 _HITS_KEPT = 15
@@ -149,7 +148,7 @@ class Rivals:
         here = _beside(expected, estimate.box)
         if _likeness(here, (0.0, 0.0), reach_px) >= _LEAST_FIT:
             return False
-        known = [one.expected(self._now_s) for one in self._known if one.hits >= _HITS_TO_JUMP]
+        known = [one.expected(self._now_s) for one in self._known if one.hits >= _HITS_TO_KNOW]
         return any(_likeness(here, one, reach_px) >= _LEAST_FIT for one in known)
 
     def _share_out(self, target: MotionEstimate, places: list[MotionEstimate]) -> None:
