@@ -48,7 +48,7 @@ MODELS: tuple[Model, ...] = (
             ModelFile(
                 "follower-re3.onnx",
                 2657773,
-                "70423c56ab3df8261c77df039cc011f5743a6b30febb331d1b85f73acdf51246",
+                "1669be1ba1b4e5ade6c20d490f7cae30807d190a82aa9341afefda6841caf975",
             ),
         ),
     ),
