@@ -19,9 +19,10 @@ from follower_vision.lineofsight import (
 
 WIDTH, HEIGHT = 640, 480
 fields_of_view = st.floats(math.radians(20), math.radians(110))
+# Stronger barrels fold the corners over: no ray is seen there.
 mild = st.tuples(
-    st.floats(-0.2, 0.2),
-    st.floats(-0.03, 0.03),
+    st.floats(-0.1, 0.2),
+    st.floats(-0.01, 0.03),
     st.floats(-0.002, 0.002),
     st.floats(-0.002, 0.002),
     st.just(0.0),
