@@ -33,6 +33,7 @@ from follower.settings import Settings, load_settings
 from follower.simulated_flight import SimulatedFlight
 from follower.station.station import Station
 from follower.station.wire import Message
+from follower.supervisor import State
 from follower_control.transport import MemoryTransport
 from follower_sim.scenario_file import load_scenario
 from follower_sim.world import World
@@ -47,6 +48,7 @@ PATIENCE_MS = 120_000
 _STARTS_WITHIN_S = 60.0
 _LOOK_EVERY_MS = 50
 _ON_TARGET_IOU = 0.3
+_MARGIN_PX = 40
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +183,18 @@ class FlyingSimulation(Served):
         car, tracks = self.eye.car(), self.flight.log.tracks
         track = tracks[-1].track if tracks else None
         return car is not None and track is not None and car.iou(track.box) > _ON_TARGET_IOU
+
+    def car_well_in_view(self) -> Box | None:
+        """Return the car while it is no moment from leaving the picture."""
+        car = self.eye.car()
+        near_edge = (
+            car is None or min(car.left, WIDTH - car.right, HEIGHT - car.bottom) < _MARGIN_PX
+        )
+        return None if near_edge else car
+
+    def is_following_target(self) -> bool:
+        """Whether the vehicle is steered after the car."""
+        return self.flight.stage.supervisor.state is State.FOLLOWING and self.is_on_target()
 
     def wait_for(self, page: Page, condition: Callable[[], Any], what: str) -> Any:
         """Wait until something is so, and return it."""
