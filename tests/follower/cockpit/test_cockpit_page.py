@@ -163,6 +163,16 @@ def test_consent_on_the_page_ends_the_release(page: Page, simulation: Any) -> No
     page.wait_for_selector("#state:not([data-state=released])")
 
 
+@pytest.mark.xfail(
+    strict=False,
+    reason="open in issue 8: after STOP and consent it is sometimes not followed again, why is unknown",
+)
+def test_after_consent_on_the_page_it_is_followed_again(page: Page, simulation: Any) -> None:
+    if not simulation.comes_within(page, simulation.is_following_target, FOLLOWED_WITHIN_S):
+        follow(page, simulation)
+    page.wait_for_selector("#state[data-state=following]")
+
+
 def test_a_phone_watches_and_stops(
     browser: Browser, page: Page, open_page: Any, simulation: Any, picture: Any
 ) -> None:
