@@ -30,7 +30,7 @@ from follower_control.servo_settings import Mode
 from follower_control.sighter import Sighter
 from follower_control.sound_telemetry import SoundTelemetry
 from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import Attitude, VehicleState
+from follower_control.vehicle import ENTRY_S, Attitude, VehicleState
 from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
 
@@ -81,6 +81,7 @@ class ControlStage:
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
         self._sent = self._held = False
+        self._streamed_s = -math.inf
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
@@ -158,7 +159,8 @@ class ControlStage:
         situation = self._situation(now_s, estimate, vehicle)
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
-        self._sent = self._sends(state, vehicle)
+        self._sent = self._sends(state, vehicle, now_s)
+        self._streamed_s = now_s if self._sent else self._streamed_s
         limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
         chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
         self._held = self._sent and chosen
@@ -346,14 +348,16 @@ class ControlStage:
             return 0.0
         return now_s - self._seen_s
 
-    def _sends(self, state: State, vehicle: VehicleState) -> bool:
+    def _sends(self, state: State, vehicle: VehicleState, now_s: float) -> bool:
         """Whether a setpoint is to be sent.
 
         A stream that the autopilot flies by is not broken off, whatever the state: silence would
         send PX4 home. Once the pilot has another mode, nothing is sent, and ArduCopter's GUIDED is
-        somebody else's when it comes back; OFFBOARD needs a stream from whom it had one.
+        somebody else's when it comes back; OFFBOARD needs a stream from whom it had one, also when
+        the pilot took it in the moment in which that ended.
         """
         if self._hand_back.done:
             return False
-        comes_back = state is State.RELEASED and vehicle.mode == _NEEDS_STREAM
-        return state.streams or (vehicle.obeys_setpoints and (self._sent or comes_back))
+        had_ours = state is State.RELEASED or now_s - self._streamed_s < ENTRY_S
+        needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours
+        return state.streams or (vehicle.obeys_setpoints and (self._sent or needs_ours))

@@ -5,6 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+ENTRY_S = 2.5
+"""How long after our last setpoint the mode that needs them may turn out to have been taken.
+
+PX4 lets a pilot into OFFBOARD for COM_OF_LOSS_T (1 s) after a setpoint, goes into its failsafe
+0.25 s after that time without another, and tells its mode by itself once a second.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Attitude:

@@ -29,7 +29,7 @@ from follower.links.vehicle_monitor import VehicleMonitor
 from follower_control.gimbal import GimbalRates
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.transport import Transport
-from follower_control.vehicle import Attitude, VehicleState
+from follower_control.vehicle import ENTRY_S, Attitude, VehicleState
 
 COMPONENT_ID = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 _HEARTBEAT_S = 1.0
@@ -81,7 +81,7 @@ class AutopilotLink(ABC):
         self._vehicle: Vehicle | None = None
         self._monitor: VehicleMonitor | None = None
         self._health: HealthMonitor | None = None
-        self._heartbeat_sent_s = float("-inf")
+        self._polled_s = self._sent_s = self._heartbeat_sent_s = float("-inf")
         self._others: set[int] = set()
 
     @property
@@ -173,6 +173,7 @@ class AutopilotLink(ABC):
 
     def poll(self, now_s: float) -> None:
         """Take in what has arrived and send what is due."""
+        self._polled_s = now_s
         if self._monitor is not None:
             self._monitor.begin()
         self._receive(now_s)
@@ -182,7 +183,7 @@ class AutopilotLink(ABC):
             self._heartbeat_sent_s = now_s
             self._send_heartbeat()
         if self._vehicle is not None and self._can_ask:
-            steered = self.state.obeys_setpoints
+            steered = self.state.obeys_setpoints or now_s - self._sent_s < ENTRY_S
             for text in self._questions.ask(now_s, steered, self._health, self._gimbal):
                 self._note(text)
 
@@ -199,6 +200,7 @@ class AutopilotLink(ABC):
         if not setpoint.is_finite:
             raise ValueError(f"a setpoint that is not finite never leaves: {setpoint}")
         if self._vehicle is not None:
+            self._sent_s = self._polled_s
             self._send_setpoint(setpoint, self._vehicle)
 
     def take_commands(self) -> Sequence[OperatorCommand]:

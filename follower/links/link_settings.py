@@ -25,8 +25,8 @@ class LinkSettings:
         position_rate_hz: how often LOCAL_POSITION_NED is asked for.
         rc_rate_hz: how often RC_CHANNELS is asked for, the pilot's sticks and switches; 0 never.
         clearance_rate_hz: how often DISTANCE_SENSOR and TERRAIN_REPORT are asked for; 0 never.
-        mode_rate_hz: how often the mode is asked after while it is the one that flies setpoints:
-            of themselves autopilots tell it once a second; 0 leaves it at that.
+        mode_rate_hz: how often the mode is asked after while setpoints are sent or flown: of
+            themselves autopilots tell it once a second; 0 leaves it at that.
         timesync_rate_hz: how often the clocks are compared.
         signing_key_file: file of the MAVLink 2 signing key; None signs nothing and takes all.
         stall_s: a control loop that gives no setpoint for so long is taken to stand still, and

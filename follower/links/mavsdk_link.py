@@ -69,7 +69,6 @@ class MavsdkLink(AutopilotLink):
         self._action: Action | None = None
         self._stream: MavsdkStream | None = None
         self._sent_since_poll = False
-        self._polled_s = float("-inf")
         self._obeys_setpoints = False
         self._stalls = 0
         self._messages: deque[tuple[float, MavlinkMessage]] = deque(maxlen=_MOST_MESSAGES)
@@ -86,7 +85,6 @@ class MavsdkLink(AutopilotLink):
         if self._stream is not None and not self._sent_since_poll:
             self._stream.end()
         self._sent_since_poll = False
-        self._polled_s = now_s
         super().poll(now_s)
         self._tell_of_stalls()
         while self._results:

@@ -103,7 +103,8 @@ class Questions:
 
         Args:
             now_s: the time.
-            steered: whether the autopilot obeys setpoints: then its mode is asked for often.
+            steered: whether the autopilot obeys setpoints, or may by now: then its mode is asked
+                for often.
             health: what is known of it.
             gimbal: whose questions are asked too.
         """

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.autonomy import Autonomy
 from follower.control_loop import ControlLoop
 from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
@@ -93,7 +94,10 @@ class Rig:
         link = MavlinkLink(self.wire, replace(self.settings.link, vehicle_id=1))
         self.log = log
         self.stage = ControlStage(self.settings, self.camera, log)
-        self.loop = ControlLoop(link, self.stage, self._newest, log)
+        autonomy = Autonomy(link, -self.autopilot.state.position_m[2])
+        autonomy.resumes = True
+        pilot = autonomy if self.settings.autonomy == "full" else None
+        self.loop = ControlLoop(link, self.stage, self._newest, log, pilot)
 
     def fly(self, seconds: float) -> ControlRecord:
         """Let time pass, control after physics."""
@@ -242,6 +246,42 @@ def test_offboard_taken_again_at_once_gets_its_stream_and_stands_still() -> None
     record = rig.fly(3.0)
     assert (record.state, record.sent, rig.autopilot.mode) == (R, True, "OFFBOARD")
     assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.3, 0.6])
+@pytest.mark.parametrize("late_s", [0.0, 0.02, 0.5, 0.9])
+def test_offboard_entered_as_our_stream_ends_gets_it_back_and_stands_still(
+    late_s: float, phase_s: float
+) -> None:
+    """PX4 lets a pilot enter for a second after the last setpoint, and flies home without more."""
+    rig = Rig("px4")
+    rig.until(State.READY)
+    rig.fly(1.0 + phase_s)
+    rig.seen = False
+    rig.fly(late_s)
+    assert rig.autopilot.switch_mode("OFFBOARD")
+    record = rig.fly(4.0)
+    assert (record.state, record.sent, rig.autopilot.mode) == (State.TRACKING, True, "OFFBOARD")
+    assert record.allowed == HOLD
+    rig.autopilot.switch_mode("POSCTL")
+    left_s = rig.now_s
+    assert rig.fly(2.0).reason is Reason.PILOT_TOOK_OVER
+    assert rig.wire.setpoints(left_s + 0.1) == []
+
+
+@flavours
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 3.0])
+def test_consent_after_a_stop_follows_again_where_nobody_else_takes_the_mode(
+    flavour: str, after_s: float
+) -> None:
+    rig = Rig(flavour, "autonomy=full")
+    rig.until(F, 8.0)
+    rig.fly(1.0)
+    rig.stage.request_stop()
+    assert rig.fly(after_s).state is R
+    rig.stage.order(Order.GIVE)
+    rig.until(F, 3.0)
+    assert {rig.fly(CONTROL_S).state for _ in range(150)} == {F}
 
 
 def test_a_switch_there_and_back_between_two_steps_ends_the_following() -> None:

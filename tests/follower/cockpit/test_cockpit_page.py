@@ -163,10 +163,6 @@ def test_consent_on_the_page_ends_the_release(page: Page, simulation: Any) -> No
     page.wait_for_selector("#state:not([data-state=released])")
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="open in issue 8: after STOP and consent it is not always followed again; cause unknown",
-)
 def test_after_consent_on_the_page_it_is_followed_again(page: Page, simulation: Any) -> None:
     if not simulation.comes_within(page, simulation.is_following_target, FOLLOWED_WITHIN_S):
         follow(page, simulation)
