@@ -1,6 +1,7 @@
 """How fast Fusion is beside its motion tracker alone, inline and in the background.
 
-    python benchmarks/fusion_speed.py [DATA] [--cores 2,1] [--only NAME,NAME] [--frames N]
+    python benchmarks/fusion_speed.py [DATA] [--tracker re3] [--cores 2,1] [--only NAME,NAME]
+        [--frames N]
 
 DATA holds `sequences` and `weights`. The frames are decoded and brought to 1280x720 beforehand;
 every network has one thread. The motion tracker alone and both modes of Fusion take turns, a block
@@ -17,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -27,9 +29,11 @@ from follower_vision.detection.detection import Detection, Detector
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import BackgroundDetection, FusionTracker
-from follower_vision.motion import MotionEstimate
-from follower_vision.nanotrack import NanoTracker
+from follower_vision.models import ModelStore
+from follower_vision.motion import MotionTracker
 from follower_vision.trackers import make_tracker
+
+Answer = TypeVar("Answer")
 
 RATE_HZ = 30.0
 SIZE = (1280, 720)
@@ -44,13 +48,15 @@ class Spent:
     Attributes:
         frame_s: of every frame.
         cpu_s: of all threads together.
-        motion_s: in the motion tracker.
+        own_s: processor time of the thread that follows, which alone makes a frame wait.
+        motion_s: of it, in the motion tracker.
         detections: how many.
         detecting_s: in the detector.
     """
 
     frame_s: list[float] = field(default_factory=list)
     cpu_s: float = 0.0
+    own_s: float = 0.0
     motion_s: float = 0.0
     detections: int = 0
     detecting_s: float = 0.0
@@ -64,47 +70,28 @@ class Spent:
         """Add another recording's."""
         self.frame_s += other.frame_s
         self.cpu_s += other.cpu_s
+        self.own_s += other.own_s
         self.motion_s += other.motion_s
         self.detections += other.detections
         self.detecting_s += other.detecting_s
 
 
-class TimedTracker:
-    """A NanoTracker that adds up its own time."""
+def timed(tracker: MotionTracker, spent: Spent) -> MotionTracker:
+    """Let a motion tracker add up its own time; it stays able to do what it is able to do."""
+    for name in ("start", "update", "correct", "candidates", "probe"):
+        if hasattr(tracker, name):
+            setattr(tracker, name, _adding_up(getattr(tracker, name), spent))
+    return tracker
 
-    def __init__(self, tracker: NanoTracker, spent: Spent) -> None:
-        self._tracker = tracker
-        self._spent = spent
-        self.name = tracker.name
 
-    def start(self, image: Image, box: Box) -> None:
-        """Start the tracker."""
-        self._tracker.start(image, box)
+def _adding_up(work: Callable[..., Answer], spent: Spent) -> Callable[..., Answer]:
+    def added_up(*given: object) -> Answer:
+        began = time.thread_time()
+        answer = work(*given)
+        spent.motion_s += time.thread_time() - began
+        return answer
 
-    def move_to(self, box: Box) -> None:
-        """Send the tracker elsewhere."""
-        self._tracker.move_to(box)
-
-    def update(self, image: Image) -> MotionEstimate:
-        """Update the tracker."""
-        began = time.perf_counter()
-        estimate = self._tracker.update(image)
-        self._spent.motion_s += time.perf_counter() - began
-        return estimate
-
-    def candidates(self, least: float = 0.0) -> list[MotionEstimate]:
-        """Return all places of the last update."""
-        began = time.perf_counter()
-        places = self._tracker.candidates(least)
-        self._spent.motion_s += time.perf_counter() - began
-        return places
-
-    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
-        """Look elsewhere."""
-        began = time.perf_counter()
-        places = self._tracker.probe(image, box)
-        self._spent.motion_s += time.perf_counter() - began
-        return places
+    return added_up
 
 
 class TimedDetector:
@@ -127,7 +114,7 @@ class TimedDetector:
 class Alone:
     """The motion tracker without Fusion."""
 
-    def __init__(self, tracker: NanoTracker, frame: Frame, box: Box) -> None:
+    def __init__(self, tracker: MotionTracker, frame: Frame, box: Box) -> None:
         self.spent = Spent()
         self._tracker = tracker
         tracker.start(frame.image, box)
@@ -143,10 +130,10 @@ class Alone:
 class Inline:
     """Fusion that detects in the step that asks for it."""
 
-    def __init__(self, tracker: NanoTracker, detector: Detector, frame: Frame, box: Box) -> None:
+    def __init__(self, tracker: MotionTracker, detector: Detector, frame: Frame, box: Box) -> None:
         self.spent = Spent()
         self._fusion = FusionTracker(
-            TimedTracker(tracker, self.spent), TimedDetector(detector, self.spent)
+            timed(tracker, self.spent), TimedDetector(detector, self.spent)
         )
         self._fusion.start(frame, box)
 
@@ -162,10 +149,10 @@ class Inline:
 class Background:
     """Fusion with a thread that detects."""
 
-    def __init__(self, tracker: NanoTracker, detector: Detector, frame: Frame, box: Box) -> None:
+    def __init__(self, tracker: MotionTracker, detector: Detector, frame: Frame, box: Box) -> None:
         self.spent = Spent()
         self._fusion = FusionTracker(
-            TimedTracker(tracker, self.spent),
+            timed(tracker, self.spent),
             TimedDetector(detector, self.spent),
             mode=self._service,
         )
@@ -218,6 +205,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--only", default=DEFAULT, help="parts of the sequences' names")
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--block", type=int, default=20)
+    parser.add_argument("--tracker", default="nanotrack-v3")
     return parser.parse_args()
 
 
@@ -230,7 +218,7 @@ def _folders(options: argparse.Namespace) -> Iterator[Path]:
 def _measured(options: argparse.Namespace, folder: Path) -> dict[str, Spent]:
     frames, box = _frames(folder, options.frames)
     weights = options.data / "weights"
-    trackers = [_tracker(weights) for _ in range(3)]
+    trackers = [_tracker(options.tracker, weights) for _ in range(3)]
     detector = OnnxDetector(weights / "yolox_nano_bi.onnx")
     ways: dict[str, Alone | Inline | Background] = {
         "motion alone": Alone(trackers[0], frames[0], box),
@@ -245,10 +233,8 @@ def _measured(options: argparse.Namespace, folder: Path) -> dict[str, Spent]:
     return {name: way.spent for name, way in ways.items()}
 
 
-def _tracker(weights: Path) -> NanoTracker:
-    tracker = make_tracker("nanotrack-v3", lambda name: weights / name)
-    assert isinstance(tracker, NanoTracker)
-    return tracker
+def _tracker(name: str, weights: Path) -> MotionTracker:
+    return make_tracker(name, ModelStore(weights).file)
 
 
 def _frames(folder: Path, most: int) -> tuple[list[Frame], Box]:
@@ -275,17 +261,18 @@ def _others_s() -> float:
 
 
 def _time(spent: Spent, step: Callable[[Frame], object], frames: list[Frame]) -> None:
-    began_cpu = time.process_time()
+    began_cpu, began_own = time.process_time(), time.thread_time()
     for frame in frames:
         began = time.perf_counter()
         step(frame)
         spent.frame_s.append(time.perf_counter() - began)
+    spent.own_s += time.thread_time() - began_own
     spent.cpu_s += time.process_time() - began_cpu
 
 
 HEAD = (
     f"{'sequence':20} {'way':13} {'frames/s':>9} {'of alone':>9} {'median':>7} {'p99':>7}"
-    f" {'max':>7} {'CPU':>6} {'motion':>7}  ms;  detections a frame, ms each"
+    f" {'max':>7} {'CPU':>6} {'own':>6} {'motion':>7}  ms;  detections a frame, ms each"
 )
 
 
@@ -301,7 +288,7 @@ def _print(sequence: str, spent: dict[str, Spent]) -> None:
         print(
             f"{sequence:20} {name:13} {1 / one.mean_s:9.1f} {alone_s / one.mean_s:9.2f}"
             f" {median:7.2f} {late:7.2f} {last:7.2f} {1000 * one.cpu_s / count:6.2f}"
-            f" {1000 * one.motion_s / count:7.2f}{detecting}",
+            f" {1000 * one.own_s / count:6.2f} {1000 * one.motion_s / count:7.2f}{detecting}",
             flush=True,
         )
 

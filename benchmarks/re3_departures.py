@@ -32,17 +32,17 @@ class WithoutMemory(Re3Network):
 
     def look(
         self,
-        previous: Image,
-        present: Image,
+        view: Image,
+        image: Image,
         box: Box,
         fill: tuple[float, ...],
         memory: Re3Memory,
         state: Re3State,
     ) -> Re3Output:
         """Look with the features of the frame before as memory."""
-        seen = super().look(previous, previous, box, fill, memory, state).features
+        seen = super().look(view, image, box, fill, memory, state).features
         ratios = np.array([[box.width / box.scale, box.height / box.scale]], np.float32)
-        return super().look(previous, present, box, fill, Re3Memory(seen, ratios), state)
+        return super().look(view, image, box, fill, Re3Memory(seen, ratios), state)
 
 
 class WithoutRecurrence(Re3Network):
@@ -50,15 +50,15 @@ class WithoutRecurrence(Re3Network):
 
     def look(
         self,
-        previous: Image,
-        present: Image,
+        view: Image,
+        image: Image,
         box: Box,
         fill: tuple[float, ...],
         memory: Re3Memory,
         state: Re3State,  # noqa: ARG002  part of the interface
     ) -> Re3Output:
         """Look with no state."""
-        return super().look(previous, present, box, fill, memory, self.first_state)
+        return super().look(view, image, box, fill, memory, self.first_state)
 
 
 class ConstantSize(Re3Network):
@@ -66,15 +66,15 @@ class ConstantSize(Re3Network):
 
     def look(
         self,
-        previous: Image,
-        present: Image,
+        view: Image,
+        image: Image,
         box: Box,
         fill: tuple[float, ...],
         memory: Re3Memory,
         state: Re3State,
     ) -> Re3Output:
         """Look, and leave the size alone."""
-        output = super().look(previous, present, box, fill, memory, state)
+        output = super().look(view, image, box, fill, memory, state)
         kept = output.box * np.array([1, 1, 0, 0], np.float32)
         return replace(output, box=kept)
 

@@ -39,21 +39,26 @@ class CountingNetwork:
         self.answer = np.array(answer, np.float32)
         self.states: list[float] = []
         self.boxes: list[Box] = []
+        self.seen: list[float] = []
         self.first_state = state(0.0)
+
+    def view(self, image, box, _fill):
+        return np.full((1, 1, 3), int(image[0, 0, 0]) + box.cx, np.float32)
 
     def learn(self, _image, box, _fill):
         features = np.zeros((1, 4, 8, 8), np.float32)
         return Re3Memory(features, np.array([relative_size(box)], np.float32)), state(1.0)
 
-    def look(self, _previous, _present, box, _fill, memory, before):
+    def look(self, view, _image, box, _fill, memory, before):
         count = float(before.hidden[0, 0, 0])
         self.states.append(count)
         self.boxes.append(box)
+        self.seen.append(float(view[0, 0, 0]))
         return Re3Output(self.answer, 0.75, memory.features, state(count + 1))
 
 
-def image() -> np.ndarray:
-    return np.zeros((480, 640, 3), np.uint8)
+def image(grey: int = 0) -> np.ndarray:
+    return np.full((480, 640, 3), grey, np.uint8)
 
 
 @given(BOXES, BOXES)
@@ -97,7 +102,7 @@ def test_a_new_start_forgets_everything() -> None:
         for _ in range(3):
             estimate = tracker.update(image())
     assert network.states == [1.0, 2.0, 3.0] * 2
-    assert estimate.confidence == pytest.approx(0.75**0.35)
+    assert estimate.confidence == pytest.approx(0.75 ** Re3Settings().confidence_power)
     assert network.boxes[3] == Box(320, 240, 40, 40)
 
 
@@ -121,9 +126,56 @@ def test_the_box_stays_on_the_image_and_does_not_vanish() -> None:
     assert box.height == 480
 
 
-def test_without_a_start_it_says_so() -> None:
+def test_it_can_be_sent_elsewhere_without_forgetting_what_it_saw() -> None:
+    network = CountingNetwork((0, 0, 0, 0))
+    tracker = Re3Tracker(network)
+    tracker.start(image(), Box(100, 100, 40, 40))
+    tracker.update(image(1))
+    tracker.move_to(Box(300, 200, 50, 50))
+    assert tracker.update(image(2)).box == Box(300, 200, 50, 50)
+    assert network.boxes[-1] == Box(300, 200, 50, 50)
+    assert network.seen == [100, 101]
+    assert network.states == [1.0, 2.0]
+
+
+def test_two_looks_at_one_image_are_one_frame() -> None:
+    network = CountingNetwork((0, 0, 0, 0))
+    tracker, second = Re3Tracker(network), image(2)
+    tracker.start(image(), Box(100, 100, 40, 40))
+    tracker.update(image(1))
+    for place in (200, 300):
+        tracker.move_to(Box(place, 100, 40, 40))
+        tracker.update(second)
+    assert tracker.probe(second, Box(400, 100, 40, 40))[0].box == Box(400, 100, 40, 40)
+    tracker.update(image(3))
+    assert network.seen == [100, 101, 101, 101, 302]
+    assert network.states == [1.0, 2.0, 2.0, 2.0, 3.0]
+
+
+def test_corrected_it_goes_on_from_there_and_still_knows_the_first_image() -> None:
+    network = CountingNetwork((0, 0, 0, 0))
+    tracker = Re3Tracker(network)
+    tracker.start(image(), Box(100, 100, 40, 40))
+    tracker.update(image(1))
+    tracker.correct(image(2), Box(300, 200, 50, 50))
+    assert tracker.frames_since_reset == 0
+    assert tracker.update(image(3)).box == Box(300, 200, 50, 50)
+    assert network.seen == [100, 302]
+    assert network.states == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda tracker: tracker.update(image()),
+        lambda tracker: tracker.move_to(Box(1, 1, 2, 2)),
+        lambda tracker: tracker.correct(image(), Box(1, 1, 2, 2)),
+        lambda tracker: tracker.probe(image(), Box(1, 1, 2, 2)),
+    ],
+)
+def test_without_a_start_it_says_so(ask) -> None:
     with pytest.raises(RuntimeError, match="not started"):
-        Re3Tracker(CountingNetwork((0, 0, 0, 0))).update(image())
+        ask(Re3Tracker(CountingNetwork((0, 0, 0, 0))))
 
 
 @pytest.mark.parametrize("settings", [{"reset_frames": 0}, {"smallest_side_px": 0.0}])

@@ -61,8 +61,9 @@ def test_what_it_remembers_matters(tmp_path: Path) -> None:
     memory, state = network.learn(scene(box), box, fill)
     assert np.abs(state.hidden).mean(axis=(1, 2)).min() > 1e-4  # no layer is shut
     moved = scene(Box(306, 203, 50, 40))
-    known = network.look(scene(box), moved, box, fill, memory, state)
-    unknown = network.look(scene(box), moved, box, fill, memory, network.first_state)
+    view = network.view(scene(box), box, fill)
+    known = network.look(view, moved, box, fill, memory, state)
+    unknown = network.look(view, moved, box, fill, memory, network.first_state)
     assert np.abs(known.box - unknown.box).max() > 1e-6
 
 

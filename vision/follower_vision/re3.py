@@ -2,16 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
 from follower_vision.motion import MotionEstimate
 from follower_vision.re3_geometry import absolute_box
-from follower_vision.re3_network import Re3Memory, Re3Network, Re3Output, Re3State
+from follower_vision.re3_network import Re3Memory, Re3Network, Re3State
 from follower_vision.re3_settings import Re3Settings
 
 NO_SETTINGS = Re3Settings()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Before:
+    """What the next answer depends on besides the image and the place.
+
+    Attributes:
+        view: what the target looked like last.
+        state: of the LSTM layers.
+        frames: how many these remember, the first one not counted.
+    """
+
+    view: Image
+    state: Re3State
+    frames: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """What the network said of an image.
+
+    Attributes:
+        image: which.
+        box: where the target is.
+        state: of the LSTM layers, for the next frame.
+    """
+
+    image: Image
+    box: Box
+    state: Re3State
 
 
 class Re3Tracker:
@@ -20,8 +52,9 @@ class Re3Tracker:
     After Gordon, Farhadi and Fox, "Re3: Real-Time Recurrent Regression Networks for Visual
     Tracking of Generic Objects" (RA-L 2018); docs/training.md lists where the network departs.
 
-    It is no `SteerableTracker`: its answer depends on the frames before, which is its point. Fusion
-    starts it anew where a detection corrects it, as the paper does.
+    It can be sent elsewhere: what it saw last, what it remembers and where it looks are three
+    things. However often it looks at one image, the next image counts as the next frame, and what
+    it saw last is where its last look found the target.
     """
 
     def __init__(
@@ -39,51 +72,91 @@ class Re3Tracker:
         self._settings = settings
         self._memory: Re3Memory | None = None
         self._first_state: Re3State = network.first_state
-        self._state: Re3State = self._first_state
         self._fill: tuple[float, ...] = ()
-        self._image: Image | None = None
         self._box: Box | None = None
-        self._frames = 0
+        self._before: _Before | None = None
+        self._answer: _Answer | None = None
 
     @property
     def frames_since_reset(self) -> int:
         """How many frames the LSTM layers remember, the first one not counted."""
-        return self._frames
+        return 0 if self._before is None else self._before.frames
 
     def start(self, image: Image, box: Box) -> None:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR."""
         self._fill = tuple(cv2.mean(image)[:3])
         box = self._bounded(box, image)
         self._memory, self._first_state = self._network.learn(image, box, self._fill)
-        self._state = self._first_state
-        self._image, self._box = image, box
-        self._frames = 0
+        self._go_on_from(image, box)
 
-    def update(self, image: Image) -> MotionEstimate:
-        """Find the target in the next image, (H, W, 3) uint8 BGR.
+    def move_to(self, box: Box) -> None:
+        """Search about `box` next time, without learning the target anew.
 
         Raises:
             RuntimeError: `start` was not called.
         """
-        if self._box is None or self._image is None or self._memory is None:
+        self._started()
+        self._box = box
+
+    def correct(self, image: Image, box: Box) -> None:
+        """Go on from where the target is in `image`, without learning it anew.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        self._started()
+        self._go_on_from(image, self._bounded(box, image))
+
+    def update(self, image: Image) -> MotionEstimate:
+        """Find the target in the next image, (H, W, 3) uint8 BGR.
+
+        The same image object is the same frame: then it looks once more.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        self._remember_last(image)
+        estimate, self._answer = self._look(image, self._started())
+        self._box = estimate.box
+        return estimate
+
+    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
+        """Look for the target about another box, and tell the place without going there.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        return [self._look(image, box)[0]]
+
+    def _started(self) -> Box:
+        if self._box is None:
             raise RuntimeError("the tracker was not started")
-        self._forget_in_time()
-        output = self._network.look(
-            self._image, image, self._box, self._fill, self._memory, self._state
-        )
-        self._take(output, image, self._box)
-        return MotionEstimate(self._box, output.confidence**self._settings.confidence_power)
+        return self._box
 
-    def _forget_in_time(self) -> None:
-        if self._frames >= self._settings.reset_frames:
-            self._state = self._first_state
-            self._frames = 0
+    def _go_on_from(self, image: Image, box: Box) -> None:
+        self._before = _Before(self._network.view(image, box, self._fill), self._first_state, 0)
+        self._box, self._answer = box, None
 
-    def _take(self, output: Re3Output, image: Image, last: Box) -> None:
-        self._box = self._bounded(absolute_box(output.box, last), image)
-        self._state = output.state
-        self._image = image
-        self._frames += 1
+    def _remember_last(self, image: Image) -> None:
+        """Take what the last image showed, if this is another one."""
+        last, before = self._answer, self._before
+        if last is None or before is None or last.image is image:
+            return
+        view = self._network.view(last.image, last.box, self._fill)
+        state, frames = last.state, before.frames + 1
+        if frames >= self._settings.reset_frames:
+            state, frames = self._first_state, 0
+        self._before, self._answer = _Before(view, state, frames), None
+
+    def _look(self, image: Image, box: Box) -> tuple[MotionEstimate, _Answer]:
+        before, memory = self._before, self._memory
+        if before is None or memory is None:
+            raise RuntimeError("the tracker was not started")
+        said = self._network.look(before.view, image, box, self._fill, memory, before.state)
+        found = self._bounded(absolute_box(said.box, box), image)
+        confidence = said.confidence**self._settings.confidence_power
+        answer = _Answer(image, found, said.state)
+        return MotionEstimate(found, confidence), answer
 
     def _bounded(self, box: Box, image: Image) -> Box:
         """Keep the centre on the image, and the sides neither tiny nor longer than the image's."""

@@ -52,7 +52,7 @@ class Re3Output:
         box: (4,) as `absolute_box` takes it.
         confidence: 0 to 1, the likelihood that the box is right (overlap above a half), as it was
             on generated sequences.
-        features: of the previous frame's template crop.
+        features: of the view of the frame before.
         state: for the next frame.
     """
 
@@ -83,35 +83,45 @@ class Re3Network:
         """What is remembered before anything was seen."""
         return Re3State(self._no_state, self._no_state)
 
+    def view(self, image: Image, box: Box, fill: tuple[float, ...]) -> Image:
+        """Return what a box shows, as the network wants to see it a frame later.
+
+        Args:
+            image: (H, W, 3) uint8 BGR.
+            box: in pixels.
+            fill: colour of what lies outside the image.
+        """
+        return crop(image, template_region(box), TEMPLATE_PX, TEMPLATE_PX, fill)
+
     def learn(self, image: Image, box: Box, fill: tuple[float, ...]) -> tuple[Re3Memory, Re3State]:
         """Return what there is to remember of a target in its first image."""
-        blank = Re3Memory(self._no_features, _size(box))
-        features = self.look(image, image, box, fill, blank, self.first_state).features
+        view, blank = self.view(image, box, fill), Re3Memory(self._no_features, _size(box))
+        features = self.look(view, image, box, fill, blank, self.first_state).features
         memory = Re3Memory(features, _size(box))
-        return memory, self.look(image, image, box, fill, memory, self.first_state).state
+        return memory, self.look(view, image, box, fill, memory, self.first_state).state
 
     def look(
         self,
-        previous: Image,
-        present: Image,
+        view: Image,
+        image: Image,
         box: Box,
         fill: tuple[float, ...],
         memory: Re3Memory,
         state: Re3State,
     ) -> Re3Output:
-        """Look for the target about its last box.
+        """Look for the target about a place.
 
         Args:
-            previous: (H, W, 3) uint8 BGR, the image in which it had that box.
-            present: the new one.
-            box: in pixels.
+            view: of the target in the frame before.
+            image: (H, W, 3) uint8 BGR, the present frame.
+            box: the place, in pixels, and the target's size.
             fill: colour of what lies outside the image.
             memory: of the target.
             state: after the frame before.
         """
         outputs = self._network.run(
-            _tensor(crop(previous, template_region(box), TEMPLATE_PX, TEMPLATE_PX, fill)),
-            _tensor(crop(present, search_region(box), SEARCH_PX, SEARCH_PX, fill)),
+            _tensor(view),
+            _tensor(crop(image, search_region(box), SEARCH_PX, SEARCH_PX, fill)),
             _size(box),
             memory.features,
             memory.size,

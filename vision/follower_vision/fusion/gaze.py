@@ -9,7 +9,12 @@ from follower_vision.fusion.forecasts import CALM_SIZES
 from follower_vision.fusion.rivals import LEAST_SHARE
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.steering import CandidateTracker, ProbingTracker, SteerableTracker
+from follower_vision.fusion.steering import (
+    CandidateTracker,
+    CorrectableTracker,
+    ProbingTracker,
+    SteerableTracker,
+)
 from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
@@ -27,6 +32,7 @@ class Gaze:
         # Asked once: a protocol's isinstance takes longer than the rest of a step's logic.
         self._steerable = motion if isinstance(motion, SteerableTracker) else None
         self._probing = motion if isinstance(motion, ProbingTracker) else None
+        self._correctable = motion if isinstance(motion, CorrectableTracker) else None
         self._rivalled = motion if isinstance(motion, CandidateTracker) else None
         self._ahead: tuple[Box, MotionEstimate] | None = None
         self._turns = 0
@@ -40,10 +46,12 @@ class Gaze:
 
     def turn_to(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""
-        if self._steerable is not None and self._settings.keep_template:
-            self._steerable.move_to(box)
-        else:
+        if self._steerable is None or not self._settings.keep_template:
             self._motion.start(frame.image, box)
+        elif self._correctable is not None:
+            self._correctable.correct(frame.image, box)
+        else:
+            self._steerable.move_to(box)
 
     def look_ahead(self, frame: Frame, belief: Belief, doubting: bool) -> None:
         """Look where the target mostly is, before the camera's motion is known.

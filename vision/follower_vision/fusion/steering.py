@@ -13,12 +13,21 @@ from follower_vision.motion import MotionEstimate, MotionTracker
 class SteerableTracker(MotionTracker, Protocol):
     """A motion tracker that can be sent elsewhere without forgetting what it looks for.
 
-    Its next answer depends on the image, on that place and on what it learnt at the start alone:
-    an answer that nobody uses does no harm.
+    How often it looks at an image before the next one does not matter: an answer that nobody uses
+    does no harm.
     """
 
     def move_to(self, box: Box) -> None:
         """Search about `box` next time."""
+        ...
+
+
+@runtime_checkable
+class CorrectableTracker(SteerableTracker, Protocol):
+    """A motion tracker that remembers more than a place, and can be told what is right."""
+
+    def correct(self, image: Image, box: Box) -> None:
+        """Go on from where the target is in `image`, without learning it anew."""
         ...
 
 
