@@ -23,6 +23,7 @@ from follower.links.questions import Questions, Voice
 from follower.links.sequence import SequenceCounter
 from follower.links.signing import Signer
 from follower.links.timesync import TimeSync, time_ns
+from follower.links.unpacking import Unpacker
 from follower.links.vehicle_finder import Vehicle, VehicleFinder
 from follower.links.vehicle_health import VehicleHealth
 from follower.links.vehicle_monitor import VehicleMonitor
@@ -76,6 +77,7 @@ class AutopilotLink(ABC):
         self._rates = self._questions.rates
         self._operators = OperatorCommands()
         self._sequence = SequenceCounter()
+        self._unpacker = Unpacker()
         self._gimbal_device: int | None = None
         self._gimbal: GimbalManager | None = None
         self._vehicle: Vehicle | None = None
@@ -336,7 +338,7 @@ class AutopilotLink(ABC):
             return
         if packet.system == self._vehicle.system and packet.component in _GIMBALS:
             self._rates.count("GIMBAL_DEVICE_ATTITUDE_STATUS", now_s)
-            self._monitor.take_gimbal(self._codec.decode(bytearray(packet.data)), now_s)
+            self._monitor.take_gimbal(self._unpacker.message(packet), now_s)
 
     def _hear_command(self, packet: Packet, now_s: float) -> None:
         message = self._codec.decode(bytearray(packet.data))

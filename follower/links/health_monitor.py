@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links import ekf_status_report
 from follower.links.packets import Packet
 from follower.links.parameter_reader import ParameterReader
+from follower.links.unpacking import Unpacker
 from follower.links.vehicle_finder import Vehicle
 from follower.links.vehicle_health import (
     EstimatorHealth,
@@ -38,7 +39,7 @@ class HealthMonitor:
     def __init__(self, vehicle: Vehicle) -> None:
         self.health = VehicleHealth()
         self.parameters = ParameterReader(vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4)
-        self._codec = mavlink.MAVLink(None)
+        self._unpacker = Unpacker()
         self._handlers: dict[int, Callable[[Any, float], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
@@ -56,7 +57,7 @@ class HealthMonitor:
         handler = self._handlers.get(packet.message_id)
         if handler is None:
             return None
-        message = self._codec.decode(bytearray(packet.data))
+        message = self._unpacker.message(packet)
         handler(message, now_s)
         return str(message.get_type())
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.autopilot_link import AutopilotLink
-from follower.links.packets import Packet
 from follower.links.vehicle_finder import Vehicle
 from follower_control.setpoint import VelocitySetpoint
 
@@ -47,13 +45,10 @@ class MavlinkLink(AutopilotLink):
                 self._sequence.count(packet.sequence)
                 if not packet.is_known or self._take_health(packet, now_s):
                     continue
-                message = self._decoded(packet)
+                message = self._unpacker.message(packet)
                 self._take(message.get_type(), message, now_s)
             else:
                 self._hear_stranger(packet, now_s)
-
-    def _decoded(self, packet: Packet) -> Any:
-        return self._codec.decode(bytearray(packet.data))
 
     def _send_setpoint(self, setpoint: VelocitySetpoint, vehicle: Vehicle) -> None:
         forward, right, down, yaw_rate = setpoint.values

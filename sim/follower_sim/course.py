@@ -121,8 +121,8 @@ class Course:
         self._lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
         self.length_m = float(self._lengths[-1])
         self._at: list[float] = self._lengths.tolist()
-        self._places: list[list[float]] = line.tolist()
-        self._directions: list[list[float]] = _directions(steps, closed).tolist()
+        self._places = _triples(line)
+        self._directions = _triples(_directions(steps, closed))
 
     def _along(self, distance_m: float) -> float:
         return distance_m % self.length_m if self.closed else distance_m
@@ -137,19 +137,30 @@ class Course:
 
     def at(self, distance_m: float) -> tuple[Triple, Triple]:
         """Return position and direction."""
-        place = self._between(self._places, distance_m)
-        north, east, down = self._between(self._directions, distance_m)
-        length = math.sqrt(north**2 + east**2 + down**2)
-        return (place[0], place[1], place[2]), (north / length, east / length, down / length)
-
-    def _between(self, samples: list[list[float]], distance_m: float) -> list[float]:
-        """Interpolate between samples along the line; plain floats, for it is asked for often."""
         s = self._along(distance_m)
         i = bisect.bisect_right(self._at, s) - 1
         if i < 0 or i >= len(self._at) - 1:
-            return samples[max(i, 0)]
-        past, step = s - self._at[i], self._at[i + 1] - self._at[i]
-        return [(b - a) / step * past + a for a, b in zip(samples[i], samples[i + 1], strict=True)]
+            place, (north, east, down) = self._places[max(i, 0)], self._directions[max(i, 0)]
+        else:
+            past, step = s - self._at[i], self._at[i + 1] - self._at[i]
+            place = _between(self._places[i], self._places[i + 1], step, past)
+            tangents = self._directions[i], self._directions[i + 1]
+            north, east, down = _between(*tangents, step, past)
+        length = math.sqrt(north**2 + east**2 + down**2)
+        return place, (north / length, east / length, down / length)
+
+
+def _between(a: Triple, b: Triple, step: float, past: float) -> Triple:
+    """Return what lies so far `past` a on the way to b, a `step` away; plain floats are fastest."""
+    return (
+        (b[0] - a[0]) / step * past + a[0],
+        (b[1] - a[1]) / step * past + a[1],
+        (b[2] - a[2]) / step * past + a[2],
+    )
+
+
+def _triples(rows: Vector) -> list[Triple]:
+    return [(north, east, down) for north, east, down in rows.tolist()]
 
 
 def _check(way: Vector, radius_m: float, closed: bool) -> None:

@@ -36,6 +36,8 @@ class History:
         """Return the state at a time, interpolated; outside what is kept, the nearest."""
         with self._lock:
             states = self._states
+            if time_s >= states[-1].time_s:
+                return states[-1]
             after = bisect_right(states, time_s, key=lambda state: state.time_s)
             a, b = states[max(after - 1, 0)], states[min(after, len(states) - 1)]
         return a if a is b else _between(a, b, time_s)
@@ -53,8 +55,8 @@ def _between(a: BodyState, b: BodyState, time_s: float) -> BodyState:
 
 
 def _mix(a: Triple, b: Triple, share: float) -> Triple:
-    x, y, z = (p + (q - p) * share for p, q in zip(a, b, strict=True))
-    return x, y, z
+    (x, y, z), (to_x, to_y, to_z) = a, b
+    return x + (to_x - x) * share, y + (to_y - y) * share, z + (to_z - z) * share
 
 
 def _mix_angles(a: Triple, b: Triple, share: float) -> Triple:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +27,7 @@ class Lens:
         rays = camera.rays(corners)
         self._extent = np.abs(rays[:, :2] / rays[:, 2:]).max(axis=0)
         self._extent *= _guard_factor(camera, float(np.hypot(*self._extent)))
+        self._borders = _borders(camera)
 
     def pixels(self, points: Vector) -> Vector:
         """Project points in camera axes, (N, 3) with forward > 0, to pixels, (N, 2)."""
@@ -32,7 +35,21 @@ class Lens:
 
     def outside(self, points: Vector) -> npt.NDArray[np.bool_]:
         """Return for each point, (..., 3), which of the five planes it is behind, (..., 5)."""
-        return np.moveaxis(np.array(self._heights(points)) < 0, 0, -1)
+        return np.stack(self._heights(points), axis=-1) < 0
+
+    def holds(self, centre: Vector, radius_m: float) -> bool:
+        """Whether a ball, its middle (3,) in camera axes, surely lies wholly in the image.
+
+        Of a lens with tangential distortion nothing is sure.
+        """
+        if self._borders is None:
+            return False
+        x, y, z = centre.tolist()
+        left, right, top, bottom = self._borders
+        inside = bool(z - radius_m > NEAR_M)
+        for slope, across in ((left, x), (right, -x), (top, y), (bottom, -y)):
+            inside = inside and z * slope + across > radius_m * math.hypot(1.0, slope)
+        return inside
 
     def _heights(self, points: Vector) -> list[Vector]:
         """Return the distances, up to a factor, inward from near, left, right, top, bottom."""
@@ -79,3 +96,19 @@ def _guard_factor(camera: CameraModel, corner: float) -> float:
     folded = np.flatnonzero(slope <= 0.05)
     last = folded[0] - 1 if len(folded) else len(factor) - 1
     return max(1.01, float(factor[max(0, last)]))
+
+
+def _borders(camera: CameraModel) -> tuple[float, float, float, float] | None:
+    """Return how far left, right, up and down of the axis, per depth, all is in the image.
+
+    None if tangential distortion makes that too intricate.
+    """
+    k1, k2, p1, p2, k3 = camera.distortion
+    if p1 or p2:
+        return None
+    right, bottom = camera.width - camera.cx, camera.height - camera.cy
+    left, right = camera.cx / camera.fx, right / camera.fx
+    top, bottom = camera.cy / camera.fy, bottom / camera.fy
+    r2 = np.linspace(0, max(left, right) ** 2 + max(top, bottom) ** 2, 201)
+    most = max(1.0, float((1 + r2 * (k1 + r2 * (k2 + r2 * k3))).max()))
+    return left / most, right / most, top / most, bottom / most

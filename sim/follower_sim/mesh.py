@@ -71,6 +71,11 @@ class Mesh:
         return replace(self, vertices=self.vertices @ rotation.T)
 
     @cached_property
+    def reach_m(self) -> float:
+        """How far its farthest vertex is from its origin."""
+        return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    @cached_property
     def normals(self) -> Vector:
         """(F, 3) outward unit vectors."""
         return face_normals(self.vertices, self.faces)

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.lens import NEAR_M, Lens
+from follower_sim.ball import Ball
+from follower_sim.lens import Lens
 from follower_sim.noise import Grey
 from follower_sim.painter import FixedPoints, SolidBatch, SolidPainter
 from follower_sim.solid import Solid
@@ -58,30 +59,48 @@ class Silhouettes:
 
     def seen(self, solid: Solid, moving: Sequence[Solid], view: View) -> SeenBody:
         """Return where a body is, among others that move."""
-        box = self._box(solid, view)
+        box = self.box(solid.vertices, view)
         if box is None:
             return UNSEEN
-        in_frame = min(1.0, box.visible_share(self._camera.width, self._camera.height))
-        return SeenBody(box, in_frame, self._visible_share(solid, moving, box, view))
+        return SeenBody(box, self.in_frame_share(box), self.visible_share(solid, moving, box, view))
 
-    def _box(self, solid: Solid, view: View) -> Box | None:
-        corners = view.to_camera(solid.vertices)
-        if not (corners[:, 2] > NEAR_M).any():
-            return None
+    def is_wholly_in_frame(self, ball: Ball, view: View) -> bool:
+        """Whether a ball surely lies in the image with all that it holds."""
+        return self._lens.holds(view.to_camera(ball.centre_m)[0], ball.radius_m)
+
+    def is_in_the_open(self, ball: Ball, others: Sequence[Ball], view: View) -> bool:
+        """Whether nothing, standing or among others that move, can hide what a ball holds."""
+        centres, radii = self._centres, self._radii
+        if others:
+            centres = np.vstack([centres, *(other.centre_m for other in others)])
+            radii = np.append(radii, [other.radius_m for other in others])
+        if not len(radii):
+            return True
+        towards = ball.centre_m - view.position_m
+        return not _in_front(centres - view.position_m, radii, towards, ball.radius_m).any()
+
+    def in_frame_share(self, box: Box) -> float:
+        """Return the share of a box that lies inside the image."""
+        return min(1.0, box.visible_share(self._camera.width, self._camera.height))
+
+    def box(self, vertices: Vector, view: View) -> Box | None:
+        """Return the tight box of a body's corners, (V, 3), None if it is not in view."""
+        corners = view.to_camera(vertices)
         outside = self._lens.outside(corners)
-        if outside.all(axis=0).any():
-            return None
-        corners = corners[~outside.any(axis=1)]
-        if not len(corners):
-            return None
+        if outside.any():
+            if outside.all(axis=0).any():
+                return None
+            corners = corners[~outside.any(axis=1)]
+            if not len(corners):
+                return None
         pixels = self._lens.pixels(corners)
         (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
         if right - left < 1e-6 or bottom - top < 1e-6:
             return None
         return Box.from_xywh(float(left), float(top), float(right - left), float(bottom - top))
 
-    def _visible_share(self, solid: Solid, moving: Sequence[Solid], box: Box, view: View) -> float:
-        """Draw the silhouette, paint over it what is nearer, and count."""
+    def visible_share(self, solid: Solid, moving: Sequence[Solid], box: Box, view: View) -> float:
+        """Draw the silhouette in its box, paint over it what is nearer, and count."""
         nearer = self._nearer(solid, moving, view)
         if not nearer:
             return 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -76,6 +77,7 @@ class SpeedProfile:
         self._ramps = [_Ramp(0.0, 0.0, 0.0, 0.0, 0.0)]
         for change in changes:
             self._append(change)
+        self._starts_s = [ramp.start_s for ramp in self._ramps]
 
     def _append(self, change: SpeedChange) -> None:
         last = self._ramps[-1]
@@ -90,7 +92,7 @@ class SpeedProfile:
         self._ramps.append(_Ramp(change.at_s, duration, before, change.speed_m_s, distance))
 
     def _at(self, time_s: float) -> _Ramp:
-        return next(r for r in reversed(self._ramps) if r.start_s <= max(time_s, 0.0))
+        return self._ramps[bisect_right(self._starts_s, max(time_s, 0.0)) - 1]
 
     def speed_m_s(self, time_s: float) -> float:
         """Return the speed in m/s; before time 0 nothing moves."""

@@ -15,7 +15,7 @@ from follower_sim.flight_controller import FlightController
 from follower_sim.flight_modes import Behaviour
 from follower_sim.gimbal_protocol import GimbalProtocol
 from follower_sim.health import Health
-from follower_sim.kinematics import BodyState
+from follower_sim.kinematics import BodyState, Triple
 
 _EARTH_RADIUS_M = 6378137.0
 _SLACK_S = 1e-9
@@ -78,6 +78,7 @@ class Telemetry:
         now_s = controller.now_s
         self._period_s = {name: 1.0 / rate for name, rate in rates.items()}
         self._due_s = dict.fromkeys(rates, now_s)
+        self._next_s = now_s
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
         """Send a message this often: 0 is the default rate, -1 never; whether it is known."""
@@ -91,16 +92,19 @@ class Telemetry:
             return True
         default_hz = self._controller.firmware.message_rates_hz.get(name, 1.0)
         self._period_s[name] = interval_us / 1e6 if interval_us > 0 else 1.0 / default_hz
-        self._due_s[name] = self._controller.now_s
+        self._due_s[name] = self._next_s = self._controller.now_s
         return True
 
     def due(self) -> list[Any]:
         """Return the messages whose time has come."""
         now_s = self._controller.now_s
+        if self._next_s > now_s + _SLACK_S:
+            return []
         names = [name for name, due_s in self._due_s.items() if due_s <= now_s + _SLACK_S]
         for name in names:
             # One that is late is not sent twice to catch up.
             self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
+        self._next_s = min(self._due_s.values(), default=math.inf)
         if self._faults.telemetry_stopped:
             names = [name for name in names if name == "HEARTBEAT"]
         if self._faults.position_stopped or now_s < self._health.settled_s:
@@ -154,14 +158,18 @@ class Telemetry:
         return self._health.estimator_status(1000 * self.boot_ms(state.time_s))
 
     def _attitude(self, state: BodyState) -> Any:
-        angles = np.add(state.attitude_rad, self._rng.normal(0.0, _ANGLE_NOISE_RAD, 3))
-        rates = np.add(state.rates_rad_s, self._rng.normal(0.0, _RATE_NOISE_RAD_S, 3))
-        numbers = (*angles.tolist(), *rates.tolist())
-        numbers = (*numbers[:2], wrap(numbers[2] + self._faults.yaw_jump_rad), *numbers[3:])
+        roll, pitch, yaw = self._trembling(state.attitude_rad, _ANGLE_NOISE_RAD)
+        rates = self._trembling(state.rates_rad_s, _RATE_NOISE_RAD_S)
+        yaw = wrap(yaw + self._faults.yaw_jump_rad)
+        numbers: tuple[float, ...] = (roll, pitch, yaw, *rates)
         numbers = self._frozen.of("ATTITUDE", numbers, self._faults.attitude_frozen)
         if self._faults.attitude_nan:
             numbers = (math.nan,) * 6
         return mavlink.MAVLink_attitude_message(self.boot_ms(state.time_s), *numbers)
+
+    def _trembling(self, numbers: Triple, deviation: float) -> Triple:
+        a, b, c = self._rng.normal(0.0, deviation, 3).tolist()
+        return numbers[0] + a, numbers[1] + b, numbers[2] + c
 
     def _local_position(self, state: BodyState) -> Any:
         local_m = [p - o for p, o in zip(state.position_m, self._controller.origin_m, strict=True)]

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from follower_sim.ball import Ball
 from follower_sim.course import Course
 from follower_sim.ground_map import GroundMap
 from follower_sim.kinematics import Triple
@@ -22,7 +23,7 @@ from follower_sim.scenery import DISTANT_KINDS, SIZES_M, distant_mesh, scenery_m
 from follower_sim.sky import panorama
 from follower_sim.solid import Solid
 from follower_sim.staging import staged
-from follower_sim.targets import HEIGHTS_M, target_mesh
+from follower_sim.targets import HEIGHTS_M, TargetKind, target_mesh
 from follower_sim.terrain import PALETTES, ground_maps
 from follower_sim.wind import Wind
 from follower_vision.camera import Vector
@@ -162,13 +163,30 @@ class World:
 
     def target_solid(self, number: int, time_s: float, lit: bool = True) -> Solid:
         """Return a target's body as it stands in the world, if need be without its light."""
-        settings, pose = self.scenario.targets[number], self.target_pose(number, time_s)
-        travelled = round(pose.distance_m, 2) % 1.5 if settings.kind == "person" else 0.0
-        mesh = _target_mesh(settings.kind, colour_of(settings.colour), travelled)
-        roll, pitch = _lean(settings, self.paths[number], self.scene_time(time_s))
-        turn = rotation(roll, pitch, pose.heading_rad)
-        sun = self.sun if lit else None
+        pose, sun = self.target_pose(number, time_s), self.sun if lit else None
+        mesh, turn = self._target_mesh(number, pose), self._target_turn(number, time_s, pose)
         return Solid.placed(mesh, pose.position_m, turn, sun, pose.velocity_m_s)
+
+    def target_vertices(self, number: int, time_s: float) -> Vector:
+        """Return the corners, (V, 3) north, east and down, of a target's body."""
+        pose = self.target_pose(number, time_s)
+        mesh, turn = self._target_mesh(number, pose), self._target_turn(number, time_s, pose)
+        return np.asarray(mesh.vertices @ turn.T + np.asarray(pose.position_m))
+
+    def target_ball(self, number: int, time_s: float) -> Ball:
+        """Return a ball that holds the whole of a target's body, however it leans."""
+        pose = self.target_pose(number, time_s)
+        return Ball(pose.position_m, self._target_mesh(number, pose).reach_m)
+
+    def _target_mesh(self, number: int, pose: TargetPose) -> Mesh:
+        settings = self.scenario.targets[number]
+        travelled = round(pose.distance_m, 2) % 1.5 if settings.kind == "person" else 0.0
+        return _target_mesh(settings.kind, settings.colour, travelled)
+
+    def _target_turn(self, number: int, time_s: float, pose: TargetPose) -> Vector:
+        settings, path = self.scenario.targets[number], self.paths[number]
+        roll, pitch = _lean(settings, path, self.scene_time(time_s))
+        return rotation(roll, pitch, pose.heading_rad)
 
     def moving(self, time_s: float) -> list[Solid]:
         """Return the bodies of all targets present."""
@@ -176,7 +194,9 @@ class World:
         return [self.target_solid(n, time_s) for n in numbers if self.is_present(n, time_s)]
 
 
-_target_mesh = lru_cache(maxsize=512)(target_mesh)
+@lru_cache(maxsize=512)
+def _target_mesh(kind: TargetKind, colour: str, travelled_m: float) -> Mesh:
+    return target_mesh(kind, colour_of(colour), travelled_m)
 
 
 def _extended(line: Vector, course: Course) -> Vector:

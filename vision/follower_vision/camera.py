@@ -123,6 +123,8 @@ class CameraModel:
         return self._distort(plane) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def _distort(self, plane: Vector) -> Vector:
+        if not any(self.distortion):
+            return plane
         k1, k2, p1, p2, k3 = self.distortion
         x, y = plane[:, 0], plane[:, 1]
         r2 = x * x + y * y
