@@ -167,7 +167,7 @@ class OcclusionSettings(_Section):
     kind: Literal["canopy", "hall"] = "canopy"
     """Leaves on posts, or a building that the path runs through."""
     hidden_s: NotNegative = 0.0
-    """How long the target takes to pass below each."""
+    """How long the target takes to pass below each; or is hidden by it, with a `distance_m`."""
     count: Annotated[int, Field(ge=0, le=20)] = 2
     first_s: NotNegative = 26.0
     """When it comes to the first one."""
@@ -175,6 +175,12 @@ class OcclusionSettings(_Section):
     """Time from one to the next."""
     clearance_m: Positive = 0.6
     """Between the target's top and a roof."""
+    distance_m: Positive | None = None
+    """Hide it from a vehicle that has followed it so far away and stops when it is hidden: from
+    one that goes on, for less. None: the roofs stand above the target's way, wherever it is seen
+    from."""
+    down_deg: Annotated[float, Field(gt=0, lt=90)] = 25.0
+    """So far above it that vehicle is, as an angle."""
 
 
 class LookAlikeSettings(_Section):

@@ -34,7 +34,10 @@ _LEAVES: list[Colour] = [(52, 122, 84), (48, 112, 70), (60, 136, 104), (58, 128,
 _NEEDLES: list[Colour] = [(62, 96, 48), (56, 88, 40), (70, 104, 58)]
 _WALLS: list[Colour] = [(206, 222, 228), (188, 206, 222), (178, 196, 206), (210, 214, 210)]
 _ROOFS: list[Colour] = [(74, 82, 112), (66, 70, 84), (80, 92, 128)]
-_CANOPY_WIDTH_M, _CANOPY_THICK_M = 9.0, 0.3
+CANOPY_THICK_M = 0.3
+"""How thick the roof of a canopy or a hall is."""
+
+_CANOPY_WIDTH_M, _LONGEST_POST_M = 9.0, 3.0
 _CONCRETE: Colour = (172, 176, 178)
 
 
@@ -158,10 +161,15 @@ def _bridge(length: float) -> Mesh:
 
 
 def _canopy(length: float, height: float, rng: np.random.Generator) -> Mesh:
-    """Make a roof of leaves over a way that runs forward below it, on a pair of posts."""
-    roof = box((length, _CANOPY_WIDTH_M, _CANOPY_THICK_M), _pick(_LEAVES, rng), (0, 0, height))
+    """Make a roof of leaves over a way that runs forward below it, on a pair of posts.
+
+    High above the ground it hangs, for what flies: a body is as far away as its middle, and with
+    long posts that would be farther than what the roof hides.
+    """
+    foot = max(0.0, height - _LONGEST_POST_M)
+    roof = box((length, _CANOPY_WIDTH_M, CANOPY_THICK_M), _pick(_LEAVES, rng), (0, 0, height))
     side = _CANOPY_WIDTH_M / 2 - 0.2
-    posts = [box((0.15, 0.15, height), _TRUNK, (0, s * side, 0)) for s in (1, -1)]
+    posts = [box((0.15, 0.15, height - foot), _TRUNK, (0, s * side, foot)) for s in (1, -1)]
     return Mesh.joined([*posts, roof])
 
 
@@ -169,7 +177,7 @@ def _hall(length: float, height: float) -> Mesh:
     """Make a slice of a building that a road runs through, open at both ends."""
     walls, roof, side = _WALLS[2], _ROOFS[0], _CANOPY_WIDTH_M / 2
     sides = [box((length, 0.3, height), walls, (0, s * (side - 0.3), 0)) for s in (1, -1)]
-    slab = box((length, _CANOPY_WIDTH_M, _CANOPY_THICK_M), roof, (0, 0, height), layer=1)
+    slab = box((length, _CANOPY_WIDTH_M, CANOPY_THICK_M), roof, (0, 0, height), layer=1)
     return Mesh.joined([*sides, slab])
 
 

@@ -7,25 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from follower_sim.canopies import canopies
 from follower_sim.path_shape import Place
 from follower_sim.paths import TargetPath, TargetPose
-from follower_sim.scenario import (
-    OcclusionSettings,
-    PathSettings,
-    Scenario,
-    SceneryItem,
-    TargetSettings,
-)
+from follower_sim.scenario import PathSettings, Scenario, TargetSettings
 from follower_sim.speed_profile import SpeedChange, SpeedProfile
-from follower_sim.targets import HEIGHTS_M
 
 _AFTER_S = 15.0
 _COMES_S, _GOES_S = 12.0, 15.0
 _STARTS_M_S2 = 2.0
-_PIECE_M = 3.0
-_OVERLAP = 0.75
-_LEAST_M = 0.5
-_CLEAR_M = 14.0
 _CROSSING_DEG = (55.0, 125.0)
 _FLIES = "quadrotor"
 _LEVELS_M = 0.8
@@ -49,7 +39,7 @@ def staged(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     return scenario.model_copy(
         update={
             "targets": [*targets, *others],
-            "scenery": [*scenario.scenery, *_canopies(scenario, followed, path)],
+            "scenery": [*scenario.scenery, *canopies(scenario, followed, path)],
         }
     )
 
@@ -57,54 +47,6 @@ def staged(scenario: Scenario, rng: np.random.Generator) -> Scenario:
 def _is_to_be_staged(scenario: Scenario) -> bool:
     shaped = any(target.path.shape is not None for target in scenario.targets)
     return shaped or scenario.occlusions.hidden_s > 0 or scenario.lookalikes.count > 0
-
-
-def _canopies(
-    scenario: Scenario, followed: TargetSettings, path: TargetPath
-) -> Iterator[SceneryItem]:
-    """Yield the pieces of roof above what the target passes while it is to be hidden.
-
-    None stands where the target waits at first, or it could not be pointed out.
-    """
-    settings, (north, east, _) = scenario.occlusions, path.pose(0.0).position_m
-    if settings.hidden_s <= 0:
-        return
-    for number in range(settings.count):
-        from_s = settings.first_s + number * settings.every_s
-        first_m = path.pose(from_s).distance_m
-        length_m = max(_LEAST_M, path.pose(from_s + settings.hidden_s).distance_m - first_m)
-        for along_m, piece_m in _pieces(first_m, length_m):
-            roof = _roof(path, along_m, piece_m, followed, settings)
-            if math.dist(roof.at, (north, east)) > _CLEAR_M:
-                yield roof
-
-
-def _pieces(first_m: float, length_m: float) -> Iterator[tuple[float, float]]:
-    """Yield the middle of each piece along the course, and its length."""
-    count = max(1, math.ceil(length_m / (_PIECE_M * _OVERLAP)))
-    step_m = length_m / count
-    piece_m = step_m if count == 1 else step_m / _OVERLAP
-    yield from ((first_m + (i + 0.5) * step_m, piece_m) for i in range(count))
-
-
-def _roof(
-    path: TargetPath,
-    along_m: float,
-    piece_m: float,
-    followed: TargetSettings,
-    settings: OcclusionSettings,
-) -> SceneryItem:
-    north, east, down = (float(x) for x in path.course.position(along_m))
-    direction = path.course.direction(along_m)
-    heading = math.degrees(math.atan2(float(direction[1]), float(direction[0])))
-    height_m = HEIGHTS_M[followed.kind] + settings.clearance_m - down
-    return SceneryItem(
-        kind=settings.kind,
-        at=(north, east),
-        heading_deg=heading,
-        size_m=piece_m,
-        height_m=height_m,
-    )
 
 
 def _look_alikes(

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from follower_sim.kinematics import BodyState, Triple
 from follower_sim.silhouettes import UNSEEN, SeenBody, Silhouettes
+from follower_sim.solid import Solid
 from follower_sim.truth_sample import TruthSample
 from follower_sim.view import View
 from follower_sim.world import World
 from follower_vision.box import Box
 from follower_vision.camera import CameraModel
 from follower_vision.lineofsight import CameraMount, LineOfSight, wrap_angle
+
+_TURNED = CameraModel.from_fov(640, 480, math.radians(75))
+"""A camera that is turned to what the real one does not see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +31,8 @@ class TargetTruth:
         box: tight box of its projected corners, beyond the image's edges too; None if it is
             behind the camera, far outside the view, or not in the world.
         in_frame_share: share of that box inside the image.
-        visible_share: share of its silhouette that nothing nearer hides.
+        visible_share: share of its silhouette that nothing nearer hides, seen from the camera
+            whichever way that looks.
         position_m: (north, east, down) of its centre.
         velocity_m_s: (north, east, down).
         range_m: from the camera to its centre.
@@ -58,6 +65,7 @@ class TruthTeller:
         self._world = world
         self._mount = mount or world.scenario.camera.mount
         self._silhouettes = Silhouettes(camera or world.scenario.camera.model, world.scenery)
+        self._turned = Silhouettes(_TURNED, world.scenery)
 
     def truth(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> TargetTruth:
         """Return the truth at a time of the scenario, with the vehicle at `body`.
@@ -126,7 +134,14 @@ class TruthTeller:
             if n != number and self._world.is_present(n, time_s)
         ]
         solid = self._world.target_solid(number, time_s, lit=False)
-        return self._silhouettes.seen(solid, others, view)
+        seen = self._silhouettes.seen(solid, others, view)
+        return seen if seen.box is not None else self._out_of_view(solid, others, view)
+
+    def _out_of_view(self, solid: Solid, others: Sequence[Solid], view: View) -> SeenBody:
+        """Return a body without a box, with whether something hides it: unseen is not hidden."""
+        towards = View.towards(view.position_m, solid.centre)
+        share = self._turned.seen(solid, others, towards).visible_share
+        return replace(UNSEEN, visible_share=share)
 
 
 def target_truth(

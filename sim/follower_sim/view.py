@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -11,6 +12,8 @@ import numpy.typing as npt
 from follower_sim.kinematics import BodyState
 from follower_vision.camera import Vector
 from follower_vision.lineofsight import CameraMount
+
+_EAST = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,3 +48,12 @@ class View:
         """Turn world points, (N, 3), into camera axes."""
         relative = np.asarray(points, np.float64).reshape(-1, 3) - self.position_m
         return np.asarray(relative @ self.world_to_camera.T)
+
+    @classmethod
+    def towards(cls, position_m: Vector, place_m: Vector) -> View:
+        """Return the view of a camera that looks at a place, (3,), with its right side level."""
+        forward = np.asarray(place_m - position_m, np.float64)
+        forward = forward / np.linalg.norm(forward)
+        level = math.hypot(forward[0], forward[1])
+        right = np.array([-forward[1] / level, forward[0] / level, 0.0]) if level > 0 else _EAST
+        return cls(position_m, np.array([right, np.cross(forward, right), forward]))

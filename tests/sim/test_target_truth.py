@@ -78,6 +78,32 @@ def test_a_house_hides_only_what_is_behind_it(
     assert least <= truth.visible_share <= most
 
 
+def test_what_is_out_of_view_is_hidden_only_if_something_stands_before_it(
+    make_world: Callable[..., World],
+) -> None:
+    house = {"kind": "house", "at": [8.5, 0], "size_m": 9, "heading_deg": 90}
+    looks_away = BodyState(10, (-3.0, 0.0, -2.0), attitude_rad=(0.0, 0.0, math.pi))
+    behind, free = (
+        target_truth(make_world(scenery=things), 10, looks_away) for things in ([house], [])
+    )
+    assert behind.box is free.box is None
+    assert behind.visible_share < 0.05
+    assert free.visible_share == 1.0
+
+
+def test_a_high_canopy_hides_what_flies_below_it(
+    make_world: Callable[..., World],
+) -> None:
+    roof = {"kind": "canopy", "at": [15, 0], "size_m": 6, "heading_deg": 0, "height_m": 10}
+    drone = {
+        "kind": "quadrotor",
+        "colour": "#e0401c",
+        "path": {"points": [[16, 0, 9], [40, 0, 9]]},
+    }
+    world = make_world(scenery=[roof], targets=[drone])
+    assert target_truth(world, 10, BodyState(10, (8.0, 0.0, -14.0))).visible_share < 0.05
+
+
 def test_another_car_hides_the_followed_one_partly(make_world: Callable[..., World]) -> None:
     followed = {"kind": "car", "colour": "#e0401c", "path": {"points": [[15, 0], [25, 0]]}}
     crossing = {"kind": "car", "colour": "#2040c0", "path": {"points": [[9, 1.2], [9, 30]]}}
