@@ -11,6 +11,7 @@ from follower_sim.truth import TargetTruth, TruthTeller
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.box import Box
+from follower_vision.lineofsight import LineOfSight
 from follower_vision.track import TrackState
 
 BodyAt = Callable[[float], BodyState]
@@ -26,11 +27,13 @@ class FlightTruth:
 
     Attributes:
         samples: the truth, a sample a control step.
+        box_sights: the directions of the true box's middle, likewise, as a sample's.
         tracked: what came of each frame in which the target was said to be seen.
     """
 
     def __init__(self, world: World, vehicle_at: BodyAt, camera_at: BodyAt) -> None:
         self.samples: list[TruthSample] = []
+        self.box_sights: list[LineOfSight] = []
         self.tracked: list[TrackedFrame] = []
         self._world = world
         self._vehicle_at = vehicle_at
@@ -41,8 +44,10 @@ class FlightTruth:
     def take(self, now_s: float) -> TruthSample:
         """Take and return the truth of now."""
         body, camera = self._vehicle_at(now_s), self._camera_at(now_s)
-        sample = self._teller.sample(now_s, body, camera=camera)
+        truth = self._teller.truth(now_s, body, camera)
+        sample = truth.sample(body, now_s)
         self.samples.append(sample)
+        self.box_sights.append(self._teller.box_sight(truth, body, camera))
         return sample
 
     def compare(self, record: TrackRecord) -> None:

@@ -45,6 +45,7 @@ from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
+from follower_vision.lineofsight import LineOfSight
 
 EXTERNAL = "external"
 _STANDING_M_S = 0.3
@@ -166,6 +167,11 @@ class SimulatedFlight:
     def truth(self) -> list[TruthSample]:
         """What really happened, a sample a control step."""
         return self._truth.samples
+
+    @property
+    def box_sights(self) -> list[LineOfSight]:
+        """The direction of the true box's middle from the heading, one a control step."""
+        return self._truth.box_sights
 
     @property
     def overlaps(self) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ class Figures:
         in_frame_share_all: the same with them.
         line_of_sight_rms_deg: root mean square of the line-of-sight error over the scored time.
         line_of_sight_rms_seen_deg: the same, occlusions left out.
+        line_of_sight_box_rms_seen_deg: the same of the true box's middle instead of the body's: a
+            tracker can show no other, and the servo holds it.
         azimuth_rms_deg: of the direction to the target from the heading, occlusions left out.
         elevation_rms_deg: of the error of its elevation, occlusions left out.
         range_error_median: median of |range / wanted - 1|.
@@ -60,6 +62,7 @@ class Figures:
     in_frame_share_all: float | None
     line_of_sight_rms_deg: float | None
     line_of_sight_rms_seen_deg: float | None
+    line_of_sight_box_rms_seen_deg: float | None
     azimuth_rms_deg: float | None
     elevation_rms_deg: float | None
     range_error_median: float | None
@@ -113,6 +116,7 @@ def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
         score.in_frame_share,
         score.line_of_sight_rms_deg,
         _rms(np.degrees(line_of_sight_errors(seen, flight.goal))),
+        _rms(np.degrees(line_of_sight_errors(_by_box(flight, seen), flight.goal))),
         _rms(np.degrees([sample.azimuth_rad for sample in seen])),
         _rms(np.degrees([s.elevation_rad - flight.goal.elevation_rad for s in seen])),
         score.range_error_median,
@@ -139,6 +143,16 @@ def _scored(
     flown = [sample for sample in truth if sample.time_s <= end_s]
     from_s = flown[-1].time_s - score.scored_s - 1e-6
     return [sample for sample in flown if sample.time_s >= from_s]
+
+
+def _by_box(flight: SimulatedFlight, samples: Sequence[TruthSample]) -> list[TruthSample]:
+    """Return samples with the direction of the true box's middle for that of the body's."""
+    sights = {s.time_s: sight for s, sight in zip(flight.truth, flight.box_sights, strict=True)}
+    return [
+        replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
+        for sample in samples
+        for sight in (sights[sample.time_s],)
+    ]
 
 
 def _occlusions(

@@ -15,8 +15,8 @@ class Goals:
 
     Attributes:
         min_in_frame_share: least share of the time with the target in frame, occlusions left out.
-        max_line_of_sight_rms_deg: largest root mean square of the line-of-sight error, occlusions
-            left out, what follows them included.
+        max_line_of_sight_rms_deg: largest root mean square of the line-of-sight error of the true
+            box's middle, occlusions left out, what follows them included.
         occlusion_s: occlusions up to this length have to be got over ...
         reacquired_s: ... within this time of their end, ...
         reacquired_share: ... this share of all of them.
@@ -45,7 +45,7 @@ class Goals:
             return ["never followed"]
         if figures.approach_s is None:
             return ["never approached"]
-        share, angle = figures.in_frame_share, figures.line_of_sight_rms_seen_deg
+        share, angle = figures.in_frame_share, figures.line_of_sight_box_rms_seen_deg
         found = {
             "in frame": share is None or share < self.min_in_frame_share,
             "line of sight": angle is None or angle > self.max_line_of_sight_rms_deg,

@@ -90,6 +90,11 @@ def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
         _reacquired(figures, goals),
         _line_of_sight(
             "Line-of-sight error, RMS, outside occlusions",
+            [one.line_of_sight_box_rms_seen_deg for one in figures],
+            goals,
+        ),
+        _line_of_sight(
+            "The same of the body's middle, not the box's",
             [one.line_of_sight_rms_seen_deg for one in figures],
             goals,
         ),

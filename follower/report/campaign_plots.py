@@ -30,7 +30,7 @@ def distributions(rows: Sequence[Row], goals: Goals) -> str:
     panels: tuple[tuple[str, list[float], float | None], ...] = (
         (
             "line-of-sight error, RMS [deg]",
-            _known([one.line_of_sight_rms_seen_deg for one in figures]),
+            _known([one.line_of_sight_box_rms_seen_deg for one in figures]),
             goals.max_line_of_sight_rms_deg,
         ),
         (
@@ -187,7 +187,7 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     columns = [("scenario", [row["scenario"].removeprefix("pursue-") for row in shown])]
     columns += [(name, [row["values"][name] for row in shown]) for name in _parameters(rows)]
     columns += [
-        ("line of sight [deg]", [row["line_of_sight_rms_seen_deg"] for row in shown]),
+        ("line of sight [deg]", [row["line_of_sight_box_rms_seen_deg"] for row in shown]),
         ("in frame [%]", [_percent(row["in_frame_share"]) for row in shown]),
     ]
     figure = Figure(figsize=(style.WIDTH_IN, 4.0), layout="constrained")

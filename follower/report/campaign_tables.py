@@ -50,7 +50,7 @@ def _worst_row(row: Mapping[str, Any], folder: str | None) -> Sequence[Cell]:
     return (
         str(row["number"]),
         missed,
-        _number(row.get("line_of_sight_rms_seen_deg"), "{:.1f}°"),
+        _number(row.get("line_of_sight_box_rms_seen_deg"), "{:.1f}°"),
         _number(row.get("in_frame_share"), "{:.1%}"),
         f"{row['scenario']}, {row['autopilot']}, {values}",
         Html(link),

@@ -49,6 +49,20 @@ class TargetTruth:
     range_m: float
     line_of_sight: LineOfSight
 
+    def sample(self, body: BodyState, clock_s: float) -> TruthSample:
+        """Return it as the score wants it, stamped `clock_s`, with the vehicle at `body`."""
+        return TruthSample(
+            clock_s,
+            body,
+            self.position_m,
+            self.velocity_m_s,
+            self.in_frame_share,
+            self.visible_share,
+            self.range_m,
+            self.line_of_sight.azimuth_rad,
+            self.line_of_sight.elevation_rad,
+        )
+
 
 class TruthTeller:
     """Computes the truth for one world and camera; keeps what does not change.
@@ -64,7 +78,8 @@ class TruthTeller:
     ) -> None:
         self._world = world
         self._mount = mount or world.scenario.camera.mount
-        self._silhouettes = Silhouettes(camera or world.scenario.camera.model, world.scenery)
+        self._camera = camera or world.scenario.camera.model
+        self._silhouettes = Silhouettes(self._camera, world.scenery)
         self._turned = Silhouettes(_TURNED, world.scenery)
 
     def truth(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> TargetTruth:
@@ -99,17 +114,27 @@ class TruthTeller:
     ) -> TruthSample:
         """Return the truth as the score wants it, stamped `clock_s` (else `time_s`)."""
         truth = self.truth(time_s, body, camera)
-        return TruthSample(
-            time_s if clock_s is None else clock_s,
-            body,
-            truth.position_m,
-            truth.velocity_m_s,
-            truth.in_frame_share,
-            truth.visible_share,
-            truth.range_m,
-            truth.line_of_sight.azimuth_rad,
-            truth.line_of_sight.elevation_rad,
-        )
+        return truth.sample(body, time_s if clock_s is None else clock_s)
+
+    def box_sight(
+        self, truth: TargetTruth, body: BodyState, camera: BodyState | None = None
+    ) -> LineOfSight:
+        """Return the direction of the true box's middle, which is what a tracker can show.
+
+        Of a body that is seen from above it is not quite that of the body's middle. Without a box,
+        the answer is that.
+
+        Args:
+            truth: of this moment.
+            body: the vehicle.
+            camera: the body that carries the camera, if that is not the vehicle's.
+        """
+        if truth.box is None:
+            return truth.line_of_sight
+        (ray,) = self._camera.rays([[truth.box.cx, truth.box.cy]])
+        world_to_camera = View.of(camera or body, self._mount).world_to_camera
+        sight = LineOfSight.from_vector(world_to_camera.T @ ray)
+        return LineOfSight(wrap_angle(sight.azimuth_rad - body.yaw_rad), sight.elevation_rad)
 
     def others(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> list[Box]:
         """Return the boxes of the targets that are not followed, where something of them shows.

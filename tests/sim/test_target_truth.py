@@ -78,6 +78,19 @@ def test_a_house_hides_only_what_is_behind_it(
     assert least <= truth.visible_share <= most
 
 
+@pytest.mark.parametrize("yaw_deg", [-15.0, 0.0, 20.0])
+def test_the_boxes_middle_is_seen_where_the_box_is(small_world: World, yaw_deg: float) -> None:
+    teller, body = TruthTeller(small_world), turned(yaw_deg)
+    truth = teller.truth(10, body)
+    sight = teller.box_sight(truth, body)
+    assert sight.azimuth_rad == pytest.approx(truth.line_of_sight.azimuth_rad, abs=0.02)
+    assert sight.elevation_rad == pytest.approx(truth.line_of_sight.elevation_rad, abs=0.05)
+    assert sight != truth.line_of_sight
+    behind = turned(180)
+    truth = teller.truth(10, behind)
+    assert teller.box_sight(truth, behind) == truth.line_of_sight
+
+
 def test_what_is_out_of_view_is_hidden_only_if_something_stands_before_it(
     make_world: Callable[..., World],
 ) -> None:

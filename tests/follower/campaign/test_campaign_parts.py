@@ -50,6 +50,7 @@ GOOD = Figures(
     in_frame_share_all=0.99,
     line_of_sight_rms_deg=2.0,
     line_of_sight_rms_seen_deg=2.0,
+    line_of_sight_box_rms_seen_deg=2.0,
     azimuth_rms_deg=1.0,
     elevation_rms_deg=1.7,
     range_error_median=0.05,
@@ -271,7 +272,7 @@ def test_re_acquisition_is_measured_from_the_occlusions_end_to_what_control_knew
     [
         ({}, []),
         ({"in_frame_share": 0.98}, ["in frame"]),
-        ({"line_of_sight_rms_seen_deg": 3.1}, ["line of sight"]),
+        ({"line_of_sight_box_rms_seen_deg": 3.1}, ["line of sight"]),
         ({"reacquired_s": (1.1,)}, ["re-acquisition"]),
         ({"reacquired_s": (None,)}, ["re-acquisition"]),
         ({"occlusion_s": (3.5,), "reacquired_s": (None,)}, []),
@@ -302,7 +303,7 @@ def test_worse_costs_more() -> None:
 
 def test_goals_are_pooled_over_the_runs() -> None:
     rows = [row(n) for n in range(8)]
-    rows += [row(8, line_of_sight_rms_seen_deg=9.0), row(9, error="it broke")]
+    rows += [row(8, line_of_sight_box_rms_seen_deg=9.0), row(9, error="it broke")]
     summary = summary_of(judged(rows, Goals()), Goals())
     assert (summary.runs, summary.passed, summary.errors) == (10, 8, 1)
     assert [one["number"] for one in summary.worst] == [9, 8]
