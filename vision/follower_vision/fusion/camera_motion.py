@@ -31,7 +31,8 @@ _LEAST_INLIER_SHARE = 0.4
 _VAIN = 2
 _MOST_ZOOM = 1.2
 _CALM_SIZES = 0.25
-_STEADY_SIZES = 0.05
+_STEADY_SIZES = 0.1
+_MOST_FORESEEN = 3
 _AROUND_TARGET = 1.3
 
 Grey = npt.NDArray[np.uint8]
@@ -57,43 +58,39 @@ class CameraMotion:
         self._vain = 0
         self._warp = Warp()
         self._full: Grey | None = None
-        self._paces: tuple[Warp | None, Warp | None] = (None, None)
-        self._foreseen = False
+        self._pace: Warp | None = None
+        self._even = 0
+        self._since = Warp()
+        self._foreseen = 0
 
     def reset(self) -> None:
         """Forget the last image."""
         self._grey = self._full = self._image = None
         self._warp = Warp()
-        self._paces, self._foreseen = (None, None), False
+        self._pace, self._even = None, 0
+        self._since, self._foreseen = Warp(), 0
         self._vain = 0
 
     def foresee(self, image: Image, boxes: Sequence[Box]) -> bool:
         """Take an image for which the motion need not be measured; tell whether it is such a one.
 
         It is if the last two measurements agreed, seen at the boxes, and the last image's motion
-        was measured. `update` then says that the camera went on like that. The next measurement
-        reaches over two images, so that errors do not add up.
+        was measured; if more agreed one after the other, up to three images in a row. `update` then
+        says that the camera went on like that. The next measurement reaches over all of them, so
+        that errors do not add up.
 
         Args:
             image: the next image.
             boxes: what is followed, in the last image.
         """
         known = image is self._image or self._image is None or image.shape != self._image.shape
-        if known or self._foreseen or not self._even(boxes):
+        if known or self._pace is None or self._foreseen >= min(self._even, _MOST_FORESEEN):
             return False
-        self._image, self._warp, self._foreseen = image, self._paces[1] or Warp(), True
+        if not _calm(self._pace, boxes):
+            return False
+        self._image, self._warp = image, self._pace
+        self._since, self._foreseen = self._since.then(self._pace), self._foreseen + 1
         return True
-
-    def _even(self, boxes: Sequence[Box]) -> bool:
-        """Whether the camera moves so evenly that its next motion is known."""
-        before, now = self._paces
-        if before is None or now is None:
-            return False
-        return bool(boxes) and all(
-            now.box(box).distance(box) < _CALM_SIZES * box.scale
-            and now.box(box).distance(before.box(box)) < _STEADY_SIZES * box.scale
-            for box in boxes
-        )
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -102,7 +99,8 @@ class CameraMotion:
 
         Args:
             image: the next image.
-            avoid: boxes in the last image that move by themselves.
+            avoid: boxes in the last image that move by themselves; what is foreseen later has to
+                be even at them.
         """
         if image is not self._image:
             self._image = image
@@ -116,13 +114,12 @@ class CameraMotion:
 
     def _since_foreseen(self, image: Image, avoid: Sequence[Box]) -> Warp:
         """Measure, and take off what was foreseen since the last measurement."""
-        if not self._foreseen:
-            warp = self._measure(image, avoid)
-            self._paces = self._paces[1], warp
-            return warp or Warp()
-        back, self._foreseen = self._warp.back(), False
+        back = self._since.back()
         total = self._measure(image, [back.box(box) for box in avoid])
-        self._paces = self._paces[1], None if total is None else total.halved()
+        pace = None if total is None else total.part(self._foreseen + 1)
+        agreed = pace is not None and _agree(self._pace, pace, avoid)
+        self._pace, self._even = pace, self._even + 1 if agreed else 0
+        self._since, self._foreseen = Warp(), 0
         return back.then(total or Warp())
 
     def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp | None:
@@ -161,6 +158,22 @@ class CameraMotion:
         corners: Any = cv2.goodFeaturesToTrack(last, _CORNERS, _QUALITY, _APART)
         points = _NO_POINTS if corners is None else corners.reshape(-1, 2)
         return _outside(points, avoid, factor)
+
+
+def _calm(pace: Warp, boxes: Sequence[Box]) -> bool:
+    """Whether the background moves little at the boxes."""
+    return bool(boxes) and all(
+        pace.box(box).distance(box) < _CALM_SIZES * box.scale for box in boxes
+    )
+
+
+def _agree(before: Warp | None, now: Warp, boxes: Sequence[Box]) -> bool:
+    """Whether the camera goes on as before, seen at the boxes."""
+    return (
+        before is not None
+        and bool(boxes)
+        and all(now.box(box).distance(before.box(box)) < _STEADY_SIZES * box.scale for box in boxes)
+    )
 
 
 _NO_POINTS: Points = np.zeros((0, 2), np.float32)
