@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from follower_sim.kinematics import Triple
 from follower_vision.camera import CameraModel, Vector
 
 NEAR_M = 0.15
@@ -65,24 +66,40 @@ class Lens:
 
     def clipped(self, polygon: Vector) -> Vector:
         """Cut a polygon, (N, 3) in camera axes, to the guard pyramid (Sutherland-Hodgman)."""
+        corners: list[Triple] = [(x, y, z) for x, y, z in polygon.tolist()]
+        wide, tall = self._extent.tolist()
         for plane in range(5):
-            if len(polygon) < 3:
-                break
-            polygon = _cut(polygon, self._heights(polygon)[plane])
-        return polygon
+            heights = [_height(corner, plane, wide, tall) for corner in corners]
+            if len(corners) >= 3 and min(heights) < 0:
+                corners = _cut(corners, heights)
+        return np.array(corners).reshape(-1, 3)
 
 
-def _cut(polygon: Vector, heights: Vector) -> Vector:
-    """Keep the part of a polygon whose heights over a plane are not negative."""
+def _height(corner: Triple, plane: int, wide: float, tall: float) -> float:
+    """Return the distance, up to a factor, inward from near, left, right, top or bottom."""
+    x, y, z = corner
+    return (z - NEAR_M, z * wide + x, z * wide - x, z * tall + y, z * tall - y)[plane]
+
+
+def _cut(polygon: list[Triple], heights: list[float]) -> list[Triple]:
+    """Keep the part of a polygon whose heights over a plane are not negative; plain floats."""
     kept = []
-    for i in range(len(polygon)):
-        before = i - 1
-        if (heights[i] < 0) != (heights[before] < 0):
-            share = heights[before] / (heights[before] - heights[i])
-            kept.append(polygon[before] + share * (polygon[i] - polygon[before]))
-        if heights[i] >= 0:
-            kept.append(polygon[i])
-    return np.array(kept).reshape(-1, 3)
+    for i, (corner, height) in enumerate(zip(polygon, heights, strict=True)):
+        before, height_before = polygon[i - 1], heights[i - 1]
+        if (height < 0) != (height_before < 0):
+            share = height_before / (height_before - height)
+            kept.append(_between(before, corner, share))
+        if height >= 0:
+            kept.append(corner)
+    return kept
+
+
+def _between(a: Triple, b: Triple, share: float) -> Triple:
+    return (
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+    )
 
 
 def _guard_factor(camera: CameraModel, corner: float) -> float:
