@@ -27,13 +27,12 @@ class FlightTruth:
 
     Attributes:
         samples: the truth, a sample a control step.
-        box_sights: the directions of the true box's middle, likewise, as a sample's.
         tracked: what came of each frame in which the target was said to be seen.
     """
 
     def __init__(self, world: World, vehicle_at: BodyAt, camera_at: BodyAt) -> None:
         self.samples: list[TruthSample] = []
-        self.box_sights: list[LineOfSight] = []
+        self._cameras: list[BodyState] = []
         self.tracked: list[TrackedFrame] = []
         self._world = world
         self._vehicle_at = vehicle_at
@@ -44,11 +43,19 @@ class FlightTruth:
     def take(self, now_s: float) -> TruthSample:
         """Take and return the truth of now."""
         body, camera = self._vehicle_at(now_s), self._camera_at(now_s)
-        truth = self._teller.truth(now_s, body, camera)
-        sample = truth.sample(body, now_s)
+        sample = self._teller.sample(now_s, body, camera=camera)
         self.samples.append(sample)
-        self.box_sights.append(self._teller.box_sight(truth, body, camera))
+        self._cameras.append(camera)
         return sample
+
+    def box_sights(self) -> list[LineOfSight]:
+        """Work out the directions of the true box's middle, one for each sample."""
+        return [
+            self._teller.box_sight(
+                self._teller.truth(sample.time_s, sample.vehicle, camera), sample.vehicle, camera
+            )
+            for sample, camera in zip(self.samples, self._cameras, strict=True)
+        ]
 
     def compare(self, record: TrackRecord) -> None:
         """Compare a track that claims to see the target with the truth, for the score."""

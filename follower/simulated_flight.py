@@ -168,10 +168,9 @@ class SimulatedFlight:
         """What really happened, a sample a control step."""
         return self._truth.samples
 
-    @property
     def box_sights(self) -> list[LineOfSight]:
-        """The direction of the true box's middle from the heading, one a control step."""
-        return self._truth.box_sights
+        """Work out the direction of the true box's middle from the heading, for each sample."""
+        return self._truth.box_sights()
 
     @property
     def overlaps(self) -> list[float]:

@@ -147,7 +147,7 @@ def _scored(
 
 def _by_box(flight: SimulatedFlight, samples: Sequence[TruthSample]) -> list[TruthSample]:
     """Return samples with the direction of the true box's middle for that of the body's."""
-    sights = {s.time_s: sight for s, sight in zip(flight.truth, flight.box_sights, strict=True)}
+    sights = {s.time_s: sight for s, sight in zip(flight.truth, flight.box_sights(), strict=True)}
     return [
         replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
         for sample in samples

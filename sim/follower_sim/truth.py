@@ -49,20 +49,6 @@ class TargetTruth:
     range_m: float
     line_of_sight: LineOfSight
 
-    def sample(self, body: BodyState, clock_s: float) -> TruthSample:
-        """Return it as the score wants it, stamped `clock_s`, with the vehicle at `body`."""
-        return TruthSample(
-            clock_s,
-            body,
-            self.position_m,
-            self.velocity_m_s,
-            self.in_frame_share,
-            self.visible_share,
-            self.range_m,
-            self.line_of_sight.azimuth_rad,
-            self.line_of_sight.elevation_rad,
-        )
-
 
 class TruthTeller:
     """Computes the truth for one world and camera; keeps what does not change.
@@ -88,21 +74,17 @@ class TruthTeller:
         `camera` is the body that carries the camera, if that is not the vehicle's: a gimbal.
         """
         number = self._world.scenario.followed
-        centre = self._world.target_centre(number, time_s)
-        away = np.array(centre) - body.position_m
-        sight = LineOfSight.from_vector(away)
-        azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
         seen = self._seen(number, time_s, View.of(camera or body, self._mount))
-        pose = self._world.target_pose(number, time_s)
+        centre, velocity_m_s, range_m, sight = self._whereabouts(time_s, body)
         return TargetTruth(
             time_s,
             seen.box,
             seen.in_frame_share,
             seen.visible_share,
             centre,
-            pose.velocity_m_s,
-            float(np.linalg.norm(away)),
-            LineOfSight(azimuth, sight.elevation_rad),
+            velocity_m_s,
+            range_m,
+            sight,
         )
 
     def sample(
@@ -113,8 +95,19 @@ class TruthTeller:
         camera: BodyState | None = None,
     ) -> TruthSample:
         """Return the truth as the score wants it, stamped `clock_s` (else `time_s`)."""
-        truth = self.truth(time_s, body, camera)
-        return truth.sample(body, time_s if clock_s is None else clock_s)
+        in_frame, visible = self._shares(time_s, View.of(camera or body, self._mount))
+        centre, velocity_m_s, range_m, sight = self._whereabouts(time_s, body)
+        return TruthSample(
+            time_s if clock_s is None else clock_s,
+            body,
+            centre,
+            velocity_m_s,
+            in_frame,
+            visible,
+            range_m,
+            sight.azimuth_rad,
+            sight.elevation_rad,
+        )
 
     def box_sight(
         self, truth: TargetTruth, body: BodyState, camera: BodyState | None = None
@@ -149,16 +142,56 @@ class TruthTeller:
         seen = [self._seen(number, time_s, view) for number in numbers]
         return [one.box for one in seen if one.box is not None and one.visible_share > 0]
 
+    def _whereabouts(
+        self, time_s: float, body: BodyState
+    ) -> tuple[Triple, Triple, float, LineOfSight]:
+        """Return the target's centre, velocity, range and line of sight."""
+        number = self._world.scenario.followed
+        centre = self._world.target_centre(number, time_s)
+        away = np.array(centre) - body.position_m
+        sight = LineOfSight.from_vector(away)
+        azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
+        velocity_m_s = self._world.target_pose(number, time_s).velocity_m_s
+        range_m = float(np.linalg.norm(away))
+        return centre, velocity_m_s, range_m, LineOfSight(azimuth, sight.elevation_rad)
+
+    def _shares(self, time_s: float, view: View) -> tuple[float, float]:
+        """Return how much of the target's box is in the image, and how much nothing hides."""
+        world, number = self._world, self._world.scenario.followed
+        if world.is_present(number, time_s):
+            ball = world.target_ball(number, time_s)
+            wholly = self._silhouettes.is_wholly_in_frame(ball, view)
+            if wholly and self._is_in_the_open(number, time_s, view):
+                return 1.0, 1.0
+        seen = self._seen(number, time_s, view)
+        return seen.in_frame_share, seen.visible_share
+
     def _seen(self, number: int, time_s: float, view: View) -> SeenBody:
         """Return where a target is in the image; nowhere if it is not in the world."""
         if not self._world.is_present(number, time_s):
             return UNSEEN
-        others = [
-            self._world.target_solid(n, time_s, lit=False)
-            for n in range(len(self._world.paths))
-            if n != number and self._world.is_present(n, time_s)
-        ]
-        solid = self._world.target_solid(number, time_s, lit=False)
+        if not self._is_in_the_open(number, time_s, view):
+            return self._seen_among_others(number, time_s, view)
+        box = self._silhouettes.box(self._world.target_vertices(number, time_s), view)
+        in_frame = 0.0 if box is None else self._silhouettes.in_frame_share(box)
+        return SeenBody(box, in_frame, 1.0)
+
+    def _is_in_the_open(self, number: int, time_s: float, view: View) -> bool:
+        """Whether surely nothing hides any of a target; asked before anything is drawn."""
+        world = self._world
+        others = [world.target_ball(n, time_s) for n in self._others(number, time_s)]
+        return self._silhouettes.is_in_the_open(world.target_ball(number, time_s), others, view)
+
+    def _others(self, number: int, time_s: float) -> list[int]:
+        """Return the numbers of the other targets that are there."""
+        numbers = range(len(self._world.paths))
+        return [n for n in numbers if n != number and self._world.is_present(n, time_s)]
+
+    def _seen_among_others(self, number: int, time_s: float, view: View) -> SeenBody:
+        """Draw a target, and what may hide it."""
+        world = self._world
+        others = [world.target_solid(n, time_s, lit=False) for n in self._others(number, time_s)]
+        solid = world.target_solid(number, time_s, lit=False)
         seen = self._silhouettes.seen(solid, others, view)
         return seen if seen.box is not None else self._out_of_view(solid, others, view)
 
