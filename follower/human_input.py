@@ -13,6 +13,10 @@ from follower.supervisor import State
 from follower_control.nudge import Nudge
 from follower_control.vehicle import VehicleState
 
+_STRONGEST_FIRST = (Order.WITHDRAW, Order.GIVE, Order.RENEW)
+"""Of several orders in one step: a withdrawal is not overruled by what came with it, and who
+chooses a target in the same moment does not make consent unsaid."""
+
 
 class HumanInput:
     """Orders, stop, consent, sticks and the pilot's mode, for the supervisor to decide by.
@@ -45,6 +49,7 @@ class HumanInput:
         self._entry = 0
         self.stop_requested = self.stop_at_once = False
         self.order = Order.NONE
+        self._withdrawn = False
         self.cockpit = CockpitWatch(cockpit or CockpitSettings())
         self.cockpit_lost = False
         self._cockpit_was_lost: bool | None = None
@@ -80,8 +85,11 @@ class HumanInput:
         self.stop_requested = self.stop_at_once = True
 
     def choose(self) -> None:
-        """Note that the operator chose a target: that renews consent, unless stop was pressed."""
-        if not self.stop_requested:
+        """Note that the operator chose a target.
+
+        That renews consent, unless stop was pressed or consent withdrawn: then it has to be given.
+        """
+        if not (self.stop_requested or self._withdrawn):
             self.give(Order.RENEW)
 
     def repeat(self, recorded: Situation) -> None:
@@ -94,9 +102,9 @@ class HumanInput:
     def step(self, vehicle: VehicleState, state: State, now_s: float) -> None:
         """Take what came since the last step; `state` is the supervisor's before it decides."""
         orders = [self._orders.popleft() for _ in range(len(self._orders))]
-        newest = next(reversed(orders), Order.NONE)
-        # A withdrawal is not overruled by what came with it.
-        self.order = Order.WITHDRAW if Order.WITHDRAW in orders else newest
+        self.order = next((one for one in _STRONGEST_FIRST if one in orders), Order.NONE)
+        if self.order in (Order.GIVE, Order.WITHDRAW):
+            self._withdrawn = self.order is Order.WITHDRAW
         self._consent.step(self.order, vehicle, state, now_s)
         self._sticks.step(vehicle, state.engaged, now_s)
         heard_none, recorded = self.cockpit.is_lost(now_s), self._cockpit_was_lost

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.consent import Consent, ConsentSettings
+from follower.human_input import HumanInput
 from follower.links.operator_commands import OperatorCommands
 from follower.release import Release, ReleaseAction, ReleaseSettings, release_mode
 from follower.situation import Order
@@ -290,3 +291,52 @@ def test_commands_that_nobody_takes_do_not_pile_up() -> None:
     for number in range(1000):
         commands.hear(command(float(number)), 0.0)
     assert len(commands.take()) == 16
+
+
+def test_a_consent_that_is_repeated_after_it_was_withdrawn_is_no_new_one() -> None:
+    commands = OperatorCommands()
+    for now_s, value, confirmation in [(0.0, 1.0, 0), (0.4, 0.0, 0), (0.5, 1.0, 1)]:
+        commands.hear(command(value, confirmation), now_s)
+    assert [one.is_new for one in commands.take()] == [True, True, False]
+
+
+def test_a_withdrawal_is_carried_out_each_time() -> None:
+    commands = OperatorCommands()
+    for now_s, confirmation in [(0.0, 0), (0.3, 0), (2.0, 1)]:
+        commands.hear(command(0.0, confirmation), now_s)
+    assert [one.is_new for one in commands.take()] == [True] * 3
+
+
+def test_a_withdrawal_is_heard_among_however_many() -> None:
+    commands = OperatorCommands()
+    for number in range(2, 100):
+        commands.hear(command(float(number)), 0.0)
+    commands.hear(command(0.0), 0.0)
+    assert commands.take()[-1].value == 0.0
+
+
+def humans() -> HumanInput:
+    return HumanInput(ConsentSettings(kind="cockpit"), StickSettings())
+
+
+def test_consent_counts_though_a_target_is_chosen_in_the_same_moment() -> None:
+    people = humans()
+    people.give(Order.GIVE)
+    people.choose()
+    people.step(OURS, State.READY, 0.0)
+    assert people.consent_given
+
+
+def test_a_choice_that_comes_late_does_not_undo_a_withdrawal() -> None:
+    people = HumanInput(ConsentSettings(), StickSettings())
+    people.give(Order.WITHDRAW)
+    people.step(OURS, State.FOLLOWING, 0.0)
+    people.choose()
+    people.step(OURS, State.RELEASED, 0.1)
+    assert not people.consent_renewed
+    people.give(Order.GIVE)
+    people.step(OURS, State.RELEASED, 0.2)
+    assert people.consent_renewed
+    people.choose()
+    people.step(OURS, State.RELEASED, 0.3)
+    assert people.consent_renewed
