@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from follower.operator_requests import OperatorRequests
 from follower.target_finder import TargetFinder
-from follower.target_wish import ObjectWish, Outcome, TargetRequest
+from follower.target_wish import NoTargetWish, ObjectWish, Outcome, TargetRequest
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.target_tracker import Learner, TargetTracker
@@ -21,6 +21,9 @@ Selector: TypeAlias = Callable[[Frame], Box | None]
 _SEEK_S = 0.7
 """How long an object that was seen a moment ago is looked for."""
 _REPLACED = Outcome(False, "another target was asked for before it was seen again")
+_LONGEST_GAP_S = 1.0
+"""Without a frame for longer, nobody can know what they choose."""
+_TOO_OLD = Outcome(False, "no frames came for a moment: choose again")
 OUT_OF_ORDER = "out of order"
 """What a track is said to be produced by that answers for a frame from the past."""
 
@@ -76,7 +79,9 @@ class VisionStage:
         self.chosen, self.dropped = None, False
         if not frame.captured_s > self._newest_s:
             return self._out_of_order(frame)
-        self._newest_s = frame.captured_s
+        gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
+        if _LONGEST_GAP_S < gap_s < math.inf:
+            self._refuse_old_wish()
         self._take_request(frame)
         self._track = self._followed(frame)
         return self._track
@@ -85,6 +90,15 @@ class VisionStage:
         """Do what the tracker has put off; call it when the track is on its way."""
         if isinstance(self._tracker, Learner):
             self._tracker.learn()
+
+    def _refuse_old_wish(self) -> None:
+        """Carry out no wish for what was seen before no frames came: it would be another thing."""
+        newest = None if self._requests is None else self._requests.take_target()
+        drops = newest is not None and isinstance(newest.wish, NoTargetWish)
+        for request in (self._sought, None if drops else newest):
+            if request is not None:
+                request.settle(_TOO_OLD)
+        self._sought = newest if drops else None
 
     def _take_request(self, frame: Frame) -> None:
         request = self._request_now(frame)

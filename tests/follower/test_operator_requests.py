@@ -88,6 +88,34 @@ def test_a_rectangle_is_followed_from_the_next_frame_on() -> None:
     assert vision.step(frame(1)).requests == 1
 
 
+def test_a_wish_that_waited_while_no_frames_came_is_refused_but_for_none() -> None:
+    requests, vision = rig()
+    vision.step(frame())
+    request = requests.select_rectangle(*SHOWN, BY)
+    record = vision.step(frame(30))
+    assert (record.track, record.requests) == (None, 0)
+    assert request.outcome is not None
+    assert "choose again" in request.outcome.text
+    requests.select_rectangle(*SHOWN, BY)
+    assert vision.step(frame(31)).track is not None
+    none = requests.stop_tracking(BY)
+    assert vision.step(frame(60)).track is None
+    assert none.outcome is not None
+    assert none.outcome.accepted
+
+
+def test_an_object_is_not_looked_for_any_more_after_no_frames_came() -> None:
+    sees = SeesOne(Box(80, 48, 30, 22))
+    sees.box = Box(10, 10, 8, 8)
+    requests, vision = rig(sees)
+    request = requests.select_object(*SHOWN, BY)
+    vision.step(frame())
+    sees.box = Box(80, 48, 30, 22)
+    assert vision.step(frame(40)).track is None
+    assert request.outcome is not None
+    assert not request.outcome.accepted
+
+
 def test_a_point_snaps_to_the_detection_there() -> None:
     box = Box(80, 50, 40, 24)
     requests, vision = rig(SeesOne(box))
