@@ -14,7 +14,7 @@ from follower.cockpit.client import Client
 from follower.cockpit.hub import Hub
 from follower.cockpit.limiter import Limiter
 from follower.cockpit.objects import Objects
-from follower.cockpit.requests import REQUESTS
+from follower.cockpit.requests import REQUESTS, lets_go
 from follower_vision.clock import Clock
 
 _RATE_HZ, _BURST = 40.0, 80
@@ -99,7 +99,7 @@ class Conversation:
     def _ask(self, client: Client, message: dict[str, Any]) -> None:
         """Ask the flight; a second question need not wait for the first one's answer."""
         number = message.pop("id", None)
-        if not isinstance(number, int) or len(self._asking) >= _MOST_OPEN:
+        if not isinstance(number, int):
             raise RudeError("no number to answer to")
         task = asyncio.create_task(self._asked(client, message, number))
         self._asking.add(task)
@@ -110,6 +110,7 @@ class Conversation:
         client.answer(json.dumps({"kind": "answer", "id": number, **answer}))
 
     async def _answer(self, client: Client, message: dict[str, Any]) -> dict[str, Any]:
+        seen_s = message.pop("at", None)
         try:
             request = REQUESTS.validate_python(message)
         except ValidationError as error:
@@ -117,6 +118,11 @@ class Conversation:
             return {"accepted": False, "text": f"no request: {first['msg']}"}
         if not self._hub.may(client.id, request):
             return {"accepted": False, "text": "another client is in control; you watch"}
+        if len(self._asking) > _MOST_OPEN and not lets_go(request):
+            return {"accepted": False, "text": "too much is asked at once"}
+        late = self._hub.lateness(request, seen_s) if isinstance(seen_s, int | float) else None
+        if late is not None:
+            return {"accepted": False, "text": late}
         return await self._hub.ask(request, "cockpit")
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from follower.cockpit.client import Client
-from follower.cockpit.requests import OperatorRequest, lets_go
+from follower.cockpit.requests import OperatorRequest, Show, lets_go
 from follower_vision.clock import Clock
 
 Message: TypeAlias = dict[str, Any]
@@ -17,6 +18,8 @@ _ANSWER_S = 4.0
 _SILENT_S = 5.0
 """Control of a client that says nothing for so long may be taken by another one."""
 _MOST_OPEN = 100
+_LATE_S = 3.0
+"""Who asked by what was shown so long ago would not ask for the same now."""
 
 
 class Hub:
@@ -39,6 +42,7 @@ class Hub:
         self._most_clients = most_clients
         self._clients: dict[str, Client] = {}
         self._controller: Client | None = None
+        self._stopped_s = -math.inf
         self._numbers = itertools.count(1)
         self._open: dict[int, asyncio.Future[Message]] = {}
 
@@ -56,7 +60,7 @@ class Hub:
         if self._controller is None:
             self._controller = client
         client.tell("hello", _text("hello", client=client.id, page=self.page))
-        client.tell("state", _text("state", **self.state))
+        client.tell("state", _text("state", at=self._clock.now(), **self.state))
         self._tell_control()
         return client
 
@@ -70,6 +74,7 @@ class Hub:
     def hear(self, client: Client) -> None:
         """Note that a client is there."""
         client.heard_s = self._clock.now()
+        client.tell("pong", _text("pong"))
         if client is self._controller:
             self._send({"kind": "heard"})
 
@@ -94,10 +99,28 @@ class Hub:
             return True
         return self._controller is not None and self._controller.id == client_id
 
+    def lateness(self, request: OperatorRequest, seen_s: float) -> str | None:
+        """Say why a request is not what its sender would want now; None if it may be.
+
+        A line that broke hands over later what was pressed before: also a consent, and after stop.
+
+        Args:
+            request: what is wanted.
+            seen_s: `at` of the newest state that its sender had seen.
+        """
+        if lets_go(request) or isinstance(request, Show):
+            return None
+        if seen_s <= self._stopped_s:
+            return "somebody let go since you asked: ask again"
+        late_s = self._clock.now() - seen_s
+        return f"that came {late_s:.0f} s late: ask again" if late_s > _LATE_S else None
+
     async def ask(self, request: OperatorRequest, by: str) -> Message:
         """Have the flight carry out a request, and return its answer."""
         if len(self._open) >= _MOST_OPEN and not lets_go(request):
             return {"accepted": False, "text": "too much is asked at once"}
+        if lets_go(request):
+            self._stopped_s = self._clock.now()
         number = next(self._numbers)
         future: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._open[number] = future
@@ -116,7 +139,7 @@ class Hub:
         match message["kind"]:
             case "state":
                 self.state = message["state"]
-                self.tell("state", **self.state)
+                self.tell("state", at=self._clock.now(), **self.state)
             case "page":
                 self.page = {**self.page, **message["page"]}
                 self.tell("page", page=self.page)

@@ -320,10 +320,11 @@ class Script:
 
     asked: list[Message] = field(default_factory=list)
     heard_times: int = 0
+    answers: bool = True
 
-    def ask(self, request: Message, by: str) -> Message:
+    def ask(self, request: Message, by: str) -> Message | None:
         self.asked.append({**request, "by": by})
-        return {"accepted": True, "text": "noted"}
+        return {"accepted": True, "text": "noted"} if self.answers else None
 
     def late_answers(self) -> Sequence[Message]:
         return ()

@@ -29,12 +29,16 @@ from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from follower.cockpit.hub import Hub
+from follower.cockpit.requests import REQUESTS
 from follower.cockpit.settings import CockpitSettings
+from follower_vision.clock import SimulatedClock
 from follower_vision.frame import Frame
 
 PATIENCE_S = 30.0
 LOOPBACK = ipaddress.ip_address("127.0.0.1")
 TOKEN = "a token of some length"
+CONSENT = REQUESTS.validate_python({"kind": "consent", "given": True})
 
 
 def noise_frame(number: int) -> Frame:
@@ -240,6 +244,56 @@ def until(condition: Callable[[], Any]) -> None:
     while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.02)
+
+
+def test_what_was_asked_before_somebody_let_go_comes_too_late(served: Any) -> None:
+    """A line that broke may hand over a consent when STOP has come another way long since."""
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        seen_s = message(client, "state")["at"]
+        assert httpx.post(f"{served.url}/api/request", json={"kind": "stop"}).json()["accepted"]
+        say(client, kind="consent", given=True, id=1, at=seen_s)
+        answer = message(client, "answer")
+        assert not answer["accepted"]
+        assert "let go" in answer["text"]
+        say(client, kind="consent", given=False, id=2, at=seen_s)
+        assert message(client, "answer")["accepted"]
+        served.station.show(state(time_s=1.0))
+        say(client, kind="consent", given=True, id=3, at=message(client, "state")["at"])
+        assert message(client, "answer")["accepted"]
+
+
+def test_what_was_asked_long_ago_is_refused_but_for_letting_go() -> None:
+    clock = SimulatedClock()
+    hub = Hub({}, lambda _: None, clock, 4)
+    clock.sleep_until(10.0)
+    assert hub.lateness(CONSENT, 9.0) is None
+    assert "late" in str(hub.lateness(CONSENT, 6.0))
+    assert hub.lateness(REQUESTS.validate_python({"kind": "stop"}), 0.0) is None
+
+
+def test_a_stop_is_carried_out_however_many_wait_for_answers(
+    served: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(served.station.operator, "answers", False)
+    stops = stops_asked(served)
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        for number in range(30):
+            say(client, kind="select_point", x=0.5, y=0.5, id=number)
+        say(client, kind="stop", id=99)
+        until(lambda: stops_asked(served) > stops)
+
+
+def stops_asked(served: Any) -> int:
+    return sum(one["kind"] == "stop" for one in served.station.operator.asked)
+
+
+def test_who_says_that_he_is_there_hears_the_same(served: Any) -> None:
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        say(client, kind="ping")
+        assert message(client, "pong") == {"kind": "pong"}
 
 
 def test_by_http_too_only_who_controls_may_ask(served: Any) -> None:
