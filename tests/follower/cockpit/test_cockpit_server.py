@@ -277,7 +277,7 @@ def test_a_stop_is_carried_out_however_many_wait_for_answers(
 ) -> None:
     monkeypatch.setattr(served.station.operator, "answers", False)
     stops = stops_asked(served)
-    with connect(ws(served)) as client:
+    with connect(ws(served), max_queue=None) as client:
         message(client, "hello")
         for number in range(30):
             say(client, kind="select_point", x=0.5, y=0.5, id=number)
