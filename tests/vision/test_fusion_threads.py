@@ -159,38 +159,71 @@ def test_a_program_that_ends_lets_the_detection_finish() -> None:
     assert (left.returncode, left.stdout) == (0, "finished\n")
 
 
-def test_looking_ahead_changes_no_track(monkeypatch: pytest.MonkeyPatch) -> None:
-    ahead = _tracks(FusionTracker(Matcher()))
-    monkeypatch.setattr(Aside, "during", lambda _, __, work: work())
-    assert _tracks(FusionTracker(Matcher())) == ahead
+class AtOnce(Aside[object]):
+    """Does the work when it is begun."""
+
+    def begin(self, work: Callable[[], object]) -> None:
+        self.done = work()
+
+    def end(self) -> object:
+        return self.done
+
+
+class AtLast(Aside[object]):
+    """Does the work when its result is asked for."""
+
+    def begin(self, work: Callable[[], object]) -> None:
+        self.work = work
+
+    def end(self) -> object:
+        return self.work()
+
+
+@pytest.mark.parametrize("aside", [AtOnce, AtLast])
+def test_which_thread_is_the_quicker_one_changes_no_track(
+    monkeypatch: pytest.MonkeyPatch, aside: type[Aside[object]]
+) -> None:
+    threaded = _tracks(FusionTracker(Matcher()))
+    monkeypatch.setattr("follower_vision.fusion.preparation.Aside", aside)
+    assert _tracks(FusionTracker(Matcher())) == threaded
 
 
 def test_both_things_are_done_at_the_same_time() -> None:
-    aside, met = Aside(), threading.Barrier(2)
+    aside: Aside[int] = Aside()
+    met = threading.Barrier(2)
 
     def meet() -> int:
         met.wait(WAIT_S)
         return threading.get_ident()
 
-    assert aside.during(lambda: meet() and None, meet) != threading.get_ident()
+    aside.begin(meet)
+    meet()
+    assert aside.end() != threading.get_ident()
     aside.close()
-    assert aside.during(lambda: None, lambda: 7) == 7
+    aside.begin(lambda: 7)
+    assert aside.end() == 7
     aside.close()
 
 
 def test_what_the_thread_has_not_begun_is_done_at_once() -> None:
-    aside, may_go_on = Aside(), threading.Event()
-    aside.during(lambda: None, lambda: None)
+    aside: Aside[int] = Aside()
+    may_go_on = threading.Event()
+    aside.begin(lambda: 0)
+    assert aside.end() == 0
     aside._pool.submit(may_go_on.wait, WAIT_S)
-    assert aside.during(lambda: None, threading.get_ident) == threading.get_ident()
+    aside.begin(threading.get_ident)
+    assert aside.end() == threading.get_ident()
     may_go_on.set()
     aside.close()
 
 
 def test_an_error_in_the_thread_is_raised_to_the_asker() -> None:
-    aside = Aside()
+    aside: Aside[float] = Aside()
+    aside.begin(lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        aside.during(lambda: None, lambda: 1 // 0)
+        aside.end()
+    with pytest.raises(RuntimeError, match="begun"):
+        aside.end()
     aside.close()
 
 
@@ -275,3 +308,18 @@ def test_camera_motion_says_none_where_there_is_nothing_to_see() -> None:
     flat = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
     for image in (flat, flat.copy(), _seen(0, 0), flat.copy()):
         assert camera.update(image).point(300, 200) == pytest.approx((300, 200), abs=1e-2)
+
+
+def test_a_jerk_is_noticed_in_an_image_whose_motion_was_foreseen() -> None:
+    """The tracker no longer sees the target where it was: then the motion is measured at once."""
+    places = [2.0 * number for number in range(20)]
+    for calm in range(14, 20):
+        tracker = FusionTracker(Matcher())
+        for number, place in enumerate([*places[:calm], 160.0]):
+            left = 400 - round(place)
+            image = _seen(place, 0)
+            image[150:190, left : left + 40] = _textured(7, 40, 40)
+            frame, box = Frame(image, number / 30, number), Box(left + 20, 170, 40, 40)
+            track = tracker.start(frame, box) if number == 0 else tracker.step(frame)
+        tracker.close()
+        assert track.box.iou(box) > 0.9, f"after {calm} calm images"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
 
 Answer = TypeVar("Answer")
 
 
-class Aside:
+class Aside(Generic[Answer]):
     """A thread that works on one thing while its owner does another.
 
     Both have to spend their time outside Python to gain anything: OpenCV, numpy and onnxruntime do.
@@ -17,21 +17,31 @@ class Aside:
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
+        self._begun: tuple[Future[Answer], Callable[[], Answer]] | None = None
 
-    def during(self, meanwhile: Callable[[], None], work: Callable[[], Answer]) -> Answer:
-        """Return what `work` returns; `meanwhile` runs at the same time, in the caller's thread.
+    def begin(self, work: Callable[[], Answer]) -> None:
+        """Begin to work; `end` has to be called before the next.
 
-        Neither may depend on what the other does. What they raise is raised here.
+        What the owner does meanwhile may not depend on it, nor the work on what the owner does.
         """
         if self._pool is None:
             self._pool = ThreadPoolExecutor(1, "aside")
-        future = self._pool.submit(work)
-        meanwhile()
+        self._begun = self._pool.submit(work), work
+
+    def end(self) -> Answer:
+        """Return what the work returns, or raise what it raises; wait for it if need be.
+
+        Raises:
+            RuntimeError: nothing was begun.
+        """
+        if self._begun is None:
+            raise RuntimeError("nothing was begun")
+        (future, work), self._begun = self._begun, None
         # On a busy machine the thread may not have had its turn: then it is quicker to do it here.
         return work() if future.cancel() else future.result()
 
     def close(self) -> None:
-        """Let go of the thread; the next `during` makes another."""
+        """Let go of the thread; the next `begin` makes another."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

@@ -47,7 +47,7 @@ class CameraMotion:
     counts; where there is none either, the motion is said to be none. Where corners were followed
     in vain twice, the shift comes first, and corners are tried every fifth time.
 
-    A camera that moves evenly need not be measured in every image: see `foresee`.
+    A camera that moves evenly need not be measured in every image: see `foreseeable`.
     """
 
     def __init__(self) -> None:
@@ -71,26 +71,29 @@ class CameraMotion:
         self._since, self._foreseen = Warp(), 0
         self._vain = 0
 
-    def foresee(self, image: Image, boxes: Sequence[Box]) -> bool:
-        """Take an image for which the motion need not be measured; tell whether it is such a one.
+    def foreseeable(self, image: Image, boxes: Sequence[Box]) -> bool:
+        """Tell whether the motion need not be measured in the next image.
 
-        It is if the last two measurements agreed, seen at the boxes, and the last image's motion
-        was measured; if more agreed one after the other, up to three images in a row. `update` then
-        says that the camera went on like that. The next measurement reaches over all of them, so
-        that errors do not add up.
+        That is so if the last two measurements agreed, seen at the boxes, and the last image's
+        motion was measured; if more agreed one after the other, for up to three images in a row.
 
         Args:
             image: the next image.
             boxes: what is followed, in the last image.
         """
         known = image is self._image or self._image is None or image.shape != self._image.shape
-        if known or self._pace is None or self._foreseen >= min(self._even, _MOST_FORESEEN):
-            return False
-        if not _calm(self._pace, boxes):
-            return False
-        self._image, self._warp = image, self._pace
-        self._since, self._foreseen = self._since.then(self._pace), self._foreseen + 1
-        return True
+        often = self._foreseen >= min(self._even, _MOST_FORESEEN)
+        return not known and not often and self._pace is not None and _calm(self._pace, boxes)
+
+    def foresee(self, image: Image) -> Warp:
+        """Take the next image without measuring; return how the camera moves if it goes on so.
+
+        The next measurement reaches over all images that were foreseen, so that errors do not add
+        up.
+        """
+        self._image, self._warp = image, self._pace or Warp()
+        self._since, self._foreseen = self._since.then(self._warp), self._foreseen + 1
+        return self._warp
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
         """Return the motion from the last image to this one, (H, W, 3) uint8 BGR.
@@ -109,8 +112,8 @@ class CameraMotion:
 
     @property
     def grey(self) -> Grey | None:
-        """The last image of `update` in grey, (H, W): it was needed anyway."""
-        return self._full
+        """The last image in grey, (H, W), if it was measured: then it was needed anyway."""
+        return None if self._foreseen else self._full
 
     def _since_foreseen(self, image: Image, avoid: Sequence[Box]) -> Warp:
         """Measure, and take off what was foreseen since the last measurement."""

@@ -10,6 +10,9 @@ from follower_vision.fusion.settings import FusionSettings
 CERTAIN = 0.98
 """A motion tracker whose confidence reaches this share of its usual one is certain."""
 
+SURE = 0.95
+"""One that reaches this share is sure."""
+
 _SURER = 0.01
 _MARGIN = 0.1
 _ALIKE = 0.8

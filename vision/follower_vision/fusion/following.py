@@ -5,7 +5,7 @@ from __future__ import annotations
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief
-from follower_vision.fusion.evidence import CERTAIN, Evidence, Judge
+from follower_vision.fusion.evidence import CERTAIN, SURE, Evidence, Judge
 from follower_vision.fusion.gaze import Gaze
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.settings import FusionSettings
@@ -15,7 +15,6 @@ from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
 
 _LEAST_VISIBLE = 0.3
-_SURE = 0.95
 _VERY_CERTAIN = 0.995
 _LESS_CERTAIN = 0.7
 _OBJECTED = 4.0
@@ -82,14 +81,18 @@ class Following:
         self._gaze.learn(frame, box)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
 
-    def look_ahead(self, frame: Frame, belief: Belief) -> None:
+    def look_ahead(self, frame: Frame, belief: Belief) -> bool:
         """Run the motion tracker where it mostly looks, before the camera's motion is known.
 
         Args:
             frame: the next frame.
             belief: still that of the last frame.
+
+        Returns:
+            Whether it is sure of what it sees there.
         """
-        self._gaze.look_ahead(frame, belief, self.doubting)
+        seen = self._gaze.look_ahead(frame, belief, self.doubting)
+        return seen is not None and self._confidence.relative(seen.confidence) >= SURE
 
     def follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
@@ -168,7 +171,7 @@ class Following:
         weight = 1.0 if evidence.relative >= _VERY_CERTAIN else _LESS_CERTAIN
         if evidence.relative >= CERTAIN:
             self._steady_s += weight * interval_s
-        elif evidence.relative < _SURE:
+        elif evidence.relative < SURE:
             self._steady_s = 0.0
         belief.reference = drawn(belief.reference, evidence.box, interval_s)
         self._broken = self._broken or _breaks(frame, belief, evidence)
@@ -203,7 +206,7 @@ class Following:
         away = expected.distance(evidence.box) / expected.scale
         near = away <= _RESUME_SIZES + self._settings.search_growth_s * belief.unseen_s
         sure = evidence.relative >= self._settings.resume_ratio
-        steady = away <= _STEADY_SIZES and evidence.relative >= _SURE
+        steady = away <= _STEADY_SIZES and evidence.relative >= SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
         alike = self._recognised(belief, evidence) or self._insistent(belief)
         strange = self._strange(belief, evidence, expected)
@@ -249,7 +252,7 @@ class Following:
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
         """The last look's score, if nothing speaks against the box: every frame need not be one."""
         plain = belief.state is TrackState.TRACKING and not self._low
-        sure = plain and self._confidence.relative(estimate.confidence) >= CERTAIN
+        sure = plain and self._confidence.relative(estimate.confidence) >= SURE
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None
 
     def _judged(
@@ -268,7 +271,7 @@ class Following:
         box = clamped(evidence.box, belief, self._settings)
         belief.see(box, evidence.relative, self._name)
         belief.kinematics.see(box)
-        sure = evidence.fresh and evidence.relative >= _SURE
+        sure = evidence.fresh and evidence.relative >= SURE
         if sure and evidence.looks >= _NOTICED_LOOKS:
             self._looks.notice(evidence.score, evidence.box, frame.captured_s)
         if sure and evidence.looks >= _ANCHOR_LOOKS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.fusion.belief import Belief
+from follower_vision.fusion.evidence import SURE
 from follower_vision.fusion.forecasts import CALM_SIZES
 from follower_vision.fusion.rivals import LEAST_SHARE
 from follower_vision.fusion.scanning import around
@@ -19,7 +20,6 @@ from follower_vision.fusion.trust import Trust
 from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
 
-_SURE = 0.95
 _NEAR_SIZES = 0.75
 
 
@@ -53,8 +53,8 @@ class Gaze:
         else:
             self._steerable.move_to(box)
 
-    def look_ahead(self, frame: Frame, belief: Belief, doubting: bool) -> None:
-        """Look where the target mostly is, before the camera's motion is known.
+    def look_ahead(self, frame: Frame, belief: Belief, doubting: bool) -> MotionEstimate | None:
+        """Look where the target mostly is, before the camera's motion is known; say what is seen.
 
         Args:
             frame: the next frame.
@@ -65,6 +65,7 @@ class Gaze:
         if self._steerable is not None and not self._searching(belief, doubting):
             place = belief.place_ahead()
             self._ahead = place, _looked(self._steerable, frame, place)
+        return None if self._ahead is None else self._ahead[1]
 
     def estimate(
         self, frame: Frame, belief: Belief, expected: Box | None, usual: Trust, doubting: bool
@@ -91,7 +92,7 @@ class Gaze:
         known = ahead is not None and ahead[0] == place
         estimate = ahead[1] if ahead and known else _looked(self._steerable, frame, place)
         calm = place.distance(wanted) < CALM_SIZES * wanted.scale
-        if calm or usual.relative(estimate.confidence) >= _SURE:
+        if calm or usual.relative(estimate.confidence) >= SURE:
             return estimate
         seen = belief.state is TrackState.TRACKING
         self._unsure = 0 if seen else self._unsure + 1

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
 
-from follower_vision.blur import BlurDetector
 from follower_vision.box import Box
 from follower_vision.detection.detection import Detector
 from follower_vision.embedding import Embedder
 from follower_vision.frame import Frame
-from follower_vision.framecheck import FrameCheck, FrameHealth
-from follower_vision.fusion.aside import Aside
+from follower_vision.framecheck import FrameHealth
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.camera_motion import CameraMotion
 from follower_vision.fusion.detection_service import (
@@ -28,30 +24,15 @@ from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
 from follower_vision.fusion.identity import Identity
 from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.preparation import Preparation
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.validation import Validation
-from follower_vision.fusion.warp import Warp
 from follower_vision.motion import MotionTracker
 from follower_vision.track import Track, TrackState
 
 _LEAST_VISIBLE = 0.1
 _LEAST_CROP_SIDES = 2.5
 _REGIONS_PER_WHOLE = 3
-
-
-@dataclass(frozen=True, slots=True)
-class _Prepared:
-    """What is known of a frame before the target is looked for.
-
-    Attributes:
-        health: whether there is anything to be seen.
-        warp: the camera's motion from the last frame.
-        blurred: whether the neighbourhood of the target's last place is blurred.
-    """
-
-    health: FrameHealth
-    warp: Warp
-    blurred: bool
 
 
 class FusionTracker:
@@ -85,17 +66,13 @@ class FusionTracker:
         """
         self._settings = settings or FusionSettings()
         self._service: DetectionService | None = None if detector is None else mode(detector)
-        self._camera = camera or CameraMotion()
         self._name = motion.name
         self._looks = Looks(self._settings.reidentify, embedder)
         self._following = Following(motion, self._settings, self._looks)
         self._validation = Validation(self._settings, self._following, self._looks)
         self._finding = Finding(self._settings, self._following, self._validation, self._looks)
         self._identity = Identity(self._settings)
-        self._blur = BlurDetector(self._settings.blur)
-        self._blurred = False
-        self._health = FrameCheck()
-        self._aside = Aside()
+        self._preparation = Preparation(self._settings, self._following, camera)
         self._belief: Belief | None = None
         self._asked = 0
         self._pursuit = object()
@@ -107,7 +84,7 @@ class FusionTracker:
 
     def close(self) -> None:
         """Let go of the threads."""
-        self._aside.close()
+        self._preparation.close()
         if self._service is not None:
             self._service.close()
 
@@ -123,8 +100,7 @@ class FusionTracker:
                 f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
             )
         self._forget()
-        self._health.update(frame)
-        self._camera.update(frame.image)
+        self._preparation.start(frame)
         self._looks.start(frame, box)
         self._following.start(frame, box)
         self._belief = Belief(frame, box, self._name)
@@ -150,7 +126,7 @@ class FusionTracker:
         held = [one._held() for one in self._companions]
         belief.taken = [box for box in held if box is not None]
         interval_s = frame.captured_s - belief.now.captured_s
-        seen = self._prepared(frame, belief)
+        seen = self._preparation.prepare(frame, belief)
         expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
         if seen.health is not FrameHealth.GOOD:
             self._following.coast(frame, belief, expected, seen.health.value)
@@ -183,38 +159,12 @@ class FusionTracker:
         return self._belief
 
     def _forget(self) -> None:
-        self._camera.reset()
-        self._blur.reset()
-        self._blurred = False
         self._validation.start()
         self._finding.forget()
         self._identity = Identity(self._settings)
-        self._health = FrameCheck()
         self._asked = 0
         # Answers that are still under way belong to another pursuit.
         self._pursuit = object()
-
-    def _prepared(self, frame: Frame, belief: Belief) -> _Prepared:
-        """Prepare a frame; where that takes its time, the motion tracker looks ahead meanwhile."""
-        prepare = partial(self._prepare, frame, belief.box)
-        if not self._settings.camera_motion:
-            return prepare()
-        sure = belief.state is TrackState.TRACKING and belief.confidence >= CERTAIN
-        if sure and self._camera.foresee(frame.image, [belief.box]):
-            warp = self._camera.update(frame.image)
-            return _Prepared(self._health.update(frame), warp, self._blurred)
-        return self._aside.during(partial(self._following.look_ahead, frame, belief), prepare)
-
-    def _prepare(self, frame: Frame, box: Box) -> _Prepared:
-        """Learn what does not depend on where the target is found; `box` is of the last frame."""
-        health, warp, image = self._health.update(frame), Warp(), frame.image
-        if self._settings.camera_motion:
-            warp = self._camera.update(frame.image, [box])
-            image = image if self._camera.grey is None else self._camera.grey
-        if health is not FrameHealth.GOOD:
-            return _Prepared(health, warp, blurred=False)
-        self._blurred = self._blur.update(image, warp.box(box), frame.captured_s).blurred
-        return _Prepared(health, warp, self._blurred)
 
     def _follow(
         self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
