@@ -22,6 +22,9 @@ _MOST_CHARACTERS = 2048
 _MOST_OPEN = 16
 _STUCK_S = 10.0
 """A browser that takes nothing for so long is hung up on."""
+_IN_CONTROL = json.dumps(
+    {"kind": "told", "accepted": False, "text": "another client is in control; it has to leave"}
+)
 _POLICY_VIOLATION, _TRY_LATER = 1008, 1013
 
 
@@ -88,7 +91,8 @@ class Conversation:
             case "ping":
                 pass
             case "take_control":
-                self._hub.take_control(client)
+                if not self._hub.take_control(client):
+                    client.tell("told", _IN_CONTROL)
             case "give_control":
                 self._hub.give_control(client)
             case "objects" if self._objects is not None:

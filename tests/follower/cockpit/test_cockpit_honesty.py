@@ -1,0 +1,170 @@
+"""The page in a real browser, a scripted flight behind it: nothing old is shown as if it were live.
+
+And what is pressed does what it said when it was pressed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page
+
+from follower_vision.frame import Frame
+
+pytestmark = pytest.mark.slow
+FOLLOWING = {"state": "following", "reason": "target seen", "consent": True, "stopped": False}
+RELEASED = {**FOLLOWING, "state": "released", "reason": "search failed"}
+
+
+class Feed:
+    """A flight's moments and frames, each of which can stand still."""
+
+    def __init__(self, station: Any) -> None:
+        self._station = station
+        self.moment: dict[str, Any] | None = FOLLOWING
+        self.frames = True
+        self.ended = threading.Event()
+
+    def run(self) -> None:
+        image = np.full((48, 64, 3), 90, np.uint8)
+        for number in range(1_000_000):
+            if self.ended.wait(0.1):
+                return
+            if self.moment is not None:
+                self._station.show({"time_s": number / 10, **self.moment})
+            if self.frames:
+                self._station.add(Frame(image, number / 10, number), (), ())
+
+
+@pytest.fixture(scope="module")
+def feed(served: Any) -> Iterator[Feed]:
+    feed = Feed(served.station)
+    thread = threading.Thread(target=feed.run)
+    thread.start()
+    yield feed
+    feed.ended.set()
+    thread.join()
+
+
+@pytest.fixture
+def page(browser: Browser, open_page: Any, served: Any, feed: Feed) -> Iterator[Page]:
+    feed.moment, feed.frames = FOLLOWING, True
+    page = open_page(browser, viewport={"width": 1280, "height": 1000})
+    page.goto(served.url)
+    page.wait_for_selector("#control:has-text('in control')")
+    page.wait_for_selector("#state[data-state=following]")
+    page.wait_for_function("seenAt !== null")
+    yield page
+    page.context.close()
+
+
+def asked(served: Any, kind: str) -> list[dict[str, Any]]:
+    return [one for one in served.station.operator.asked if one["kind"] == kind]
+
+
+@contextmanager
+def one_more(served: Any, kind: str) -> Iterator[None]:
+    """Expect just one more request of a kind."""
+    before = len(asked(served, kind))
+    yield
+    wait_until(lambda: len(asked(served, kind)) > before)
+    assert len(asked(served, kind)) == before + 1
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_a_flight_that_says_nothing_is_shown_as_silent_though_frames_come(
+    page: Page, feed: Feed
+) -> None:
+    assert page.is_hidden("#age")
+    feed.moment = None
+    page.wait_for_selector("#age:has-text('No word from the flight')")
+    assert page.evaluate("$('status').classList.contains('old')")
+    feed.moment = FOLLOWING
+    page.wait_for_selector("#age", state="hidden")
+    assert not page.evaluate("$('status').classList.contains('old')")
+
+
+def test_a_picture_that_stands_still_is_shown_as_old(page: Page, feed: Feed) -> None:
+    feed.frames = False
+    page.wait_for_selector("#age:has-text('The picture is')")
+    assert page.evaluate("$('stage').classList.contains('old')")
+    assert not page.evaluate("$('status').classList.contains('old')")
+    feed.frames = True
+    page.wait_for_selector("#age", state="hidden")
+
+
+def test_who_withdraws_consent_does_not_give_it_because_it_let_go_just_then(
+    page: Page, feed: Feed, served: Any
+) -> None:
+    page.wait_for_selector("#consent:has-text('Withdraw')")
+    before = len(asked(served, "consent"))
+    feed.moment = RELEASED
+    page.evaluate(
+        """() => new Promise(done => { const look = setInterval(() => {
+            if (!$("consent").textContent.startsWith("Allow")) return;
+            clearInterval(look); $("consent").click(); done(); }, 1); })"""
+    )
+    page.wait_for_selector("#consent:enabled:has-text('Allow')")
+    assert len(asked(served, "consent")) == before
+    with one_more(served, "consent"):
+        page.click("#consent")
+    assert asked(served, "consent")[-1]["given"]
+
+
+def test_nothing_but_letting_go_is_put_into_a_line_that_does_not_move(
+    page: Page, served: Any
+) -> None:
+    before = len(asked(served, "stop_tracking"))
+    page.evaluate("() => { heard = -1e9; $('drop').click(); }")
+    page.wait_for_selector("#hint.bad:has-text('silent')")
+    assert len(asked(served, "stop_tracking")) == before
+    with one_more(served, "stop"):
+        page.evaluate("() => { heard = -1e9; stop(); }")
+
+
+def test_a_withdrawal_that_is_not_answered_takes_another_way(page: Page, served: Any) -> None:
+    with one_more(served, "consent"):
+        page.evaluate("() => { socket.send = () => {}; }")
+        page.click("#consent:has-text('Withdraw')")
+    assert not asked(served, "consent")[-1]["given"]
+
+
+def test_stop_can_be_pressed_in_every_way(page: Page, served: Any) -> None:
+    ways: list[Callable[[], None]] = [
+        lambda: page.click("#stop"),
+        lambda: page.press("#stop", "Enter"),
+        lambda: page.press("body", "Space"),
+        lambda: page.press("#gains input[type=number] >> nth=0", "Space"),
+        lambda: page.evaluate("$('stop').click()"),
+    ]
+    for way in ways:
+        with one_more(served, "stop"):
+            way()
+
+
+def test_another_button_of_the_mouse_chooses_nothing(page: Page, served: Any) -> None:
+    before = len(asked(served, "select_point"))
+    page.click("#glass", button="right")
+    with one_more(served, "select_point"):
+        page.click("#glass")
+    assert len(asked(served, "select_point")) == before + 1
+
+
+def test_who_cannot_take_control_is_told(page: Page, browser: Browser, open_page: Any) -> None:
+    watcher = open_page(browser)
+    watcher.goto(page.url)
+    watcher.click("#take")
+    watcher.wait_for_selector("#hint.bad:has-text('in control')")
+    watcher.context.close()
