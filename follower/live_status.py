@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -82,6 +83,8 @@ class LiveStatus:
         if not log.controls:
             return cls(0.0, total_s, phase=phase, frame_rate_hz=_frame_rate(log), link=link)
         record = log.controls[-1]
+        if track is not None and record.time_s - track.done_s > _RATE_OVER_S:
+            track = None  # what vision said last is not how things are
         seen = errors if record.state.steers else None
         return cls(
             elapsed_s=record.time_s - start_s,
@@ -97,7 +100,7 @@ class LiveStatus:
             flown=_flown(record.vehicle),
             track="" if track is None or track.track is None else str(track.track.state),
             confidence=None if track is None or track.track is None else track.track.confidence,
-            frame_rate_hz=_frame_rate(log),
+            frame_rate_hz=_frame_rate(log, record.time_s),
             vision_s=None if track is None else track.busy_s,
             control_s=record.busy_s,
             late_s=record.late_s,
@@ -110,11 +113,11 @@ def _flown(vehicle: VehicleState) -> VelocitySetpoint | None:
     return heading_velocity(vehicle) if known else None
 
 
-def _frame_rate(log: FlightLog) -> float | None:
-    """Return the answers of the last second, counted back from the newest."""
+def _frame_rate(log: FlightLog, now_s: float = -math.inf) -> float | None:
+    """Return the answers of the last second, counted back from now, or from the newest if later."""
     if not log.tracks:
         return None
-    newest_s = log.tracks[-1].done_s
+    newest_s = max(log.tracks[-1].done_s, now_s)
 
     def is_recent(record: TrackRecord) -> bool:
         return record.done_s > newest_s - _RATE_OVER_S

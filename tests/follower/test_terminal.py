@@ -153,6 +153,13 @@ def test_the_status_of_a_log_is_its_newest_moment(fly: Any) -> None:
     assert status.track == "tracking"
 
 
+def test_what_vision_said_long_ago_is_not_told_as_the_present(fly: Any) -> None:
+    log = fly(20.0).log
+    status = LiveStatus.of(FlightLog(log.tracks[:240], log.controls[:500]), 1000.0)
+    assert (status.track, status.confidence, status.vision_s) == ("", None, None)
+    assert status.frame_rate_hz == 0.0
+
+
 def test_errors_are_shown_only_while_the_servo_steers(fly: Any) -> None:
     log = fly(20.0).log
     ready = FlightLog(log.tracks[:135], log.controls[:225])
