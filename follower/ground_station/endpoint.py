@@ -41,12 +41,15 @@ class Endpoint:
         self.send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, system, component))
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
-        """Send a line for the pilot to read; one of more than 50 bytes goes in parts."""
+        """Send a line for the pilot to read; one of more than 50 bytes goes in parts.
+
+        A part that is not full is the last one, if need be an empty one.
+        """
         data = text.encode()
         if len(data) <= _CHUNK:
             self.send(mavlink.MAVLink_statustext_message(severity, data))
             return
         self._texts = self._texts % 0xFFFF + 1
-        for number, at in enumerate(range(0, len(data), _CHUNK)):
+        for number, at in enumerate(range(0, len(data) + 1, _CHUNK)):
             part = data[at : at + _CHUNK]
             self.send(mavlink.MAVLink_statustext_message(severity, part, self._texts, number))

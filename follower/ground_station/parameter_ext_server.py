@@ -38,6 +38,7 @@ class ParameterExtServer:
         self._names = [one.name for one in parameters()]
         self._waiting: deque[int] = deque()
         self._told_s = -math.inf
+        self._settings = requests.settings
 
     def hear(self, message: Any) -> None:
         """Take a PARAM_EXT_* message; those for others are passed over."""
@@ -53,7 +54,12 @@ class ParameterExtServer:
             self._on_set(message)
 
     def step(self, now_s: float) -> None:
-        """Send what is due of a list."""
+        """Send what is due: of a list, and what was changed by others."""
+        settings = self._requests.settings
+        if settings is not self._settings:
+            before, self._settings = self._settings, settings
+            changed = [one.number(before) != one.number(settings) for one in parameters()]
+            self._waiting += [index for index, is_other in enumerate(changed) if is_other]
         if self._waiting and now_s - self._told_s >= _EVERY_S:
             self._told_s = now_s
             self._tell(self._waiting.popleft())

@@ -99,8 +99,8 @@ class ParameterServer:
 
     def _tell_all(self, now_s: float) -> None:
         self._listed_s = now_s
-        for index in range(len(self._names)):
-            self._tell_surely(index, now_s)
+        indices = range(len(self._names))
+        self._plan = [(now_s + after_s, index) for index in indices for after_s in _AGAIN_S]
 
     def _tell_surely(self, index: int, now_s: float) -> None:
         self._plan = [one for one in self._plan if one[1] != index]

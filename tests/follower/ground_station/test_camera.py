@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.ground_station.endpoint import Endpoint
 from follower.target_wish import NoTargetWish, Outcome, PointWish, RectangleWish
 from follower_vision.box import Box
 from follower_vision.track import TrackState
@@ -190,6 +191,17 @@ def test_a_refusal_says_why(make_rig: MakeRig) -> None:
     (text,) = qgc.of("STATUSTEXT")
     assert "too small" in text.text
     assert text.severity == mavlink.MAV_SEVERITY_WARNING
+
+
+@pytest.mark.parametrize("length", [1, 50, 51, 99, 100, 101, 150])
+def test_a_long_text_ends_with_a_part_that_is_not_full(length: int) -> None:
+    sent: list[bytes] = []
+    Endpoint(1, 100, sent.append).say("x" * length)
+    parts = [mavlink.MAVLink(None).decode(bytearray(data)) for data in sent]
+    assert "".join(part.text for part in parts) == "x" * length
+    assert [part.chunk_seq for part in parts] == list(range(len(parts)))
+    assert len(parts) == 1 or len(parts[-1].text) < 50
+    assert all(len(part.text) == 50 for part in parts[:-1])
 
 
 def test_a_drawn_rectangle_and_a_click_become_wishes(make_rig: MakeRig) -> None:

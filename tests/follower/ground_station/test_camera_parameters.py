@@ -91,6 +91,15 @@ def test_a_bad_value_is_refused(
     assert rig.requests.settings == rig.settings
 
 
+def test_what_another_front_end_changes_is_told(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    rig.requests.change("servo.azimuth.kp", 1.25, "the page")
+    rig.run(0.2)
+    (told,) = peer.of("PARAM_EXT_VALUE", CAMERA)
+    assert (told.param_id, number(told)) == (KP, 1.25)
+
+
 def test_the_definition_describes_every_parameter() -> None:
     root = fromstring(definition_xml(load_settings(base={"servo": {"distance_m": 20}})))
     rows = {row.get("name"): row for row in root.iter("parameter")}
