@@ -12,19 +12,25 @@ import yaml
 from follower.settings import Settings, merged
 from follower_control.strict_yaml import SettingsError, parse
 
+_CRLF = "\r\n"
+
 
 def save_settings(path: Path, values: Mapping[str, Any]) -> None:
     """Set values by their paths ("servo.azimuth.kp") in a settings file, whole or not at all.
+
+    A link stays one: what it leads to is written. So do the ends of lines.
 
     Raises:
         SettingsError: the file cannot be read, written or edited, or would not be valid then.
     """
     try:
-        before = path.read_text("utf-8")
+        path = path.resolve()
+        data = path.read_bytes().decode("utf-8")
+        before = data.replace(_CRLF, "\n")
         after = with_values(before, values)
         parse(Settings, yaml.safe_load(after), str(path))
         if after != before:
-            _replace(path, after)
+            _replace(path, after.replace("\n", _CRLF) if _CRLF in data else after)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
         raise SettingsError(f"{path}: cannot be saved: {reason}") from None
@@ -105,7 +111,7 @@ def _scalar(value: Any) -> str:
 def _replace(path: Path, text: str) -> None:
     """Write the whole file, or leave it as it was."""
     temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("w", encoding="utf-8") as file:
+    with temporary.open("w", encoding="utf-8", newline="") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())

@@ -114,3 +114,20 @@ def test_without_a_file_it_is_said_so(tmp_path: Path) -> None:
         requests.save(None)
     with pytest.raises(RequestRefusedError, match="No such file"):
         requests.save(tmp_path / "gone.yaml")
+
+
+def test_a_link_to_the_file_stays_one(tmp_path: Path) -> None:
+    file, link = tmp_path / "real.yaml", tmp_path / "drone.yaml"
+    file.write_text(MINE, "utf-8")
+    link.symlink_to(file)
+    save_settings(link, {"servo.distance_m": 12.5})
+    assert link.is_symlink()
+    assert "distance_m: 12.5" in file.read_text("utf-8")
+
+
+def test_a_file_from_windows_keeps_the_ends_of_its_lines(tmp_path: Path) -> None:
+    file = tmp_path / "drone.yaml"
+    file.write_bytes(MINE.replace("\n", "\r\n").encode())
+    save_settings(file, {"servo.distance_m": 12.5, "supervisor.hold_s": 2.0})
+    data = file.read_bytes()
+    assert data.count(b"\r\n") == data.count(b"\n") > MINE.count("\n")
