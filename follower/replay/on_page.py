@@ -125,7 +125,6 @@ class Player:
 
     def play(self, flight: RecordedFlight, settings: Settings) -> None:
         """Play a flight to its end, or until something else is chosen."""
-        self._woken.clear()
         self._station.tell_page({"title": _title(flight), "values": setting_values(settings)})
         show = _Showing(self._station, flight, self._woken)
         replay = Replay(flight, settings, tracks_recorded=True, on_message=show)

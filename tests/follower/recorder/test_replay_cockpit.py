@@ -15,7 +15,37 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
+from follower.cockpit.flights import Flights
+from follower.recorder import open_flight
+from follower.replay import replay_settings
+from follower.replay.on_page import Player
+
 PATIENCE_S = 60.0
+
+
+class Station:
+    """Counts what it is shown."""
+
+    moments = 0
+
+    def tell_page(self, news: Any) -> None:
+        pass
+
+    def add(self, *picture: Any) -> None:
+        pass
+
+    def show(self, _moment: Any) -> None:
+        self.moments += 1
+
+
+def test_an_end_between_two_flights_ends_it(small_flight: Any, tmp_path: Path) -> None:
+    station: Any = Station()
+    player = Player(station, Flights(tmp_path))
+    player.stop()
+    flight = open_flight(small_flight.folder)
+    player.play(flight, replay_settings(flight))
+    assert station.moments == 0
+    assert player.chosen() is None
 
 
 @pytest.mark.slow
