@@ -60,7 +60,7 @@ STANDING = """
  camera: {pitch_deg: -22, fov_deg: 75},
  start: {at: [-13, 0], heading_deg: 0}, takeoff_height_m: 6.3,
  select: {colour: "#e0401c"},
- stand_in: {centre_noise: 0.003, size_noise: 0.003},
+ stand_in: {centre_noise: 0, size_noise: 0},
  follow: {servo: {distance_m: 14, elevation_deg: -24}}}
 """
 
@@ -257,7 +257,8 @@ def usual(flavour: str) -> tuple[Settings, Conditions, dict[Axis, PidSettings]]:
 def predicted_onset(flavour: str, axis: Axis) -> float:
     """Return by what factor the gains may rise, by theory."""
     settings, here, gains = usual(flavour)
-    harder = replace(here, acceleration_m_s2=1.0)
+    # The kick asks for all the acceleration that there is.
+    harder = replace(here, acceleration_m_s2=settings.envelope.max_acceleration_m_s2)
     model, follower = find_vehicle(flavour).model(), follower_of(settings)
     return onset(partial(raised_loop, axis, gains[axis], model, follower, harder))
 

@@ -39,10 +39,11 @@ def test_without_a_schedule_the_margins_are_thin_at_a_quarter_of_the_distance() 
 
 
 @pytest.mark.parametrize("range_m", [4.0, 8.0, 16.0, 40.0])
-def test_with_it_the_loop_is_the_same_at_every_distance(range_m: float) -> None:
+def test_with_it_the_loop_is_about_as_robust_at_every_distance(range_m: float) -> None:
     here, there = loop_at(16.0, True).margins(), loop_at(range_m, True).margins()
-    assert there.gain == pytest.approx(here.gain, rel=1e-6)
-    assert there.max_sensitivity == pytest.approx(here.max_sensitivity, rel=1e-6)
+    assert loop_at(range_m, True).is_stable()
+    assert there.gain > 0.85 * here.gain
+    assert there.max_sensitivity < 1.15 * here.max_sensitivity
 
 
 def estimate(now_s: float, range_m: float) -> TargetEstimate:

@@ -72,7 +72,9 @@ def _without_derivative(gains: PidSettings) -> Rational:
 class _Sight:
     """From where the target is to what is known of it: the estimator, then the place it is kept at.
 
-    Our own motion is known at once, by telemetry, and goes by no filter.
+    Our own motion is known at once, by telemetry. But the estimator follows the target as seen from
+    us, and takes some time to see what we did to that; what it has not seen yet of our own motion
+    looks like the target's.
     """
 
     estimator: SteadyFilter
@@ -85,6 +87,11 @@ class _Sight:
     def rate(self, age_s: float) -> Rational:
         """Return from the quantity, seen `age_s` late, to its rate."""
         return self.estimator.value(0.0) * self.place.rate(age_s)
+
+    @property
+    def missed(self) -> Rational:
+        """From what our own motion did to the quantity to what of it is taken for the target's."""
+        return self.estimator.missed
 
     @property
     def noise(self) -> float:
@@ -127,12 +134,13 @@ def _elevation(
     gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
 ) -> AxisLoop:
     sight = _direction_sight(follower, conditions, Axis.ELEVATION)
+    seen = pid(gains) * sight.place.value(conditions.delays.sight_s)
     return AxisLoop(
         Axis.ELEVATION,
         "rad",
         _plant(vehicle.down, conditions, _smoothing_s(follower, conditions)),
         integrator(math.cos(conditions.elevation_rad)),
-        (pid(gains),),
+        (pid(gains), (seen * sight.missed).scaled(-1.0)),
         pid(gains) * sight.value(conditions.delays.sight_s),
         (),
         _without_derivative(gains),
@@ -146,7 +154,10 @@ def _elevation(
 def _range(
     gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
 ) -> AxisLoop:
-    """The target's speed is fed forward; our own is no part of it."""
+    """The target's speed is fed forward; our own is no part of it, but for what is missed.
+
+    With the climb that keeps the elevation the vehicle flies along the line of sight.
+    """
     servo, delays = follower.servo, conditions.delays
     sight = _range_sight(follower, conditions)
     level, scale = math.cos(conditions.elevation_rad), servo.distance_m / conditions.range_m
@@ -154,14 +165,16 @@ def _range(
         share = 1 / scale
         gains = replace(gains, kp=share * gains.kp, ki=share * gains.ki, kd=share * gains.kd)
     # The speed is horizontal, the range is along the line of sight.
-    fed = sight.rate(delays.sight_s).scaled(1.0 / (scale * level))
+    value, rate = (f(delays.sight_s) for f in (sight.place.value, sight.place.rate))
+    seen = pid(gains) * value + rate.scaled(1.0 / (scale * level))
+    own = pid(gains) * value + rate.scaled(level / scale)
     return AxisLoop(
         Axis.RANGE,
         "log",
         _plant(vehicle.forward, conditions, _smoothing_s(follower, conditions)),
-        integrator(scale * level),
-        (pid(gains),),
-        pid(gains) * sight.value(delays.sight_s) + fed,
+        integrator(scale * level if servo.hold_height else scale / level),
+        (pid(gains), (own * sight.missed).scaled(-1.0)),
+        seen * sight.estimator.value(0.0),
         (),
         _without_derivative(gains),
         sight.noise,

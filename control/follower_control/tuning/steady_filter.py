@@ -63,6 +63,11 @@ class SteadyFilter:
         k1, k2 = self.gain_per_s, self.rate_gain_per_s2
         return Rational((k1 + age_s * k2, k2), (1.0, k1, k2), age_s)
 
+    @property
+    def missed(self) -> Rational:
+        """From the measured value to what the filter does not follow of it: one less `value`."""
+        return Rational((1.0, 0.0, 0.0), (1.0, self.gain_per_s, self.rate_gain_per_s2))
+
     def rate(self, age_s: float) -> Rational:
         """Return from the measured value, `age_s` old, to the rate."""
         k1, k2 = self.gain_per_s, self.rate_gain_per_s2
