@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.ground_station import camera_messages as say
 from follower.ground_station.endpoint import Endpoint
 from follower.ground_station.flight_view import FlightView
+from follower.ground_station.lens import Lens
 from follower.ground_station.place import target_place
 from follower.ground_station.repeats import Repeats
 from follower.ground_station.settings import GroundStationSettings
@@ -48,8 +49,7 @@ class Camera:
         settings: see there.
         endpoint: sends as the camera.
         view: of the flight.
-        fov_deg: horizontal field of view.
-        rate_hz: of the frames.
+        lens: what the frames and their stream are like.
         definition: where its definition file is.
         save: writes the changed settings to their file; raises `RequestRefusedError` if it cannot.
     """
@@ -59,15 +59,14 @@ class Camera:
         settings: GroundStationSettings,
         endpoint: Endpoint,
         view: FlightView,
-        fov_deg: float,
-        rate_hz: float,
+        lens: Lens,
         definition: say.Definition = say.NO_DEFINITION,
         save: Callable[[], str] | None = None,
     ) -> None:
         self._settings = settings
         self._endpoint = endpoint
         self._view = view
-        self._fov_deg, self._rate_hz = fov_deg, rate_hz
+        self._lens = lens
         self._definition = definition
         self._save = save
         self._repeats = Repeats()
@@ -203,7 +202,7 @@ class Camera:
     def _message(self, message_id: int) -> Any | None:
         """Return a message that can be had, None for any other."""
         settings, view, boot_ms = self._settings, self._view, round(1000 * self._now_s) % 2**32
-        stream = view.size, self._rate_hz, self._fov_deg
+        lens = self._lens
         match message_id:
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 return say.heartbeat()
@@ -216,9 +215,9 @@ class Camera:
             case mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS:
                 return say.capture_status(boot_ms)
             case mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION if settings.video_uri:
-                return say.video_stream_information(settings, *stream)
+                return say.video_stream_information(settings, view.size, lens)
             case mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS if settings.video_uri:
-                return say.video_stream_status(*stream)
+                return say.video_stream_status(view.size, lens)
             case mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS:
                 track = view.track(self._now_s)
                 return say.tracking_image_status(track, view.size, settings.active_only)

@@ -9,6 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.ground_station.lens import Lens
 from follower.ground_station.place import Place
 from follower.ground_station.settings import GroundStationSettings
 from follower_vision.track import Track, TrackState
@@ -91,31 +92,36 @@ def capture_status(boot_ms: int) -> Any:
 
 
 def video_stream_information(
-    settings: GroundStationSettings, size: tuple[int, int], rate_hz: float, fov_deg: float
+    settings: GroundStationSettings, size: tuple[int, int], lens: Lens
 ) -> Any:
-    """Return VIDEO_STREAM_INFORMATION of the one stream."""
+    """Return VIDEO_STREAM_INFORMATION of the one stream; the size is the frames'."""
     kind, uri = _stream_of(settings.video_uri)
     return mavlink.MAVLink_video_stream_information_message(
         STREAM,
         1,
         kind,
         mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
-        rate_hz,
-        *size,
+        lens.rate_hz,
+        *(lens.stream_size or size),
+        lens.bitrate_bit_s,
         0,
-        0,
-        round(fov_deg),
+        round(lens.fov_deg),
         b"follower",
         uri.encode(),
         mavlink.VIDEO_STREAM_ENCODING_H264,
     )
 
 
-def video_stream_status(size: tuple[int, int], rate_hz: float, fov_deg: float) -> Any:
-    """Return VIDEO_STREAM_STATUS of the one stream."""
-    running = mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING
+def video_stream_status(size: tuple[int, int], lens: Lens) -> Any:
+    """Return VIDEO_STREAM_STATUS of the one stream; the size is the frames'."""
     return mavlink.MAVLink_video_stream_status_message(
-        STREAM, running, rate_hz, *size, 0, 0, round(fov_deg)
+        STREAM,
+        mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+        lens.rate_hz,
+        *(lens.stream_size or size),
+        lens.bitrate_bit_s,
+        0,
+        round(lens.fov_deg),
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -16,6 +15,7 @@ from follower.ground_station.camera_messages import Definition
 from follower.ground_station.endpoint import Endpoint
 from follower.ground_station.file_server import FileServer
 from follower.ground_station.flight_view import FlightView
+from follower.ground_station.lens import Lens
 from follower.ground_station.parameter_ext_server import ParameterExtServer
 from follower.ground_station.parameter_server import ParameterServer
 from follower.ground_station.settings import GroundStationSettings, TargetMessage
@@ -46,19 +46,6 @@ _EXTENDED = frozenset(
 _HEARTBEAT = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
 _FILES = int(mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL)
 HEARD = frozenset({*_COMMANDS, *_PARAMETERS, *_EXTENDED, _HEARTBEAT, _FILES})
-
-
-@dataclass(frozen=True, slots=True)
-class Lens:
-    """What the ground station is told of the frames.
-
-    Attributes:
-        fov_deg: horizontal field of view.
-        rate_hz: frames a second.
-    """
-
-    fov_deg: float
-    rate_hz: float
 
 
 class GroundStation(ClosesItself):
@@ -140,15 +127,13 @@ class GroundStation(ClosesItself):
     def _begin(self, system: int) -> None:
         settings, view, send = self._settings, self._view, self._port.send
         endpoint = Endpoint(system, settings.camera_component, send)
-        lens, definition = self._lens, Definition(settings.definition_uri)
+        definition = Definition(settings.definition_uri)
         if settings.parameters:
             computer = Endpoint(system, COMPONENT_ID, send)
             self._parameters = ParameterServer(computer, view.requests, self._save)
             self._extended = ParameterExtServer(endpoint, view.requests)
             definition = self._offer_definition(endpoint)
-        self._camera = Camera(
-            settings, endpoint, view, lens.fov_deg, lens.rate_hz, definition, self._save
-        )
+        self._camera = Camera(settings, endpoint, view, self._lens, definition, self._save)
         if settings.target is not TargetMessage.NONE:
             target = Endpoint(settings.target_system, COMPONENT_ID, send)
             self._target = TargetReport(settings, target, view)

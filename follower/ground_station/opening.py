@@ -8,10 +8,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from follower.ground_station.flight_view import FlightView
+from follower.ground_station.lens import Lens
 from follower.ground_station.settings import GroundStationSettings
 from follower.settings import Settings
 from follower.target_finder import TargetFinder
 from follower.tracking import make_settings_detector
+from follower.video_out.settings import fitted_size
 from follower_vision.clock import Clock
 
 
@@ -35,14 +37,22 @@ def open_ground_station(
     if not settings.ground_station.enabled:
         yield
         return
-    from follower.ground_station.ground_station import GroundStation, Lens
+    from follower.ground_station.ground_station import GroundStation
 
-    camera = settings.camera.model(*view.size)
-    fov_deg = math.degrees(2 * math.atan(camera.width / (2 * camera.fx)))
-    ground = _with_stream(settings)
-    with GroundStation(ground, view, Lens(fov_deg, rate_hz), clock, save) as station:
+    lens = lens_of(settings, view.size, rate_hz)
+    with GroundStation(_with_stream(settings), view, lens, clock, save) as station:
         station.start()
         yield
+
+
+def lens_of(settings: Settings, size: tuple[int, int], rate_hz: float) -> Lens:
+    """Return what is told of frames of this size; of the stream, what is known of our own."""
+    camera, video = settings.camera.model(*size), settings.video
+    fov_deg = math.degrees(2 * math.atan(camera.width / (2 * camera.fx)))
+    if not video.on:
+        return Lens(fov_deg, rate_hz)
+    stream = fitted_size(*size, video.max_width_px)
+    return Lens(fov_deg, rate_hz, stream, 1000 * video.bitrate_kbit_s)
 
 
 def operators_finder(settings: Settings, cockpit: bool) -> TargetFinder | None:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from av.video.frame import PictureType
 
-from follower.video_out.settings import VideoSettings
+from follower.video_out.settings import VideoSettings, fitted_size
 from follower_vision.frame import Image
 
 TICKS_PER_S = 90_000
@@ -114,17 +114,12 @@ def make_encoder(settings: VideoSettings, width: int, height: int) -> H264Encode
 def fitted(image: Image, max_width: int) -> Image:
     """Return the image, not wider than `max_width`, with even width and height."""
     height, width = image.shape[:2]
-    scale = min(1.0, max_width / width)
-    even = (_even(width * scale), _even(height * scale))
+    even = fitted_size(width, height, max_width)
     if even == (width, height):
         return image
-    if scale == 1.0:
+    if width <= max_width:
         return np.ascontiguousarray(image[: even[1], : even[0]])
     return np.asarray(cv2.resize(image, even, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _even(length: float) -> int:
-    return max(2, int(length) // 2 * 2)
 
 
 def _try(name: str, settings: VideoSettings) -> None:

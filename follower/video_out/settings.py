@@ -74,6 +74,16 @@ class VideoSettings:
         return any(way is not None for way in (self.udp, self.rtsp, self.push))
 
 
+def fitted_size(width: int, height: int, max_width: int) -> tuple[int, int]:
+    """Return the size in which a picture is sent: not wider than that, both sides even."""
+    scale = min(1.0, max_width / width)
+    return _even(width * scale), _even(height * scale)
+
+
+def _even(length: float) -> int:
+    return max(2, int(length) // 2 * 2)
+
+
 def _is_rtsp(url: str) -> bool:
     try:
         parts = urlsplit(url)

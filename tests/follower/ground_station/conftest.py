@@ -19,7 +19,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flightlog import FlightLog, TrackRecord
 from follower.ground_station.flight_view import FlightView
-from follower.ground_station.ground_station import GroundStation, Lens
+from follower.ground_station.ground_station import GroundStation
+from follower.ground_station.lens import Lens
 from follower.ground_station.settings import GroundStationSettings
 from follower.links.link_settings import LinkSettings
 from follower.links.mavlink import MavlinkLink

@@ -9,7 +9,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flightlog import ControlRecord
 from follower.flying import fly_lockstep
-from follower.ground_station.ground_station import GroundStation, Lens
+from follower.ground_station.ground_station import GroundStation
+from follower.ground_station.lens import Lens
 from follower.ground_station.settings import GroundStationSettings
 from follower.scenario_start import base_settings
 from follower.settings import load_settings

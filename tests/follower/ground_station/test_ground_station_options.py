@@ -2,12 +2,15 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from follower.fly.options import FlyOptions
-from follower.ground_station.opening import _with_stream, operators_finder
+from follower.ground_station import camera_messages as say
+from follower.ground_station.opening import _with_stream, lens_of, operators_finder
 from follower.ground_station.settings import GroundStationSettings
 from follower.settings import Settings, load_settings
+from follower.video_out.encoder import fitted
 from follower_control.strict_yaml import SettingsError
 
 ON = "ground_station.enabled=true"
@@ -44,6 +47,28 @@ def test_our_own_video_is_told_of_where_its_address_is_known(
     settings: dict[str, Any], told: str
 ) -> None:
     assert _with_stream(load_settings(base=settings)).video_uri == told
+
+
+@pytest.mark.parametrize(
+    ("video", "size", "told"),
+    [
+        ({}, (1920, 1080), (None, 0)),
+        ({"udp": "10.0.0.2:5600"}, (1920, 1080), ((1280, 720), 2_000_000)),
+        ({"rtsp": "10.0.0.2:8554", "bitrate_kbit_s": 500}, (641, 481), ((640, 480), 500_000)),
+    ],
+)
+def test_the_stream_is_told_as_it_is_sent(
+    video: dict[str, Any], size: tuple[int, int], told: tuple[Any, int]
+) -> None:
+    lens = lens_of(load_settings(base={"video": video}), size, 30.0)
+    assert (lens.stream_size, lens.bitrate_bit_s) == told
+    information = say.video_stream_information(GroundStationSettings(), size, lens)
+    sent = told[0] or size
+    assert (information.resolution_h, information.resolution_v) == sent
+    assert information.bitrate == told[1]
+    image = np.zeros((size[1], size[0], 3), np.uint8)
+    if told[0] is not None:
+        assert fitted(image, 1280).shape[:2] == sent[::-1]
 
 
 @pytest.mark.parametrize(
