@@ -175,7 +175,7 @@ class FlightLog:
         controls: the control steps.
         events: what is worth a line.
         sink: is told everything too, if there is one: the recorder.
-        kept: how many of the newest tracks and control steps stay here at least; None keeps all.
+        kept: how many of the newest of each stay here at least; None keeps all.
             A recorded flight of hours would fill the memory: a control step is some 8 kB.
     """
 
@@ -218,9 +218,10 @@ class FlightLog:
         """Add an event."""
         event = Event(time_s, source, text)
         self.events.append(event)
+        self._forget(self.events)
         if self.sink is not None:
             self.sink.add_event(event)
 
-    def _forget(self, records: list[TrackRecord] | list[ControlRecord]) -> None:
+    def _forget(self, records: list[TrackRecord] | list[ControlRecord] | list[Event]) -> None:
         if self.kept is not None and len(records) > 2 * self.kept:
             del records[: -self.kept]
