@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import threading
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from follower.cockpit.live_settings import setting_list, setting_values
@@ -16,6 +17,9 @@ from follower.preflight.check import Result
 from follower.settings import Settings
 from follower.station.station import Station
 from follower.station.wire import Message
+from follower_vision.framesource import ClosesItself
+
+_EVERY_S = 0.1
 
 
 class ShownFlight(Protocol):
@@ -49,6 +53,31 @@ class FlightShow:
         controls = self._flight.log.controls
         record = controls[-1] if controls else None
         self._station.show(moment(status, record))
+
+
+class SteadyShow(ClosesItself):
+    """Shows a flight ten times a second on a thread of its own.
+
+    Whoever shows it besides may hang, as a terminal does whose network is gone: the page goes on.
+
+    Args:
+        show: shows the present moment.
+    """
+
+    def __init__(self, show: Callable[[], None]) -> None:
+        self._show = show
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Show it no more."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended.wait(_EVERY_S):
+            self._show()
 
 
 def check_list(results: Iterable[Result]) -> list[Message]:

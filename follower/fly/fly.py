@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import cv2
 from rich.console import Console
 
 from follower.cockpit.opening import open_station
-from follower.cockpit.showing import FlightShow, check_list, first_page
+from follower.cockpit.showing import FlightShow, SteadyShow, check_list, first_page
 from follower.fly.camera import SteadySource, after_preflight, open_camera_or_dead
 from follower.fly.keyboard import Keyboard
 from follower.fly.options import FlyOptions
@@ -230,22 +230,26 @@ class FlySession:
         ground = open_ground_station(self._settings, view, rate_hz, self._clock, save)
         if self._selector is not None:
             flight.select(self._selector)
-        page = None if self._station is None else FlightShow(self._station, flight)
         self.flown = True
         keyboard = Keyboard(sys.stdin)
-        with ground, Terminal(self._console, f"Following {self._options.wish}") as terminal:
+        terminal = Terminal(self._console, f"Following {self._options.wish}")
+        with ground, self._page(flight), terminal:
 
             def watch(flight: RealFlight) -> None:
-                status = flight.status(self._options.wish)
-                terminal.show(status)
-                if page is not None:
-                    page.show(status)
+                terminal.show(flight.status(self._options.wish))
                 self._take_order(flight, keyboard.order())
 
             after.enter_context(StopOnInterrupt(flight.stop))
             flight.run(watch)
             after.enter_context(StopOnInterrupt())
         self._say_goodbye(link)
+
+    def _page(self, flight: RealFlight) -> AbstractContextManager[object]:
+        """Show the flight on the page while entered, if there is one."""
+        if self._station is None:
+            return nullcontext()
+        page, wish = FlightShow(self._station, flight), self._options.wish
+        return SteadyShow(lambda: page.show(flight.status(wish)))
 
     def _take_order(self, flight: RealFlight, order: Order) -> None:
         welcome = self._settings.consent.takes_orders_by("terminal")

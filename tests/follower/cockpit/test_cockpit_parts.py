@@ -13,6 +13,7 @@ import pytest
 from follower.cockpit.live_settings import setting_list, setting_values
 from follower.cockpit.moment import moment
 from follower.cockpit.objects import Objects, objects_in
+from follower.cockpit.showing import SteadyShow
 from follower.flightlog import FlightLog
 from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
@@ -119,6 +120,15 @@ def test_a_moment_has_no_number_that_json_does_not_know() -> None:
     assert found["asked"] is None
     assert found["allowed"] == [1.0, 2.0, 3.0, 180.0]
     json.dumps(moment(LiveStatus.of(FlightLog(), 0.0), None), allow_nan=False)
+
+
+def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
+    told = threading.Semaphore(0)
+    with SteadyShow(told.release):
+        assert all(told.acquire(timeout=10) for _ in range(3))
+    while told.acquire(blocking=False):
+        pass
+    assert not told.acquire(timeout=0.3)
 
 
 def test_simulated_time_waits_for_real_time_and_does_not_catch_up() -> None:
