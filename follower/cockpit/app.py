@@ -16,7 +16,7 @@ from follower.cockpit.conversation import Conversation
 from follower.cockpit.flights import Flights
 from follower.cockpit.hub import Hub
 from follower.cockpit.limiters import Limiters
-from follower.cockpit.mjpeg import BOUNDARY, JpegStream
+from follower.cockpit.mjpeg import BOUNDARY, JpegStream, PatientResponse
 from follower.cockpit.objects import Objects
 from follower.cockpit.requests import OperatorRequest, lets_go
 from follower.cockpit.webrtc import OfferError, Peers
@@ -178,8 +178,7 @@ def _add_video(app: FastAPI, parts: Parts) -> None:
     async def jpegs() -> StreamingResponse:
         if parts.jpegs.full:
             raise HTTPException(503, "too many watch already")
-        kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-        return StreamingResponse(parts.jpegs.parts(), media_type=kind)
+        return PatientResponse(parts.jpegs.parts())
 
     @app.post("/api/webrtc", responses={409: {"model": Refusal}})
     async def webrtc(offer: Offer) -> Offer:

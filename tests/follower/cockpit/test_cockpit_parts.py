@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import threading
@@ -10,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from follower.cockpit import mjpeg
 from follower.cockpit.live_settings import setting_list, setting_values
+from follower.cockpit.mjpeg import JpegStream, PatientResponse
 from follower.cockpit.moment import moment
 from follower.cockpit.objects import Objects, objects_in
 from follower.cockpit.showing import SteadyShow
@@ -20,6 +23,7 @@ from follower.operator_requests import OperatorRequests
 from follower.pace import Pace
 from follower.settings import Settings
 from follower.target_wish import RequestRefusedError
+from follower.video_out.picture import Picture
 from follower_control.setpoint import VelocitySetpoint
 from follower_vision.box import Box
 from follower_vision.clock import MonotonicClock, SimulatedClock
@@ -129,6 +133,30 @@ def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
     while told.acquire(blocking=False):
         pass
     assert not told.acquire(timeout=0.3)
+
+
+def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mjpeg, "_STUCK_S", 0.05)
+
+    async def run() -> tuple[int, int]:
+        stream = JpegStream(asyncio.get_running_loop())
+        taken: list[Any] = []
+
+        async def send(event: Any) -> None:
+            taken.append(event)
+            if len(taken) > 2:
+                await asyncio.Event().wait()
+
+        response = PatientResponse(stream.parts())
+        task = asyncio.create_task(response.stream_response(send))
+        for number in range(1, 20):
+            await asyncio.sleep(0.02)
+            stream.show(Picture(FRAME.image, number, float(number)))
+        await asyncio.wait_for(task, 10)
+        await asyncio.sleep(0.02)
+        return len(taken), stream._readers
+
+    assert asyncio.run(run()) == (3, 0)
 
 
 def test_simulated_time_waits_for_real_time_and_does_not_catch_up() -> None:
