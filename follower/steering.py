@@ -107,6 +107,8 @@ class Steering:
     ) -> VelocitySetpoint:
         """Return what is wanted, before the envelope."""
         if state is State.SEARCHING:
+            if estimate is not None:
+                self._search.aim(self.servo.whereabouts(estimate, vehicle))
             return self._search.update(vehicle, now_s)
         if not state.steers or estimate is None:
             return HOLD

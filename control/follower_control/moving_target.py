@@ -15,6 +15,12 @@ _FAR_OFF = 25.0
 _WRONG_VELOCITY = 3
 """After so many such places in a row the velocity is not believed any more."""
 
+TURN_FILTER_S, TURN_LASTS_S = 0.7, 2.0
+"""Over how long it is watched how its course turns, and how long a turn is taken to last."""
+
+_TURN_SURE_M_S, _FASTEST_TURN = 1.5, 1.0
+_STEP_S = 0.25
+
 
 class MovingTarget:
     """A Kalman filter on the target's place (north, east, down), for one that moves steadily.
@@ -22,23 +28,29 @@ class MovingTarget:
     Its places are those of the world. So our own motion, which telemetry tells at once, never
     looks like the target's, however late the camera is.
 
+    While nothing is seen of it, it is taken to go on as fast, and to turn on as it did, less and
+    less.
+
     Args:
-        acceleration_m_s2: how the target is expected to manoeuvre: the root of the spectral
-            density of its acceleration, per sqrt(Hz).
+        acceleration_m_s2: how the target is expected to manoeuvre along the line of sight: the root
+            of the spectral density of its acceleration, per sqrt(Hz).
+        across_m_s2: the same across it; None: as along it.
     """
 
-    def __init__(self, acceleration_m_s2: float) -> None:
-        self.change(acceleration_m_s2)
+    def __init__(self, acceleration_m_s2: float, across_m_s2: float | None = None) -> None:
+        self.change(acceleration_m_s2, across_m_s2)
         self.reset()
 
-    def change(self, acceleration_m_s2: float) -> None:
+    def change(self, acceleration_m_s2: float, across_m_s2: float | None = None) -> None:
         """Go on with another expectation of how it manoeuvres."""
-        self._density = acceleration_m_s2**2
+        across = acceleration_m_s2 if across_m_s2 is None else across_m_s2
+        self._density, self._density_across = acceleration_m_s2**2, across**2
 
     def reset(self) -> None:
         """Forget the target."""
         self._time_s: float | None = None
         self._misses = 0
+        self._turn_rad_s = 0.0
         self._state = np.zeros(6)
         self._covariance = np.zeros((6, 6))
 
@@ -47,27 +59,45 @@ class MovingTarget:
         """When it was seen last; None before that."""
         return self._time_s
 
-    def observe(self, place_m: Vector, noise_m2: Vector, time_s: float) -> None:
+    def observe(
+        self, place_m: Vector, noise_m2: Vector, time_s: float, direction: Vector | None = None
+    ) -> None:
         """Take in where it was seen; what is not newer than before is left out.
 
         Args:
             place_m: (3,) north, east, down.
             noise_m2: 3x3 covariance of the place.
             time_s: when it was there.
+            direction: (3,) of the line of sight, a unit vector; None: any.
         """
         if self._time_s is None:
             self._begin(place_m, noise_m2, np.zeros(3))
         elif time_s <= self._time_s:
             return
         else:
-            self._fuse(place_m, noise_m2, time_s - self._time_s)
+            self._fuse(place_m, noise_m2, time_s - self._time_s, direction)
         self._time_s = time_s
 
     def at(self, time_s: float) -> tuple[Vector, Vector]:
         """Return its place and velocity, (3,) each, if it goes on as it did."""
         ahead_s = 0.0 if self._time_s is None else time_s - self._time_s
         place, velocity = self._state[:3], self._state[3:]
-        return place + ahead_s * velocity, velocity
+        if ahead_s <= 0 or abs(velocity[0]) + abs(velocity[1]) == 0:
+            return place + ahead_s * velocity, velocity
+        count = math.ceil(ahead_s / _STEP_S)
+        step_s = ahead_s / count
+        for number in range(count):
+            place = place + step_s * self._turned(velocity, (number + 0.5) * step_s)
+        return place, self._turned(velocity, ahead_s)
+
+    def _turned(self, velocity_m_s: Vector, after_s: float) -> Vector:
+        """Return a velocity that has turned for some time, at a rate that fades away."""
+        north, east, down = velocity_m_s.tolist()
+        speed2 = north * north + east * east
+        rate = self._turn_rad_s * speed2 / (speed2 + _TURN_SURE_M_S**2)
+        turn = rate * TURN_LASTS_S * (1.0 - math.exp(-after_s / TURN_LASTS_S))
+        c, s = math.cos(turn), math.sin(turn)
+        return np.array([c * north - s * east, s * north + c * east, down])
 
     def deviation_m(self, time_s: float, direction: Vector) -> float:
         """Return the standard deviation of its place then, along a unit vector, (3,).
@@ -88,6 +118,7 @@ class MovingTarget:
         self._covariance = np.zeros((6, 6))
         self._covariance[:3, :3] = noise_m2
         self._covariance[3:, 3:] = _START_SPEED_M_S**2 * np.eye(3)
+        self._turn_rad_s = 0.0
 
     def _miss(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
         """Begin anew with the velocity that was known; if that is wrong, with two places' own.
@@ -102,11 +133,13 @@ class MovingTarget:
         self._covariance[:3, 3:] = self._covariance[3:, :3] = noise_m2 / elapsed_s
         self._covariance[3:, 3:] += 2 * noise_m2 / elapsed_s**2
 
-    def _fuse(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
+    def _fuse(
+        self, place_m: Vector, noise_m2: Vector, elapsed_s: float, direction: Vector | None
+    ) -> None:
         move = np.eye(6)
         move[0, 3] = move[1, 4] = move[2, 5] = elapsed_s
         state = move @ self._state
-        covariance = move @ self._covariance @ move.T + self._drive(elapsed_s)
+        covariance = move @ self._covariance @ move.T + self._drive(elapsed_s, direction)
         off = place_m - state[:3]
         inverse = np.linalg.inv(covariance[:3, :3] + noise_m2)
         if off @ inverse @ off > _FAR_OFF:
@@ -115,16 +148,36 @@ class MovingTarget:
         self._misses = 0
         gain = covariance[:, :3] @ inverse
         left = covariance - gain @ covariance[:3]
-        self._state, self._covariance = state + gain @ off, (left + left.T) / 2
+        before, self._state = self._state, state + gain @ off
+        self._covariance = (left + left.T) / 2
+        self._watch_turn(before[3:], elapsed_s)
 
-    def _drive(self, elapsed_s: float) -> Vector:
+    def _watch_turn(self, before_m_s: Vector, elapsed_s: float) -> None:
+        """Take in by how much its course has turned since the last sighting."""
+        (north, east, _), (was_north, was_east, _) = self._state[3:].tolist(), before_m_s.tolist()
+        speed2 = max(north * north + east * east, _TURN_SURE_M_S**2)
+        turned = (was_north * east - was_east * north) / speed2
+        seen = _clip(turned / elapsed_s, 10 * _FASTEST_TURN)
+        share = 1.0 - math.exp(-elapsed_s / TURN_FILTER_S)
+        turn = self._turn_rad_s + share * (seen - self._turn_rad_s)
+        self._turn_rad_s = _clip(turn, _FASTEST_TURN)
+
+    def _drive(self, elapsed_s: float, direction: Vector | None) -> Vector:
         """Continuous white acceleration, integrated over the interval (Bar-Shalom, ch. 6.2)."""
         t = elapsed_s
         blocks = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
-        return np.asarray(np.kron(blocks, self._density * np.eye(3)), np.float64)
+        density = self._density * np.eye(3)
+        if direction is not None and self._density_across != self._density:
+            along = np.outer(direction, direction)
+            density = self._density * along + self._density_across * (np.eye(3) - along)
+        return np.asarray(np.kron(blocks, density), np.float64)
 
 
 def place_noise(direction: Vector, along_m: float, across_m: float) -> Vector:
     """Return the 3x3 covariance of a place that is seen in a direction, a unit vector."""
     along = np.outer(direction, direction)
     return np.asarray(along_m**2 * along + across_m**2 * (np.eye(3) - along))
+
+
+def _clip(value: float, largest: float) -> float:
+    return min(max(value, -largest), largest)

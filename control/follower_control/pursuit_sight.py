@@ -60,7 +60,9 @@ class PursuitSight:
         self._reference = reference
         self.target = TargetMotion(settings.course_filter_s)
         self._own = OwnPath()
-        self._moving = MovingTarget(settings.target_acceleration_m_s2)
+        self._moving = MovingTarget(
+            settings.target_acceleration_m_s2, settings.target_acceleration_across_m_s2
+        )
         self._known = KnownSize()
         self.start()
 
@@ -89,7 +91,9 @@ class PursuitSight:
             self._wanted_log_scale += math.log(before.distance_m / settings.distance_m)
         if by_size and before.range_from is RangeFrom.SIZE:
             self._rescale(size_m)
-        self._moving.change(settings.target_acceleration_m_s2)
+        self._moving.change(
+            settings.target_acceleration_m_s2, settings.target_acceleration_across_m_s2
+        )
         self.target.change(settings.course_filter_s)
 
     @property
@@ -159,7 +163,7 @@ class PursuitSight:
         noise = place_noise(
             level if self._by_ground else direction, along * range_m, ACROSS * range_m
         )
-        self._moving.observe(there + range_m * direction, noise, seen_s)
+        self._moving.observe(there + range_m * direction, noise, seen_s, direction)
 
     def _compared(self, range_m: float, log_scale: float) -> float:
         """Return what share of a range by the ground is safe to count on, by the target's size."""

@@ -88,6 +88,15 @@ class Search:
         off = wrap_angle(self._centre_rad - vehicle.attitude.yaw_rad)
         self._side = math.copysign(1.0, off)
 
+    def aim(self, target: TargetEstimate) -> None:
+        """Turn on with where the target is believed to be by now, until that was looked at.
+
+        Then the side to which it moves comes first.
+        """
+        if self._leg == 0 and target.frame is SightFrame.WORLD:
+            self._centre_rad = target.azimuth_rad
+            self._side = math.copysign(1.0, target.azimuth_rate_rad_s)
+
     def update(self, vehicle: VehicleState, now_s: float) -> VelocitySetpoint:
         """Return the setpoint for now; whatever is not known is not moved by."""
         return VelocitySetpoint(

@@ -128,6 +128,10 @@ class VisualServo:
         """What the last update saw, None before the first."""
         return self._errors
 
+    def whereabouts(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
+        """Return what is known of the target by its motion in the world, without steering by it."""
+        return self._sight.seen(estimate, vehicle)
+
     def update(
         self, estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint
     ) -> VelocitySetpoint:

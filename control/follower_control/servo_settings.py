@@ -81,6 +81,8 @@ class ServoSettings:
         target_acceleration_m_s2: how hard the target is expected to manoeuvre: the root of the
             spectral density of its acceleration, per sqrt(Hz). More follows its changes of speed
             sooner, and errors of its size as well.
+        target_acceleration_across_m_s2: the same across the line of sight, where a distance by size
+            errs little; None: as along it.
         schedule_range: scale the range loop's gains with the distance that is wanted now, when a
             nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
             as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
@@ -117,6 +119,7 @@ class ServoSettings:
     max_vertical_m_s: float = 2.0
     max_yaw_rate_deg_s: float = 60.0
     target_acceleration_m_s2: float = 1.5
+    target_acceleration_across_m_s2: float | None = None
     schedule_range: bool = True
     side_deg: float = 90.0
     orbit_m_s: float = 3.0
@@ -159,6 +162,7 @@ class ServoSettings:
             raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
         if not 0 <= self.course_filter_s < math.inf:
             raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
-        if not 0 < self.target_acceleration_m_s2 <= 50:
-            most = self.target_acceleration_m_s2
-            raise ValueError(f"target_acceleration_m_s2 lies above 0 and not above 50, not {most}")
+        for name in ("target_acceleration_m_s2", "target_acceleration_across_m_s2"):
+            most = getattr(self, name)
+            if most is not None and not 0 < most <= 50:
+                raise ValueError(f"{name} lies above 0 and not above 50, not {most}")

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from follower_control.moving_target import MovingTarget, place_noise
@@ -27,6 +27,65 @@ def test_a_steady_target_is_predicted_without_error() -> None:
     place, velocity = followed().at(14.0)
     assert velocity == pytest.approx(VELOCITY, abs=1e-3)
     assert place == pytest.approx(np.array([10.0, 5.0, -2.0]) + 14.0 * VELOCITY, abs=0.01)
+
+
+def circling(turn_deg_s: float, speed: float = 5.0, seconds: float = 10.0) -> MovingTarget:
+    """Return a target that turns steadily, to the right if positive, seen until it goes north."""
+    target, turn = MovingTarget(1.5), math.radians(turn_deg_s)
+    for t in np.arange(-seconds, 1e-9, 1 / 30).tolist():
+        north, east = speed / turn * math.sin(turn * t), speed / turn * (1 - math.cos(turn * t))
+        target.observe(np.array([north, east, 0.0]), NOISE * 0.01, t)
+    return target
+
+
+@pytest.mark.parametrize("turn_deg_s", [-25.0, 15.0, 25.0])
+def test_a_target_that_turns_is_taken_to_turn_on_and_less_and_less(turn_deg_s: float) -> None:
+    target, turn = circling(turn_deg_s), math.radians(turn_deg_s)
+    place, _ = target.at(1.5)
+    true = 5.0 / turn * np.array([math.sin(1.5 * turn), 1 - math.cos(1.5 * turn)])
+    straight = np.array([7.5, 0.0])
+    assert np.linalg.norm(place[:2] - true) < 0.6 * np.linalg.norm(straight - true)
+    courses = [math.atan2(*target.at(t)[1][[1, 0]]) for t in (0.0, 1.0, 2.0, 20.0)]
+    turned = np.diff(np.array(courses)) * np.sign(turn)
+    assert turned[0] > turned[1] > 0
+    assert abs(courses[-1]) < abs(turn) * 2.6
+    assert np.linalg.norm(target.at(20.0)[1]) == pytest.approx(5.0, rel=0.1)
+
+
+def test_across_the_line_of_sight_a_change_of_speed_may_be_followed_sooner() -> None:
+    sights = np.array([1.0, 0.0, 0.0])
+
+    def after_a_start(across_m_s2: float | None, axis: int) -> float:
+        target = MovingTarget(0.2, across_m_s2)
+        for t in np.arange(0.0, 6.0, 1 / 30).tolist():
+            place = np.zeros(3)
+            place[axis] = 2.0 * max(t - 5.0, 0.0)
+            target.observe(place, np.eye(3), t, sights)
+        return float(target.at(6.0)[1][axis])
+
+    assert after_a_start(1.5, axis=1) > 1.5 * after_a_start(None, axis=1)
+    assert after_a_start(1.5, axis=0) == pytest.approx(after_a_start(None, axis=0), abs=0.02)
+
+
+def test_a_target_that_hardly_moves_is_not_taken_to_turn() -> None:
+    target, rng = MovingTarget(1.5), np.random.default_rng(1)
+    for t in np.arange(0.0, 8.0, 1 / 30).tolist():
+        target.observe(rng.normal(0.0, 0.1, 3), NOISE * 0.01, t)
+    now, later = (target.at(t) for t in (8.0, 11.0))
+    assert np.linalg.norm(later[0] - now[0]) <= 3.0 * np.linalg.norm(now[1]) + 0.2
+
+
+@settings(deadline=None)
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(0.001, 2.0))
+def test_whatever_is_seen_the_speed_stays_what_it_was(
+    north: float, east: float, every_s: float
+) -> None:
+    target = MovingTarget(1.5)
+    for i in range(4):
+        target.observe(np.array([north * i, east * i * i, 0.0]), NOISE, i * every_s)
+    now, later = (target.at(3 * every_s + s)[1] for s in (0.0, 3.0))
+    assert np.isfinite(later).all()
+    assert np.linalg.norm(later) == pytest.approx(np.linalg.norm(now), rel=1e-9, abs=1e-9)
 
 
 def test_what_is_not_newer_changes_nothing() -> None:

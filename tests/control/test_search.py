@@ -90,6 +90,21 @@ def test_it_then_looks_ever_farther_to_both_sides_first_to_where_the_target_left
     assert turns[:4] == pytest.approx([-30.0, 10.0, -50.0, 30.0], abs=4.0)
 
 
+def test_it_turns_on_with_a_target_that_is_believed_to_go_on_until_that_was_looked_at() -> None:
+    table = Turntable(0.0, look_s=1.0, sweep_deg=20.0)
+    table.search.start(estimate(0.0), table.vehicle)
+    for azimuth_deg in np.arange(0.0, 30.0, 0.5).tolist():
+        table.search.aim(estimate(azimuth_deg, rate_deg_s=10.0))
+        table.run(STEP_S)
+    table.run(0.4)
+    assert table.yaws[-1] == pytest.approx(29.5, abs=4.0)
+    table.run(2.0)
+    assert table.yaws[-1] > 36.0, "first to the side to which it moves"
+    table.search.aim(estimate(-90.0))
+    table.run(0.5)
+    assert table.yaws[-1] > 20.0, "and is not called back then"
+
+
 def test_it_climbs_by_so_much_and_no_higher() -> None:
     table = Turntable(0.0, climb_m=4.0)
     table.search.start(estimate(0.0), table.vehicle)
