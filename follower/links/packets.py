@@ -15,6 +15,7 @@ SIGNED_FLAG = 0x01
 _NOT_YET, _NEVER = 0, -1
 _SOON_S = 0.05
 """The longest packet takes as long at 57600 baud; UDP brings packets as a whole."""
+_BYTES = [bytes((number,)) for number in range(256)]
 _CRC_EXTRA = {
     ekf_status_report.MESSAGE_ID: ekf_status_report.CRC_EXTRA,
     **{number: int(message.crc_extra) for number, message in mavlink.mavlink_map.items()},
@@ -117,7 +118,7 @@ class PacketReader:
 
 def checksum(unsigned: bytes, crc_extra: int) -> bytes:
     """Return the checksum of a packet from its first byte to the end of its payload."""
-    crc = x25crc(unsigned[1:] + bytes((crc_extra,)))
+    crc = x25crc(unsigned[1:] + _BYTES[crc_extra])
     return int(crc.crc).to_bytes(2, "little")
 
 

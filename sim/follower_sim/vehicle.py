@@ -35,6 +35,11 @@ class Vehicle:
         response: the flavour's parameters.
         start: where it stands or hovers, and when.
         wind: the air's velocity; None is still air.
+
+    Attributes:
+        state: the newest truth.
+        history: that of the last seconds.
+        motors_on: whether they turn.
     """
 
     def __init__(
@@ -51,13 +56,9 @@ class Vehicle:
         self._late_yaw_rate = _waiting(response.yaw.dead_time_s, 0.0)
         self._start_s = start.time_s
         self._steps = 0
-        self.history = History(self._airframe.state(start.time_s))
+        self.state = self._airframe.state(start.time_s)
+        self.history = History(self.state)
         self.motors_on = not self.on_ground
-
-    @property
-    def state(self) -> BodyState:
-        """The newest truth."""
-        return self.history.newest
 
     @property
     def on_ground(self) -> bool:
@@ -78,7 +79,8 @@ class Vehicle:
         now_s = self._start_s + self._steps * STEP_S
         if self._wind is not None and self._steps % _WIND_EVERY == 1:
             self._airframe.wind_m_s = self._wind(now_s)
-        self.history.add(self._airframe.state(now_s))
+        self.state = self._airframe.state(now_s)
+        self.history.add(self.state)
 
     def _fly(self, velocity: Triple, yaw_rate: float) -> None:
         lifts = velocity[2] < -_LIFT_OFF_M_S
