@@ -5,9 +5,8 @@
 
 Fusion takes a confidence below 0.8 of the target's usual one for a loss. Re3 follows each sequence
 without help; each frame gives the likelihood as a share of the usual one, measured as Fusion does,
-and whether the box overlaps the truth by more than 0.3: as much as Fusion asks of a detection to
-call the box right. A logistic curve through both says at which share every second box is lost; its
-power that is 0.8 is printed (`Re3Settings`).
+and whether the box has anything of the target: a loose box is no loss. A logistic curve says at
+which share every second box is lost; its power that is 0.8 is printed (`Re3Settings`).
 """
 
 from __future__ import annotations
@@ -32,7 +31,6 @@ WEIGHTS = Path("vision/follower_vision/weights/follower-re3.onnx")
 MEMORY_S = 1.0
 FRAME_S = 1 / 30
 LOST_SHARE = FusionSettings().low_ratio
-FOUND_IOU = FusionSettings().match_iou
 
 
 def main() -> None:
@@ -72,7 +70,7 @@ def shares(network: Re3Network, sequence: Sequence) -> Iterator[tuple[float, boo
         if share > LOST_SHARE:
             trust.learn(estimate.confidence, FRAME_S)
         if true is not None:
-            yield share, estimate.box.iou(true) > FOUND_IOU
+            yield share, estimate.box.iou(true) > 0
 
 
 def even_odds(share: np.ndarray, found: np.ndarray) -> float:

@@ -346,3 +346,40 @@ def test_every_improvement_can_be_switched_off() -> None:
     assert FusionSettings().without("camera_motion").camera_motion is False
     with pytest.raises(ValueError, match="camera_motion"):
         FusionSettings().without("luck")
+
+
+class HesitantGuide:
+    """Knows where the target is, and is less sure of it from its twentieth image on."""
+
+    name = "guide"
+
+    def __init__(self) -> None:
+        self.updates = 0
+
+    def start(self, image: Image, box: Box) -> None:
+        """Nothing to learn."""
+
+    def move_to(self, box: Box) -> None:
+        """Nowhere to be sent."""
+
+    def update(self, _image: Image) -> MotionEstimate:
+        self.updates += 1
+        return MotionEstimate(_box(100 + 3 * self.updates, 150), 1.0 if self.updates < 20 else 0.9)
+
+
+def test_a_confident_tracker_is_followed_though_nobody_knows_its_box_any_more() -> None:
+    """Where the looks changed for good there is no better guess; but it is not called seen."""
+    tracker = FusionTracker(HesitantGuide())
+    states = []
+    for number in range(120):
+        image = _ground()
+        _paint(image, 100 + 3 * number, 150, 3 if number < 20 else 9, blue=number >= 20)
+        if number == 0:
+            tracker.start(_frame(image, number), _box(100, 150))
+        else:
+            track = tracker.step(_frame(image, number))
+            states.append(track.state)
+            assert track.box.iou(_box(100 + 3 * number, 150)) > 0.9
+    tracker.close()
+    assert TrackState.TRACKING not in states[25:]
+    assert states[-1] is TrackState.LOST

@@ -15,16 +15,16 @@ class Re3Settings:
             each time so many frames have passed; the paper's number.
         smallest_side_px: no side of the box becomes shorter, in pixels.
         confidence_power: the confidence is the network's likelihood raised to this. Fusion takes a
-            confidence of less than 0.8 of the usual one for a loss, and a box that overlaps the
-            target by 0.3 is none: on generated sequences every second box overlaps by less where
-            the likelihood is 0.065 of the usual one (benchmarks/re3_confidence.py).
+            confidence of less than 0.8 of the usual one for a loss: on generated sequences every
+            second box has nothing of the target where the likelihood is 0.025 of the usual one
+            (benchmarks/re3_confidence.py).
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     reset_frames: int = 32
     smallest_side_px: float = 4.0
-    confidence_power: float = 0.08
+    confidence_power: float = 0.06
 
     def __post_init__(self) -> None:
         if self.reset_frames < 1:

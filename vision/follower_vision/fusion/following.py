@@ -46,7 +46,7 @@ class Following:
         self._doubted_s: float | None = None
         self._rival_frames = 0
         self._doubts = 0
-        self._broken = False
+        self._broken = self._forlorn = False
 
     @property
     def doubting(self) -> bool:
@@ -137,6 +137,7 @@ class Following:
         else:
             belief.reference = reference
             self._doubted_s = self._steady_s = 0.0
+            self._forlorn = False
             self._rival_frames = self._doubts = 0
             self.coast(frame, belief, belief.box, "doubtful")
 
@@ -152,13 +153,16 @@ class Following:
         return known and belief.is_strange(evidence.box, expected)
 
     def _may_doubt(self, belief: Belief, evidence: Evidence, interval_s: float) -> bool:
-        """Whether a box in doubt is still worth following."""
+        """Whether a box in doubt is still worth following.
+
+        As long as the tracker is confident there is no better guess, however long that lasts.
+        """
         if self._doubted_s is None:
             return False
         self._doubted_s += interval_s
         longer = _OBJECTED if belief.witness.objects else 1.0
-        patient = self._doubted_s <= self._settings.doubt_s * longer
-        return patient and evidence.relative >= self._settings.low_ratio
+        self._forlorn = self._doubted_s > self._settings.doubt_s * longer
+        return evidence.relative >= self._settings.low_ratio
 
     def _while_doubting(
         self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
@@ -175,7 +179,7 @@ class Following:
             self._steady_s = 0.0
         belief.reference = drawn(belief.reference, evidence.box, interval_s)
         self._broken = self._broken or _breaks(frame, belief, evidence)
-        insistent = self._insistent(belief, doubtful=True)
+        insistent = not self._forlorn and self._insistent(belief, doubtful=True)
         if insistent:
             self._looks.accept(frame, evidence.box)
             belief.witness.overrule()

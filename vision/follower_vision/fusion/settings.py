@@ -52,7 +52,8 @@ class FusionSettings:
         doubt_ratio_sure: the same while the motion tracker is quite certain.
         insist_s: a confident motion tracker that keeps its place for so long is believed though
             the target looks different.
-        doubt_s: how long a confident motion tracker is followed at most while in doubt.
+        doubt_s: how long a confident motion tracker may insist while in doubt; after that it is
+            followed as well, but believed only if its box looks like the target again.
         doubt_score: a re-identification score (0 to 2) below this speaks against the track.
         search_growth_s: by how many target sizes the searched region grows in a second.
         size_change_found: largest ratio between the sizes before a loss and when found again.
