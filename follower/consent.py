@@ -74,6 +74,7 @@ class Consent:
     Attributes:
         given: the second consent stands; always so for "mode" unless it was withdrawn.
         renewed: it was given anew with this step.
+        turned_on: that was by the switch.
     """
 
     def __init__(self, settings: ConsentSettings) -> None:
@@ -82,7 +83,7 @@ class Consent:
         self._own_mode_since_s: float | None = None
         self._released = False
         self.given = self._needs_nothing
-        self.renewed = False
+        self.renewed = self.turned_on = False
 
     def step(self, order: Order, vehicle: VehicleState, state: State, now_s: float) -> None:
         """Take what came since the last step.
@@ -119,7 +120,8 @@ class Consent:
 
     def _take_switch(self, vehicle: VehicleState, now_s: float) -> None:
         before, self.given = self.given, self._switch.is_on(vehicle, now_s)
-        self.renewed = self.renewed or (self.given and not before)
+        self.turned_on = self.given and not before
+        self.renewed = self.renewed or self.turned_on
 
     def _is_pilots_own(self, vehicle: VehicleState, now_s: float) -> bool:
         """Whether the pilot's own mode has stood long enough.

@@ -49,7 +49,7 @@ class HumanInput:
         self._entry = 0
         self.stop_requested = self.stop_at_once = False
         self.order = Order.NONE
-        self._withdrawn = False
+        self._withdrawn = self._just_stopped = False
         self.cockpit = CockpitWatch(cockpit or CockpitSettings())
         self.cockpit_lost = False
         self._cockpit_was_lost: bool | None = None
@@ -82,7 +82,7 @@ class HumanInput:
 
     def press_stop(self) -> None:
         """Take the stop button."""
-        self.stop_requested = self.stop_at_once = True
+        self.stop_requested = self.stop_at_once = self._just_stopped = True
 
     def choose(self) -> None:
         """Note that the operator chose a target.
@@ -94,7 +94,7 @@ class HumanInput:
 
     def repeat(self, recorded: Situation) -> None:
         """Take what was ordered in a recorded situation."""
-        self.stop_requested = recorded.stop_requested
+        self.stop_requested = self._just_stopped = recorded.stop_requested
         self.stop_at_once = recorded.stop_at_once
         self._orders.append(recorded.order)
         self._cockpit_was_lost = recorded.cockpit_lost
@@ -106,6 +106,10 @@ class HumanInput:
         if self.order in (Order.GIVE, Order.WITHDRAW):
             self._withdrawn = self.order is Order.WITHDRAW
         self._consent.step(self.order, vehicle, state, now_s)
+        if self._consent.turned_on and not self._just_stopped:
+            # The switch is how consent is given here.
+            self.stop_requested = self.stop_at_once = self._withdrawn = False
+        self._just_stopped = False
         self._sticks.step(vehicle, state.engaged, now_s)
         heard_none, recorded = self.cockpit.is_lost(now_s), self._cockpit_was_lost
         self.cockpit_lost = heard_none if recorded is None else recorded

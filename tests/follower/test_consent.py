@@ -340,3 +340,25 @@ def test_a_choice_that_comes_late_does_not_undo_a_withdrawal() -> None:
     people.choose()
     people.step(OURS, State.RELEASED, 0.3)
     assert people.consent_renewed
+
+
+def test_the_switch_ends_a_stop_that_was_pressed_before_and_no_later_one() -> None:
+    people = HumanInput(ConsentSettings(kind="rc", rc_channel=5), StickSettings())
+    now_s = 0.0
+
+    def step(pulse: int) -> bool:
+        nonlocal now_s
+        now_s += 0.1
+        people.step(with_sticks(*(1500,) * 4, pulse, at_s=now_s), State.RELEASED, now_s)
+        return people.stop_requested
+
+    people.press_stop()
+    assert step(1900)
+    assert step(1100)
+    people.press_stop()
+    assert step(1900), "pressed in the same moment"
+    assert step(1100)
+    assert not step(1900)
+    assert people.consent_given
+    people.press_stop()
+    assert step(1900)

@@ -480,6 +480,22 @@ def test_a_switch_gives_consent_when_it_is_turned_on(flavour: str) -> None:
     rig.until(State.READY, 0.3)
 
 
+@flavours
+def test_after_a_stop_the_switch_gives_consent_anew(flavour: str) -> None:
+    rig = Rig(flavour, "consent.kind=rc", "consent.rc_channel=5")
+    rig.autopilot.move_sticks(*MIDDLE, 1000)
+    rig.hand_over()
+    rig.fly(0.3)
+    rig.autopilot.move_sticks(*MIDDLE, 2000)
+    rig.until(F, 0.3)
+    rig.stage.request_stop()
+    rig.until(R, 0.1)
+    rig.autopilot.move_sticks(*MIDDLE, 1000)
+    assert rig.fly(0.5).state is R
+    rig.autopilot.move_sticks(*MIDDLE, 2000)
+    rig.until(F, 0.3)
+
+
 def test_a_transmitter_that_falls_silent_withdraws_consent() -> None:
     rig = Rig("ardupilot", "consent.kind=rc", "consent.rc_channel=5")
     rig.autopilot.move_sticks(1500, 1500, 1500, 1500, 1000)
