@@ -15,12 +15,14 @@ _TROUBLES = {
     Reason.NOT_FLYING: "pilot: arm, take off, hover where the camera sees the target",
     Reason.NAVIGATION_POOR: "the autopilot does not know well where it is: wait",
     Reason.BATTERY_LOW: "the battery is too low to begin: land",
+    Reason.COCKPIT_LOST: "no page is in control: open it, or take control there",
     Reason.AUTOPILOT_FAILSAFE: "the autopilot is in a failsafe",
 }
 _CONSENTS = {
     "command": "waiting for the operator's command",
     "rc": "waiting for the switch on the transmitter",
     "terminal": "press Enter to follow",
+    "cockpit": "press Allow following on the page",
 }
 _MODES = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 
@@ -63,8 +65,9 @@ def waiting_for(
 def _after_release(record: ControlRecord, mode: str, settings: Settings) -> str:
     if record.vehicle.obeys_setpoints:
         return f"standing still: pilot, leave {mode} to take over"
-    if settings.consent.kind == "mode" and settings.consent.again == "mode":
+    stopped = record.reason is Reason.STOP_REQUESTED
+    if settings.consent.kind == "mode" and settings.consent.again == "mode" and not stopped:
         return f"yours; to follow again, fly a mode of your own and go back to {mode}"
     if settings.consent.takes_orders_by("terminal"):
-        return "yours; Enter consents to following again, Ctrl-C ends"
+        return "yours; consent (Enter, or on the page) to follow again, Ctrl-C ends"
     return f"yours; {_CONSENTS.get(settings.consent.kind, 'Ctrl-C ends')}"

@@ -51,8 +51,10 @@ def record(state: State, reason: Reason, obeys: bool = False) -> ControlRecord:
         (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "terminal"}, "press Enter"),
         (State.FOLLOWING, Reason.TARGET_SEEN, {}, "leave GUIDED to take over"),
         (State.SEARCHING, Reason.TARGET_LOST, {}, "leave GUIDED to take over"),
-        (State.RELEASED, Reason.PILOT_TOOK_OVER, {}, "Enter consents"),
+        (State.RELEASED, Reason.PILOT_TOOK_OVER, {}, "consent (Enter, or on the page)"),
         (State.RELEASED, Reason.PILOT_TOOK_OVER, {"again": "mode"}, "go back to GUIDED"),
+        (State.RELEASED, Reason.STOP_REQUESTED, {"again": "mode"}, "consent (Enter"),
+        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "cockpit"}, "on the page"),
         (State.RELEASED, Reason.PILOT_TOOK_OVER, {"kind": "rc"}, "transmitter"),
     ],
 )
@@ -68,7 +70,7 @@ def test_the_terminal_says_what_has_to_happen_next(
     [
         *(Reason.LINK_SILENT, Reason.TELEMETRY_STALE, Reason.FRAMES_STALE, Reason.CONTROL_LATE),
         *(Reason.NAVIGATION_POOR, Reason.BATTERY_LOW, Reason.TARGET_UNSEEN, Reason.NOT_FLYING),
-        Reason.AUTOPILOT_FAILSAFE,
+        *(Reason.AUTOPILOT_FAILSAFE, Reason.COCKPIT_LOST),
     ],
 )
 def test_each_trouble_before_following_has_its_words(reason: Reason) -> None:
