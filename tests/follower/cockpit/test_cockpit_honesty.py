@@ -90,7 +90,8 @@ def test_a_flight_that_says_nothing_is_shown_as_silent_though_frames_come(
     assert page.is_hidden("#age")
     feed.moment = None
     page.wait_for_selector("#age:has-text('No word from the flight')")
-    assert page.evaluate("$('status').classList.contains('old')")
+    for shown in ("status", "facts", "plots"):
+        assert page.evaluate(f"getComputedStyle($('{shown}')).opacity") == "0.4"
     feed.moment = FOLLOWING
     page.wait_for_selector("#age", state="hidden")
     assert not page.evaluate("$('status').classList.contains('old')")
