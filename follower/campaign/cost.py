@@ -16,9 +16,9 @@ def cost(figures: Figures) -> float:
     smoothness a little, so that of two settings that follow as well, the quieter one is cheaper. A
     broken limit costs 5, not to follow at all 20.
     """
-    if figures.line_of_sight_rms_seen_deg is None or figures.approach_s is None:
+    if figures.line_of_sight_box_rms_seen_deg is None or figures.approach_s is None:
         return _NOT_FOLLOWED
-    total = figures.line_of_sight_rms_seen_deg / 3 + (figures.range_error_median or 0.0) / 0.12
+    total = figures.line_of_sight_box_rms_seen_deg / 3 + (figures.range_error_median or 0.0) / 0.12
     total += 10 * (1 - (figures.in_frame_share or 0.0))
     waits = [3.0 if took is None else min(took, 3.0) for took in figures.reacquired_s]
     total += 0.5 * sum(waits) / max(1, len(waits))

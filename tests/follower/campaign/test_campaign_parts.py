@@ -289,7 +289,7 @@ def test_each_goal_is_held_against_its_figure(changes: dict[str, Any], failures:
 
 def test_worse_costs_more() -> None:
     worse = (
-        {"line_of_sight_rms_seen_deg": 4.0},
+        {"line_of_sight_box_rms_seen_deg": 4.0},
         {"range_error_median": 0.2},
         {"in_frame_share": 0.9},
         {"reacquired_s": (2.0,)},

@@ -228,7 +228,7 @@ def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) 
                 flown.append(spec.key)
                 gain = float(spec.overrides[-1].partition("=")[2])
                 angle = 1.0 + abs(gain - 2.0)
-                yield {**ROW, "key": spec.key, "line_of_sight_rms_seen_deg": angle}
+                yield {**ROW, "key": spec.key, "line_of_sight_box_rms_seen_deg": angle}
 
     for _ in range(2):
         with Store(tmp_path / "out") as store:
@@ -251,6 +251,7 @@ ROW: dict[str, Any] = {
     "in_frame_share": 1.0,
     "in_frame_share_all": 1.0,
     "line_of_sight_rms_deg": 1.0,
+    "line_of_sight_rms_seen_deg": 1.0,
     "azimuth_rms_deg": 0.7,
     "elevation_rms_deg": 0.7,
     "range_error_median": 0.05,
