@@ -47,7 +47,7 @@ class ParameterExtServer:
         if not ours or message.target_system not in (0, self._endpoint.system):
             return
         if kind == "PARAM_EXT_REQUEST_LIST":
-            self._waiting = deque(range(len(self._names)))
+            self._waiting += [one for one in range(len(self._names)) if one not in self._waiting]
         elif kind == "PARAM_EXT_REQUEST_READ":
             self._on_read(message)
         elif kind == "PARAM_EXT_SET" and self._endpoint.is_for(message):

@@ -98,9 +98,11 @@ class ParameterServer:
             self._tell(index)
 
     def _tell_all(self, now_s: float) -> None:
+        """Plan all of them; what waits since an earlier question is not put off by this one."""
         self._listed_s = now_s
-        indices = range(len(self._names))
-        self._plan = [(now_s + after_s, index) for index in indices for after_s in _AGAIN_S]
+        waiting = {index: due_s for due_s, index in sorted(self._plan, reverse=True)}
+        since = [min(now_s, waiting.get(index, now_s)) for index in range(len(self._names))]
+        self._plan = [(s + after_s, index) for index, s in enumerate(since) for after_s in _AGAIN_S]
 
     def _tell_surely(self, index: int, now_s: float) -> None:
         self._plan = [one for one in self._plan if one[1] != index]

@@ -54,6 +54,16 @@ def test_a_list_brings_all_of_them(make_rig: MakeRig) -> None:
     assert values == {one.name: one.number(rig.settings) for one in parameters()}
 
 
+def test_a_list_that_is_asked_for_again_and_again_comes_to_its_end(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = station(rig)
+    for _ in range(4):
+        peer.send(mavlink.MAVLink_param_ext_request_list_message(1, CAMERA))
+        rig.run(1.0)
+    told = {one.param_id for one in peer.of("PARAM_EXT_VALUE", CAMERA)}
+    assert told == {one.name for one in parameters()}
+
+
 def test_one_can_be_read_by_name_and_by_index(make_rig: MakeRig) -> None:
     rig = make_rig()
     peer = station(rig)

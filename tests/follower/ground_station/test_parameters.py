@@ -134,6 +134,17 @@ def test_a_list_brings_all_of_them_soon(make_rig: MakeRig, component: int) -> No
     assert all(one.param_type == REAL for one in peer.of("PARAM_VALUE"))
 
 
+def test_a_list_that_is_asked_for_again_and_again_comes_to_its_end(make_rig: MakeRig) -> None:
+    rig = make_rig()
+    peer = rig.peer()
+    rig.everybody.append(peer)
+    for _ in range(8):
+        peer.send(mavlink.MAVLink_param_request_list_message(1, 191))
+        rig.run(0.5)
+    names = {one.param_id for one in peer.of("PARAM_VALUE", 191)}
+    assert names == {one.name for one in parameters()}
+
+
 def test_it_is_announced_after_a_ground_station_was_heard_and_not_for_ever(
     make_rig: MakeRig,
 ) -> None:
