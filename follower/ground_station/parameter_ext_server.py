@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
+from collections.abc import Iterable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -47,7 +48,7 @@ class ParameterExtServer:
         if not ours or message.target_system not in (0, self._endpoint.system):
             return
         if kind == "PARAM_EXT_REQUEST_LIST":
-            self._waiting += [one for one in range(len(self._names)) if one not in self._waiting]
+            self._plan(range(len(self._names)))
         elif kind == "PARAM_EXT_REQUEST_READ":
             self._on_read(message)
         elif kind == "PARAM_EXT_SET" and self._endpoint.is_for(message):
@@ -59,10 +60,14 @@ class ParameterExtServer:
         if settings is not self._settings:
             before, self._settings = self._settings, settings
             changed = [one.number(before) != one.number(settings) for one in parameters()]
-            self._waiting += [index for index, is_other in enumerate(changed) if is_other]
+            self._plan(index for index, is_other in enumerate(changed) if is_other)
         if self._waiting and now_s - self._told_s >= _EVERY_S:
             self._told_s = now_s
             self._tell(self._waiting.popleft())
+
+    def _plan(self, indices: Iterable[int]) -> None:
+        """Have these told, each once, after what waits already."""
+        self._waiting += [one for one in indices if one not in self._waiting]
 
     def _on_read(self, message: Any) -> None:
         """Tell one; the protocol has no answer for what is not there."""

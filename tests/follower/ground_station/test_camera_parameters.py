@@ -108,6 +108,17 @@ def test_what_another_front_end_changes_is_told(make_rig: MakeRig) -> None:
     rig.run(0.2)
     (told,) = peer.of("PARAM_EXT_VALUE", CAMERA)
     assert (told.param_id, number(told)) == (KP, 1.25)
+    for step in range(50):
+        rig.requests.change("servo.azimuth.kp", 1.0 + 0.01 * step, "the page")
+        rig.requests.take()
+        rig.run(0.02)
+    rig.run(0.1)
+    rig.everybody.clear()
+    before = len(peer.messages)
+    rig.run(1.0)
+    peer.hear()
+    assert number(peer.of("PARAM_EXT_VALUE", CAMERA)[-1]) == pytest.approx(1.49)
+    assert not [one for one in peer.messages[before:] if one.get_type() == "PARAM_EXT_VALUE"]
 
 
 def test_the_definition_describes_every_parameter() -> None:
