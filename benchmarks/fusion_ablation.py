@@ -26,6 +26,7 @@ from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.frame import Frame
 from follower_vision.fusion import FusionSettings, FusionTracker, InlineDetection
 from follower_vision.fusion.settings import IMPROVEMENTS
+from follower_vision.models import ModelStore
 from follower_vision.trackers import make_tracker
 
 RATE_HZ = 30.0
@@ -37,7 +38,7 @@ def main() -> None:
     """Measure and print a row a variant."""
     options = _options()
     weights = options.data / "weights"
-    motion = make_tracker(options.tracker, lambda name: weights / name)
+    motion = make_tracker(options.tracker, ModelStore(weights).file)
     detector = OnnxDetector(weights / options.detector)
     print(f"{'variant':20} success (least-most of the starts)  precision  tracking at IoU 0")
     for variant in _variants(options.variants):
