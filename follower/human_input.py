@@ -76,8 +76,6 @@ class HumanInput:
 
     def give(self, order: Order) -> None:
         """Take an order for the next step; may be called from any thread."""
-        if order in (Order.RENEW, Order.GIVE):
-            self.stop_requested = self.stop_at_once = False
         self._orders.append(order)
 
     def press_stop(self) -> None:
@@ -106,9 +104,10 @@ class HumanInput:
         if self.order in (Order.GIVE, Order.WITHDRAW):
             self._withdrawn = self.order is Order.WITHDRAW
         self._consent.step(self.order, vehicle, state, now_s)
-        if self._consent.turned_on and not self._just_stopped:
-            # The switch is how consent is given here.
-            self.stop_requested = self.stop_at_once = self._withdrawn = False
+        begins_anew = self.order in (Order.RENEW, Order.GIVE) or self._consent.turned_on
+        if begins_anew and not self._just_stopped:  # a stop outdoes what came in the same moment
+            self.stop_requested = self.stop_at_once = False
+            self._withdrawn = self._withdrawn and self.order is Order.RENEW
         self._just_stopped = False
         self._sticks.step(vehicle, state.engaged, now_s)
         heard_none, recorded = self.cockpit.is_lost(now_s), self._cockpit_was_lost

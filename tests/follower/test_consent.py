@@ -362,3 +362,28 @@ def test_the_switch_ends_a_stop_that_was_pressed_before_and_no_later_one() -> No
     assert people.consent_given
     people.press_stop()
     assert step(1900)
+
+
+def test_a_stop_outdoes_a_consent_of_the_same_moment_in_whatever_order_they_come() -> None:
+    for stop_first in (True, False):
+        people = humans()
+        if stop_first:
+            people.press_stop()
+        people.give(Order.GIVE)
+        if not stop_first:
+            people.press_stop()
+        people.step(OURS, State.FOLLOWING, 0.0)
+        assert people.stop_requested
+        people.give(Order.GIVE)
+        people.step(OURS, State.RELEASED, 0.1)
+        assert not people.stop_requested
+
+
+def test_a_withdrawal_that_comes_with_a_consent_leaves_a_stop_as_it_is() -> None:
+    people = humans()
+    people.press_stop()
+    people.step(OURS, State.FOLLOWING, 0.0)
+    people.give(Order.GIVE)
+    people.give(Order.WITHDRAW)
+    people.step(OURS, State.RELEASED, 0.1)
+    assert people.stop_requested
