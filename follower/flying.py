@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from follower.interpreter import few_collections
 from follower.lockstep import Lockstep
 from follower.pace import Pace
 from follower.realtime import RealtimeRun
@@ -66,7 +67,8 @@ def fly_lockstep(
     lockstep.every(SHOW_EVERY_S, show)
     if paced:
         lockstep.every(PACE_S, Pace(clock).wait)
-    lockstep.run(lambda: flight.finished)
+    with few_collections():
+        lockstep.run(lambda: flight.finished)
 
 
 def fly_realtime(flight: SimulatedFlight, clock: Clock, show: Callable[[], None]) -> None:

@@ -11,6 +11,8 @@ _SWITCH_INTERVAL_S = 0.0005
 """Python hands the interpreter from thread to thread this often; its own 5 ms would show as
 jitter of the control loop while vision runs Python code."""
 _NEVER = 1_000_000_000
+_MANY_NEW = 100_000
+"""So many new objects are looked through at a time, where pauses do not matter."""
 
 
 @contextmanager
@@ -29,3 +31,14 @@ def short_pauses() -> Iterator[None]:
     finally:
         gc.set_threshold(*thresholds)
         sys.setswitchinterval(interval_s)
+
+
+@contextmanager
+def few_collections() -> Iterator[None]:
+    """Look for cyclic garbage seldom, for what keeps most of the objects that it makes."""
+    before = gc.get_threshold()
+    gc.set_threshold(_MANY_NEW, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower_control.transport import Transport
 from follower_sim.faults import Faults
+from follower_sim.plain_message import FRAME_BYTES, plain_message
 
 
 class MavlinkEndpoint:
@@ -40,8 +41,15 @@ class MavlinkEndpoint:
         data = self._transport.receive()
         if not data:
             return []
-        messages = self._codec.parse_buffer(data) or []
-        return [message for message in messages if self._hears(message)]
+        return [message for message in self._messages(data) if self._hears(message)]
+
+    def _messages(self, data: bytes) -> list[Any]:
+        """Return the messages in the data, the short way as long as they are plain."""
+        messages: list[Any] = []
+        while not self._codec.buf_len() and (message := plain_message(data)) is not None:
+            messages.append(message)
+            data = data[message.get_header().mlen + FRAME_BYTES :]
+        return messages + (self._codec.parse_buffer(data) or [] if data else [])
 
     def send(self, message: Any) -> None:
         """Send one message."""
