@@ -101,7 +101,7 @@ def test_python_control_and_scipy_are_for_tuning_alone() -> None:
 
 def test_web_servers_are_for_the_cockpits_process_alone() -> None:
     """What a flight imports of the cockpit imports none of them."""
-    served = ("app", "conversation", "crowd", "guard", "server", "webrtc")
+    served = ("app", "conversation", "crowd", "guard", "patient_response", "server", "webrtc")
     for folder in SOURCES.values():
         for path in folder.rglob("*.py"):
             tops = {name.split(".")[0] for name in imported(path)}

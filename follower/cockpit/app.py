@@ -16,8 +16,9 @@ from follower.cockpit.conversation import Conversation
 from follower.cockpit.flights import Flights
 from follower.cockpit.hub import Hub
 from follower.cockpit.limiters import Limiters
-from follower.cockpit.mjpeg import BOUNDARY, JpegStream, PatientResponse
+from follower.cockpit.mjpeg import BOUNDARY, JpegStream
 from follower.cockpit.objects import Objects
+from follower.cockpit.patient_response import PatientResponse
 from follower.cockpit.requests import OperatorRequest, lets_go
 from follower.cockpit.webrtc import OfferError, Peers
 from follower_vision.clock import Clock

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.cockpit import mjpeg
+from follower.cockpit import patient_response
 from follower.cockpit.live_settings import setting_list, setting_values
-from follower.cockpit.mjpeg import JpegStream, PatientResponse
+from follower.cockpit.mjpeg import JpegStream
 from follower.cockpit.moment import moment
 from follower.cockpit.objects import Objects, objects_in
+from follower.cockpit.patient_response import PatientResponse
 from follower.cockpit.showing import SteadyShow
 from follower.flightlog import FlightLog
 from follower.live_status import LiveStatus
@@ -136,7 +137,7 @@ def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
 
 
 def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mjpeg, "_STUCK_S", 0.05)
+    monkeypatch.setattr(patient_response, "_STUCK_S", 0.05)
 
     async def run() -> tuple[int, int]:
         stream = JpegStream(asyncio.get_running_loop())
