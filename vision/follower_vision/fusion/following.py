@@ -183,7 +183,9 @@ class Following:
         if insistent:
             self._looks.accept(frame, evidence.box)
             belief.witness.overrule()
-        if insistent or self._recognised(belief, evidence):
+        # What looks like the target there by chance, after so long, may be another thing.
+        lost_sight = self._forlorn and self._broken
+        if insistent or (not lost_sight and self._recognised(belief, evidence)):
             self._see(frame, belief, evidence, interval_s)
             return
         rival = self._rival(frame, expected, evidence)
