@@ -103,7 +103,5 @@ class AnythingGoesIn(RuleBasedStateMachine):
         assert abs(self.out.yaw_rate_rad_s) <= MAX_YAW_RATE + 1e-9
 
 
-AnythingGoesIn.TestCase.settings = hypothesis_settings(
-    max_examples=100, stateful_step_count=30, deadline=None
-)
+AnythingGoesIn.TestCase.settings = hypothesis_settings(max_examples=100, stateful_step_count=30)
 TestAnythingGoesIn = AnythingGoesIn.TestCase

@@ -190,7 +190,7 @@ anything = st.one_of(st.none(), st.floats(-100, 100), st.floats(allow_nan=True))
 wild = st.builds(VelocitySetpoint, *[st.floats(allow_nan=True)] * 4)
 
 
-@hypothesis_settings(max_examples=60, deadline=None)
+@hypothesis_settings(max_examples=60)
 @given(asked=wild, values=st.lists(anything, min_size=12, max_size=12))
 def test_whatever_is_known_what_leaves_is_finite_and_within_speed(asked, values) -> None:
     settings = EnvelopeSettings(fence_m=SQUARE)
@@ -210,7 +210,7 @@ def test_whatever_is_known_what_leaves_is_finite_and_within_speed(asked, values)
         assert allowed.down_m_s <= settings.max_descent_m_s + 1e-6
 
 
-@hypothesis_settings(max_examples=40, deadline=None)
+@hypothesis_settings(max_examples=40)
 @given(speeds=st.lists(st.floats(-8, 8), min_size=2, max_size=30), begins=st.floats(0.5, 8))
 def test_nothing_is_left_over_from_the_engagement_before(
     speeds: list[float], begins: float

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from follower_control.moving_target import MovingTarget, place_noise
@@ -75,7 +75,6 @@ def test_a_target_that_hardly_moves_is_not_taken_to_turn() -> None:
     assert np.linalg.norm(later[0] - now[0]) <= 3.0 * np.linalg.norm(now[1]) + 0.2
 
 
-@settings(deadline=None)
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(0.001, 2.0))
 def test_whatever_is_seen_the_speed_stays_what_it_was(
     north: float, east: float, every_s: float

@@ -70,7 +70,7 @@ def test_the_least_range_is_not_negative() -> None:
     assert replace(found, range_deviation_m=99.0).least_range_m == 0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     speed=st.floats(0.0, 8.0),
     seems=st.floats(1 - SIZE_ERROR, 1 + SIZE_ERROR),

@@ -38,7 +38,7 @@ def camera(
 
 
 @given(st.floats(0.5, 40.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_offset_is_found_to_a_fraction_of_a_frame(offset_s: float) -> None:
     found = find_offset(camera(offset_s), gyro())
     assert found.problems == []

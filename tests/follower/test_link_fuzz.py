@@ -136,7 +136,7 @@ def test_parameters_that_are_no_numbers_are_not_kept(
     assert "GUID_TIMEOUT" not in reader.values or any(n == "GUID_TIMEOUT" for n, _, _ in values)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32), st.booleans())
 def test_a_link_survives_true_spoilt_and_invented_packets(seed: int, signed: bool) -> None:
     fuzzer = LinkFuzzer(seed, signed)

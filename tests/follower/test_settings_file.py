@@ -83,7 +83,7 @@ def test_our_own_examples_can_be_edited(path: Path, tmp_path: Path) -> None:
 keys = st.lists(st.sampled_from([one.key for one in live_keys()]), min_size=1, max_size=6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(keys)
 def test_whatever_is_changed_and_saved_is_in_force_when_read_again(chosen: list[str]) -> None:
     requests = OperatorRequests(load_settings(base=yaml.safe_load(MINE)))

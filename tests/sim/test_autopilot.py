@@ -548,7 +548,7 @@ def _is_sane(autopilot: SimAutopilot) -> bool:
     return all(map(math.isfinite, numbers)) and math.hypot(*state.velocity_m_s) < 60.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(FLAVOURS), st.lists(st.binary(max_size=300), max_size=8))
 def test_arbitrary_bytes_do_no_harm(flavour: str, packets: list[bytes]) -> None:
     ours, theirs = MemoryTransport.pair()
@@ -601,7 +601,7 @@ messages = st.one_of(
 )
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.sampled_from(FLAVOURS), st.floats(0.0, 20.0), st.lists(messages, max_size=12))
 def test_arbitrary_messages_do_no_harm(flavour: str, height: float, sent: list[Any]) -> None:
     flight = Flight(flavour, height)

@@ -30,7 +30,6 @@ starts = st.tuples(st.floats(-35, -5), st.floats(-35, 35), st.floats(-math.pi, m
 
 FEW = settings(
     max_examples=15,
-    deadline=None,
     derandomize=True,
     database=None,
     phases=(Phase.explicit, Phase.generate),

@@ -41,7 +41,7 @@ def changed(name: str, **keys: Any) -> Scenario:
     return Scenario.model_validate(data)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from(KINDS), st.integers(0, 10_000))
 def test_a_shape_lasts_and_its_target_accelerates_as_a_real_one_could(
     kind: ShapeKind, seed: int

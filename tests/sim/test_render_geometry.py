@@ -46,7 +46,7 @@ def painted(camera: CameraModel, solids: list[Solid], view: View) -> np.ndarray:
     return image
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cameras, attitudes, st.floats(40, 280), st.floats(40, 200), st.floats(6, 40))
 def test_a_small_ball_is_drawn_at_its_projection(
     camera: CameraModel,
@@ -64,7 +64,7 @@ def test_a_small_ball_is_drawn_at_its_projection(
     assert np.linalg.norm(centroid(image) - (column, row)) < 0.5
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cameras, attitudes, st.floats(30, 290), st.floats(30, 210), st.floats(3, 30))
 def test_a_mark_on_the_ground_is_drawn_at_its_projection(
     camera: CameraModel,
@@ -90,7 +90,7 @@ def test_a_mark_on_the_ground_is_drawn_at_its_projection(
     assert np.linalg.norm(centroid(drawn) - (column, row)) < 1.0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cameras, attitudes)
 def test_the_ground_ends_at_the_horizon(
     camera: CameraModel, attitude: tuple[float, float, float]
@@ -140,7 +140,7 @@ def test_a_wall_that_reaches_behind_the_camera_fills_its_side_of_the_image(
     assert not image[:, : int(edge) - 4].any()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cameras, attitudes, st.floats(-30, 30), st.floats(-30, 30), st.floats(-15, 2))
 def test_a_body_anywhere_is_drawn_within_its_projected_outline(
     camera: CameraModel,

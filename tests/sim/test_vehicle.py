@@ -162,7 +162,7 @@ def _gust(time_s: float) -> Triple:
     return 4.0 * math.sin(time_s), 4.0 * math.cos(2 * time_s), math.sin(3 * time_s)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.sampled_from(list(RESPONSES)), st.lists(demands, min_size=1, max_size=10))
 def test_no_sequence_of_demands_makes_it_diverge(flavour: str, sequence: list[Demand]) -> None:
     vehicle = hovering(RESPONSES[flavour], _gust)

@@ -124,7 +124,7 @@ def test_what_has_no_structure_correlates_with_nothing():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 30), st.integers(4, 30))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_histograms_are_shares_and_intersect_fully_with_themselves(seed, height, width):
     image = np.random.default_rng(seed).integers(0, 255, (height, width, 3), np.uint8)
     shares = colour_histogram(image)

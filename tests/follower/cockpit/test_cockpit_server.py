@@ -401,7 +401,7 @@ def test_not_a_number_is_no_number(served: Any) -> None:
 JUNK = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), st.lists)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, suppress_health_check=list(HealthCheck))
 @given(JUNK)
 def test_no_json_at_all_stops_the_server(served: Any, junk: Any) -> None:
     with connect(ws(served)) as client:
@@ -540,7 +540,7 @@ def test_the_interface_does_what_it_describes(served: Any) -> None:
             operation.as_strategy(generation_mode=mode) for mode in schemathesis.GenerationMode
         ]
 
-        @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+        @settings(max_examples=12, suppress_health_check=list(HealthCheck))
         @given(case=st.one_of(strategies))
         def check(case: schemathesis.Case) -> None:
             case.call_and_validate()

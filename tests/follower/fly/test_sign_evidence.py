@@ -66,7 +66,7 @@ def mount(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> CameraMoun
     return CameraMount(math.radians(roll), math.radians(pitch), math.radians(yaw))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(-80, 10),
     st.sampled_from([0.0, 90.0, -90.0, 180.0]),

@@ -382,9 +382,7 @@ def test_one_that_comes_later_or_pretends_does_not_silence_ours(make_rig: MakeRi
 numbers = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.one_of(
         st.integers(0, 65535),
@@ -404,9 +402,7 @@ def test_any_command_whatever_is_answered_just_once(
     assert len(qgc.of("COMMAND_ACK")) == before + 1
 
 
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(min_size=1, max_size=300))
 def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:
     rig = make_rig()

@@ -198,9 +198,7 @@ def test_there_is_no_other_file(make_rig: MakeRig, path: str) -> None:
     assert ftp.ask(LIST, path.encode())[0][:2] == (NAK, b"\x07")
 
 
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(min_size=12, max_size=251))
 def test_any_payload_is_answered_within_reason(make_rig: MakeRig, payload: bytes) -> None:
     rig = make_rig()

@@ -33,9 +33,7 @@ payloads = st.binary(max_size=255) | st.binary(max_size=40).map(
 
 
 @pytest.mark.parametrize("version", [1, 2])
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from(sorted(HEARD)), payloads), max_size=4))
 def test_any_content_whatever_is_survived(
     make_rig: MakeRig, version: int, packets: list[tuple[int, bytes]]
