@@ -8,6 +8,8 @@ import socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
 _MOST_PEERS = 8
+_MOST_AT_ONCE = 512
+"""Of datagrams: who floods the port does not hold up the control loop that listens there."""
 
 
 class UdpTransport:
@@ -64,17 +66,18 @@ class UdpTransport:
                 self._socket.sendto(data, peer)
 
     def receive(self) -> bytes:
-        """Return everything that has arrived."""
+        """Return what has arrived, of a flood the oldest part."""
         parts: list[bytes] = []
-        while True:
+        for _ in range(_MOST_AT_ONCE):
             try:
                 data, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
             except OSError:
-                return b"".join(parts)
+                break
             if self._listens and sender not in self._peers[:1]:
                 others = tuple(peer for peer in self._peers if peer != sender)
                 self._peers = (sender, *others[: _MOST_PEERS - 1])
             parts.append(data)
+        return b"".join(parts)
 
     def close(self) -> None:
         """Close the socket."""

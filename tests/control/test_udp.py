@@ -1,0 +1,41 @@
+"""The UDP transport under a flood."""
+
+import threading
+
+from follower_control.udp import UdpTransport
+
+
+def test_a_flood_does_not_hold_up_who_listens() -> None:
+    ours = UdpTransport.listen("127.0.0.1", 0)
+    flood = UdpTransport.connect("127.0.0.1", ours.port)
+    stop = threading.Event()
+
+    def pour() -> None:
+        while not stop.is_set():
+            flood.send(bytes(9))
+
+    pourers = [threading.Thread(target=pour) for _ in range(2)]
+    for pourer in pourers:
+        pourer.start()
+    try:
+        # It comes back at all, although there is always more.
+        parts = [ours.receive() for _ in range(20)]
+    finally:
+        stop.set()
+        for pourer in pourers:
+            pourer.join()
+        ours.close()
+        flood.close()
+    assert max(map(len, parts)) <= 512 * 9
+
+
+def test_what_was_left_comes_with_the_next_call_in_its_order() -> None:
+    ours = UdpTransport.listen("127.0.0.1", 0)
+    peer = UdpTransport.connect("127.0.0.1", ours.port)
+    for number in range(600):
+        peer.send(number.to_bytes(2, "big"))
+    first, second, third = ours.receive(), ours.receive(), ours.receive()
+    ours.close()
+    peer.close()
+    assert (len(first), len(second), third) == (2 * 512, 2 * 88, b"")
+    assert first + second == b"".join(number.to_bytes(2, "big") for number in range(600))
