@@ -8,7 +8,7 @@ import socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
 _MOST_PEERS = 8
-_MOST_AT_ONCE = 512
+_MOST_AT_ONCE = 256
 """Of datagrams: who floods the port does not hold up the control loop that listens there."""
 
 
