@@ -11,6 +11,7 @@ import math
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -115,15 +116,20 @@ def test_late_telemetry_is_never_mistaken_for_new(chase: Golden) -> None:
 
 
 def test_dropped_frames_are_borne(chase: Golden) -> None:
-    """Of two frames in five nothing is seen: it goes on, and the setpoints stay close."""
-    log = replayed(chase.broken(dropping))
-    assert len(log.tracks) < 0.8 * len(chase.flight.log.tracks)
-    followed = [record for record in log.controls if BROKEN_S < record.time_s < 21.5]
-    assert all(record.state is State.FOLLOWING for record in followed)
-    apart = [
-        abs(record.allowed.forward_m_s - sound.allowed.forward_m_s)
-        for record, sound in zip(log.controls, chase.flight.log.controls, strict=True)
-    ]
+    """Of two frames in five nothing is seen: it goes on, and the setpoints stay close.
+
+    Whichever two: how far a single choice is off is chance.
+    """
+    apart: list[float] = []
+    for first in range(5):
+        log = replayed(chase.broken(partial(dropping, first)))
+        assert len(log.tracks) < 0.8 * len(chase.flight.log.tracks)
+        followed = [record for record in log.controls if BROKEN_S < record.time_s < 21.5]
+        assert all(record.state is State.FOLLOWING for record in followed)
+        apart += [
+            abs(record.allowed.forward_m_s - sound.allowed.forward_m_s)
+            for record, sound in zip(log.controls, chase.flight.log.controls, strict=True)
+        ]
     assert np.percentile(apart, 95) < 0.5
 
 
@@ -247,12 +253,13 @@ def late(messages: Messages) -> Messages:
         yield time_s, with_attitude(message, arrived)
 
 
-def dropping(messages: Messages) -> Messages:
+def dropping(first: int, messages: Messages) -> Messages:
     """Two frames of five never came: control has the track before them for longer."""
     seen: TrackRecord | None = None
     for time_s, message in messages:
         gone = time_s > BROKEN_S
-        if gone and isinstance(message, FrameRecord | TrackRecord) and message.sequence % 5 < 2:
+        pictured = isinstance(message, FrameRecord | TrackRecord)
+        if gone and pictured and (message.sequence - first) % 5 < 2:
             continue
         seen = message if isinstance(message, TrackRecord) else seen
         if gone and isinstance(message, StepRecord) and seen is not None:
