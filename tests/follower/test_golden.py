@@ -51,6 +51,7 @@ class Golden:
 
     def broken(self, edit: Edit) -> RecordedFlight:
         config = self.flight.config
+        (self.folder / "flight.mcap").unlink(missing_ok=True)
         with McapLog(self.folder / "flight.mcap", config.epoch_ns, config.to_yaml()) as log:
             for time_s, message in edit(self.flight.messages()):
                 log.write(message, time_s)
