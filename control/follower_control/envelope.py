@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 from follower_control.bound import Bound
+from follower_control.clip import clip
 from follower_control.envelope_settings import EnvelopeSettings
 from follower_control.fence import Fence
 from follower_control.flight_context import FlightContext
@@ -123,8 +124,8 @@ class Envelope:
         known = velocity if velocity.is_finite else HOLD
         self._too_fast_m_s = self._too_steep_m_s = 0.0
         self._horizontal.start(_horizontal(known))
-        self._vertical.start(_clip(known.down_m_s, HUGE))
-        self._yaw_rate = _clip(known.yaw_rate_rad_s, self._max_yaw_rate)
+        self._vertical.start(clip(known.down_m_s, HUGE))
+        self._yaw_rate = clip(known.yaw_rate_rad_s, self._max_yaw_rate)
         self._last_s = now_s if now_s is not None and math.isfinite(now_s) else None
         self._turns_out = False
         self._slower_s, self._slowest_m_s = None, math.inf
@@ -192,7 +193,7 @@ class Envelope:
 
     def _turn_ahead(self, wanted_rad_s: float) -> float:
         """Return by how much the nose will have turned soon."""
-        wanted = _clip(wanted_rad_s, self._max_yaw_rate)
+        wanted = clip(wanted_rad_s, self._max_yaw_rate)
         return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
 
     def _braked(
@@ -273,7 +274,7 @@ class Envelope:
             return 0.0
         (target_speed,) = context.known("target_speed_m_s") or (0.0,)
         # However fast it is: more than our own speed is not needed, and might not be true.
-        moves_on = _clip(max(target_speed, 0.0), self._settings.max_speed_m_s) ** 2
+        moves_on = clip(max(target_speed, 0.0), self._settings.max_speed_m_s) ** 2
         moves_on /= 2 * self._settings.braking_m_s2
         return self._braking_speed(known[0] + moves_on - nearest)
 
@@ -341,12 +342,12 @@ class Envelope:
         change = yaw_rate - self._yaw_rate
         if abs(change) > reach:
             self._limits.append(Limit.YAW_ACCELERATION)
-        self._yaw_rate += _clip(change, reach)
+        self._yaw_rate += clip(change, reach)
 
     def _cut(self, value: float, largest: float, limit: Limit) -> float:
         if abs(value) > largest:
             self._limits.append(limit)
-        return _clip(value, largest)
+        return clip(value, largest)
 
     def _is_flyable(self, velocity: complex) -> bool:
         return abs(velocity) <= max(self._settings.max_speed_m_s, self._too_fast_m_s) + SLACK
@@ -370,9 +371,5 @@ def _nearness(context: FlightContext, closing: float | None) -> tuple[Bound, ...
     return (Bound.towards(known[1], closing / max(level, 1e-3), Limit.TARGET_NEAR),)
 
 
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)
-
-
 def _horizontal(setpoint: VelocitySetpoint) -> complex:
-    return complex(_clip(setpoint.forward_m_s, HUGE), _clip(setpoint.right_m_s, HUGE))
+    return complex(clip(setpoint.forward_m_s, HUGE), clip(setpoint.right_m_s, HUGE))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from follower_control.vehicle import VehicleState
 
-_VELOCITY_STALE_S = 0.3
-"""What brakes against a velocity of some time ago drives the vehicle back after it has stopped."""
+_STALE_S, _VELOCITY_STALE_S = 1.0, 0.3
+"""Ages from which a place and a velocity are not known. The second is short: what brakes against a
+velocity of some time ago drives the vehicle back after it has stopped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +47,13 @@ class FlightContext:
     origin_deg: tuple[float, float] | None = None
 
     @classmethod
-    def of(
-        cls,
-        vehicle: VehicleState,
-        now_s: float,
-        target_range_m: float | None = None,
-        target_bearing_rad: float | None = None,
-        target_speed_m_s: float | None = None,
-        stale_after_s: float = 1.0,
-    ) -> FlightContext:
-        """Take what is fresh of the vehicle's state; home and fence centre are its origin.
-
-        A velocity changes sooner than a place: it counts for 0.3 s at most.
-        """
-        attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= stale_after_s else None
-        position = vehicle.position if vehicle.position_age_s(now_s) <= stale_after_s else None
+    def of(cls, vehicle: VehicleState, now_s: float) -> FlightContext:
+        """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
+        attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= _STALE_S else None
+        position = vehicle.position if vehicle.position_age_s(now_s) <= _STALE_S else None
         moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
         clearance, origin = vehicle.clearance, vehicle.origin
-        if clearance is not None and now_s - clearance.time_s > stale_after_s:
+        if clearance is not None and now_s - clearance.time_s > _STALE_S:
             clearance = None
         return cls(
             clearance_m=clearance.height_m if clearance else None,
@@ -74,9 +64,6 @@ class FlightContext:
             height_m=position.height_m if position else None,
             north_m_s=moving.north_m_s if moving else None,
             east_m_s=moving.east_m_s if moving else None,
-            target_range_m=target_range_m,
-            target_bearing_rad=target_bearing_rad,
-            target_speed_m_s=target_speed_m_s,
         )
 
     def known(self, *names: str) -> tuple[float, ...] | None:
@@ -88,7 +75,3 @@ class FlightContext:
                 return None
             values.append(value)
         return tuple(values)
-
-
-NOTHING_KNOWN = FlightContext()
-"""No telemetry and no target."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from follower_control.attitude_history import turned_on
+from follower_control.clip import clip
 from follower_control.estimate import TargetEstimate
 from follower_control.gimbal import STILL, GimbalRates, camera_to_world
 from follower_control.sighting import SightFrame
@@ -98,12 +99,12 @@ class GimbalServo:
         widest = math.radians(s.widest_deg)
         return GimbalRates(
             _inside(
-                _clip(pitch, self._most),
+                clip(pitch, self._most),
                 looks.elevation_rad,
                 math.radians(s.lowest_deg),
                 math.radians(s.highest_deg),
             ),
-            _inside(_clip(yaw, self._most), from_nose, -widest, widest),
+            _inside(clip(yaw, self._most), from_nose, -widest, widest),
         )
 
 
@@ -112,7 +113,3 @@ def _inside(rate: float, angle: float, low: float, high: float) -> float:
     if (angle >= high and rate > 0) or (angle <= low and rate < 0):
         return 0.0
     return rate
-
-
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from follower_control.clip import clip
 from follower_vision.camera import Vector
 
 _START_SPEED_M_S = 3.0
@@ -157,10 +158,10 @@ class MovingTarget:
         (north, east, _), (was_north, was_east, _) = self._state[3:].tolist(), before_m_s.tolist()
         speed2 = max(north * north + east * east, _TURN_SURE_M_S**2)
         turned = (was_north * east - was_east * north) / speed2
-        seen = _clip(turned / elapsed_s, 10 * _FASTEST_TURN)
+        seen = clip(turned / elapsed_s, 10 * _FASTEST_TURN)
         share = 1.0 - math.exp(-elapsed_s / TURN_FILTER_S)
         turn = self._turn_rad_s + share * (seen - self._turn_rad_s)
-        self._turn_rad_s = _clip(turn, _FASTEST_TURN)
+        self._turn_rad_s = clip(turn, _FASTEST_TURN)
 
     def _drive(self, elapsed_s: float, direction: Vector | None) -> Vector:
         """Continuous white acceleration, integrated over the interval (Bar-Shalom, ch. 6.2)."""
@@ -177,7 +178,3 @@ def place_noise(direction: Vector, along_m: float, across_m: float) -> Vector:
     """Return the 3x3 covariance of a place that is seen in a direction, a unit vector."""
     along = np.outer(direction, direction)
     return np.asarray(along_m**2 * along + across_m**2 * (np.eye(3) - along))
-
-
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from follower_control.clip import clip
 from follower_control.estimate import TargetEstimate
 from follower_control.ground_range import ranged_by_ground
 from follower_control.known_size import KnownSize
@@ -230,7 +231,7 @@ class PursuitSight:
 
     def range_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, within a factor of ten of the wanted one."""
-        return self._settings.distance_m * math.exp(_clip(self._log_range(estimate), _LOG_TEN))
+        return self._settings.distance_m * math.exp(clip(self._log_range(estimate), _LOG_TEN))
 
     def _unbounded_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, however near: the keep-out has to know."""
@@ -247,7 +248,3 @@ def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:
     if estimate.frame is SightFrame.DOWN:
         return 0.0
     return (velocity_m_s * cmath.rect(1.0, -azimuth_of(estimate))).real
-
-
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from follower_control.clip import clip
 from follower_control.nudge import NO_NUDGE, Nudge
 
 DISTANCE_M_S = 2.0
@@ -55,8 +56,8 @@ class Reference:
         turn = ANGLE_RAD_S * interval_s
         nearest = _NEAREST_SHARE * self._distance_m
         distance = max(self._distance_m + self._nudge.distance_m, nearest)
-        elevation = _clip(self._elevation_rad + self._nudge.elevation_rad, self._steepest)
-        azimuth = _clip(self._nudge.azimuth_rad, _STEEPEST_RAD)
+        elevation = clip(self._elevation_rad + self._nudge.elevation_rad, self._steepest)
+        azimuth = clip(self._nudge.azimuth_rad, _STEEPEST_RAD)
         self.distance_m = _towards(self.distance_m, distance, DISTANCE_M_S * interval_s)
         self.elevation_rad = _towards(self.elevation_rad, elevation, turn)
         self.azimuth_rad = _towards(self.azimuth_rad, azimuth, turn)
@@ -73,7 +74,3 @@ def _towards(present: float, wanted: float, reach: float) -> float:
         if abs(wanted - present) <= reach
         else present + math.copysign(reach, wanted - present)
     )
-
-
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)

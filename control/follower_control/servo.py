@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 
+from follower_control.clip import clip
 from follower_control.estimate import TargetEstimate
 from follower_control.fade import Fade
 from follower_control.nudge import Nudge
@@ -207,7 +208,7 @@ class VisualServo:
                 place, drift, self._sight.target, right, let_through.imag, interval_s
             )
             # The velocity comes later than the nose turns.
-            turning = _clip((drift / place).imag if place else 0.0, 1.0)
+            turning = clip((drift / place).imag if place else 0.0, 1.0)
             along *= cmath.rect(1.0, turning * TURN_LAG_S)
         off_nose = errors.azimuth_rad - self._reference.azimuth_rad
         centred = centred_share(off_nose, self._centred, self._off_axis)
@@ -243,7 +244,7 @@ class VisualServo:
         return VelocitySetpoint(
             forward_m_s=velocity.real,
             right_m_s=velocity.imag,
-            down_m_s=_clip(sink, self._settings.max_vertical_m_s),
+            down_m_s=clip(sink, self._settings.max_vertical_m_s),
             yaw_rate_rad_s=self._azimuth_pid.update(error, -error, interval_s, cut=cut),
         )
 
@@ -280,7 +281,7 @@ class VisualServo:
         """
         if self._settings.hold_height:
             return 0.0
-        slope = math.tan(_clip(estimate.height_angle_rad, _STEEPEST_RAD))
+        slope = math.tan(clip(estimate.height_angle_rad, _STEEPEST_RAD))
         climb = errors.range_m * self._elevation_pid.update(
             errors.elevation_rad,
             -errors.elevation_rad,
@@ -289,7 +290,7 @@ class VisualServo:
             cut=(self._climb + allowed.down_m_s) / errors.range_m,
         )
         self._climb = climb
-        return -_clip(climb, self._settings.max_vertical_m_s)
+        return -clip(climb, self._settings.max_vertical_m_s)
 
     def _close_in(
         self,
@@ -318,7 +319,3 @@ class VisualServo:
         if not self._settings.schedule_range:
             return 1.0
         return self._reference.distance_m / self._settings.distance_m
-
-
-def _clip(value: float, largest: float) -> float:
-    return min(max(value, -largest), largest)

@@ -303,9 +303,9 @@ def test_the_context_takes_what_is_fresh_of_the_vehicle():
         position=LocalPosition(1.0, 2.0, -3.0, 0, 0, 0, 9.5),
     )
     standing = {"north_m_s": 0, "east_m_s": 0}
-    known = FlightContext(1.0, 1.0, 2.0, 3.0, 15.0, 0.1, 4.0, **standing)
-    assert FlightContext.of(state, 9.7, 15.0, 0.1, 4.0) == known
+    known = FlightContext(1.0, 1.0, 2.0, 3.0, **standing)
+    assert FlightContext.of(state, 9.7) == known
     motion_forgotten = replace(known, north_m_s=None, east_m_s=None)
-    assert FlightContext.of(state, 10.2, 15.0, 0.1, 4.0) == motion_forgotten
+    assert FlightContext.of(state, 10.2) == motion_forgotten
     assert FlightContext.of(state, 10.8) == FlightContext(yaw_rad=1.0)
     assert FlightContext.of(VehicleState(), 0.0) == FlightContext()

@@ -171,8 +171,11 @@ def fly(
             servo.change_mode(waiting.pop(min(waiting)), allowed)
         asked = servo.update(estimate, told, allowed)
         errors = servo.errors
-        context = FlightContext.of(
-            state, now_s, errors.range_m, errors.azimuth_rad, errors.target_speed_m_s
+        context = replace(
+            FlightContext.of(state, now_s),
+            target_range_m=errors.range_m,
+            target_bearing_rad=errors.azimuth_rad,
+            target_speed_m_s=errors.target_speed_m_s,
         )
         if servo.mode is Mode.OVERHEAD:
             context = replace(context, target_range_m=100.0)
