@@ -86,8 +86,8 @@ class Belief:
         """Whether a box is no other target's."""
         return all(box.iou(other) < SAME_IOU for other in self.taken)
 
-    def is_strange(self, box: Box, expected: Box) -> bool:
-        """Whether a box is rather a look-alike's that was seen beside the target."""
+    def refuse_stranger(self, box: Box, expected: Box) -> bool:
+        """Refuse a box that is rather a look-alike's once seen beside the target: it is there now."""
         return self.strangers.refuse(box, expected, self.unseen_s, self.history)
 
     @property

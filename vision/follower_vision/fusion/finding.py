@@ -98,7 +98,7 @@ class Finding:
         reach_px = expected.scale * (_UNFAMILIAR_REACH_SIZES + growth)
         boxes = self._looks.proposals(frame.image, expected, reach_px)
         if self._settings.distractor_memory:
-            boxes = [box for box in boxes if not belief.is_strange(box, expected)]
+            boxes = [box for box in boxes if not belief.refuse_stranger(box, expected)]
         scored = [(self._looks.score(frame.image, box), box) for box in boxes]
         found = self._recognised(frame.image, belief, scored, belief.now)
         if found is None:

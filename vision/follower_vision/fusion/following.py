@@ -150,7 +150,7 @@ class Following:
     def _strange(self, belief: Belief, evidence: Evidence, expected: Box) -> bool:
         """Whether the box is rather that of a look-alike which stood beside the target."""
         known = self._settings.distractor_memory and evidence.relative >= self._settings.low_ratio
-        return known and belief.is_strange(evidence.box, expected)
+        return known and belief.refuse_stranger(evidence.box, expected)
 
     def _may_doubt(self, belief: Belief, evidence: Evidence, interval_s: float) -> bool:
         """Whether a box in doubt is still worth following.
