@@ -87,7 +87,7 @@ class Belief:
         return all(box.iou(other) < SAME_IOU for other in self.taken)
 
     def refuse_stranger(self, box: Box, expected: Box) -> bool:
-        """Refuse a box that is rather a look-alike's once seen beside the target: it is there now."""
+        """Refuse a box that is rather a look-alike's, which is remembered to be there."""
         return self.strangers.refuse(box, expected, self.unseen_s, self.history)
 
     @property
