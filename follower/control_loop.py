@@ -87,15 +87,15 @@ class ControlLoop:
     def _send(self, record: ControlRecord) -> None:
         if record.sent:
             self._link.send(record.allowed)
-        elif record.state is State.RELEASED and self._before.streams and not self._is_failsafe:
+        elif record.state is State.RELEASED and self._before.streams and not self._may_call_back:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
         self._before, self._streams = record.state, record.sent
 
     @property
-    def _is_failsafe(self) -> bool:
-        """Then the autopilot flies by itself, and a stream would call PX4 back into OFFBOARD."""
-        return self._link.state.failsafe
+    def _may_call_back(self) -> bool:
+        """Whether the autopilot flies by itself, or may: a stream calls PX4 back into OFFBOARD."""
+        return self._link.state.failsafe or self._stage.may_call_back(self._link.state)
 
     def _obey(self, command: OperatorCommand, now_s: float) -> None:
         """Take an operator's consent or its withdrawal, and answer."""

@@ -81,7 +81,7 @@ class ControlStage:
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
         self._sent = self._held = False
-        self._streamed_s = -math.inf
+        self._streamed_s = self._stood_still_s = -math.inf
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
@@ -128,6 +128,15 @@ class ControlStage:
         """Change settings with the next step, as they were changed in a recorded one."""
         self._changes_asked += changes
 
+    def may_call_back(self, vehicle: VehicleState) -> bool:
+        """Whether a setpoint could end a failsafe that we have not heard of.
+
+        While our loop stood still PX4 may have gone into it, and a setpoint calls it back into
+        OFFBOARD. What waited for us then may be old; the next heartbeat tells.
+        """
+        heard_s = -math.inf if vehicle.heartbeat_s is None else vehicle.heartbeat_s
+        return vehicle.mode == _NEEDS_STREAM and heard_s <= self._stood_still_s
+
     def step(
         self,
         now_s: float,
@@ -157,6 +166,8 @@ class ControlStage:
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
+        if situation.control_gap_s >= self.settings.supervisor.alone_s:
+            self._stood_still_s = now_s
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
         self._sent = self._sends(state, vehicle, now_s)
@@ -356,7 +367,7 @@ class ControlStage:
         somebody else's when it comes back; OFFBOARD needs a stream from whom it had one, also when
         the pilot took it in the moment in which that ended.
         """
-        if self._hand_back.done:
+        if self._hand_back.done or self.may_call_back(vehicle):
             return False
         had_ours = state is State.RELEASED or now_s - self._streamed_s < ENTRY_S
         needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours

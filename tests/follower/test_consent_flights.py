@@ -99,15 +99,15 @@ class Rig:
         pilot = autonomy if self.settings.autonomy == "full" else None
         self.loop = ControlLoop(link, self.stage, self._newest, log, pilot)
 
-    def fly(self, seconds: float) -> ControlRecord:
-        """Let time pass, control after physics."""
+    def fly(self, seconds: float, stalled: bool = False) -> ControlRecord:
+        """Let time pass, control after physics, or no control at all."""
         end = round((self.now_s + seconds) / STEP_S)
         every = round(CONTROL_S / STEP_S)
         while self._steps < end:
             self._steps += 1
             self.clock.sleep_until(self._steps * STEP_S)
             self.autopilot.step(self.clock.now())
-            if self._steps % every == 0:
+            if self._steps % every == 0 and not stalled:
                 self.loop.step(self.clock.now())
         return self.log.controls[-1]
 
@@ -325,6 +325,32 @@ def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(gone_s
         assert record.state is R
         assert record.reason in (Reason.LINK_LOST, Reason.NOT_HEARD)
         assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.2, 0.4, 0.6, 0.8])
+def test_after_a_stall_px4_is_not_called_out_of_a_failsafe_that_no_heartbeat_told_of(
+    phase_s: float,
+) -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.fly(1.0 + phase_s)
+    rig.fly(1.6, stalled=True)
+    stalled_s = rig.now_s
+    assert rig.fly(2.0).state is R
+    assert rig.autopilot.mode == "RTL"
+    assert rig.wire.setpoints(stalled_s) == []
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.5])
+def test_after_a_stall_that_px4_bore_it_is_held_soon(phase_s: float) -> None:
+    rig = Rig("px4")
+    rig.follow()
+    rig.fly(1.0 + phase_s)
+    rig.fly(1.04, stalled=True)
+    stalled_s = rig.now_s
+    assert rig.fly(2.0).state is R
+    assert rig.autopilot.mode == "OFFBOARD"
+    assert rig.wire.setpoints(stalled_s)[0] - stalled_s < 0.1
 
 
 @flavours
