@@ -30,9 +30,8 @@ _LEAST_INLIERS = 12
 _LEAST_INLIER_SHARE = 0.4
 _VAIN = 2
 _MOST_ZOOM = 1.2
-_CALM_SIZES = 0.25
+_CALM_SIZES = 0.08
 _STEADY_SIZES = 0.1
-_MOST_FORESEEN = 3
 _AROUND_TARGET = 1.3
 
 Grey = npt.NDArray[np.uint8]
@@ -59,40 +58,39 @@ class CameraMotion:
         self._warp = Warp()
         self._full: Grey | None = None
         self._pace: Warp | None = None
-        self._even = 0
+        self._even = self._foreseen = False
         self._since = Warp()
-        self._foreseen = 0
 
     def reset(self) -> None:
         """Forget the last image."""
         self._grey = self._full = self._image = None
         self._warp = Warp()
-        self._pace, self._even = None, 0
-        self._since, self._foreseen = Warp(), 0
+        self._pace, self._since = None, Warp()
+        self._even = self._foreseen = False
         self._vain = 0
 
     def foreseeable(self, image: Image, boxes: Sequence[Box]) -> bool:
         """Tell whether the motion need not be measured in the next image.
 
         That is so if the last two measurements agreed, seen at the boxes, and the last image's
-        motion was measured; if more agreed one after the other, for up to three images in a row.
+        motion was measured and small beside them.
 
         Args:
             image: the next image.
             boxes: what is followed, in the last image.
         """
         known = image is self._image or self._image is None or image.shape != self._image.shape
-        often = self._foreseen >= min(self._even, _MOST_FORESEEN)
-        return not known and not often and self._pace is not None and _calm(self._pace, boxes)
+        if known or self._foreseen or not self._even or self._pace is None:
+            return False
+        return _calm(self._pace, boxes)
 
     def foresee(self, image: Image) -> Warp:
         """Take the next image without measuring; return how the camera moves if it goes on so.
 
-        The next measurement reaches over all images that were foreseen, so that errors do not add
-        up.
+        The next measurement reaches over this image too, so that errors do not add up.
         """
         self._image, self._warp = image, self._pace or Warp()
-        self._since, self._foreseen = self._since.then(self._warp), self._foreseen + 1
+        self._since, self._foreseen = self._warp, True
         return self._warp
 
     def update(self, image: Image, avoid: Sequence[Box] = ()) -> Warp:
@@ -119,10 +117,9 @@ class CameraMotion:
         """Measure, and take off what was foreseen since the last measurement."""
         back = self._since.back()
         total = self._measure(image, [back.box(box) for box in avoid])
-        pace = None if total is None else total.part(self._foreseen + 1)
-        agreed = pace is not None and _agree(self._pace, pace, avoid)
-        self._pace, self._even = pace, self._even + 1 if agreed else 0
-        self._since, self._foreseen = Warp(), 0
+        pace = None if total is None else total.part(2 if self._foreseen else 1)
+        self._even = pace is not None and _agree(self._pace, pace, avoid)
+        self._pace, self._since, self._foreseen = pace, Warp(), False
         return back.then(total or Warp())
 
     def _measure(self, image: Image, avoid: Sequence[Box]) -> Warp | None:
