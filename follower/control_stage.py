@@ -166,15 +166,10 @@ class ControlStage:
         self._take_track(newest, now_s)
         estimate = self._estimator.estimate(now_s)
         situation = self._situation(now_s, estimate, vehicle)
-        if situation.control_gap_s >= self.settings.supervisor.alone_s:
-            self._stood_still_s = now_s
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
-        self._sent = self._sends(state, vehicle, now_s)
-        self._streamed_s = now_s if self._sent else self._streamed_s
+        self._keep_stream(situation, state, vehicle, now_s)
         limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
-        chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
-        self._held = self._sent and chosen
         record = ControlRecord(
             time_s=now_s,
             late_s=late_s,
@@ -358,6 +353,17 @@ class ControlStage:
         if track is not None and track.state is TrackState.TRACKING:
             return 0.0
         return now_s - self._seen_s
+
+    def _keep_stream(
+        self, situation: Situation, state: State, vehicle: VehicleState, now_s: float
+    ) -> None:
+        """Decide whether a setpoint is sent now, and remember what the next decisions need."""
+        if situation.control_gap_s >= self.settings.supervisor.alone_s:
+            self._stood_still_s = now_s
+        self._sent = self._sends(state, vehicle, now_s)
+        self._streamed_s = now_s if self._sent else self._streamed_s
+        chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
+        self._held = self._sent and chosen
 
     def _sends(self, state: State, vehicle: VehicleState, now_s: float) -> bool:
         """Whether a setpoint is to be sent.

@@ -331,26 +331,27 @@ def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(gone_s
 def test_after_a_stall_px4_is_not_called_out_of_a_failsafe_that_no_heartbeat_told_of(
     phase_s: float,
 ) -> None:
-    rig = Rig("px4")
-    rig.follow()
-    rig.fly(1.0 + phase_s)
-    rig.fly(1.6, stalled=True)
-    stalled_s = rig.now_s
-    assert rig.fly(2.0).state is R
+    rig, setpoints_s = after_a_stall(phase_s, 1.6)
     assert rig.autopilot.mode == "RTL"
-    assert rig.wire.setpoints(stalled_s) == []
+    assert setpoints_s == []
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.5])
 def test_after_a_stall_that_px4_bore_it_is_held_soon(phase_s: float) -> None:
+    rig, setpoints_s = after_a_stall(phase_s, 1.04)
+    assert rig.autopilot.mode == "OFFBOARD"
+    assert setpoints_s[0] < 0.1
+
+
+def after_a_stall(phase_s: float, length_s: float) -> tuple[Rig, list[float]]:
+    """Return a rig two seconds after a stall, and how long after it setpoints left."""
     rig = Rig("px4")
     rig.follow()
     rig.fly(1.0 + phase_s)
-    rig.fly(1.04, stalled=True)
+    rig.fly(length_s, stalled=True)
     stalled_s = rig.now_s
     assert rig.fly(2.0).state is R
-    assert rig.autopilot.mode == "OFFBOARD"
-    assert rig.wire.setpoints(stalled_s)[0] - stalled_s < 0.1
+    return rig, [at - stalled_s for at in rig.wire.setpoints(stalled_s)]
 
 
 @flavours
