@@ -117,7 +117,7 @@ class CameraMotion:
         """Measure, and take off what was foreseen since the last measurement."""
         back = self._since.back()
         total = self._measure(image, [back.box(box) for box in avoid])
-        pace = None if total is None else total.part(2 if self._foreseen else 1)
+        pace = total.halved() if total is not None and self._foreseen else total
         self._even = pace is not None and _agree(self._pace, pace, avoid)
         self._pace, self._since, self._foreseen = pace, Warp(), False
         return back.then(total or Warp())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -49,10 +50,10 @@ class Warp:
         right, down = later.point(self.right, self.down)
         return Warp(cosine, sine, right, down)
 
-    def part(self, count: int) -> Warp:
-        """Return the motion that, done so many times, is this one."""
-        root = complex(self.cosine, self.sine) ** (1 / count)
-        shift = complex(self.right, self.down) / sum(root**times for times in range(count))
+    def halved(self) -> Warp:
+        """Return the motion that, done twice, is this one."""
+        root = cmath.sqrt(complex(self.cosine, self.sine))
+        shift = complex(self.right, self.down) / (1 + root)
         return Warp(root.real, root.imag, shift.real, shift.imag)
 
     def back(self) -> Warp:
