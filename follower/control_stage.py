@@ -37,6 +37,8 @@ from follower_vision.track import Track, TrackState
 _NEEDS_STREAM = "OFFBOARD"
 _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
+_LATE_S = 0.25
+"""An attitude that came later than that had to wait, and what came with it as well."""
 
 
 class ControlStage:
@@ -132,7 +134,8 @@ class ControlStage:
         """Whether a setpoint could end a failsafe that we have not heard of.
 
         While our loop stood still PX4 may have gone into it, and a setpoint calls it back into
-        OFFBOARD. What waited for us then may be old; the next heartbeat tells.
+        OFFBOARD. What waited for us then may be old, and a line may hand it over bit by bit; the
+        first heartbeat after that tells.
         """
         heard_s = -math.inf if vehicle.heartbeat_s is None else vehicle.heartbeat_s
         return vehicle.mode == _NEEDS_STREAM and heard_s <= self._stood_still_s
@@ -168,7 +171,8 @@ class ControlStage:
         situation = self._situation(now_s, estimate, vehicle)
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
-        self._keep_stream(situation, state, vehicle, now_s)
+        self._note_stall(situation, attitudes, now_s)
+        self._keep_stream(state, vehicle, now_s)
         limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
         record = ControlRecord(
             time_s=now_s,
@@ -354,12 +358,18 @@ class ControlStage:
             return 0.0
         return now_s - self._seen_s
 
-    def _keep_stream(
-        self, situation: Situation, state: State, vehicle: VehicleState, now_s: float
+    def _note_stall(
+        self, situation: Situation, attitudes: Sequence[Attitude], now_s: float
     ) -> None:
-        """Decide whether a setpoint is sent now, and remember what the next decisions need."""
-        if situation.control_gap_s >= self.settings.supervisor.alone_s:
+        """Remember until when we had stood still, or heard only what had waited meanwhile."""
+        stalled = situation.control_gap_s >= self.settings.supervisor.alone_s
+        caught_up = bool(attitudes) and now_s - attitudes[0].time_s <= _LATE_S
+        catches_up = self._stood_still_s == self._last_step_s and not caught_up
+        if stalled or catches_up:
             self._stood_still_s = now_s
+
+    def _keep_stream(self, state: State, vehicle: VehicleState, now_s: float) -> None:
+        """Decide whether a setpoint is sent now, and remember what the next decisions need."""
         self._sent = self._sends(state, vehicle, now_s)
         self._streamed_s = now_s if self._sent else self._streamed_s
         chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself

@@ -50,6 +50,8 @@ class Wire:
         self._clock = clock
         self.sent: list[tuple[float, Any]] = []
         self.cut = False
+        self.most_bytes: int | None = None
+        self._waiting = b""
 
     def send(self, data: bytes) -> None:
         if not self.cut:
@@ -57,8 +59,11 @@ class Wire:
             self._inner.send(data)
 
     def receive(self) -> bytes:
-        data = self._inner.receive()
-        return b"" if self.cut else data
+        """Return what has come, as much of it as a line hands over at once."""
+        waiting = b"" if self.cut else self._waiting + self._inner.receive()
+        most = len(waiting) if self.most_bytes is None else self.most_bytes
+        data, self._waiting = waiting[:most], waiting[most:]
+        return data
 
     def close(self) -> None:
         self._inner.close()
@@ -328,10 +333,11 @@ def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(gone_s
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.2, 0.4, 0.6, 0.8])
+@pytest.mark.parametrize("most_bytes", [None, 1024], ids=["at once", "bit by bit"])
 def test_after_a_stall_px4_is_not_called_out_of_a_failsafe_that_no_heartbeat_told_of(
-    phase_s: float,
+    phase_s: float, most_bytes: int | None
 ) -> None:
-    rig, setpoints_s = after_a_stall(phase_s, 1.6)
+    rig, setpoints_s = after_a_stall(phase_s, 1.6, most_bytes)
     assert rig.autopilot.mode == "RTL"
     assert setpoints_s == []
 
@@ -343,9 +349,18 @@ def test_after_a_stall_that_px4_bore_it_is_held_soon(phase_s: float) -> None:
     assert setpoints_s[0] < 0.1
 
 
-def after_a_stall(phase_s: float, length_s: float) -> tuple[Rig, list[float]]:
-    """Return a rig two seconds after a stall, and how long after it setpoints left."""
+def after_a_stall(
+    phase_s: float, length_s: float, most_bytes: int | None = None
+) -> tuple[Rig, list[float]]:
+    """Return a rig two seconds after a stall, and how long after it setpoints left.
+
+    Args:
+        phase_s: from PX4's heartbeats to the stall's beginning.
+        length_s: of the stall.
+        most_bytes: that the line hands over at once.
+    """
     rig = Rig("px4")
+    rig.wire.most_bytes = most_bytes
     rig.follow()
     rig.fly(1.0 + phase_s)
     rig.fly(length_s, stalled=True)
