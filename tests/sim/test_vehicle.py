@@ -95,6 +95,17 @@ def test_a_steady_wind_is_leant_against(response: VehicleResponse) -> None:
     assert math.degrees(vehicle.state.attitude_rad[0]) < -5.0
 
 
+def test_what_was_asked_in_vain_against_the_wind_is_not_made_up_for_afterwards() -> None:
+    light = replace(ARDUCOPTER_RESPONSE, drag=Drag(0.25, 0.01, 0.3))
+    vehicle = hovering(light, lambda _: (-10.0, 0.0, 0.0))
+    fly(vehicle, 15.0, Demand((9.0, 0.0, 0.0), 0.0))
+    before = vehicle.state
+    assert before.velocity_m_s[0] < 5.0, "the wind holds it back"
+    assert math.degrees(before.attitude_rad[1]) < -0.95 * light.tilt.max_tilt_deg
+    farthest = max(state.position_m[0] for state in fly(vehicle, 6.0, STAND_STILL))
+    assert farthest - before.position_m[0] < 2.5 * before.velocity_m_s[0]
+
+
 @both
 def test_gusts_shake_it_a_little(response: VehicleResponse) -> None:
     vehicle = hovering(response, lambda t: (2.0 * math.sin(1.7 * t), 0.0, 0.0))

@@ -207,14 +207,31 @@ def test_both_things_are_done_at_the_same_time() -> None:
 
 def test_what_the_thread_has_not_begun_is_done_at_once() -> None:
     aside: Aside[int] = Aside()
-    may_go_on = threading.Event()
-    aside.begin(lambda: 0)
-    assert aside.end() == 0
-    aside._pool.submit(may_go_on.wait, WAIT_S)
+    begun, may_go_on = threading.Event(), threading.Event()
+
+    def dawdle() -> int:
+        begun.set()
+        may_go_on.wait(WAIT_S)
+        return 0
+
+    aside._todo.put(dawdle)
     aside.begin(threading.get_ident)
+    assert begun.wait(WAIT_S)
     assert aside.end() == threading.get_ident()
     may_go_on.set()
     aside.close()
+
+
+def test_a_thread_whose_owner_is_forgotten_ends() -> None:
+    before = threading.active_count()
+    aside: Aside[int] = Aside()
+    aside.begin(lambda: 7)
+    assert aside.end() == 7
+    assert threading.active_count() == before + 1
+    thread = aside._thread
+    del aside
+    thread.join(WAIT_S)
+    assert not thread.is_alive()
 
 
 def test_an_error_in_the_thread_is_raised_to_the_asker() -> None:
@@ -248,6 +265,20 @@ def test_it_looks_once_a_frame_also_while_the_camera_pans_fast() -> None:
     tracker.close()
     assert tracks[-1].box.distance(Box(560 - 30 * 13, 180, 40, 40)) < 3
     assert matcher.updates == len(fast)
+
+
+def test_a_look_that_was_in_vain_is_not_repeated() -> None:
+    """A camera that shakes to and fro: the target is never where its last places point to."""
+    matcher = Matcher()
+    tracker = FusionTracker(matcher)
+    shaken = [
+        Frame(_seen(200.0 + (number % 2) * 60, 0), number / 30, number) for number in range(12)
+    ]
+    tracker.start(shaken[0], Box(360, 180, 40, 40))
+    tracks = [tracker.step(frame) for frame in shaken[1:]]
+    tracker.close()
+    assert tracks[-1].box.distance(Box(300, 180, 40, 40)) < 3
+    assert matcher.updates <= len(shaken) + 1
 
 
 def test_a_step_without_camera_motion_starts_no_thread() -> None:

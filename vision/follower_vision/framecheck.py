@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from follower_vision.frame import Frame
 
@@ -53,7 +52,7 @@ class FrameCheck:
 
     def __init__(self, settings: FrameCheckSettings | None = None) -> None:
         self._settings = settings or FrameCheckSettings()
-        self._sample: npt.NDArray[np.uint8] | None = None
+        self._sample: bytes | None = None
         self._changed_s = 0.0
         self._repeats = 0
 
@@ -61,13 +60,13 @@ class FrameCheck:
         """Judge the next frame; call it for every frame, in order."""
         # Whole rows: they lie together in memory.
         step = min(frame.height, max(1, frame.image.nbytes // _ABOUT_BYTES))
-        sample = frame.image[step // 2 :: step].copy()
-        if self._sample is not None and np.array_equal(sample, self._sample):
+        sample = frame.image[step // 2 :: step].tobytes()
+        if sample == self._sample:
             self._repeats += 1
         else:
             self._repeats, self._changed_s = 0, frame.captured_s
         self._sample = sample
-        _, deviation = cv2.meanStdDev(sample.reshape(-1, 1))
+        _, deviation = cv2.meanStdDev(np.frombuffer(sample, np.uint8))
         if float(deviation[0, 0]) < self._settings.blank_deviation:
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 Floats: TypeAlias = npt.NDArray[np.floating]
 
+_FEW = 24
+
 
 def pairwise_iou(corners: Floats, others: Floats) -> Floats:
     """Return the intersection over union of every box with every other, (N, M).
@@ -36,6 +38,8 @@ def keep_best(corners: Floats, scores: Floats, overlap: float, most: int) -> lis
         overlap: largest intersection over union that two kept boxes may have.
         most: how many to keep.
     """
+    if len(scores) <= _FEW:
+        return _kept_of_few(corners.tolist(), scores.tolist(), overlap, most)
     waiting = np.argsort(-scores, kind="stable")
     kept: list[int] = []
     while waiting.size and len(kept) < most:
@@ -43,3 +47,29 @@ def keep_best(corners: Floats, scores: Floats, overlap: float, most: int) -> lis
         kept.append(int(best))
         waiting = rest[pairwise_iou(corners[best : best + 1], corners[rest])[0] <= overlap]
     return kept
+
+
+def _kept_of_few(
+    corners: list[list[float]], scores: list[float], overlap: float, most: int
+) -> list[int]:
+    """`keep_best` without arrays, whose overhead is the larger part where there are few boxes."""
+    kept: list[int] = []
+    for index in sorted(range(len(scores)), key=lambda index: -scores[index]):
+        if len(kept) == most:
+            break
+        if all(_iou(corners[index], corners[better]) <= overlap for better in kept):
+            kept.append(index)
+    return kept
+
+
+def _iou(one: list[float], other: list[float]) -> float:
+    """`pairwise_iou` of two boxes."""
+    left, top, right, bottom = one
+    low_x, low_y, high_x, high_y = other
+    across = (right if right < high_x else high_x) - (left if left > low_x else low_x)
+    down = (bottom if bottom < high_y else high_y) - (top if top > low_y else low_y)
+    if across <= 0.0 or down <= 0.0:
+        return 0.0
+    common = across * down
+    union = (right - left) * (bottom - top) + (high_x - low_x) * (high_y - low_y) - common
+    return common / union if union > 0 else 0.0

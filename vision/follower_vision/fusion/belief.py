@@ -133,6 +133,11 @@ class Belief:
             return self.box
         return self.box.moved_to(self.box.cx + right, self.box.cy + down)
 
+    @property
+    def ahead(self) -> Box:
+        """The place where the motion tracker looks ahead in the present frame."""
+        return self._forecasts.ahead
+
     def about_ahead(self, place: Box) -> Box:
         """Return the place where the motion tracker looked ahead, if a place is about the same."""
         return self._forecasts.about_ahead(place)

@@ -61,7 +61,11 @@ class Judge:
         least = _ALIKE if evidence.score >= self._epsilon else _VERY_ALIKE
         return evidence.looks >= least
 
+    def rivals(self, relative: float, evidence: Evidence) -> bool:
+        """Whether the tracker is about as sure of another place as of the one followed."""
+        return relative >= evidence.relative - _SURER
+
     def surpasses(self, rival: Evidence, evidence: Evidence) -> bool:
         """Whether another place is rather the target than the one followed."""
-        surer = rival.relative >= evidence.relative - _SURER
+        surer = self.rivals(rival.relative, evidence)
         return surer and self.alike(rival) and rival.score > evidence.score

@@ -81,6 +81,11 @@ class Following:
         self._gaze.learn(frame, box)
         self._confidence = Trust(_CONFIDENCE_MEMORY_S, _CONFIDENCE_MEMORY_S)
 
+    @property
+    def looks_ahead_in_vain(self) -> bool:
+        """Whether the motion tracker had to be sent elsewhere than where it mostly looks."""
+        return self._gaze.ahead_in_vain
+
     def look_ahead(self, frame: Frame, belief: Belief) -> bool:
         """Run the motion tracker where it mostly looks, before the camera's motion is known.
 
@@ -200,10 +205,15 @@ class Following:
         if self._doubts % 2 == 0 and not self._rival_frames:
             return None
         place = self._gaze.probe(frame, expected)
-        rival = None if place is None else self._judged(frame, place, False)
+        rival = None if place is None else self._surer(frame, place, evidence)
         better = rival is not None and self._judge.surpasses(rival, evidence)
         self._rival_frames = self._rival_frames + 1 if better else 0
         return rival
+
+    def _surer(self, frame: Frame, place: MotionEstimate, evidence: Evidence) -> Evidence | None:
+        """Look closely at another place, unless the tracker is less sure of it anyway."""
+        surer = self._judge.rivals(self._confidence.relative(place.confidence), evidence)
+        return self._judged(frame, place, False) if surer else None
 
     def _while_coasting(
         self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
@@ -214,13 +224,15 @@ class Following:
         sure = evidence.relative >= self._settings.resume_ratio
         steady = away <= _STEADY_SIZES and evidence.relative >= SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
-        alike = self._recognised(belief, evidence) or self._insistent(belief)
         strange = self._strange(belief, evidence, expected)
-        known = belief.is_free(evidence.box) and alike and not strange
-        if self._settings.score_coasting and sure and near and known:
-            self._see(frame, belief, evidence, interval_s)
-        else:
-            self.coast(frame, belief, expected, "coasting")
+        free = belief.is_free(evidence.box) and not strange
+        if self._settings.score_coasting and sure and near and free:
+            estimate = MotionEstimate(evidence.box, evidence.confidence)
+            evidence = self._judged(frame, estimate, evidence.blurred)
+            if self._recognised(belief, evidence) or self._insistent(belief):
+                self._see(frame, belief, evidence, interval_s)
+                return
+        self.coast(frame, belief, expected, "coasting")
 
     def _insistent(self, belief: Belief, doubtful: bool = False) -> bool:
         """Whether the tracker has been certain for long.
@@ -256,7 +268,13 @@ class Following:
         return self._judged(frame, estimate, blurred, self._known_score(frame, belief, estimate))
 
     def _known_score(self, frame: Frame, belief: Belief, estimate: MotionEstimate) -> float | None:
-        """The last look's score, if nothing speaks against the box: every frame need not be one."""
+        """The last look's score, if nothing speaks against the box: every frame need not be one.
+
+        While the track coasts, looks count only where the tracker is sure: until then they are not
+        compared at all.
+        """
+        if belief.state is not TrackState.TRACKING and not self.doubting:
+            return 0.0
         plain = belief.state is TrackState.TRACKING and not self._low
         sure = plain and self._confidence.relative(estimate.confidence) >= SURE
         return self._looks.recent(estimate.box, frame.captured_s) if sure else None

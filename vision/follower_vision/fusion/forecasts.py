@@ -39,6 +39,11 @@ class Forecasts:
         self._expected_error = _drawn(self._expected_error, self._expected, box)
 
     @property
+    def ahead(self) -> Box:
+        """The forecast made of the last two images."""
+        return self._ahead
+
+    @property
     def ahead_if_better(self) -> Box | None:
         """The place ahead where it has lately been the better forecast, and a good one."""
         better = self._ahead_error < min(self._expected_error, _GOOD_SIZES)

@@ -34,14 +34,21 @@ class Gaze:
         self._probing = motion if isinstance(motion, ProbingTracker) else None
         self._correctable = motion if isinstance(motion, CorrectableTracker) else None
         self._rivalled = motion if isinstance(motion, CandidateTracker) else None
-        self._ahead: tuple[Box, MotionEstimate] | None = None
+        self._ahead: tuple[Frame, Box, MotionEstimate] | None = None
+        self._ahead_in_vain = False
         self._turns = 0
         self._unsure = 0
+
+    @property
+    def ahead_in_vain(self) -> bool:
+        """Whether the camera's motion showed that the target was elsewhere in the last frame."""
+        return self._ahead_in_vain
 
     def learn(self, frame: Frame, box: Box) -> None:
         """Let the tracker learn a target anew."""
         self._motion.start(frame.image, box)
         self._ahead = None
+        self._ahead_in_vain = False
         self._turns = 0
 
     def turn_to(self, frame: Frame, box: Box) -> None:
@@ -64,8 +71,8 @@ class Gaze:
         self._ahead = None
         if self._steerable is not None and not self._searching(belief, doubting):
             place = belief.place_ahead()
-            self._ahead = place, _looked(self._steerable, frame, place)
-        return None if self._ahead is None else self._ahead[1]
+            self._ahead = frame, place, _looked(self._steerable, frame, place)
+        return None if self._ahead is None else self._ahead[2]
 
     def estimate(
         self, frame: Frame, belief: Belief, expected: Box | None, usual: Trust, doubting: bool
@@ -89,8 +96,9 @@ class Gaze:
         self._turns = 0
         wanted = belief.box if expected is None else expected
         place = belief.about_ahead(wanted)
-        known = ahead is not None and ahead[0] == place
-        estimate = ahead[1] if ahead and known else _looked(self._steerable, frame, place)
+        self._ahead_in_vain = place is not belief.ahead
+        known = ahead is not None and ahead[0] is frame and ahead[1] == place
+        estimate = ahead[2] if ahead and known else _looked(self._steerable, frame, place)
         calm = place.distance(wanted) < CALM_SIZES * wanted.scale
         if calm or usual.relative(estimate.confidence) >= SURE:
             return estimate

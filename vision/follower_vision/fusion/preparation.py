@@ -38,7 +38,8 @@ class Preparation:
     """Measures the camera's motion and blur in a second thread while the tracker looks ahead.
 
     Where the camera moves evenly and the tracker is sure of what it sees, neither is measured in
-    every frame. The boxes are the same whichever thread is the quicker one.
+    every frame. Where the tracker looked at the wrong place the last time, it is not run ahead. The
+    boxes are the same whichever thread is the quicker one.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class Preparation:
         self._blur = BlurDetector(settings.blur)
         self._blurred = False
         self._health = FrameCheck()
-        self._aside: Aside[tuple[Warp, bool]] = Aside()
+        self._aside: Aside[Prepared] = Aside()
 
     def close(self) -> None:
         """Let go of the thread."""
@@ -68,27 +69,31 @@ class Preparation:
 
     def prepare(self, frame: Frame, belief: Belief) -> Prepared:
         """Prepare a frame; `belief` is still that of the last one."""
-        health = self._health.update(frame)
         if not self._settings.camera_motion:
+            health = self._health.update(frame)
             blurred = self._is_blurred(frame, frame.image, belief.box, health)
             return Prepared(health, Warp(), blurred)
         sure = belief.state is TrackState.TRACKING and belief.confidence >= SURE
-        measure = partial(self._measure, frame, belief.box, health)
         if sure and self._camera.foreseeable(frame.image, [belief.box]):
             if self._following.look_ahead(frame, belief):
-                return Prepared(health, self._camera.foresee(frame.image), self._blurred)
-            warp, self._blurred = measure()
+                warp = self._camera.foresee(frame.image)
+                return Prepared(self._health.update(frame), warp, self._blurred)
+            prepared = self._measure(frame, belief.box)
+        elif self._following.looks_ahead_in_vain:
+            prepared = self._measure(frame, belief.box)
         else:
-            self._aside.begin(measure)
+            self._aside.begin(partial(self._measure, frame, belief.box))
             self._following.look_ahead(frame, belief)
-            warp, self._blurred = self._aside.end()
-        return Prepared(health, warp, self._blurred)
+            prepared = self._aside.end()
+        self._blurred = prepared.blurred
+        return prepared
 
-    def _measure(self, frame: Frame, box: Box, health: FrameHealth) -> tuple[Warp, bool]:
+    def _measure(self, frame: Frame, box: Box) -> Prepared:
         """Learn what does not depend on where the target is found; `box` is of the last frame."""
+        health = self._health.update(frame)
         warp = self._camera.update(frame.image, [box])
         image = frame.image if self._camera.grey is None else self._camera.grey
-        return warp, self._is_blurred(frame, image, warp.box(box), health)
+        return Prepared(health, warp, self._is_blurred(frame, image, warp.box(box), health))
 
     def _is_blurred(self, frame: Frame, image: Image, box: Box, health: FrameHealth) -> bool:
         if health is not FrameHealth.GOOD:
