@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Annotated, Any, Literal
 
@@ -68,35 +68,25 @@ _REFUSALS: dict[int | str, dict[str, Any]] = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Parts:
     """What the interface is made of; see each class.
 
-    Args:
+    Attributes:
+        objects: None without a detector.
         guesses: how often each one may show a wrong token.
         writes: how often each one may ask for anything by POST.
     """
 
-    def __init__(
-        self,
-        hub: Hub,
-        access: Access,
-        jpegs: JpegStream,
-        peers: Peers,
-        flights: Flights,
-        objects: Objects | None,
-        guesses: Limiters,
-        writes: Limiters,
-        clock: Clock,
-    ) -> None:
-        self.hub = hub
-        self.access = access
-        self.jpegs = jpegs
-        self.peers = peers
-        self.flights = flights
-        self.objects = objects
-        self.guesses = guesses
-        self.writes = writes
-        self.clock = clock
+    hub: Hub
+    access: Access
+    jpegs: JpegStream
+    peers: Peers
+    flights: Flights
+    objects: Objects | None
+    guesses: Limiters
+    writes: Limiters
+    clock: Clock
 
 
 def make_app(parts: Parts, nonce: str, secure: bool) -> FastAPI:

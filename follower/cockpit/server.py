@@ -63,15 +63,15 @@ class CockpitServer:
             make = _detector_maker(begin["detector"])
             objects = Objects(make, self._newest_frame, self._show_objects, self._say, self._clock)
         self._parts = Parts(
-            self._hub,
-            Access(self._token, self._settings.names),
-            self._jpegs,
-            Peers(studio.page, self._settings.on_loopback),
-            Flights(Path(begin["runs"])),
-            objects,
-            Limiters(_GUESSES_HZ, _GUESSES_BURST, self._clock),
-            Limiters(_WRITES_HZ, _WRITES_BURST, self._clock),
-            self._clock,
+            hub=self._hub,
+            access=Access(self._token, self._settings.names),
+            jpegs=self._jpegs,
+            peers=Peers(studio.page, self._settings.on_loopback),
+            flights=Flights(Path(begin["runs"])),
+            objects=objects,
+            guesses=Limiters(_GUESSES_HZ, _GUESSES_BURST, self._clock),
+            writes=Limiters(_WRITES_HZ, _WRITES_BURST, self._clock),
+            clock=self._clock,
         )
         self._tasks: set[asyncio.Task[None]] = set()
 

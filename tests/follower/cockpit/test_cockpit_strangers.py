@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -96,18 +97,31 @@ def test_tokens_in_headers_cannot_be_guessed_faster(open_to_all: Any) -> None:
         assert script.get("/api/state", headers=right).status_code == 200
 
 
+def bare_client(send: Callable[[dict[str, Any]], None]) -> httpx.AsyncClient:
+    """Return a client of a cockpit in this process; what goes wrong inside is raised here."""
+    clock = SimulatedClock()
+    nothing: Any = None
+    parts = Parts(
+        hub=Hub({}, send, clock, 4),
+        access=Access(None),
+        jpegs=nothing,
+        peers=nothing,
+        flights=nothing,
+        objects=None,
+        guesses=Limiters(1.0, 8, clock),
+        writes=Limiters(50.0, 100, clock),
+        clock=clock,
+    )
+    app = Guard(make_app(parts, "", False), parts.access, parts.guesses, parts.writes, "")
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1")
+
+
 def test_stop_is_never_put_off() -> None:
     """However much the same client has asked for before, and whoever waits for answers."""
-    clock = SimulatedClock()
-    limits = [Limiters(1.0, 8, clock), Limiters(50.0, 100, clock)]
     told: list[dict[str, Any]] = []
 
     async def run() -> None:
-        hub = Hub({}, told.append, clock, 4)
-        parts = Parts(hub, Access(None), *[None] * 4, *limits, clock)  # type: ignore[arg-type]
-        app = Guard(make_app(parts, "", False), parts.access, *limits, "")
-        way = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=way, base_url="http://127.0.0.1") as client:
+        async with bare_client(told.append) as client:
 
             async def ask(**wish: Any) -> int:
                 return (await client.post("/api/request", json=wish)).status_code
