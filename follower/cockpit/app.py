@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI, Header, HTTPException, Path, Request, Response, WebSocket
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -98,11 +100,21 @@ def make_app(parts: Parts, nonce: str, secure: bool) -> FastAPI:
         secure: it is reached by https: the cookie is to go no other way.
     """
     app = FastAPI(title="follower cockpit", docs_url=None, redoc_url=None, responses=_REFUSALS)
+    _add_refusal(app)
     _add_page(app, parts, nonce, secure)
     _add_requests(app, parts)
     _add_video(app, parts)
     _add_flights(app, parts)
     return app
+
+
+def _add_refusal(app: FastAPI) -> None:
+    @app.exception_handler(RequestValidationError)
+    async def refuse(request: Request, error: RequestValidationError) -> Response:
+        """Say what is wrong, but not repeat it: it may be what JSON cannot say, such as NaN."""
+        del request
+        found = [{key: one[key] for key in ("type", "loc", "msg")} for one in error.errors()]
+        return Response(json.dumps({"detail": found}), 422, media_type="application/json")
 
 
 def _add_page(app: FastAPI, parts: Parts, nonce: str, secure: bool) -> None:

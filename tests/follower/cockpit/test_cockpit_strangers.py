@@ -139,6 +139,27 @@ def test_stop_is_never_put_off() -> None:
     assert (kinds.count("stop"), kinds.count("consent")) == (MANY, 1)
 
 
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/api/request", b"NaN"),
+        ("/api/request", b'{"kind": "select_point", "x": NaN, "y": 0.5}'),
+        ("/api/request", rb'{"kind": "\ud800"}'),
+        ("/api/request", rb'{"kind": "stop", "\ud800": 1}'),
+        ("/api/session", b'{"token": 1e999}'),
+    ],
+)
+def test_what_json_cannot_say_again_is_refused_in_words(path: str, body: bytes) -> None:
+    async def refusal() -> httpx.Response:
+        async with bare_client([].append) as client:
+            headers = {"content-type": "application/json"}
+            return await client.post(path, content=body, headers=headers)
+
+    answer = asyncio.run(refusal())
+    assert answer.status_code == 422
+    assert answer.json()["detail"][0]["msg"]
+
+
 def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> None:
     where = (PILOT, open_to_all.port)
     lines = [socket.create_connection(where, source_address=(STRANGER, 0)) for _ in range(100)]
