@@ -150,14 +150,17 @@ def test_stop_is_never_put_off() -> None:
     ],
 )
 def test_what_json_cannot_say_again_is_refused_in_words(path: str, body: bytes) -> None:
+    told: list[dict[str, Any]] = []
+
     async def refusal() -> httpx.Response:
-        async with bare_client([].append) as client:
+        async with bare_client(told.append) as client:
             headers = {"content-type": "application/json"}
             return await client.post(path, content=body, headers=headers)
 
     answer = asyncio.run(refusal())
     assert answer.status_code == 422
     assert answer.json()["detail"][0]["msg"]
+    assert not told
 
 
 def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> None:
