@@ -114,7 +114,7 @@ class Conversation:
         client.answer(json.dumps({"kind": "answer", "id": number, **answer}))
 
     async def _answer(self, client: Client, message: dict[str, Any]) -> dict[str, Any]:
-        seen_s = message.pop("at", None)
+        seen_s = _time(message.pop("at", None))
         try:
             request = REQUESTS.validate_python(message)
         except ValidationError as error:
@@ -124,10 +124,18 @@ class Conversation:
             return {"accepted": False, "text": "another client is in control; you watch"}
         if len(self._asking) > _MOST_OPEN and not lets_go(request):
             return {"accepted": False, "text": "too much is asked at once"}
-        late = self._hub.lateness(request, seen_s) if isinstance(seen_s, int | float) else None
+        late = None if seen_s is None else self._hub.lateness(request, seen_s)
         if late is not None:
             return {"accepted": False, "text": late}
         return await self._hub.ask(request, "cockpit")
+
+
+def _time(value: Any) -> float | None:
+    """Return a time that a client told, None if it is none."""
+    try:
+        return float(value) if isinstance(value, int | float) else None
+    except OverflowError:
+        return None
 
 
 def _mapping(text: str) -> dict[str, Any]:

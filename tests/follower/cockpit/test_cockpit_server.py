@@ -264,6 +264,14 @@ def test_what_was_asked_before_somebody_let_go_comes_too_late(served: Any) -> No
         assert message(client, "answer")["accepted"]
 
 
+def test_a_time_that_is_none_gets_an_answer_like_no_time(served: Any) -> None:
+    with connect(ws(served)) as client:
+        message(client, "hello")
+        for number, at in enumerate((10**400, "soon", None)):
+            say(client, kind="select_point", x=0.5, y=0.5, id=number, at=at)
+            assert message(client, "answer")["accepted"]
+
+
 def test_what_was_asked_long_ago_is_refused_but_for_letting_go() -> None:
     clock = SimulatedClock()
     hub = Hub({}, lambda _: None, clock, 4)
