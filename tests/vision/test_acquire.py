@@ -63,6 +63,19 @@ def test_the_purer_and_larger_blob_comes_first():
     assert [box.iou(truth) > 0.6 for box, truth in zip(found, (near, far), strict=True)] == [1, 1]
 
 
+def test_a_small_part_upon_a_large_one_is_no_target_of_its_own():
+    """As the cabin's roof of a boat is, whose white walls part it from the hull's sides."""
+    image = fields()
+    truth = Box.from_xywh(300, 230, 60, 60)
+    for side in (truth.left, truth.right - 12):
+        image[230:290, round(side) : round(side) + 12] = ORANGE
+    image[284:290, 300:360] = ORANGE
+    image[234:238, 320:340] = ORANGE
+    found = find_by_colour(image, ORANGE)
+    assert len(found) == 1
+    assert found[0].iou(truth) > 0.75
+
+
 def test_nothing_is_found_where_nothing_has_the_colour():
     assert find_by_colour(fields(), ORANGE) == []
     assert find_by_colour(np.zeros((480, 640, 3), np.uint8), ORANGE) == []

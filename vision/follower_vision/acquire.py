@@ -102,7 +102,8 @@ def find_by_colour(
     reference = _hsv(colour_bgr)
     ranked = sorted(boxes, key=lambda box: _score(image, mask, box, reference), reverse=True)
     best = ranked[: settings.max_candidates]
-    return [grown_to_contrast(image, box, settings.max_growth_ratio) for box in best]
+    grown = [grown_to_contrast(image, box, settings.max_growth_ratio) for box in best]
+    return [box for box in grown if not any(_is_part(box, other) for other in grown)]
 
 
 def colour_mask(
@@ -176,6 +177,11 @@ def _hull(one: Box, two: Box) -> Box:
     left, top = min(one.left, two.left), min(one.top, two.top)
     right, bottom = max(one.right, two.right), max(one.bottom, two.bottom)
     return Box.from_xywh(left, top, right - left, bottom - top)
+
+
+def _is_part(box: Box, other: Box) -> bool:
+    """Whether a box lies mostly upon a larger one, as a boat's roof upon what its hull spans."""
+    return box.area < other.area and box.intersection(other) > box.area / 2
 
 
 def _score(image: Image, mask: Mask, box: Box, reference: tuple[float, float, float]) -> float:
