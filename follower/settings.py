@@ -93,6 +93,13 @@ class CameraSettings:
             math.radians(self.roll_deg), math.radians(self.pitch_deg), math.radians(self.yaw_deg)
         )
 
+    @property
+    def view_rad(self) -> float:
+        """How wide the camera sees, without what the lens distorts."""
+        if self.focal_px is None:
+            return math.radians(self.fov_deg)
+        return 2 * math.atan(self.focal_width_px / 2 / self.focal_px)
+
     def model(self, width: int, height: int) -> CameraModel:
         """Return the intrinsics for images of this size."""
         if self.focal_px is None:

@@ -17,6 +17,7 @@ from follower_control.search import Search
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
 from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.sighting import SightFrame
 from follower_control.vehicle import VehicleState
 
 
@@ -34,7 +35,7 @@ class Steering:
         self.servo = VisualServo(settings.servo, settings.camera.mount.pitch_rad)
         self._settings = settings
         self._envelope = Envelope(settings.envelope)
-        self._search = Search(settings.search)
+        self._search = Search(settings.search, settings.camera.view_rad)
         self._allowed = HOLD
         self._believed: TargetEstimate | None = None
 
@@ -109,6 +110,8 @@ class Steering:
         if state is State.SEARCHING:
             if estimate is not None:
                 self._search.aim(self.servo.whereabouts(estimate, vehicle))
+            if self._in_world:
+                self._search.spread(self.servo.might_be(vehicle, now_s))
             return self._search.update(vehicle, now_s)
         if not state.steers or estimate is None:
             return HOLD
@@ -116,6 +119,10 @@ class Steering:
         if state is State.COASTING:
             return slowed(asked, unseen_s, self._settings.supervisor.coast_s)
         return asked
+
+    @property
+    def _in_world(self) -> bool:
+        return self._believed is not None and self._believed.frame is SightFrame.WORLD
 
     def _context(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState

@@ -19,6 +19,7 @@ from follower_control.flight_context import FlightContext
 from follower_control.jerklimit import JerkLimit
 from follower_control.limit import Limit
 from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.stopping_short import moves_on_m, too_near_m
 
 SLACK = 1e-9
 """What rounding may add to a speed limit, m/s."""
@@ -35,6 +36,9 @@ TURN_AHEAD_S = 1.0
 NOTICEABLE = 0.05
 """A smaller difference between asked and allowed velocity is not reported, m/s."""
 
+
+_RISE_PER_S = 3.0
+"""How much less is sunk, or more climbed, over a target for each metre that it comes too near."""
 
 _LEVEL = math.cos(math.radians(45))
 _AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
@@ -272,15 +276,11 @@ class Envelope:
         known = context.known("target_range_m")
         if known is None:
             return 0.0
-        (target_speed,) = context.known("target_speed_m_s") or (0.0,)
-        # However fast it is: more than our own speed is not needed, and might not be true.
-        moves_on = clip(max(target_speed, 0.0), self._settings.max_speed_m_s) ** 2
-        moves_on /= 2 * self._settings.braking_m_s2
-        return self._braking_speed(known[0] + moves_on - nearest)
+        return self._braking_speed(known[0] + moves_on_m(context, self._settings) - nearest)
 
     def _wanted_down(self, wanted: float, context: FlightContext, closing: float | None) -> float:
         s = self._settings
-        down = wanted
+        down = self._over_the_target(wanted, context)
         if down > s.max_descent_m_s:
             down = s.max_descent_m_s
             self._limits.append(Limit.DESCENT)
@@ -299,6 +299,20 @@ class Envelope:
         ):
             return down
         self._limits.append(Limit.MIN_CLEARANCE)
+        return most
+
+    def _over_the_target(self, down: float, context: FlightContext) -> float:
+        """Rise over a target below that the vehicle would else come too near to, braking hard.
+
+        A distance by size errs for seconds. What shows that too late to stop in front of a target
+        is still in time to stop above it.
+        """
+        s = self._settings
+        missing_m = too_near_m(context, self._horizontal.velocity, s)
+        most = max(s.max_descent_m_s - _RISE_PER_S * missing_m, -s.max_climb_m_s)
+        if missing_m <= 0 or down <= most:
+            return down
+        self._limits.append(Limit.TARGET_NEAR)
         return most
 
     def _off_the_target(self, down: float, context: FlightContext, speed: float | None) -> float:

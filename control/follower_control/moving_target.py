@@ -19,8 +19,14 @@ _WRONG_VELOCITY = 3
 TURN_FILTER_S, TURN_LASTS_S = 0.7, 2.0
 """Over how long it is watched how its course turns, and how long a turn is taken to last."""
 
+_SLOW_S = 1.5
+"""Within what time an error that lasts for seconds changes."""
+
 _TURN_SURE_M_S, _FASTEST_TURN = 1.5, 1.0
 _STEP_S = 0.25
+
+_SIDEWAYS_M_S2, _WAYS = 2.5, 9
+"""How hard a target that is not seen may turn, and how many ways to do so are looked at."""
 
 
 class MovingTarget:
@@ -52,8 +58,8 @@ class MovingTarget:
         self._time_s: float | None = None
         self._misses = 0
         self._turn_rad_s = 0.0
-        self._state = np.zeros(6)
-        self._covariance = np.zeros((6, 6))
+        self._state = np.zeros(7)
+        self._covariance = np.zeros((7, 7))
 
     @property
     def time_s(self) -> float | None:
@@ -61,7 +67,12 @@ class MovingTarget:
         return self._time_s
 
     def observe(
-        self, place_m: Vector, noise_m2: Vector, time_s: float, direction: Vector | None = None
+        self,
+        place_m: Vector,
+        noise_m2: Vector,
+        time_s: float,
+        direction: Vector | None = None,
+        slow_m: float = 0.0,
     ) -> None:
         """Take in where it was seen; what is not newer than before is left out.
 
@@ -70,19 +81,21 @@ class MovingTarget:
             noise_m2: 3x3 covariance of the place.
             time_s: when it was there.
             direction: (3,) of the line of sight, a unit vector; None: any.
+            slow_m: standard deviation of an error along it that lasts for seconds.
         """
+        slow = np.zeros(3) if direction is None else slow_m * direction
         if self._time_s is None:
-            self._begin(place_m, noise_m2, np.zeros(3))
+            self._begin(place_m, noise_m2, np.zeros(3), slow)
         elif time_s <= self._time_s:
             return
         else:
-            self._fuse(place_m, noise_m2, time_s - self._time_s, direction)
+            self._fuse(place_m, noise_m2, time_s - self._time_s, direction, slow)
         self._time_s = time_s
 
     def at(self, time_s: float) -> tuple[Vector, Vector]:
         """Return its place and velocity, (3,) each, if it goes on as it did."""
         ahead_s = 0.0 if self._time_s is None else time_s - self._time_s
-        place, velocity = self._state[:3], self._state[3:]
+        place, velocity = self._state[:3], self._state[3:6]
         if ahead_s <= 0 or abs(velocity[0]) + abs(velocity[1]) == 0:
             return place + ahead_s * velocity, velocity
         count = math.ceil(ahead_s / _STEP_S)
@@ -100,13 +113,35 @@ class MovingTarget:
         c, s = math.cos(turn), math.sin(turn)
         return np.array([c * north - s * east, s * north + c * east, down])
 
+    def might_be_m(self, time_s: float) -> Vector:
+        """Return places (N, 3) among which it may be by then, going on, turning or slower.
+
+        It is taken to turn steadily, as sharply as one of its speed may, to either side.
+        """
+        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+        place, (north, east, down) = self._state[:3], self._state[3:6].tolist()
+        speed = math.hypot(north, east)
+        sharpest = min(_SIDEWAYS_M_S2 / max(speed, 1e-3), _FASTEST_TURN)
+        half = ahead_s * sharpest * np.linspace(-0.5, 0.5, _WAYS)
+        # A chord of an arc is shorter than it, and points halfway.
+        chord = ahead_s * np.sinc(half / math.pi)
+        moved = np.stack(
+            [
+                chord * (north * np.cos(half) - east * np.sin(half)),
+                chord * (north * np.sin(half) + east * np.cos(half)),
+                np.full(_WAYS, ahead_s * down),
+            ],
+            axis=1,
+        )
+        return np.asarray(place + np.concatenate([moved, moved / 2]))
+
     def deviation_m(self, time_s: float, direction: Vector) -> float:
         """Return the standard deviation of its place then, along a unit vector, (3,).
 
         Nothing being seen, it grows with the time.
         """
         ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
-        along = np.concatenate([direction, ahead_s * direction])
+        along = np.concatenate([direction, ahead_s * direction, [0.0]])
         variance = float(along @ self._covariance @ along) + self._density * ahead_s**3 / 3
         return math.sqrt(max(variance, 0.0))
 
@@ -114,48 +149,63 @@ class MovingTarget:
         """Put it so many times as far from a place, in the same direction."""
         self._state[:3] = from_m + factor * (self._state[:3] - from_m)
 
-    def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector) -> None:
-        self._state = np.concatenate([place_m, velocity_m_s])
-        self._covariance = np.zeros((6, 6))
-        self._covariance[:3, :3] = noise_m2
-        self._covariance[3:, 3:] = _START_SPEED_M_S**2 * np.eye(3)
+    def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector, slow: Vector) -> None:
+        self._state = np.concatenate([place_m, velocity_m_s, [0.0]])
+        self._covariance = np.zeros((7, 7))
+        self._covariance[:3, :3] = noise_m2 + np.outer(slow, slow)
+        self._covariance[3:6, 3:6] = _START_SPEED_M_S**2 * np.eye(3)
+        self._covariance[6, 6] = 1.0
+        # What the first place has of that error is in the place that is believed.
+        self._covariance[:3, 6] = self._covariance[6, :3] = -slow
         self._turn_rad_s = 0.0
 
-    def _miss(self, place_m: Vector, noise_m2: Vector, elapsed_s: float) -> None:
+    def _miss(self, place_m: Vector, noise_m2: Vector, elapsed_s: float, slow: Vector) -> None:
         """Begin anew with the velocity that was known; if that is wrong, with two places' own.
 
         A single place that is far off is two misses: there and back.
         """
         self._misses += 1
         if self._misses < _WRONG_VELOCITY:
-            self._begin(place_m, noise_m2, self._state[3:])
+            self._begin(place_m, noise_m2, self._state[3:6], slow)
             return
-        self._begin(place_m, noise_m2, (place_m - self._state[:3]) / elapsed_s)
-        self._covariance[:3, 3:] = self._covariance[3:, :3] = noise_m2 / elapsed_s
-        self._covariance[3:, 3:] += 2 * noise_m2 / elapsed_s**2
+        self._begin(place_m, noise_m2, (place_m - self._state[:3]) / elapsed_s, slow)
+        self._covariance[:3, 3:6] = self._covariance[3:6, :3] = noise_m2 / elapsed_s
+        self._covariance[3:6, 3:6] += 2 * noise_m2 / elapsed_s**2
 
     def _fuse(
-        self, place_m: Vector, noise_m2: Vector, elapsed_s: float, direction: Vector | None
+        self,
+        place_m: Vector,
+        noise_m2: Vector,
+        elapsed_s: float,
+        direction: Vector | None,
+        slow: Vector,
     ) -> None:
-        move = np.eye(6)
+        kept = math.exp(-elapsed_s / _SLOW_S)
+        move = np.eye(7)
         move[0, 3] = move[1, 4] = move[2, 5] = elapsed_s
+        move[6, 6] = kept
         state = move @ self._state
-        covariance = move @ self._covariance @ move.T + self._drive(elapsed_s, direction)
-        off = place_m - state[:3]
-        inverse = np.linalg.inv(covariance[:3, :3] + noise_m2)
+        covariance = move @ self._covariance @ move.T
+        covariance[:6, :6] += self._drive(elapsed_s, direction)
+        covariance[6, 6] += 1 - kept * kept
+        sees = np.zeros((3, 7))
+        sees[:, :3], sees[:, 6] = np.eye(3), slow
+        off = place_m - sees @ state
+        seen = covariance @ sees.T
+        inverse = np.linalg.inv(sees @ seen + noise_m2)
         if off @ inverse @ off > _FAR_OFF:
-            self._miss(place_m, noise_m2, elapsed_s)
+            self._miss(place_m, noise_m2, elapsed_s, slow)
             return
         self._misses = 0
-        gain = covariance[:, :3] @ inverse
-        left = covariance - gain @ covariance[:3]
+        gain = seen @ inverse
+        left = covariance - gain @ seen.T
         before, self._state = self._state, state + gain @ off
         self._covariance = (left + left.T) / 2
-        self._watch_turn(before[3:], elapsed_s)
+        self._watch_turn(before[3:6], elapsed_s)
 
     def _watch_turn(self, before_m_s: Vector, elapsed_s: float) -> None:
         """Take in by how much its course has turned since the last sighting."""
-        (north, east, _), (was_north, was_east, _) = self._state[3:].tolist(), before_m_s.tolist()
+        (north, east, _), (was_north, was_east, _) = self._state[3:6].tolist(), before_m_s.tolist()
         speed2 = max(north * north + east * east, _TURN_SURE_M_S**2)
         turned = (was_north * east - was_east * north) / speed2
         seen = clip(turned / elapsed_s, 10 * _FASTEST_TURN)

@@ -147,6 +147,20 @@ class PursuitSight:
         own = np.array(position.numbers[3:])
         return seen_from(estimate, place - here, velocity - own, size_m)
 
+    def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
+        """Return azimuths from north under which an unseen target may be by now; None if unknown.
+
+        They spread with the time since it was seen, about the one of where it went.
+        """
+        position = vehicle.position
+        if position is None or vehicle.position_age_s(now_s) > OLD_S or self._moving.time_s is None:
+            return None
+        here = self._own.at(now_s) if self._own.add(position) else None
+        if here is None:
+            return None
+        away = self._moving.might_be_m(now_s) - here
+        return np.asarray(np.arctan2(away[:, 1], away[:, 0]))
+
     def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
         """Take in where the target was when it was seen last, if that is news."""
         newest_s, seen_s = self._moving.time_s, estimate.last_seen_s
@@ -164,7 +178,8 @@ class PursuitSight:
         noise = place_noise(
             level if self._by_ground else direction, along * range_m, ACROSS * range_m
         )
-        self._moving.observe(there + range_m * direction, noise, seen_s, direction)
+        slow_m = 0.0 if self._by_ground else self._settings.size_error_share * range_m
+        self._moving.observe(there + range_m * direction, noise, seen_s, direction, slow_m)
 
     def _compared(self, range_m: float, log_scale: float) -> float:
         """Return what share of a range by the ground is safe to count on, by the target's size."""

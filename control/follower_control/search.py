@@ -10,10 +10,15 @@ from follower_control.estimate import TargetEstimate
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sighting import SightFrame
 from follower_control.vehicle import VehicleState
+from follower_vision.camera import Vector
 from follower_vision.lineofsight import wrap_angle
 
 _GAIN_PER_S = 1.5
 _REACHED_RAD = math.radians(3)
+_SWEEP_GAIN_PER_S = 3.0
+_SURELY = 0.7
+"""What share of the view counts: nearer to its border a target is cut or gone at once."""
+
 _AHEAD_S = 1.0
 _FARTHEST_AHEAD_RAD = math.radians(30)
 _STALE_S = 0.5
@@ -58,16 +63,23 @@ class SearchSettings:
 class Search:
     """Turns to where the target left, then looks ever farther to both sides of that.
 
+    Args:
+        settings: how to look.
+        view_rad: how wide the camera sees.
+
     Needs headings: with an estimate in the body's frame, or without fresh telemetry, it holds.
     """
 
-    def __init__(self, settings: SearchSettings) -> None:
+    def __init__(self, settings: SearchSettings, view_rad: float = math.radians(70)) -> None:
+        self._half_rad = view_rad / 2
+        self._seen_rad = _SURELY * self._half_rad
         self.change(settings)
         self._centre_rad: float | None = None
         self._side = 1.0
         self._leg = 0
         self._looked_s: float | None = None
         self._top_m: float | None = None
+        self._right_rad = self._left_rad = 0.0
 
     def change(self, settings: SearchSettings) -> None:
         """Go on by other settings; how far to climb counts from the next start on."""
@@ -78,6 +90,7 @@ class Search:
     def start(self, last: TargetEstimate | None, vehicle: VehicleState) -> None:
         """Begin where the target was last believed to be."""
         self._centre_rad, self._leg, self._looked_s = None, 0, None
+        self._right_rad = self._left_rad = 0.0
         position = vehicle.position
         self._top_m = None if position is None else position.height_m + self._settings.climb_m
         if last is None or last.frame is SightFrame.BODY or vehicle.attitude is None:
@@ -97,6 +110,12 @@ class Search:
             self._centre_rad = target.azimuth_rad
             self._side = math.copysign(1.0, target.azimuth_rate_rad_s)
 
+    def spread(self, azimuths_rad: Vector | None) -> None:
+        """Look so far to either side that all of these azimuths from north are seen."""
+        if azimuths_rad is None or self._centre_rad is None or len(azimuths_rad) == 0:
+            return
+        self._left_rad, self._right_rad = _sides(self._centre_rad, azimuths_rad)
+
     def update(self, vehicle: VehicleState, now_s: float) -> VelocitySetpoint:
         """Return the setpoint for now; whatever is not known is not moved by."""
         return VelocitySetpoint(
@@ -110,13 +129,16 @@ class Search:
         error = wrap_angle(self._wanted_rad - vehicle.attitude.yaw_rad)
         if abs(error) <= _REACHED_RAD:
             self._arrive(now_s)
-        return min(max(_GAIN_PER_S * error, -self._rate), self._rate)
+        gain = _GAIN_PER_S if self._leg == 0 else _SWEEP_GAIN_PER_S
+        return min(max(gain * error, -self._rate), self._rate)
 
     def _arrive(self, now_s: float) -> None:
         """Go on to the next side, from the middle only after a look."""
         if self._looked_s is None:
             self._looked_s = now_s
-        if self._sweep > 0 and now_s - self._looked_s >= self._settings.look_s:
+        all_seen = max(self._left_rad, self._right_rad) <= self._half_rad
+        look_s = self._settings.look_s if all_seen else 0.0
+        if self._sweep > 0 and now_s - self._looked_s >= look_s:
             self._leg += 1
 
     @property
@@ -124,7 +146,9 @@ class Search:
         if self._leg == 0 or self._centre_rad is None:
             return self._centre_rad or 0.0
         side = self._side if self._leg % 2 else -self._side
-        far = min(self._sweep * ((self._leg + 1) // 2), math.pi)
+        may_be = self._right_rad if side > 0 else self._left_rad
+        far = max(self._sweep * ((self._leg + 1) // 2), may_be - self._seen_rad)
+        far = min(far, math.pi)
         return wrap_angle(self._centre_rad + side * far)
 
     def _climb(self, vehicle: VehicleState, now_s: float) -> float:
@@ -135,3 +159,9 @@ class Search:
         if self._settings.climb_m == 0 or left_m <= 0:
             return 0.0
         return min(self._settings.climb_m_s, left_m)
+
+
+def _sides(heading_rad: float, azimuths_rad: Vector) -> tuple[float, float]:
+    """Return how far azimuths reach to the left and to the right of a heading, not negative."""
+    off = [wrap_angle(float(azimuth) - heading_rad) for azimuth in azimuths_rad]
+    return max(-min(off), 0.0), max(*off, 0.0)

@@ -27,6 +27,7 @@ from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.sideways import Sideways
 from follower_control.sighting import SightFrame
 from follower_control.vehicle import VehicleState
+from follower_vision.camera import Vector
 
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
@@ -132,6 +133,10 @@ class VisualServo:
     def whereabouts(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
         """Return what is known of the target by its motion in the world, without steering by it."""
         return self._sight.seen(estimate, vehicle)
+
+    def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
+        """Return azimuths from north under which an unseen target may be by now, if known."""
+        return self._sight.might_be(vehicle, now_s)
 
     def update(
         self, estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint

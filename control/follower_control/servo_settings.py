@@ -83,6 +83,10 @@ class ServoSettings:
             sooner, and errors of its size as well.
         target_acceleration_across_m_s2: the same across the line of sight, where a distance by size
             errs little; None: as along it.
+        size_error_share: by what share of itself the target's size is usually wrong for seconds
+            together, as a tracker's box of a small target is (0.08 measured). Such errors are then
+            not taken for the target's motion along the line of sight, nor, for as long, are true
+            changes of its speed; 0 takes all errors for new in each frame.
         schedule_range: scale the range loop's gains with the distance that is wanted now, when a
             nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
             as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
@@ -120,6 +124,7 @@ class ServoSettings:
     max_yaw_rate_deg_s: float = 60.0
     target_acceleration_m_s2: float = 1.5
     target_acceleration_across_m_s2: float | None = None
+    size_error_share: float = 0.0
     schedule_range: bool = True
     side_deg: float = 90.0
     orbit_m_s: float = 3.0
@@ -162,6 +167,8 @@ class ServoSettings:
             raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
         if not 0 <= self.course_filter_s < math.inf:
             raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
+        if not 0 <= self.size_error_share <= 0.5:
+            raise ValueError(f"size_error_share lies within 0 and 0.5, not {self.size_error_share}")
         for name in ("target_acceleration_m_s2", "target_acceleration_across_m_s2"):
             most = getattr(self, name)
             if most is not None and not 0 < most <= 50:

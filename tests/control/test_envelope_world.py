@@ -66,6 +66,43 @@ def test_onto_a_target_below_it_does_not_sink() -> None:
     assert beside.allowed.down_m_s == pytest.approx(1.5)
 
 
+def rushing(speed_m_s: float, **known: float) -> FlightContext:
+    """Towards a target that is 6 m ahead and below, with a place, a heading and a height."""
+    context = replace(
+        above(-20, 6.0), yaw_rad=0.0, north_m_s=speed_m_s, east_m_s=0.0, height_m=10.0
+    )
+    return replace(context, **known)
+
+
+def test_over_a_target_that_it_cannot_stop_before_it_climbs() -> None:
+    settings = replace(FREE, min_distance_m=4.0)
+    limited = settled(settings, VelocitySetpoint(4.0, 0.0, 1.0, 0.0), rushing(5.0))
+    assert limited.allowed.down_m_s == pytest.approx(-settings.max_climb_m_s)
+    assert Limit.TARGET_NEAR in limited.limits
+    low = settled(replace(settings, ceiling_m=10.0), HOLD, rushing(5.0))
+    assert low.allowed.down_m_s == pytest.approx(0.0, abs=1e-6), "not above the ceiling"
+    unknown = replace(rushing(5.0), height_m=None)
+    low = settled(replace(settings, ceiling_m=10.0), HOLD, unknown)
+    assert low.allowed.down_m_s == pytest.approx(0.0, abs=1e-6), "nor where the height is unknown"
+
+
+@pytest.mark.parametrize(
+    "context",
+    [
+        rushing(0.3),
+        rushing(5.0, target_range_m=14.0),
+        rushing(5.0, target_speed_m_s=5.0, target_range_m=8.0),
+        rushing(-5.0),
+        rushing(5.0, target_bearing_rad=math.pi / 2),
+        rushing(5.0, target_elevation_rad=math.radians(20)),
+        replace(rushing(5.0), north_m_s=None),
+    ],
+)
+def test_otherwise_it_keeps_its_height_before_a_target(context: FlightContext) -> None:
+    settings = replace(FREE, min_distance_m=4.0)
+    assert settled(settings, HOLD, context).allowed.down_m_s == pytest.approx(0.0, abs=1e-6)
+
+
 def test_above_a_target_it_may_go_where_it_likes() -> None:
     settings, ahead = replace(FREE, min_distance_m=5.0), VelocitySetpoint(6.0)
     assert settled(settings, ahead, above(-90, 8.0)).allowed.forward_m_s == pytest.approx(6.0)

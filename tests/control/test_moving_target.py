@@ -208,3 +208,44 @@ def test_a_single_place_that_is_far_off_leaves_the_velocity() -> None:
         target.observe(np.array([12.0, 0.1 * number + off_m, 0.0]), noise, number / 30)
         if number > 30:
             assert target.at(number / 30)[1][1] == pytest.approx(3.0, abs=1.0)
+
+
+def test_where_it_may_be_spreads_with_the_time_and_holds_where_it_went() -> None:
+    target = followed()
+    place, velocity = target.at(12.0)
+    for after_s, least_m in ((1.0, 0.5), (3.0, 5.0)):
+        places = target.might_be_m(12.0 + after_s)
+        off_m = places - place
+        assert (
+            np.linalg.norm(off_m[:, :2], axis=1).max() <= after_s * math.hypot(*velocity[:2]) + 0.5
+        )
+        assert np.ptp(places, axis=0)[:2].max() > least_m
+        straight_on = np.linalg.norm(places - (place + after_s * velocity), axis=1).min()
+        assert straight_on < 0.5
+
+
+def test_errors_of_size_that_last_are_not_taken_for_motion() -> None:
+    def fastest_m_s(slow_m: float) -> float:
+        rng, error, north = np.random.default_rng(7), 0.0, np.array([1.0, 0.0, 0.0])
+        target, speeds = MovingTarget(0.6), []
+        for number in range(1200):
+            kept = math.exp(-1 / 30 / 1.5)
+            error = kept * error + math.sqrt(1 - kept * kept) * float(rng.normal())
+            seen = (12.0 + 0.96 * error) * north
+            target.observe(seen, place_noise(north, 0.36, 0.06), number / 30, north, slow_m)
+            speeds.append(abs(float(target.at(number / 30)[1][0])))
+        return max(speeds[150:])
+
+    assert fastest_m_s(0.96) < 0.7 * fastest_m_s(0.0)
+
+
+def test_with_errors_of_size_that_last_it_still_comes_to_the_truth() -> None:
+    north = np.array([1.0, 0.0, 0.0])
+    target = MovingTarget(0.6)
+    for number in range(600):
+        seen = (12.0 + 3.0 * number / 30) * north
+        target.observe(seen, place_noise(north, 0.36, 0.06), number / 30, north, 0.96)
+    place, velocity = target.at(599 / 30)
+    assert place[0] == pytest.approx(12.0 + 3.0 * 599 / 30, abs=0.5)
+    assert velocity[0] == pytest.approx(3.0, abs=0.1)
+    assert 0.3 < target.deviation_m(599 / 30, north) < 1.2, "and knows what it does not know"

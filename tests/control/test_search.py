@@ -99,10 +99,33 @@ def test_it_turns_on_with_a_target_that_is_believed_to_go_on_until_that_was_look
     table.run(0.4)
     assert table.yaws[-1] == pytest.approx(29.5, abs=4.0)
     table.run(2.0)
-    assert table.yaws[-1] > 36.0, "first to the side to which it moves"
+    assert max(table.yaws) > 36.0, "first to the side to which it moves"
     table.search.aim(estimate(-90.0))
     table.run(0.5)
     assert table.yaws[-1] > 20.0, "and is not called back then"
+
+
+def test_where_the_target_may_be_out_of_view_by_now_it_looks_at_once_and_far_enough() -> None:
+    table = Turntable(0.0, look_s=3.0, sweep_deg=20.0)
+    table.search.start(estimate(0.0, rate_deg_s=1.0), table.vehicle)
+    table.search.spread(np.radians([-70.0, 0.0, 90.0]))
+    table.run(5.0)
+    seen = 35.0  # half of the view
+    assert max(table.yaws) + seen > 90.0
+    assert max(table.yaws) < 90.0, "and no farther than is needed to see it"
+    table.run(10.0)
+    assert min(table.yaws) - seen < -70.0
+
+
+def test_while_all_of_where_the_target_may_be_is_in_view_it_looks_as_long_as_asked() -> None:
+    table = Turntable(0.0, look_s=3.0, sweep_deg=20.0)
+    table.search.start(estimate(0.0, rate_deg_s=1.0), table.vehicle)
+    table.search.spread(np.radians([-30.0, 0.0, 30.0]))
+    table.run(2.9)
+    assert max(np.abs(table.yaws)) < 5.0
+    table.search.spread(None)
+    table.run(2.0)
+    assert max(table.yaws) > 15.0
 
 
 def test_it_climbs_by_so_much_and_no_higher() -> None:
