@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,6 +28,19 @@ _STEP_S = 0.25
 
 _SIDEWAYS_M_S2, _WAYS = 2.5, 9
 """How hard a target that is not seen may turn, and how many ways to do so are looked at."""
+
+
+_GONE_S, _PROVEN_S = 0.25, 0.8
+"""After so long unseen it is asked whether a jump was true, and for so long it has to be seen there
+to be so."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Belief:
+    state: Vector
+    covariance: Vector
+    time_s: float
+    turn_rad_s: float
 
 
 class MovingTarget:
@@ -56,6 +70,9 @@ class MovingTarget:
     def reset(self) -> None:
         """Forget the target."""
         self._time_s: float | None = None
+        self._newest_s: float | None = None
+        self._before: _Belief | None = None
+        self._jumped_s = 0.0
         self._misses = 0
         self._turn_rad_s = 0.0
         self._state = np.zeros(7)
@@ -63,8 +80,24 @@ class MovingTarget:
 
     @property
     def time_s(self) -> float | None:
-        """When it was seen last; None before that."""
+        """When it was seen last, as far as that is believed; None before that."""
         return self._time_s
+
+    @property
+    def newest_s(self) -> float | None:
+        """The time of the last sighting, believed or not; None before that."""
+        return self._newest_s
+
+    def drop_unproven(self, now_s: float) -> None:
+        """Take it to be where it was before it jumped, if it was seen there for a moment only.
+
+        Something else that is taken for a hidden target is so for a moment, and far off.
+        """
+        if self._before is None or self._time_s is None or now_s - self._time_s <= _GONE_S:
+            return
+        before, self._before, self._misses = self._before, None, 0
+        self._state, self._covariance = before.state, before.covariance
+        self._time_s, self._turn_rad_s = before.time_s, before.turn_rad_s
 
     def observe(
         self,
@@ -84,13 +117,16 @@ class MovingTarget:
             slow_m: standard deviation of an error along it that lasts for seconds.
         """
         slow = np.zeros(3) if direction is None else slow_m * direction
+        if self._newest_s is not None and time_s <= self._newest_s:
+            return
+        self.drop_unproven(time_s)
         if self._time_s is None:
             self._begin(place_m, noise_m2, np.zeros(3), slow)
-        elif time_s <= self._time_s:
-            return
         else:
+            if self._before is not None and time_s - self._jumped_s > _PROVEN_S:
+                self._before = None
             self._fuse(place_m, noise_m2, time_s - self._time_s, direction, slow)
-        self._time_s = time_s
+        self._time_s = self._newest_s = time_s
 
     def at(self, time_s: float) -> tuple[Vector, Vector]:
         """Return its place and velocity, (3,) each, if it goes on as it did."""
@@ -147,6 +183,7 @@ class MovingTarget:
 
     def rescale(self, from_m: Vector, factor: float) -> None:
         """Put it so many times as far from a place, in the same direction."""
+        self._before = None
         self._state[:3] = from_m + factor * (self._state[:3] - from_m)
 
     def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector, slow: Vector) -> None:
@@ -165,6 +202,9 @@ class MovingTarget:
         A single place that is far off is two misses: there and back.
         """
         self._misses += 1
+        if self._before is None and self._time_s is not None:
+            self._before = _Belief(self._state, self._covariance, self._time_s, self._turn_rad_s)
+            self._jumped_s = self._time_s + elapsed_s
         if self._misses < _WRONG_VELOCITY:
             self._begin(place_m, noise_m2, self._state[3:6], slow)
             return

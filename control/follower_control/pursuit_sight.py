@@ -139,6 +139,7 @@ class PursuitSight:
         if here is None:
             return self._ranged(estimate, position, 0.0)[0]
         self._watch(estimate, position, here)
+        self._moving.drop_unproven(estimate.time_s)
         place, velocity = self._moving.at(estimate.time_s)
         size_m = self._size_m
         if self._moving.time_s is None or size_m is None:
@@ -158,12 +159,13 @@ class PursuitSight:
         here = self._own.at(now_s) if self._own.add(position) else None
         if here is None:
             return None
+        self._moving.drop_unproven(now_s)
         away = self._moving.might_be_m(now_s) - here
         return np.asarray(np.arctan2(away[:, 1], away[:, 0]))
 
     def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
         """Take in where the target was when it was seen last, if that is news."""
-        newest_s, seen_s = self._moving.time_s, estimate.last_seen_s
+        newest_s, seen_s = self._moving.newest_s, estimate.last_seen_s
         there = self._own.at(seen_s)
         if there is None or (newest_s is not None and seen_s <= newest_s):
             return

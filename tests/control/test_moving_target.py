@@ -249,3 +249,22 @@ def test_with_errors_of_size_that_last_it_still_comes_to_the_truth() -> None:
     assert place[0] == pytest.approx(12.0 + 3.0 * 599 / 30, abs=0.5)
     assert velocity[0] == pytest.approx(3.0, abs=0.1)
     assert 0.3 < target.deviation_m(599 / 30, north) < 1.2, "and knows what it does not know"
+
+
+@pytest.mark.parametrize(("seconds", "is_believed"), [(0.4, False), (1.2, True)])
+def test_a_place_far_off_is_believed_for_good_only_if_it_is_seen_there_for_a_while(
+    seconds: float, is_believed: bool
+) -> None:
+    target = followed()
+    place, velocity = target.at(12.0)
+    noise = place_noise(np.array([1.0, 0.0, 0.0]), 0.36, 0.06)
+    elsewhere = place + np.array([0.0, 30.0, 0.0])
+    for now_s in np.arange(13.0, 13.0 + seconds, 1 / 30).tolist():
+        target.observe(elsewhere, noise, now_s)
+        assert np.linalg.norm(target.at(now_s)[0] - elsewhere) < 3.0, "meanwhile it is flown after"
+    now_s += 1.0
+    target.drop_unproven(now_s)
+    straight_on = place + (now_s - 12.0) * velocity
+    assert (np.linalg.norm(target.at(now_s)[0] - straight_on) < 2.0) is not is_believed
+    target.observe(straight_on, noise, now_s)
+    assert np.linalg.norm(target.at(now_s)[0] - straight_on) < 1.0, "where it is seen it is"
