@@ -104,17 +104,15 @@ class Peers:
         if len(self._peers) >= _MOST_PEERS:
             raise OfferError("too many watch already")
         peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+        self._peers.add(peer)  # before anything is waited for: others ask meanwhile
         track = StreamTrack(self._channel)
-        peer.addTrack(track)
-        # aiortc settles on a codec while it reads the offer.
-        _prefer_h264(peer)
-        try:
-            await peer.setRemoteDescription(RTCSessionDescription(sdp, "offer"))
-            await peer.setLocalDescription(await peer.createAnswer())
-        except _UNREADABLE as error:
-            track.stop()
-            await peer.close()
-            raise OfferError(f"this offer cannot be answered: {error}") from None
+        async with contextlib.AsyncExitStack() as undoing:
+            undoing.push_async_callback(self._end, peer, track)
+            try:
+                await _settle(peer, track, sdp)
+            except _UNREADABLE as error:
+                raise OfferError(f"this offer cannot be answered: {error}") from None
+            undoing.pop_all()
         self._keep(peer, track)
         return str(peer.localDescription.sdp)
 
@@ -123,27 +121,34 @@ class Peers:
         for peer in tuple(self._peers):
             await peer.close()
 
+    async def _end(self, peer: RTCPeerConnection, track: StreamTrack) -> None:
+        track.stop()
+        self._peers.discard(peer)
+        await peer.close()
+
     def _keep(self, peer: RTCPeerConnection, track: StreamTrack) -> None:
-        self._peers.add(peer)
-
-        async def end() -> None:
-            track.stop()
-            self._peers.discard(peer)
-            await peer.close()
-
         async def look() -> None:
             if peer.connectionState in ("failed", "closed", "disconnected"):
-                await end()
+                await self._end(peer, track)
 
         async def watch() -> None:
             await asyncio.sleep(_CONNECTS_WITHIN_S)
             if peer.connectionState != "connected":
-                await end()
+                await self._end(peer, track)
 
         peer.on("connectionstatechange", look)
         task = asyncio.create_task(watch())
         self._watches.add(task)
         task.add_done_callback(self._watches.discard)
+
+
+async def _settle(peer: RTCPeerConnection, track: StreamTrack, sdp: str) -> None:
+    """Read a browser's offer and make the answer to it."""
+    peer.addTrack(track)
+    # aiortc settles on a codec while it reads the offer.
+    _prefer_h264(peer)
+    await peer.setRemoteDescription(RTCSessionDescription(sdp, "offer"))
+    await peer.setLocalDescription(await peer.createAnswer())
 
 
 def _prefer_h264(peer: RTCPeerConnection) -> None:

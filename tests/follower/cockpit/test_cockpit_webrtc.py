@@ -35,6 +35,37 @@ def test_a_browser_without_h264_is_refused_and_leaves_nothing_behind() -> None:
     assert not asyncio.run(ask())
 
 
+def test_browsers_that_ask_at_once_do_not_get_more_places_than_there_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("follower.cockpit.webrtc._MOST_PEERS", 2)
+
+    async def ask() -> list[str]:
+        peers = Peers(Channel(VideoSettings(), overlay=False), local_only=True)
+        sdp = await offer("video/H264")
+        answers = await asyncio.gather(
+            *(peers.answer(sdp) for _ in range(4)), return_exceptions=True
+        )
+        await peers.close()
+        return [str(one) for one in answers if isinstance(one, OfferError)]
+
+    assert asyncio.run(ask()) == ["too many watch already"] * 2
+
+
+def test_a_browser_that_leaves_while_it_is_answered_leaves_nothing_behind() -> None:
+    async def ask() -> bool:
+        channel = Channel(VideoSettings(), overlay=False)
+        sdp = await offer("video/H264")
+        asking = asyncio.create_task(Peers(channel, local_only=True).answer(sdp))
+        await asyncio.sleep(0)
+        asking.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asking
+        return channel.watched
+
+    assert not asyncio.run(ask())
+
+
 def test_a_browser_that_never_connects_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("follower.cockpit.webrtc._CONNECTS_WITHIN_S", 0.1)
 
