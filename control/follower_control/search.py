@@ -16,8 +16,9 @@ from follower_vision.lineofsight import wrap_angle
 _GAIN_PER_S = 1.5
 _REACHED_RAD = math.radians(3)
 _SWEEP_GAIN_PER_S = 3.0
-_SURELY = 0.7
-"""What share of the view counts: nearer to its border a target is cut or gone at once."""
+_SURELY, _JUST = 0.7, 0.85
+"""What share of the view counts: nearer to its border a target is cut or gone at once. And up to
+where what stands there is just seen."""
 
 _AHEAD_S = 1.0
 _FARTHEST_AHEAD_RAD = math.radians(30)
@@ -71,8 +72,7 @@ class Search:
     """
 
     def __init__(self, settings: SearchSettings, view_rad: float = math.radians(70)) -> None:
-        self._half_rad = view_rad / 2
-        self._seen_rad = _SURELY * self._half_rad
+        self._seen_rad, self._middle_rad = _SURELY * view_rad / 2, _JUST * view_rad / 2
         self.change(settings)
         self._centre_rad: float | None = None
         self._side = 1.0
@@ -136,9 +136,7 @@ class Search:
         """Go on to the next side, from the middle only after a look."""
         if self._looked_s is None:
             self._looked_s = now_s
-        all_seen = max(self._left_rad, self._right_rad) <= self._half_rad
-        look_s = self._settings.look_s if all_seen else 0.0
-        if self._sweep > 0 and now_s - self._looked_s >= look_s:
+        if self._sweep > 0 and now_s - self._looked_s >= self._settings.look_s:
             self._leg += 1
 
     @property
@@ -147,8 +145,10 @@ class Search:
             return self._centre_rad or 0.0
         side = self._side if self._leg % 2 else -self._side
         may_be = self._right_rad if side > 0 else self._left_rad
-        far = max(self._sweep * ((self._leg + 1) // 2), may_be - self._seen_rad)
-        far = min(far, math.pi)
+        far = may_be - self._seen_rad
+        if self._leg <= 2:
+            far = min(far, self._middle_rad)
+        far = min(max(far, self._sweep * ((self._leg + 1) // 2)), math.pi)
         return wrap_angle(self._centre_rad + side * far)
 
     def _climb(self, vehicle: VehicleState, now_s: float) -> float:

@@ -105,27 +105,30 @@ def test_it_turns_on_with_a_target_that_is_believed_to_go_on_until_that_was_look
     assert table.yaws[-1] > 20.0, "and is not called back then"
 
 
-def test_where_the_target_may_be_out_of_view_by_now_it_looks_at_once_and_far_enough() -> None:
-    table = Turntable(0.0, look_s=3.0, sweep_deg=20.0)
+def test_it_looks_as_far_as_the_target_may_be_the_first_time_with_the_middle_in_view() -> None:
+    table = Turntable(0.0, look_s=1.0, sweep_deg=20.0)
     table.search.start(estimate(0.0, rate_deg_s=1.0), table.vehicle)
-    table.search.spread(np.radians([-70.0, 0.0, 90.0]))
+    table.search.spread(np.radians([-110.0, 0.0, 120.0]))
+    half_deg = 35.0
     table.run(5.0)
-    seen = 35.0  # half of the view
-    assert max(table.yaws) + seen > 90.0
-    assert max(table.yaws) < 90.0, "and no farther than is needed to see it"
-    table.run(10.0)
-    assert min(table.yaws) - seen < -70.0
+    assert 20.0 < max(table.yaws) < half_deg
+    table.run(5.0)
+    assert -20.0 > min(table.yaws) > -half_deg
+    table.run(15.0)
+    assert max(table.yaws) + half_deg > 120.0
+    assert max(table.yaws) < 120.0, "and no farther than is needed to see it"
+    assert min(table.yaws) - half_deg < -110.0
 
 
-def test_while_all_of_where_the_target_may_be_is_in_view_it_looks_as_long_as_asked() -> None:
-    table = Turntable(0.0, look_s=3.0, sweep_deg=20.0)
-    table.search.start(estimate(0.0, rate_deg_s=1.0), table.vehicle)
-    table.search.spread(np.radians([-30.0, 0.0, 30.0]))
-    table.run(2.9)
-    assert max(np.abs(table.yaws)) < 5.0
-    table.search.spread(None)
-    table.run(2.0)
-    assert max(table.yaws) > 15.0
+def test_without_a_guess_it_looks_as_before() -> None:
+    plain, told = (Turntable(0.0, look_s=1.0, sweep_deg=20.0) for _ in range(2))
+    for table in (plain, told):
+        table.search.start(estimate(0.0), table.vehicle)
+    told.search.spread(None)
+    told.search.spread(np.radians([-10.0, 10.0]))
+    for table in (plain, told):
+        table.run(8.0)
+    assert plain.yaws == told.yaws
 
 
 def test_it_climbs_by_so_much_and_no_higher() -> None:
