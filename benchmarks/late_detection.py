@@ -6,9 +6,12 @@ import math
 
 from follower_vision.clock import Clock
 from follower_vision.detection.detection import Detector
-from follower_vision.fusion.detection_service import DetectionAnswer, DetectionRequest
-
-_REST_SHARE, _REST_SHARE_URGENT = 2.0, 0.5
+from follower_vision.fusion.detection_service import (
+    REST_SHARES,
+    DetectionAnswer,
+    DetectionRequest,
+    Need,
+)
 
 
 class LateDetection:
@@ -21,10 +24,9 @@ class LateDetection:
         self._due_s = -math.inf
         self._request: DetectionRequest | None = None
 
-    def ready(self, urgent: bool = False) -> bool:
+    def ready(self, need: Need = Need.USUAL) -> bool:
         """Tell whether the last answer was fetched and the rest is over."""
-        share = _REST_SHARE_URGENT if urgent else _REST_SHARE
-        rested = self._clock.now() >= self._due_s + share * self._late_s
+        rested = self._clock.now() >= self._due_s + REST_SHARES[need] * self._late_s
         return rested and self._request is None
 
     def submit(self, request: DetectionRequest) -> None:

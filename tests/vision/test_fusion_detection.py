@@ -23,7 +23,7 @@ from follower_vision.fusion import (
 )
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.camera_motion import CameraMotion
-from follower_vision.fusion.detection_service import DetectionRequest
+from follower_vision.fusion.detection_service import REST_SHARES, DetectionRequest, Need
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import History
 from follower_vision.fusion.looks import Looks
@@ -132,21 +132,31 @@ def test_background_detection_never_makes_the_asker_wait() -> None:
     service.close()
 
 
-def test_background_detection_rests_after_its_work_less_if_it_is_urgent() -> None:
-    """So it never takes more than a third of a core, or two thirds while a target is lost."""
+def test_background_detection_rests_after_its_work_the_longer_the_less_it_is_needed() -> None:
+    """So it takes a quarter of a core at most as a rule, and two thirds while a target is lost."""
     clock = SimulatedClock()
     service = BackgroundDetection(BusyDetector(), clock)
     assert service.ready()
     service.submit(_request(1, 5, None))
     assert service.wait_idle(10)
-    assert not service.ready()
-    assert not service.ready(urgent=True)
-    clock.sleep_until(1.0 * BUSY_S)
-    assert service.ready(urgent=True)
-    assert not service.ready()
-    clock.sleep_until(10 * BUSY_S)
-    assert service.ready()
+    assert not any(service.ready(need) for need in Need)
+    ready: list[set[Need]] = []
+    for rest in (1.0, 2.5, 4.5, 10.0):
+        clock.sleep_until(rest * BUSY_S)
+        ready.append({need for need in Need if service.ready(need)})
+    urgent = {Need.URGENT}
+    doubtful = urgent | {Need.DOUBTFUL}
+    assert ready == [urgent, doubtful, doubtful | {Need.USUAL}, set(Need)]
     service.close()
+
+
+@pytest.mark.parametrize("need", Need)
+def test_at_a_cameras_rate_the_rest_holds_no_detection_back(need: Need) -> None:
+    """A detection of 16 ms, 30 frames a second, and the pauses that Fusion makes anyway."""
+    settings, took_s = FusionSettings(), 0.016
+    pauses = {Need.STEADY: settings.validate_steady_every, Need.USUAL: settings.validate_every}
+    pause_s = pauses.get(need, settings.search_every) / 30
+    assert took_s * (1 + REST_SHARES[need]) < pause_s
 
 
 def test_background_detection_that_only_waits_need_not_rest() -> None:

@@ -18,8 +18,6 @@ from follower_vision.network import Tensor
 from follower_vision.nms import keep_best
 
 _SAME_SIZE = 1.5
-_SAME_SIDES = 0.2
-_SAME_OVERLAP = 0.36
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,26 +198,11 @@ class NanoTracker:
         settings, response = self._settings, answer.response
         likely = np.flatnonzero(response.scores >= max(settings.candidate_score, least))
         corners, scores = response.corners[likely] / answer.zoom, response.scores[likely]
-        overlap = settings.candidate_overlap
-        kept = _only(corners, scores) if overlap < _SAME_OVERLAP else []
-        kept = kept or keep_best(corners, scores, overlap, settings.candidates)
+        kept = keep_best(corners, scores, settings.candidate_overlap, settings.candidates)
         return [
             MotionEstimate(_box_about(answer.box, corners[index]), float(scores[index]))
             for index in kept
         ]
-
-
-def _only(corners: Tensor, scores: Tensor) -> list[int]:
-    """Return the best cell alone if all say about the same box, as they mostly do, and else none.
-
-    Boxes whose edges differ by a fifth of the shorter side at most overlap by 0.36 at least.
-    """
-    if not len(scores):
-        return []
-    best = int(scores.argmax())
-    left, top, right, bottom = corners[best].tolist()
-    apart = float(np.abs(corners - corners[best]).max())
-    return [best] if apart <= _SAME_SIDES * min(right - left, bottom - top) else []
 
 
 def _box_about(box: Box, corners: Tensor) -> Box:

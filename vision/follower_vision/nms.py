@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 Floats: TypeAlias = npt.NDArray[np.floating]
 
-_FEW = 24
+_FEW = 40
 
 
 def pairwise_iou(corners: Floats, others: Floats) -> Floats:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol
 
 from follower_vision.box import Box
@@ -44,11 +45,23 @@ class DetectionAnswer:
     detections: list[Detection]
 
 
+class Need(Enum):
+    """How much depends on the next detection."""
+
+    STEADY = "steady"
+    """Detector and motion tracker have long agreed."""
+    USUAL = "usual"
+    DOUBTFUL = "doubtful"
+    """Something speaks against the track."""
+    URGENT = "urgent"
+    """The target is lost."""
+
+
 class DetectionService(Protocol):
     """Takes requests and has answers later, or at once."""
 
-    def ready(self, urgent: bool = False) -> bool:
-        """Tell whether a request should be handed in now; an urgent one sooner than others."""
+    def ready(self, need: Need = Need.USUAL) -> bool:
+        """Tell whether a request should be handed in now: the greater the need, the sooner."""
         ...
 
     def submit(self, request: DetectionRequest) -> None:
@@ -71,7 +84,7 @@ class InlineDetection:
         self._detector = detector
         self._waiting: list[DetectionRequest] = []
 
-    def ready(self, urgent: bool = False) -> bool:  # noqa: ARG002
+    def ready(self, need: Need = Need.USUAL) -> bool:  # noqa: ARG002
         """Tell that a request is always taken."""
         return True
 
@@ -91,8 +104,8 @@ class InlineDetection:
 
 
 _NICENESS = 10
-_REST_SHARE = 2.0
-_REST_SHARE_URGENT = 0.5
+REST_SHARES = {Need.STEADY: 6.0, Need.USUAL: 3.0, Need.DOUBTFUL: 2.0, Need.URGENT: 0.5}
+"""How long the background thread rests, in the processor time of its last detection."""
 
 
 class BackgroundDetection:
@@ -101,9 +114,10 @@ class BackgroundDetection:
     Where the system allows it (Linux), the thread has a lower priority than its asker's.
 
     One request is worked on at a time; while that lasts, others are refused (`ready`) or dropped.
-    Then the thread rests for twice the processor time that it took, for half of it if the next
-    request is urgent: a detector that never pauses slows the motion tracker down, with which it
-    shares memory, caches and often a core. At a camera's rate that is hardly ever felt.
+    Then the thread rests for a multiple of the processor time that it took: three times, half of it
+    if the target is lost, six times while all is steady. A detector that never pauses slows the
+    motion tracker down, with which it shares memory, caches and often a core. At a camera's rate
+    that is hardly ever felt.
     An error of the detector is raised by the next `take`.
     """
 
@@ -122,11 +136,10 @@ class BackgroundDetection:
         # A thread that is inside a network when the interpreter ends would crash it.
         atexit.register(self.close)
 
-    def ready(self, urgent: bool = False) -> bool:
+    def ready(self, need: Need = Need.USUAL) -> bool:
         """Tell whether the thread is idle and has rested."""
-        share = _REST_SHARE_URGENT if urgent else _REST_SHARE
         with self._changed:
-            rested = self._clock.now() >= self._ended_s + share * self._worked_s
+            rested = self._clock.now() >= self._ended_s + REST_SHARES[need] * self._worked_s
             return rested and self._request is None
 
     def submit(self, request: DetectionRequest) -> None:

@@ -24,6 +24,8 @@ _JUMP_SIZES = 1.0
 _JUMP_SIZES_EDGE = 0.5
 _WHOLE = 0.85
 _RIVAL_FRAMES = 2
+_PAUSE = 2
+_LATE_PAUSE = 4
 _RESUME_SIZES = 1.5
 _STEADY_SIZES = 0.75
 _ANCHOR_LOOKS = 0.88
@@ -200,9 +202,13 @@ class Following:
         self.coast(frame, belief, clamped(evidence.box, belief, self._settings), "doubtful")
 
     def _rival(self, frame: Frame, expected: Box, evidence: Evidence) -> Evidence | None:
-        """Look for the target where it should be, every second time, until it is there."""
+        """Look for the target where it should be, every second time, until it is there.
+
+        What became of its place is ever less certain, so later on it is every fourth time.
+        """
         self._doubts += 1
-        if self._doubts % 2 == 0 and not self._rival_frames:
+        pause = _LATE_PAUSE if self._forlorn else _PAUSE
+        if self._doubts % pause != 1 and not self._rival_frames:
             return None
         place = self._gaze.probe(frame, expected)
         rival = None if place is None else self._surer(frame, place, evidence)

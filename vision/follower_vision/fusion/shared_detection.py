@@ -8,6 +8,7 @@ from follower_vision.fusion.detection_service import (
     DetectionAnswer,
     DetectionRequest,
     DetectionService,
+    Need,
 )
 
 _MOST_GROWTH = 2.0
@@ -33,7 +34,7 @@ class SharedDetection:
         """How many passes of the detector were begun."""
         return self._passes
 
-    def ready(self, urgent: bool = False) -> bool:  # noqa: ARG002
+    def ready(self, need: Need = Need.USUAL) -> bool:  # noqa: ARG002
         """Tell that a request is always taken: it waits for its turn."""
         return True
 
@@ -44,7 +45,7 @@ class SharedDetection:
 
     def flush(self) -> None:
         """Begin the next pass, if the detector is free."""
-        if not self._waiting or not self._service.ready(urgent=True):
+        if not self._waiting or not self._service.ready(Need.URGENT):
             return
         group, region = self._next_group()
         self._waiting = [one for one in self._waiting if one not in group]

@@ -17,6 +17,7 @@ from follower_vision.fusion.detection_service import (
     DetectionRequest,
     DetectionService,
     InlineDetection,
+    Need,
 )
 from follower_vision.fusion.evidence import CERTAIN
 from follower_vision.fusion.finding import Finding
@@ -173,32 +174,37 @@ class FusionTracker:
         lost = belief.state is TrackState.LOST and not self._following.doubting
         if lost and not belief.familiar:
             self._finding.unaided(frame, belief, expected)
-        if self._is_due(belief, blurred):
-            self._ask(frame, belief)
+        need = self._need(belief, blurred)
+        if self._is_due(belief, need, blurred):
+            self._ask(frame, belief, need)
 
-    def _is_due(self, belief: Belief, blurred: bool) -> bool:
+    def _is_due(self, belief: Belief, need: Need, blurred: bool) -> bool:
         if self._identity.strange:
             return False
-        return belief.now.index - self._asked >= self._pause(belief, blurred)
+        return belief.now.index - self._asked >= self._pause(belief, need, blurred)
 
-    def _pause(self, belief: Belief, blurred: bool) -> int:
-        """How many frames lie between two looks."""
-        settings = self._settings
+    def _need(self, belief: Belief, blurred: bool) -> Need:
         if belief.state is not TrackState.TRACKING:
-            return settings.search_every
-        if blurred:
-            return settings.validate_blurred_every
+            return Need.URGENT if belief.state is TrackState.LOST else Need.DOUBTFUL
+        settings = self._settings
         low = settings.score_coasting and belief.confidence < settings.resume_ratio
         odd = settings.appearance_check and belief.witness.wonders
-        if low or odd:
-            return settings.search_every
-        if belief.confidence >= CERTAIN and self._validation.steady:
-            return settings.validate_steady_every
-        return settings.validate_every
+        if blurred or low or odd:
+            return Need.DOUBTFUL
+        steady = belief.confidence >= CERTAIN and self._validation.steady
+        return Need.STEADY if steady else Need.USUAL
 
-    def _ask(self, frame: Frame, belief: Belief) -> None:
-        urgent = belief.state is TrackState.LOST
-        if self._service is None or not self._service.ready(urgent):
+    def _pause(self, belief: Belief, need: Need, blurred: bool) -> int:
+        """How many frames lie between two looks."""
+        settings = self._settings
+        if blurred and belief.state is TrackState.TRACKING:
+            return settings.validate_blurred_every
+        if need is Need.STEADY:
+            return settings.validate_steady_every
+        return settings.validate_every if need is Need.USUAL else settings.search_every
+
+    def _ask(self, frame: Frame, belief: Belief, need: Need = Need.USUAL) -> None:
+        if self._service is None or not self._service.ready(need):
             return
         self._asked = belief.now.index
         region = self._region(frame, belief)
