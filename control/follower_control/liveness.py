@@ -7,27 +7,35 @@ import math
 from follower_control.vehicle import Attitude, LocalPosition
 
 _MOVING_M_S = 0.3
+REPEATS = 5
+"""After so many repetitions in a row a sensor is not waited for any longer: it hangs."""
 
 
 class Liveness:
     """How long attitudes have not changed, whatever time stamps they come with.
 
     A stream may go on while what feeds it has hung. A real attitude has noise: it never comes twice
-    with the same six numbers.
+    with the same six numbers. At 50 of them a second a hang is known after a tenth of a second.
     """
 
     def __init__(self) -> None:
         self._numbers: tuple[float, ...] | None = None
         self._changed_s = -math.inf
+        self._repeats = 0
 
     def note(self, attitude: Attitude, now_s: float) -> None:
-        """Look at an attitude that has come."""
+        """Look at a new attitude that has come."""
         if attitude.numbers != self._numbers:
-            self._numbers, self._changed_s = attitude.numbers, now_s
+            self._numbers, self._changed_s, self._repeats = attitude.numbers, now_s, 0
+        else:
+            self._repeats += 1
 
     def age_s(self, now_s: float) -> float:
-        """Return how long the numbers have been the same, infinity before the first."""
-        return now_s - self._changed_s
+        """Return how long the numbers have been the same.
+
+        Infinity before the first, and where they have been repeated too often to be waited for.
+        """
+        return math.inf if self._repeats >= REPEATS else now_s - self._changed_s
 
 
 class PositionLiveness:
@@ -40,6 +48,7 @@ class PositionLiveness:
     def __init__(self) -> None:
         self._last: LocalPosition | None = None
         self._moved_s = -math.inf
+        self._repeats = 0
 
     def note(self, position: LocalPosition | None, now_s: float) -> None:
         """Look at the newest position, the same one again if there is no newer."""
@@ -47,11 +56,16 @@ class PositionLiveness:
         if position is None or position is last:
             return
         if last is None or not _is_stuck(last, position):
-            self._moved_s = now_s
+            self._moved_s, self._repeats = now_s, 0
+        else:
+            self._repeats += 1
 
     def age_s(self, now_s: float) -> float:
-        """Return how long none has come that can be believed, infinity before the first."""
-        return now_s - self._moved_s
+        """Return how long none has come that can be believed.
+
+        Infinity before the first, and where one has been repeated too often to be waited for.
+        """
+        return math.inf if self._repeats >= REPEATS else now_s - self._moved_s
 
 
 def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:

@@ -11,14 +11,16 @@ TELEMETRY = (
     lets_go(
         "attitude-frozen",
         "telemetry",
-        "The same numbers with new times are stale: hold within 0.7 s, at rest within 7 s.",
+        "The same numbers with new times are stale: hold within 0.3 s, at rest within 7 s.",
         Action(Kind.ATTITUDE_FROZEN),
+        hold_within_s=0.3,
     ),
     lets_go(
         "position-frozen",
         "telemetry",
-        "The same numbers with new times are stale: hold within 0.7 s, at rest within 7 s.",
+        "The same numbers with new times are stale: hold within 0.3 s, at rest within 7 s.",
         Action(Kind.POSITION_FROZEN),
+        hold_within_s=0.3,
     ),
     lets_go(
         "telemetry-stops",

@@ -1,0 +1,60 @@
+"""Attitudes and positions that repeat themselves to the last bit are not believed."""
+
+import math
+
+from follower_control.liveness import REPEATS, Liveness, PositionLiveness
+from follower_control.vehicle import Attitude, LocalPosition
+
+
+def fed(speed_m_s: float, seconds: float, moves: bool) -> float:
+    liveness = PositionLiveness()
+    for step in range(round(seconds / 0.1) + 1):
+        now_s = 0.1 * step
+        north_m = speed_m_s * now_s if moves else 5.0
+        liveness.note(LocalPosition(north_m, 0, -10, speed_m_s, 0, 0, now_s), now_s)
+    return liveness.age_s(seconds)
+
+
+def attitude(roll_rad: float, time_s: float) -> Attitude:
+    return Attitude(roll_rad, 0.1, 0.2, 0.0, 0.0, 0.0, time_s)
+
+
+def test_nothing_is_known_before_the_first() -> None:
+    assert PositionLiveness().age_s(1.0) == math.inf
+    assert Liveness().age_s(1.0) == math.inf
+
+
+def test_an_attitude_that_comes_again_and_again_is_given_up_at_once() -> None:
+    liveness = Liveness()
+    for step in range(REPEATS):
+        liveness.note(attitude(0.05, 0.02 * step), 0.02 * step)
+    assert liveness.age_s(0.1) == 0.1
+    liveness.note(attitude(0.05, 0.1), 0.1)
+    assert liveness.age_s(0.1) == math.inf
+    liveness.note(attitude(0.051, 0.12), 0.12)
+    assert liveness.age_s(0.13) < 0.02
+
+
+def test_an_attitude_that_lives_is_as_old_as_its_last_change() -> None:
+    liveness = Liveness()
+    for step in range(100):
+        liveness.note(attitude(1e-7 * step, 0.02 * step), 0.02 * step)
+        assert liveness.age_s(0.02 * step) == 0.0
+
+
+def test_a_place_that_does_not_change_while_it_moves_grows_old() -> None:
+    assert fed(3.0, 0.1 * (REPEATS - 1), moves=False) == 0.1 * (REPEATS - 1)
+    assert fed(3.0, 0.1 * REPEATS, moves=False) == math.inf
+    assert fed(3.0, 2.0, moves=True) < 0.15
+
+
+def test_a_vehicle_that_stands_still_may_say_the_same_for_long() -> None:
+    assert fed(0.0, 60.0, moves=False) < 0.15
+
+
+def test_no_new_position_makes_it_grow_old() -> None:
+    liveness = PositionLiveness()
+    position = LocalPosition(0, 0, 0, 0, 0, 0, 0.0)
+    liveness.note(position, 0.0)
+    liveness.note(position, 5.0)
+    assert liveness.age_s(5.0) == 5.0
