@@ -25,6 +25,7 @@ import cv2
 import numpy as np
 import yaml
 
+from follower.flight_extras import FlightExtras
 from follower.flying import fly_lockstep
 from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings
@@ -88,9 +89,8 @@ def fly(
     servo = replace(settings.servo, **{axis.value: one for axis, one in gains.items()})
     settings = settings.model_copy(update={"servo": servo})
     clock = SimulatedClock()
-    flight = SimulatedFlight(
-        World(scenario, 5), settings, flavour, clock, MemoryTransport.pair(), sight=sight
-    )
+    ends, extras = MemoryTransport.pair(), FlightExtras(sight=sight)
+    flight = SimulatedFlight(World(scenario, 5), settings, flavour, clock, ends, extras)
     began: list[float] = []
     shake(flight, clock, began, wobble)
 

@@ -23,6 +23,7 @@ import cv2
 
 from follower.configs import find_scenario
 from follower.faults.campaign.flight import STEP_S, fly_random
+from follower.flight_extras import FlightExtras
 from follower.flying import fly_lockstep
 from follower.scenario_start import base_settings
 from follower.settings import load_settings
@@ -79,7 +80,8 @@ def flight_in(scenario: Scenario, sight: Sight) -> Callable[[], tuple[float, int
     if sight is Sight.PIXELS:
         _ = world.ground, world.sky, world.scenery_batch
     settings = load_settings(base=base_settings(scenario))
-    flight = SimulatedFlight(world, settings, "px4", clock, MemoryTransport.pair(), sight=sight)
+    ends, extras = MemoryTransport.pair(), FlightExtras(sight=sight)
+    flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
 
     def fly() -> tuple[float, int]:
         with closing(flight):

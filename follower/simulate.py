@@ -20,6 +20,7 @@ from follower.faults.planned import PlannedFault
 from follower.faults.simulation import as_faults_want, said_of, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
+from follower.flight_extras import FlightExtras
 from follower.flight_video import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.fly.keyboard import Keyboard
 from follower.flying import fly_lockstep, fly_realtime
@@ -162,18 +163,14 @@ def _fly(order: _Order, ends: tuple[Transport, Transport], early: StopOnInterrup
         _station(order, settings) as station,
     ):
         videos = [one for one in (video, station) if one is not None]
-        flight = SimulatedFlight(
-            world,
-            settings,
-            options.autopilot,
-            clock,
-            ends,
-            SeveralVideos(videos) if videos else None,
-            recorder,
-            injector,
+        extras = FlightExtras(
+            video=SeveralVideos(videos) if videos else None,
+            recorder=recorder,
+            parts=injector,
             sight=options.sight,
             finder=operators_finder(settings, options.cockpit),
         )
+        flight = SimulatedFlight(world, settings, options.autopilot, clock, ends, extras)
         interrupted = _fly_to_its_end(flight, order, station, clock, early)
     judged = [] if injector is None else verdicts(order.planned, flight, injector)
     remarks = (

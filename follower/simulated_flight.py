@@ -12,9 +12,9 @@ import numpy as np
 from follower.autonomy import Autonomy, Phase
 from follower.autopilot_wait import AutopilotWait
 from follower.control_stage import ControlStage
+from follower.flight_extras import FlightExtras
 from follower.flight_parts import FlightParts
 from follower.flight_truth import FlightTruth
-from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.ground_station.flight_view import FlightView
 from follower.links.link_settings import LinkSettings
@@ -22,7 +22,7 @@ from follower.links.link_status import LinkStatus
 from follower.links.opening import open_link
 from follower.live_status import LiveStatus
 from follower.operator_requests import OperatorRequests
-from follower.recorder import LOCKSTEP_EPOCH_NS, Recorder, epoch_now_ns
+from follower.recorder import LOCKSTEP_EPOCH_NS, epoch_now_ns
 from follower.scenario_start import gimbal_of, start_state
 from follower.scoring import score_flight
 from follower.selecting import colour_selector
@@ -30,7 +30,6 @@ from follower.settings import Settings
 from follower.sight import Sight
 from follower.situation import Order
 from follower.supervisor import State
-from follower.target_finder import TargetFinder
 from follower.telemetry_vehicle import TelemetryVehicle
 from follower.tracking import make_target_tracker
 from follower.vision_stage import Selector, VisionStage
@@ -48,6 +47,7 @@ from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDet
 from follower_vision.lineofsight import LineOfSight
 
 EXTERNAL = "external"
+NO_EXTRAS = FlightExtras()
 _STANDING_M_S = 0.3
 _AIRBORNE_M = 2.0
 _LONGEST_STOP_S = 6.0
@@ -70,11 +70,7 @@ class SimulatedFlight:
             runs elsewhere and is reached through the follower's transport.
         clock: stands at 0 now.
         ends: the transports of the follower and of the simulated autopilot.
-        video: takes every frame with its track, if given.
-        recorder: records the flight, if given.
-        parts: what it is made of; others than the sound ones make something go wrong.
-        sight: what vision goes by. Without pixels, pictures are drawn for `video` alone.
-        finder: finds what operators point at.
+        extras: who watches it, and what is unusual about it.
 
     Attributes:
         requests: where front ends put what their operators want.
@@ -87,17 +83,13 @@ class SimulatedFlight:
         flavour: str,
         clock: Clock,
         ends: tuple[Transport, Transport],
-        video: FlightVideo | None = None,
-        recorder: Recorder | None = None,
-        parts: FlightParts | None = None,
-        sight: Sight = Sight.PIXELS,
-        finder: TargetFinder | None = None,
+        extras: FlightExtras = NO_EXTRAS,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
         self.settings = settings
-        self._recorder = recorder
-        self._parts = parts = parts or FlightParts()
+        self._recorder = recorder = extras.recorder
+        self._parts = parts = extras.parts or FlightParts()
         ours = parts.transport(ends[0])
         ours = ours if recorder is None else recorder.transport(ours)
         self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
@@ -109,8 +101,8 @@ class SimulatedFlight:
             world.begins_s = math.inf
         else:
             self.vehicle = self.autopilot = _autopilot(world, flavour, ends[1])
-        self.sight = sight
-        is_blind = sight is Sight.TRUTH and video is None
+        self.sight = extras.sight
+        is_blind = self.sight is Sight.TRUTH and extras.video is None
         self.camera = (BlindCamera if is_blind else parts.camera)(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self._wait = AutopilotWait(self._link, self.log)
@@ -118,14 +110,14 @@ class SimulatedFlight:
         self.chosen_s: float | None = None
         self._operated = False
         self._ending = False
-        self._stand_in = None if sight is Sight.PIXELS else self._make_stand_in()
+        self._stand_in = None if self.sight is Sight.PIXELS else self._make_stand_in()
         self._clock = clock
         self.requests = OperatorRequests(settings)
         mode = InlineDetection if isinstance(clock, SimulatedClock) else BackgroundDetection
         self._tracker = self._stand_in or make_target_tracker(settings, mode)
-        self._vision_stage = VisionStage(self._tracker, self.requests, finder)
+        self._vision_stage = VisionStage(self._tracker, self.requests, extras.finder)
         self.vision = parts.vision(
-            self._vision_stage, clock, self.log, video, self._lines, self._truth.compare
+            self._vision_stage, clock, self.log, extras.video, self._lines, self._truth.compare
         )
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":

@@ -12,6 +12,7 @@ import cv2
 from follower.campaign.figures import Figures, figures_of
 from follower.campaign.run_spec import RunSpec
 from follower.configs import find_scenario
+from follower.flight_extras import FlightExtras
 from follower.flying import fly_lockstep
 from follower.sight import Sight, check_without_pixels
 from follower.simulate import simulation_settings
@@ -62,7 +63,9 @@ def _flown(spec: RunSpec) -> Figures:
     settings = simulation_settings(scenario, options)
     clock, ends = SimulatedClock(), MemoryTransport.pair()
     world = World(scenario, spec.seed)
-    flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, sight=options.sight)
+    flight = SimulatedFlight(
+        world, settings, spec.autopilot, clock, ends, FlightExtras(sight=options.sight)
+    )
     with closing(flight):
         fly_lockstep(flight, clock, lambda: None)
     return figures_of(flight)[0]

@@ -15,6 +15,7 @@ from follower.faults.scene import scene
 from follower.faults.simulation import as_faults_want, verdicts
 from follower.faults.stages import InjectedDeathError
 from follower.faults.verdict import Verdict
+from follower.flight_extras import FlightExtras
 from follower.flying import fly_lockstep, fly_realtime
 from follower.links.connection import open_connection
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
@@ -54,9 +55,8 @@ def fly_fault(planned: PlannedFault, setup: Setup, seed: int = 0) -> Verdict:
         if planned.fault.needs_recorder:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             recorder = stack.enter_context(_recorder(settings, clock, folder))
-        flight = SimulatedFlight(
-            _world(), settings, setup.flavour, clock, ends, None, recorder, injector
-        )
+        extras = FlightExtras(recorder=recorder, parts=injector)
+        flight = SimulatedFlight(_world(), settings, setup.flavour, clock, ends, extras)
         error = _fly(flight, clock)
     return verdicts([planned], flight, injector, error)[0]
 

@@ -8,6 +8,7 @@ import pytest
 
 from follower.autonomy import Phase
 from follower.autopilot_wait import AutopilotWait
+from follower.flight_extras import FlightExtras
 from follower.flightlog import FlightLog
 from follower.flying import fly_lockstep
 from follower.links.connection import ConnectionFailedError
@@ -77,7 +78,8 @@ class Elsewhere:
         told = scenario()
         settings, clock = load_settings(base=base_settings(told)), SimulatedClock()
         ends = self._transport, MemoryTransport.pair()[1]
-        flight = SimulatedFlight(World(told), settings, EXTERNAL, clock, ends, sight=Sight.TRUTH)
+        extras = FlightExtras(sight=Sight.TRUTH)
+        flight = SimulatedFlight(World(told), settings, EXTERNAL, clock, ends, extras)
         began_s, lines = self._time_s, []
 
         def physics(now_s: float) -> None:

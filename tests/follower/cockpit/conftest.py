@@ -23,6 +23,7 @@ from follower.cockpit.opening import open_station
 from follower.cockpit.operator import FlightOperator
 from follower.cockpit.showing import FlightShow, first_page
 from follower.configs import find_scenario
+from follower.flight_extras import FlightExtras
 from follower.flight_video import SeveralVideos
 from follower.flying import fly_lockstep
 from follower.ground_station.opening import operators_finder
@@ -270,9 +271,8 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
     with station, Recorder(folder, config, clock, settings.recorder, threaded=True) as recorder:
         ends, videos = MemoryTransport.pair(), SeveralVideos((eye, station))
         finder = operators_finder(settings, cockpit=True)
-        flight = SimulatedFlight(
-            world, settings, "px4", clock, ends, videos, recorder, finder=finder
-        )
+        extras = FlightExtras(video=videos, recorder=recorder, finder=finder)
+        flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
         flight.operate()
         show, stands = FlightShow(station, flight), threading.Event()
 

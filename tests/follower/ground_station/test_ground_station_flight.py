@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.flight_extras import FlightExtras
 from follower.flightlog import ControlRecord
 from follower.flying import fly_lockstep
 from follower.ground_station.ground_station import GroundStation
@@ -58,7 +59,8 @@ class Flight:
         settings = load_settings(base=base_settings(wanted))
         ends = share(ours, near), autopilot
         self._picture: Frame | None = None
-        self.flight = SimulatedFlight(World(wanted), settings, "px4", self.clock, ends, self)
+        shown = FlightExtras(video=self)
+        self.flight = SimulatedFlight(World(wanted), settings, "px4", self.clock, ends, shown)
         self.flight.operate()
         ground, view = GroundStationSettings(enabled=True), self.flight.view
         self._station = GroundStation(ground, view, Lens(90.0, 15.0), self.clock)

@@ -17,6 +17,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.cockpit.opening import open_station
+from follower.flight_extras import FlightExtras
 from follower.flight_video import SeveralVideos
 from follower.flying import fly_lockstep
 from follower.ground_station.ground_station import GroundStation
@@ -131,7 +132,8 @@ class Pilot:
             ends = share(ours, near), autopilot
             videos = SeveralVideos((self, station))
             world = World(scenario)
-            self.flight = SimulatedFlight(world, settings, "px4", self._clock, ends, videos)
+            shown = FlightExtras(video=videos)
+            self.flight = SimulatedFlight(world, settings, "px4", self._clock, ends, shown)
             self.flight.operate()
             ground = GroundStationSettings(enabled=True)
             lens = Lens(75.0, RATE_HZ)

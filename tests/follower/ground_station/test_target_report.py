@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.flight_extras import FlightExtras
 from follower.flying import fly_lockstep
 from follower.ground_station.endpoint import Endpoint
 from follower.ground_station.place import target_place
@@ -72,7 +73,7 @@ class Told:
             flavour,
             self.clock,
             MemoryTransport.pair(),
-            sight=Sight.TRUTH,
+            FlightExtras(sight=Sight.TRUTH),
         )
         self.messages: list[tuple[float, Any]] = []
         self.places: list[tuple[float, Any]] = []
