@@ -28,6 +28,7 @@ class Looks:
         self._gallery = None if embedder is None else Gallery(embedder)
         self._reidentifier = Reidentifier(settings)
         self._search = TargetSearch()
+        self._view: tuple[Image, Box] | None = None
         self._refreshed_s = 0.0
         self._usual = Trust(_RISE_S, _FALL_S)
         self._noticed: tuple[float, Box, float] | None = None
@@ -40,7 +41,7 @@ class Looks:
     def start(self, frame: Frame, box: Box) -> None:
         """Forget everything and learn another target."""
         self._reidentifier.start(frame.image, box, frame.captured_s)
-        self._search.learn(frame.image, box)
+        self._view = frame.image, box
         if self._gallery is not None:
             self._gallery.start(frame.image, box)
         self._refreshed_s = frame.captured_s
@@ -90,7 +91,7 @@ class Looks:
             return
         self._refreshed_s = frame.captured_s
         if not familiar:
-            self._search.learn(frame.image, box)
+            self._view = frame.image, box
         if self._gallery is not None:
             self._gallery.learn(frame.image, box)
         if self._settings.max_recent:
@@ -111,4 +112,8 @@ class Looks:
 
     def proposals(self, image: Image, expected: Box, reach_px: float) -> list[Box]:
         """Return places where the target might be by its looks alone, in a bounded time."""
+        if self._view is not None:
+            # Learnt here and not when it was seen: most views are never searched for.
+            self._search.learn(*self._view)
+            self._view = None
         return self._search.everywhere(image, expected, reach_px)
