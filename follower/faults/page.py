@@ -9,6 +9,7 @@ from follower.faults.campaign.tally import Tally
 from follower.faults.catalogue import CATALOGUE, in_groups
 from follower.faults.fault import LINKS, Fault
 from follower.faults.results import Result, Results
+from follower.marked_part import with_part
 from follower.report.writer import write_whole
 
 BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
@@ -21,13 +22,8 @@ def write_into(path: Path, results: Results, tally: Tally) -> None:
         ValueError: it has no marks.
         OSError: it cannot be read or written.
     """
-    text = path.read_text("utf-8")
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"{path} has no lines {BEGIN} and {END}")
     body = "\n\n".join(part for part in sections(results, tally) if part)
-    write_whole(path, f"{before}{BEGIN}\n{body}\n{END}{after}")
+    write_whole(path, with_part(path.read_text("utf-8"), BEGIN, END, body))
 
 
 def sections(results: Results, tally: Tally) -> list[str]:

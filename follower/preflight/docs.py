@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from follower.marked_part import with_part
 from follower.preflight.check import BOTH, Check
 from follower.preflight.table import CHECKS
 
@@ -39,11 +40,7 @@ def renewed(page: str) -> str:
     Raises:
         ValueError: a mark is missing.
     """
-    before, mark, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not mark or not end:
-        raise ValueError(f"the page lacks {BEGIN} or {END}")
-    return f"{before}{BEGIN}\n{checks_markdown()}\n{END}{after}"
+    return with_part(page, BEGIN, END, checks_markdown())
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from follower.marked_part import with_part
 from follower.recorder.fields import SHAPES, Field, fields_of
 from follower.recorder.messages import MESSAGES, Message
 
@@ -37,11 +38,7 @@ def renewed(page: str) -> str:
     Raises:
         ValueError: a mark is missing.
     """
-    before, mark, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not mark or not end:
-        raise ValueError(f"the page lacks {BEGIN} or {END}")
-    return f"{before}{BEGIN}\n{messages_markdown()}\n{END}{after}"
+    return with_part(page, BEGIN, END, messages_markdown())
 
 
 def _fields(message: Message) -> Iterator[str]:
