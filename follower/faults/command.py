@@ -93,6 +93,10 @@ def faults_command(
     if names == ["list"]:
         list_faults(console)
         return
+    if docs is not None:
+        from follower.faults.page import check_page
+
+        check_page(docs)
     if random or only is not None:
         failed = _fly_random(console, random, seed, only, out / TALLY)
     elif docs is not None and not names:

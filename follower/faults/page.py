@@ -11,8 +11,22 @@ from follower.faults.fault import LINKS, Fault
 from follower.faults.results import Result, Results
 from follower.marked_part import with_part
 from follower.report.writer import write_whole
+from follower_control.strict_yaml import SettingsError
 
 BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
+
+
+def check_page(path: Path) -> None:
+    """Refuse a page that the tables cannot go into, while there is time.
+
+    Raises:
+        SettingsError: it has no marks, or is no text.
+        OSError: it cannot be read.
+    """
+    try:
+        with_part(path.read_text("utf-8"), BEGIN, END, "")
+    except ValueError as error:
+        raise SettingsError(f"--docs {path}: {error}") from None
 
 
 def write_into(path: Path, results: Results, tally: Tally) -> None:

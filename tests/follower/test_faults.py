@@ -13,6 +13,7 @@ import pytest
 from follower.faults.campaign.flight import fly_random
 from follower.faults.campaign.tally import Tally
 from follower.faults.catalogue import CATALOGUE, fault_named
+from follower.faults.command import faults_command
 from follower.faults.evidence import Evidence, Motion, WireSetpoint
 from follower.faults.fault import Kind, Outcome
 from follower.faults.flight import Setup, fly_fault
@@ -91,6 +92,17 @@ def test_a_release_is_judged_by_mode_and_silence() -> None:
     assert "in LAND" in failures("OFFBOARD", 1.0, 9.9)
     assert "9.5 s on, not within 9.0 s" in failures("LAND", 1.0, 10.5)
     assert "set-point" not in failures("LAND", 1.0, 9.9)
+
+
+def test_a_page_that_the_tables_cannot_go_into_is_refused_before_anything_is_flown(
+    tmp_path: Path,
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("no marks\n", "utf-8")
+    with pytest.raises(SettingsError, match=r"--docs .*page\.md"):
+        faults_command(["frames-black"], out=tmp_path / "out", docs=page)
+    assert not (tmp_path / "out").exists()
+    assert page.read_text("utf-8") == "no marks\n"
 
 
 def released_at(time_s: float) -> ControlRecord:
