@@ -104,7 +104,7 @@ class ControlStage:
 
     def request_stop(self) -> None:
         """Let go at the next step, whatever the state; may be called from any thread."""
-        self._humans.stop_requested = True
+        self._humans.ask_to_stop()
 
     def change_mode(self, mode: Mode) -> None:
         """Follow another way from the next step on; may be called from any thread."""

@@ -49,7 +49,7 @@ class HumanInput:
         self._entry = 0
         self.stop_requested = self.stop_at_once = False
         self.order = Order.NONE
-        self._withdrawn = self._just_stopped = False
+        self._withdrawn = self._just_stopped = self._stop_asked = False
         self.cockpit = CockpitWatch(cockpit or CockpitSettings())
         self.cockpit_lost = False
         self._cockpit_was_lost: bool | None = None
@@ -78,6 +78,10 @@ class HumanInput:
         """Take an order for the next step; may be called from any thread."""
         self._orders.append(order)
 
+    def ask_to_stop(self) -> None:
+        """Let go with the next step; may be called from any thread."""
+        self._stop_asked = True
+
     def press_stop(self) -> None:
         """Take the stop button."""
         self.stop_requested = self.stop_at_once = self._just_stopped = True
@@ -99,6 +103,9 @@ class HumanInput:
 
     def step(self, vehicle: VehicleState, state: State, now_s: float) -> None:
         """Take what came since the last step; `state` is the supervisor's before it decides."""
+        if self._stop_asked:
+            self._stop_asked = False
+            self.stop_requested = self._just_stopped = True
         orders = [self._orders.popleft() for _ in range(len(self._orders))]
         self.order = next((one for one in _STRONGEST_FIRST if one in orders), Order.NONE)
         if self.order in (Order.GIVE, Order.WITHDRAW):

@@ -9,6 +9,7 @@ from follower.control_stage import ControlStage
 from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.vehicle_health import GpsHealth, SensorHealth, VehicleHealth
 from follower.settings import Settings, load_settings
+from follower.situation import Order
 from follower.steering import heading_velocity
 from follower.supervisor import Reason, State
 from follower_control.servo_settings import Mode
@@ -163,6 +164,20 @@ def test_stop_lets_go_at_the_next_step() -> None:
     bench.stage.request_stop()
     record = bench.fly(bench.box(), STEP_S)
     assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+
+
+@pytest.mark.parametrize("order", [Order.GIVE, Order.RENEW])
+def test_a_stop_outdoes_the_consent_that_came_in_the_same_moment(order: Order) -> None:
+    """As Ctrl-C does that of a page."""
+    bench = Bench()
+    bench.fly(bench.box(), 1.0)
+    bench.stage.order(order)
+    bench.stage.request_stop()
+    bench.stage.order(order)
+    record = bench.fly(bench.box(), 0.5)
+    assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+    bench.stage.order(order)
+    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
 
 
 def test_a_stalled_control_loop_holds_once_and_goes_on() -> None:
