@@ -133,7 +133,7 @@ def test_background_detection_never_makes_the_asker_wait() -> None:
 
 
 def test_background_detection_rests_after_its_work_the_longer_the_less_it_is_needed() -> None:
-    """So it takes a quarter of a core at most as a rule, and two thirds while a target is lost."""
+    """So it takes a fifth of a core at most as a rule, and two thirds while a target is lost."""
     clock = SimulatedClock()
     service = BackgroundDetection(BusyDetector(), clock)
     assert service.ready()
@@ -141,7 +141,7 @@ def test_background_detection_rests_after_its_work_the_longer_the_less_it_is_nee
     assert service.wait_idle(10)
     assert not any(service.ready(need) for need in Need)
     ready: list[set[Need]] = []
-    for rest in (1.0, 2.5, 4.5, 10.0):
+    for rest in (1.0, 3.0, 6.0, 12.0):
         clock.sleep_until(rest * BUSY_S)
         ready.append({need for need in Need if service.ready(need)})
     urgent = {Need.URGENT}
