@@ -148,6 +148,11 @@ class PursuitSight:
         own = np.array(position.numbers[3:])
         return seen_from(estimate, place - here, velocity - own, size_m)
 
+    @property
+    def is_by_ground(self) -> bool:
+        """Whether the target's motion in the world is known, by a distance by the ground."""
+        return self._by_ground and self._velocity_m_s is not None
+
     def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
         """Return azimuths from north under which an unseen target may be by now; None if unknown.
 

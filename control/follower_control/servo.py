@@ -32,6 +32,9 @@ from follower_vision.camera import Vector
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
 
+_IN_VAIN_S = 3.0
+"""After how long a velocity that was sent and is not reached is not counted on any more."""
+
 _STEEPEST_RAD = math.radians(60)
 _AROUND = (Mode.SIDE, Mode.ORBIT)
 
@@ -107,6 +110,7 @@ class VisualServo:
         self._asked = present if present.is_finite else HOLD
         self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
         self._last_s: float | None = None
+        self._in_vain_m_s = 0.0
         self._fade.start()
 
     @property
@@ -287,15 +291,40 @@ class VisualServo:
         if self._settings.hold_height:
             return 0.0
         slope = math.tan(clip(estimate.height_angle_rad, _STEEPEST_RAD))
+        leaving = self._leaving(errors, estimate, allowed, interval_s)
         climb = errors.range_m * self._elevation_pid.update(
             errors.elevation_rad,
             -errors.elevation_rad,
             interval_s,
-            feed_forward=-slope * level_rate(estimate, errors.range_m) / errors.range_m,
+            feed_forward=-slope * leaving / errors.range_m,
             cut=(self._climb + allowed.down_m_s) / errors.range_m,
         )
         self._climb = climb
         return -clip(climb, self._settings.max_vertical_m_s)
+
+    def _leaving(
+        self,
+        errors: ServoErrors,
+        estimate: TargetEstimate,
+        allowed: VelocitySetpoint,
+        interval_s: float,
+    ) -> float:
+        """Return how fast the level distance will grow when the vehicle flies as was sent.
+
+        It rises and sinks as late as it speeds up: by its present speed it would climb after a
+        target to which it is on its way, and be too high there. What it does not come up to within
+        some seconds it will not reach. What is sent after a distance by size is as uneven as that,
+        so that there the present speed counts.
+        """
+        now = level_rate(estimate, errors.range_m)
+        if not self._sight.is_by_ground or estimate.frame is not SightFrame.WORLD:
+            return now
+        sent = complex(allowed.forward_m_s, allowed.right_m_s)
+        closing = (sent * cmath.rect(1.0, -errors.azimuth_rad)).real
+        behind = closing - (errors.target_speed_m_s - now)
+        share = 1.0 - math.exp(-interval_s / _IN_VAIN_S)
+        self._in_vain_m_s += share * (behind - self._in_vain_m_s)
+        return now - (behind - self._in_vain_m_s)
 
     def _close_in(
         self,

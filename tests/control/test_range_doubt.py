@@ -117,3 +117,25 @@ def test_where_the_ground_says_nothing_the_size_that_fitted_before_counts() -> N
         servo.update(seen, vehicle, HOLD)
         assert servo.errors is not None
         assert servo.errors.range_m == pytest.approx(6.0, rel=0.1)
+
+
+def test_by_the_ground_it_sinks_with_the_speed_that_was_sent_until_that_is_in_vain() -> None:
+    def sinking(sent_m_s: float, seconds: float) -> float:
+        wanted = ServoSettings(target_size_m=1.0, range_from=RangeFrom.GROUND, elevation_deg=-30.0)
+        servo = VisualServo(wanted)
+        servo.start()
+        for i in range(round(seconds / DT)):
+            now_s = i * DT
+            seen = TargetEstimate(
+                now_s, 0.0, -math.asin(HEIGHT / RANGE), -math.log(RANGE), 0, 0, 0,
+                np.eye(6) * 1e-4, now_s, SightFrame.WORLD,
+            )  # fmt: skip
+            vehicle = VehicleState(
+                attitude=Attitude(0, 0, 0, 0, 0, 0, now_s),
+                position=LocalPosition(0, 0, -HEIGHT, 0, 0, 0, now_s),
+            )
+            asked = servo.update(seen, vehicle, VelocitySetpoint(forward_m_s=sent_m_s))
+        return asked.down_m_s
+
+    assert sinking(2.0, 0.3) - sinking(0.0, 0.3) > 0.25
+    assert sinking(2.0, 20.0) - sinking(0.0, 20.0) == pytest.approx(0.0, abs=0.02)
