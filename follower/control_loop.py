@@ -13,6 +13,7 @@ from follower.release import Release
 from follower.situation import Order
 from follower.supervisor import State
 from follower_control.setpoint import HOLD
+from follower_vision.clock import Clock
 
 _ORDERS = {1.0: Order.GIVE, 0.0: Order.WITHDRAW}
 OnStep = Callable[[ControlRecord], None]
@@ -28,6 +29,7 @@ class ControlLoop:
         log: where the autopilot's words go.
         autonomy: plays the pilot in the simulator; None leaves that to the pilot.
         on_step: is shown every step, for displays and the score.
+        clock: tells how long a step took; None takes it that none takes long.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class ControlLoop:
         log: FlightLog,
         autonomy: Autonomy | None = None,
         on_step: OnStep | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self._link = link
         self._stage = stage
@@ -45,6 +48,7 @@ class ControlLoop:
         self._log = log
         self._autonomy = autonomy
         self._on_step = on_step
+        self._clock = clock
         self._release = Release(stage.settings.release)
         self._before = State.IDLE
         self._streams = False
@@ -85,12 +89,19 @@ class ControlLoop:
             self._link.send(HOLD)
 
     def _send(self, record: ControlRecord) -> None:
-        if record.sent:
+        before, self._before, self._streams = self._before, record.state, record.sent
+        if self._stood_still_since(record.time_s):
+            self._log.note(record.time_s, "control", "the step took too long: nothing was sent")
+        elif record.sent:
             self._link.send(record.allowed)
-        elif record.state is State.RELEASED and self._before.streams and not self._may_call_back:
+        elif record.state is State.RELEASED and before.streams and not self._may_call_back:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
-        self._before, self._streams = record.state, record.sent
+
+    def _stood_still_since(self, time_s: float) -> bool:
+        """Whether so much time has passed that the autopilot may fly by itself meanwhile."""
+        alone_s = self._stage.settings.supervisor.alone_s
+        return self._clock is not None and self._clock.now() - time_s >= alone_s
 
     @property
     def _may_call_back(self) -> bool:

@@ -125,7 +125,7 @@ class SimulatedFlight:
         camera = scenario.camera.model
         self.stage = ControlStage(settings, camera, self.log, requests=self.requests)
         self.control = parts.control(
-            self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step
+            self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step, clock
         )
         parts.attach(self.autopilot, self.stop, partial(self.stage.order, Order.WITHDRAW))
         self._last_link: LinkStatus | None = None

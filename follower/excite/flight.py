@@ -57,7 +57,7 @@ class ExcitationFlight:
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
             self._autonomy = Autonomy(link, settings.takeoff_height_m)
-        self._control = ControlLoop(link, self.stage, _no_track, log, self._autonomy)
+        self._control = ControlLoop(link, self.stage, _no_track, log, self._autonomy, clock=clock)
 
     @property
     def finished(self) -> bool:

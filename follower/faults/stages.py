@@ -71,7 +71,7 @@ class FaultyControl(ControlLoop):
     ) -> None:
         super().__init__(*arguments)
         self._schedule = schedule
-        self._clock = clock
+        self._own_clock = clock
         self._rng = rng
         self._stands_still = isinstance(clock, SimulatedClock)
         self._paused_until_s = 0.0
@@ -81,8 +81,8 @@ class FaultyControl(ControlLoop):
         self._pause(now_s)
         if self._stands_still and now_s < self._paused_until_s:
             return
-        self._clock.sleep_until(self._paused_until_s)
-        super().step(self._clock.now(), late_s)
+        self._own_clock.sleep_until(self._paused_until_s)
+        super().step(self._own_clock.now(), late_s)
 
     def _pause(self, now_s: float) -> None:
         if now_s < self._paused_until_s:

@@ -81,7 +81,9 @@ class RealFlight:
             self._autonomy = Autonomy(link, settings.takeoff_height_m)
         self._wait = AutopilotWait(link, log)
         self._selector: Selector | None = None
-        self._control = ControlLoop(link, self.stage, self._newest, log, self._autonomy)
+        self._control = ControlLoop(
+            link, self.stage, self._newest, log, self._autonomy, clock=clock
+        )
 
     def select(self, selector: Selector) -> None:
         """Follow what this finds in the coming frames; with full autonomy, once in the air.

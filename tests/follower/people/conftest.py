@@ -79,6 +79,7 @@ class Rig:
         self.right_px = 0.0
         self.frames_come = True
         self._newest_track: TrackRecord | None = None
+        self.stalls_within_a_step_s = 0.0
         self._ground_station = mavlink.MAVLink(None, 255, 190)
         self._steps = 0
 
@@ -90,7 +91,7 @@ class Rig:
         autonomy = Autonomy(link, -self.autopilot.state.position_m[2])
         autonomy.resumes = True
         pilot = autonomy if self.settings.autonomy == "full" else None
-        self.loop = ControlLoop(link, self.stage, self._newest, log, pilot)
+        self.loop = ControlLoop(link, self.stage, self._newest, log, pilot, clock=self.clock)
 
     def fly(self, seconds: float, stalled: bool = False) -> ControlRecord:
         """Let time pass, control after physics, or no control at all."""
@@ -155,7 +156,9 @@ class Rig:
         return self.clock.now()
 
     def _newest(self) -> TrackRecord | None:
-        now = self.now_s
+        now, stall_s, self.stalls_within_a_step_s = self.now_s, self.stalls_within_a_step_s, 0.0
+        if stall_s > 0:
+            self.fly(stall_s, stalled=True)
         if self.frames_come:
             side = self.camera.fx * SIZE_M / DISTANCE_M
             box = Box(WIDTH / 2 + self.right_px, HEIGHT / 2, side, side)

@@ -12,6 +12,8 @@ F, R = State.FOLLOWING, State.RELEASED
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 
+CONTROL_S = 0.02
+
 flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
@@ -49,6 +51,21 @@ def test_after_a_stall_that_px4_bore_it_is_held_soon(rig_of: Any, phase_s: float
     rig, setpoints_s = after_a_stall(rig_of, phase_s, 1.04)
     assert rig.autopilot.mode == "OFFBOARD"
     assert setpoints_s[0] < 0.1
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.5])
+def test_a_stall_amid_a_step_sends_nothing_that_was_decided_before_it(
+    rig_of: Any, phase_s: float
+) -> None:
+    rig = rig_of("px4")
+    rig.follow()
+    rig.fly(1.0 + phase_s)
+    rig.stalls_within_a_step_s = 1.6
+    rig.fly(CONTROL_S)
+    stalled_s = rig.now_s - CONTROL_S
+    assert rig.fly(2.0).state is R
+    assert rig.autopilot.mode == "RTL"
+    assert rig.wire.setpoints(stalled_s) == []
 
 
 def after_a_stall(
