@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from follower_vision.clock import Clock, MonotonicClock
 
-_CHUNK = 65536
+_CHUNK, _MOST_CHUNKS = 65536, 4
 _MOST_WAITING = 65536
 _RETRY_S = 1.0
 _CONNECT_S = 3.0
@@ -80,12 +80,14 @@ class TcpTransport:
         self._flush()
 
     def receive(self) -> bytes:
-        """Return everything that has arrived."""
+        """Return what has arrived, of a flood the oldest part."""
         if self._socket is None:
             self._reopen()
         self._flush()
         parts: list[bytes] = []
-        while self._socket is not None:
+        for _ in range(_MOST_CHUNKS):
+            if self._socket is None:
+                break
             try:
                 data = self._socket.recv(_CHUNK)
             except BlockingIOError:

@@ -100,6 +100,22 @@ def test_a_tcp_peer_that_does_not_read_loses_whole_packets_and_blocks_nobody() -
     server.close()
 
 
+def test_a_tcp_peer_that_sends_without_end_does_not_hold_up_who_listens() -> None:
+    server, sent = TcpTransport.listen("127.0.0.1", 0), 0
+    with closing(server), socket.create_connection(("127.0.0.1", server.port)) as peer:
+        server.receive()
+        peer.settimeout(0.1)
+        with suppress(TimeoutError):  # comes when all that waits for us has no more room
+            while True:
+                sent += peer.send(bytes(1 << 16))
+        parts = [server.receive()]
+        while parts[-1]:
+            parts.append(server.receive())
+    assert sent > 1 << 19
+    assert max(map(len, parts)) <= 1 << 18
+    assert sum(map(len, parts)) == sent
+
+
 def test_a_refused_connection_says_that_nobody_listens() -> None:
     port = _free_port()
     with pytest.raises(ConnectionFailedError, match=f"nobody listens on port {port} of 127.0.0.1"):
