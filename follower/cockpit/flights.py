@@ -41,9 +41,10 @@ class Flights:
         self._folder = folder
 
     def listed(self) -> list[Flight]:
-        """Return the newest flights, the newest first."""
+        """Return the newest flights, the newest first; one that cannot be reached is left out."""
         folders = [path.parent for path in self._folder.glob(f"*/{_LOG}")]
-        flights = [_flight(folder) for folder in folders if _NAME.fullmatch(folder.name)]
+        found = [_flight(folder) for folder in folders if _NAME.fullmatch(folder.name)]
+        flights = [flight for flight in found if flight is not None]
         newest = sorted(flights, key=lambda flight: flight.changed_s, reverse=True)
         return newest[:_MOST_FLIGHTS]
 
@@ -55,9 +56,12 @@ class Flights:
         return path if path.is_file() and not path.is_symlink() else None
 
 
-def _flight(folder: Path) -> Flight:
-    log, video = folder / _LOG, folder / _VIDEO
-    size = log.stat().st_size + (video.stat().st_size if video.is_file() else 0)
-    changed_s = log.stat().st_mtime
+def _flight(folder: Path) -> Flight | None:
+    video = folder / _VIDEO
+    try:
+        log = (folder / _LOG).stat()
+        size = log.st_size + (video.stat().st_size if video.is_file() else 0)
+    except OSError:  # it may have been removed just now, or be a link to a disk that is not there
+        return None
     has_report = (folder / _REPORT).is_file()
-    return Flight(folder.name, changed_s, round(size / 1e6, 1), video.is_file(), has_report)
+    return Flight(folder.name, log.st_mtime, round(size / 1e6, 1), video.is_file(), has_report)

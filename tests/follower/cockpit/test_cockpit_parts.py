@@ -6,12 +6,14 @@ import asyncio
 import json
 import math
 import threading
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from follower.cockpit import patient_response
+from follower.cockpit.flights import Flights
 from follower.cockpit.live_settings import setting_list, setting_values
 from follower.cockpit.mjpeg import JpegStream
 from follower.cockpit.moment import moment
@@ -158,6 +160,14 @@ def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) 
         return len(taken), stream._readers
 
     assert asyncio.run(run()) == (3, 0)
+
+
+def test_a_recording_that_cannot_be_reached_does_not_hide_the_others(tmp_path: Path) -> None:
+    for name in ("here", "gone"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "here" / "flight.mcap").write_bytes(b"log")
+    (tmp_path / "gone" / "flight.mcap").symlink_to(tmp_path / "pulled out" / "flight.mcap")
+    assert [flight.name for flight in Flights(tmp_path).listed()] == ["here"]
 
 
 def test_simulated_time_waits_for_real_time_and_does_not_catch_up() -> None:
