@@ -126,7 +126,9 @@ class Search:
         stale = vehicle.attitude_age_s(now_s) > _STALE_S
         if self._centre_rad is None or vehicle.attitude is None or stale or not self._settings.turn:
             return HOLD.yaw_rate_rad_s
-        error = wrap_angle(self._wanted_rad - vehicle.attitude.yaw_rad)
+        # To the other side it turns by way of the middle, however far the sides are apart.
+        off = wrap_angle(vehicle.attitude.yaw_rad - self._centre_rad)
+        error = self._wanted_off_rad - off
         if abs(error) <= _REACHED_RAD:
             self._arrive(now_s)
         gain = _GAIN_PER_S if self._leg == 0 else _SWEEP_GAIN_PER_S
@@ -140,16 +142,17 @@ class Search:
             self._leg += 1
 
     @property
-    def _wanted_rad(self) -> float:
-        if self._leg == 0 or self._centre_rad is None:
-            return self._centre_rad or 0.0
+    def _wanted_off_rad(self) -> float:
+        """How far from the middle to look now."""
+        if self._leg == 0:
+            return 0.0
         side = self._side if self._leg % 2 else -self._side
         may_be = self._right_rad if side > 0 else self._left_rad
         far = may_be - self._seen_rad
-        if self._leg <= 2:
+        if self._leg == 1:
             far = min(far, self._middle_rad)
-        far = min(max(far, self._sweep * ((self._leg + 1) // 2)), math.pi)
-        return wrap_angle(self._centre_rad + side * far)
+        far = max(far, self._sweep * ((self._leg + 1) // 2))
+        return side * min(far, math.pi - self._seen_rad)
 
     def _climb(self, vehicle: VehicleState, now_s: float) -> float:
         position = vehicle.position

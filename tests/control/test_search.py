@@ -112,12 +112,21 @@ def test_it_looks_as_far_as_the_target_may_be_the_first_time_with_the_middle_in_
     half_deg = 35.0
     table.run(5.0)
     assert 20.0 < max(table.yaws) < half_deg
-    table.run(5.0)
-    assert -20.0 > min(table.yaws) > -half_deg
     table.run(15.0)
     assert max(table.yaws) + half_deg > 120.0
     assert max(table.yaws) < 120.0, "and no farther than is needed to see it"
     assert min(table.yaws) - half_deg < -110.0
+
+
+def test_from_side_to_side_it_always_turns_by_way_of_the_middle() -> None:
+    table = Turntable(0.0, look_s=0.0, sweep_deg=170.0)
+    table.search.start(estimate(0.0), table.vehicle)
+    table.run(60.0)
+    assert max(np.abs(table.yaws)) < 180.0
+    crossings = np.sum(np.diff(np.sign(table.yaws)) != 0)
+    assert crossings >= 2, "what lies before it is looked at again and again"
+    assert max(table.yaws) + 35.0 > 180.0 - 35.0
+    assert min(table.yaws) - 35.0 < -180.0 + 35.0
 
 
 def test_without_a_guess_it_looks_as_before() -> None:
