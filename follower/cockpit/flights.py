@@ -61,7 +61,7 @@ def _flight(folder: Path) -> Flight | None:
     try:
         log = (folder / _LOG).stat()
         size = log.st_size + (video.stat().st_size if video.is_file() else 0)
-    except OSError:  # it may have been removed just now, or be a link to a disk that is not there
+    except OSError:  # it was removed since the folder was read
         return None
     has_report = (folder / _REPORT).is_file()
     return Flight(folder.name, log.st_mtime, round(size / 1e6, 1), video.is_file(), has_report)
