@@ -39,6 +39,8 @@ _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
 _LATE_S = 0.25
 """An attitude that came later than that had to wait, and what came with it as well."""
+_CAUGHT_UP_S = 2.0
+"""After that nothing waits any longer, also where no attitude tells so."""
 
 
 class ControlStage:
@@ -83,7 +85,7 @@ class ControlStage:
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
         self._sent = self._held = False
-        self._streamed_s = self._stood_still_s = -math.inf
+        self._streamed_s = self._stalled_s = self._stood_still_s = -math.inf
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
@@ -362,10 +364,12 @@ class ControlStage:
         self, situation: Situation, attitudes: Sequence[Attitude], now_s: float
     ) -> None:
         """Remember until when we had stood still, or heard only what had waited meanwhile."""
-        stalled = situation.control_gap_s >= self.settings.supervisor.alone_s
-        caught_up = bool(attitudes) and now_s - attitudes[0].time_s <= _LATE_S
-        catches_up = self._stood_still_s == self._last_step_s and not caught_up
-        if stalled or catches_up:
+        if situation.control_gap_s >= self.settings.supervisor.alone_s:
+            self._stalled_s = self._stood_still_s = now_s
+            return
+        timely = bool(attitudes) and now_s - attitudes[0].time_s <= _LATE_S
+        caught_up = timely or now_s - self._stalled_s > _CAUGHT_UP_S
+        if self._stood_still_s == self._last_step_s and not caught_up:
             self._stood_still_s = now_s
 
     def _keep_stream(self, state: State, vehicle: VehicleState, now_s: float) -> None:

@@ -188,6 +188,27 @@ def test_a_stalled_control_loop_holds_once_and_goes_on() -> None:
     assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
 
 
+def test_without_telemetry_a_stall_does_not_end_the_stream_for_good() -> None:
+    """No attitude tells then that what waited for us has been heard: after seconds it has been.
+
+    A stall lets go, and zeros go on, for silence would send PX4 home.
+    """
+    bench = Bench(telemetry=False)
+
+    def flown(seconds: float) -> ControlRecord:
+        for _ in range(round(seconds / STEP_S)):
+            bench.vehicle = replace(bench.vehicle, mode="OFFBOARD", heartbeat_s=bench.now_s)
+            record = bench.fly(bench.box(), STEP_S)
+        return record
+
+    assert flown(1.0).sent
+    bench.now_s += 2.0
+    assert not flown(STEP_S).sent
+    later = flown(2.5)
+    assert later.sent
+    assert later.allowed == HOLD
+
+
 def test_following_begins_at_the_vehicles_own_speed() -> None:
     bench = Bench(yaw_rad=math.pi / 2)
     bench.stage.step(0.0, None, bench.vehicle)
