@@ -11,6 +11,7 @@ from follower.human_input import HumanInput
 from follower.links.vehicle_health import VehicleHealth
 from follower.operator_requests import NOTHING, OperatorRequests
 from follower.release import HandBack
+from follower.setpoint_stream import SetpointStream
 from follower.setting_change import SettingChange, changed
 from follower.settings import Settings
 from follower.situation import Order, Situation
@@ -30,17 +31,12 @@ from follower_control.servo_settings import Mode
 from follower_control.sighter import Sighter
 from follower_control.sound_telemetry import SoundTelemetry
 from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import ENTRY_S, Attitude, VehicleState
+from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.camera import CameraModel
 from follower_vision.track import Track, TrackState
 
-_NEEDS_STREAM = "OFFBOARD"
 _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
-_LATE_S = 0.25
-"""An attitude that came later than that had to wait, and what came with it as well."""
-_CAUGHT_UP_S = 2.0
-"""After that nothing waits any longer, also where no attitude tells so."""
 
 
 class ControlStage:
@@ -81,11 +77,9 @@ class ControlStage:
         self._asks_often = settings.link.asks_often
         self._log = log
         self._needs_telemetry = needs_telemetry
-        self._last_step_s: float | None = None
         self._newest: TrackRecord | None = None
         self._seen_s = -math.inf
-        self._sent = self._held = False
-        self._streamed_s = self._stalled_s = self._stood_still_s = -math.inf
+        self._stream = SetpointStream(settings.supervisor.alone_s)
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._mode_asked: Mode | None = None
@@ -133,14 +127,8 @@ class ControlStage:
         self._changes_asked += changes
 
     def may_call_back(self, vehicle: VehicleState) -> bool:
-        """Whether a setpoint could end a failsafe that we have not heard of.
-
-        While our loop stood still PX4 may have gone into it, and a setpoint calls it back into
-        OFFBOARD. What waited for us then may be old, and a line may hand it over bit by bit; the
-        first heartbeat after that tells.
-        """
-        heard_s = -math.inf if vehicle.heartbeat_s is None else vehicle.heartbeat_s
-        return vehicle.mode == _NEEDS_STREAM and heard_s <= self._stood_still_s
+        """Whether a setpoint could end a failsafe that we have not heard of."""
+        return self._stream.may_call_back(vehicle)
 
     def step(
         self,
@@ -173,8 +161,7 @@ class ControlStage:
         situation = self._situation(now_s, estimate, vehicle)
         state = self._decide(now_s, situation, vehicle)
         self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
-        self._note_stall(situation, attitudes, now_s)
-        self._keep_stream(state, vehicle, now_s)
+        self._stream.step(state, vehicle, attitudes, now_s, self._hand_back.done)
         limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
         record = ControlRecord(
             time_s=now_s,
@@ -188,7 +175,7 @@ class ControlStage:
             asked=limited.asked,
             allowed=limited.allowed,
             limits=tuple(limited.limits),
-            sent=self._sent,
+            sent=self._stream.sent,
             track_sequence=None if self._newest is None else self._newest.sequence,
             situation=situation,
             attitudes=tuple(attitudes),
@@ -197,7 +184,6 @@ class ControlStage:
             health=news,
             changes=changes,
         )
-        self._last_step_s = now_s
         self._log.add_control(record)
         return record
 
@@ -237,6 +223,7 @@ class ControlStage:
         self.settings = settings
         self._steering.change(settings)
         self._supervisor.change(settings.supervisor)
+        self._stream.change(settings.supervisor.alone_s)
         self._sighter.looks_down = self.servo.mode is Mode.OVERHEAD
 
     def _take_mode(self) -> Mode | None:
@@ -255,7 +242,7 @@ class ControlStage:
         vehicle: VehicleState,
         stop_at_once: bool,
     ) -> LimitedSetpoint:
-        if state is State.READY or not self._sent or stop_at_once:
+        if state is State.READY or not self._stream.sent or stop_at_once:
             return self._steering.stand_by(now_s)
         self.servo.nudge(self._humans.nudge)
         return self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
@@ -329,7 +316,7 @@ class ControlStage:
             heartbeat_age_s=vehicle.heartbeat_age_s(now_s),
             telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
-            control_gap_s=0.0 if self._last_step_s is None else now_s - self._last_step_s,
+            control_gap_s=self._stream.gap_s(now_s),
             mode_allows=humans.mode_allows(vehicle, state),
             flying=vehicle.armed and vehicle.landed is not True,
             stop_requested=humans.stop_requested,
@@ -338,7 +325,7 @@ class ControlStage:
             consent_given=humans.consent_given,
             failsafe=vehicle.failsafe,
             sticks_moved=humans.sticks_moved,
-            mode_left=self._held and not vehicle.obeys_setpoints,
+            mode_left=self._stream.was_left(vehicle),
             answer_age_s=vehicle.answer_age_s(now_s) if self._asks_often else 0.0,
             order=humans.order,
             battery_low=verdict.battery_low,
@@ -359,36 +346,3 @@ class ControlStage:
         if track is not None and track.state is TrackState.TRACKING:
             return 0.0
         return now_s - self._seen_s
-
-    def _note_stall(
-        self, situation: Situation, attitudes: Sequence[Attitude], now_s: float
-    ) -> None:
-        """Remember until when we had stood still, or heard only what had waited meanwhile."""
-        if situation.control_gap_s >= self.settings.supervisor.alone_s:
-            self._stalled_s = self._stood_still_s = now_s
-            return
-        timely = bool(attitudes) and now_s - attitudes[0].time_s <= _LATE_S
-        caught_up = timely or now_s - self._stalled_s > _CAUGHT_UP_S
-        if self._stood_still_s == self._last_step_s and not caught_up:
-            self._stood_still_s = now_s
-
-    def _keep_stream(self, state: State, vehicle: VehicleState, now_s: float) -> None:
-        """Decide whether a setpoint is sent now, and remember what the next decisions need."""
-        self._sent = self._sends(state, vehicle, now_s)
-        self._streamed_s = now_s if self._sent else self._streamed_s
-        chosen = vehicle.obeys_setpoints and not vehicle.entered_by_itself
-        self._held = self._sent and chosen
-
-    def _sends(self, state: State, vehicle: VehicleState, now_s: float) -> bool:
-        """Whether a setpoint is to be sent.
-
-        A stream that the autopilot flies by is not broken off, whatever the state: silence would
-        send PX4 home. Once the pilot has another mode, nothing is sent, and ArduCopter's GUIDED is
-        somebody else's when it comes back; OFFBOARD needs a stream from whom it had one, also when
-        the pilot took it in the moment in which that ended.
-        """
-        if self._hand_back.done or self.may_call_back(vehicle):
-            return False
-        had_ours = state is State.RELEASED or now_s - self._streamed_s < ENTRY_S
-        needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours
-        return state.streams or (vehicle.obeys_setpoints and (self._sent or needs_ours))
