@@ -48,6 +48,7 @@ _WORDS = {
     "speed": "SPD",
     "acceleration": "ACC",
     "rate": "RT",
+    "error": "ERR",
     "course": "CRS",
     "clearance": "CLR",
     "descent": "DSC",
