@@ -27,6 +27,8 @@ from follower_vision.target_tracker import TargetTracker
 
 _FAREWELL_S = 1.0
 _LONGEST_STOP_S = 6.0
+_STILL, _STILL_STEPS = 1e-6, 5
+"""What is as good as zero in a setpoint, and how many such leave before the end."""
 _SHOW_EVERY_S = 0.1
 
 
@@ -132,8 +134,14 @@ class RealFlight:
             ReleaseAction.HOLD,
             ReleaseAction.HAND_BACK,
         )
-        rests = is_resting(vehicle, now_s) and not changes_mode
+        rests = is_resting(vehicle, now_s) and self._asks_for_rest and not changes_mode
         return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and rests)
+
+    @property
+    def _asks_for_rest(self) -> bool:
+        """Whether the last setpoints are zeros: an autopilot may fly the very last one on."""
+        last = self.log.controls[-_STILL_STEPS:]
+        return all(abs(value) < _STILL for record in last for value in record.allowed.values)
 
     def status(self, wish: str) -> LiveStatus:
         """Return what a display shows of this moment; `wish` is the target in words."""
