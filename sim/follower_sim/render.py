@@ -101,7 +101,7 @@ class Renderer:
         """
         turn = float(np.linalg.norm(body.rates_rad_s)) * exposure_s
         own = np.array(body.velocity_m_s) * exposure_s
-        grain = self._world.ground[0].m_per_px
+        grain = self._world.ground.near.m_per_px[0]
         height = max(1.0, 1.2 * -body.position_m[2])
         over_ground = max(0.0, float(np.linalg.norm(own)) - grain) / height
         past = max(

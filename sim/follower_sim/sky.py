@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from follower_sim.ground import PixelRays, Plane
+from follower_sim.ground import PixelRays
+from follower_sim.ground_pyramid import Plane
 from follower_sim.mesh import Colour
 from follower_sim.noise import layered_noise
 from follower_sim.view import View
@@ -16,6 +17,8 @@ _PX_PER_DEG = 4.0
 _LOWEST_DEG, _HIGHEST_DEG = -4.0, 90.0
 _MARGIN_DEG = 120.0
 _BLOCK = 16
+# From every second pixel's middle, as OpenCV's `resize` puts it between two pixels, to the nodes.
+_BETWEEN_NODES = np.array([[2 / _BLOCK, 0, 0.5 / _BLOCK], [0, 2 / _BLOCK, 0.5 / _BLOCK]])
 _BLUE = np.array([206.0, 158.0, 104.0])
 _CLOUD = np.array([244.0, 242.0, 240.0])
 _HILL = np.array([128.0, 134.0, 104.0])
@@ -74,13 +77,12 @@ def _raise_hills(sky: Vector, elevation: Vector, haze: Vector, rng: np.random.Ge
 class SkyPainter:
     """Paints the part of a panorama that a camera sees.
 
-    Directions are computed at the corners of blocks of 16 pixels and interpolated
-    between them; the sky has no structure fine enough to show it.
+    Directions are computed at the corners of blocks of 16 pixels and interpolated between them, and
+    colours at every second pixel: the sky has no structure fine enough to show either.
     """
 
     def __init__(self, sky: Image, rays: PixelRays) -> None:
         self._sky = sky
-        self._rays = rays
         nodes = [_block_corners(plane) for plane in (rays.x, rays.y)]
         self._nodes = np.stack([*nodes, np.ones_like(nodes[0])], -1)
 
@@ -92,18 +94,19 @@ class SkyPainter:
         if not len(blocks):
             return
         first = max(0, int(blocks[0]) - 1)
-        rows = slice(first * _BLOCK, (int(blocks[-1]) + 1) * _BLOCK)
-        part = image[rows]
+        part = image[first * _BLOCK : (int(blocks[-1]) + 1) * _BLOCK]
         nodes = np.dstack(self._sky_pixels(directions[first : int(blocks[-1]) + 2], view))
+        height, width = part.shape[:2]
         places = cv2.warpAffine(
             nodes.astype(np.float32),
-            np.array([[1 / _BLOCK, 0, 0], [0, 1 / _BLOCK, 0]]),
-            (part.shape[1], part.shape[0]),
+            _BETWEEN_NODES,
+            ((width + 1) // 2, (height + 1) // 2),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        whole, fraction = cv2.convertMaps(places[..., 0], places[..., 1], cv2.CV_16SC2)
-        cv2.remap(self._sky, whole, fraction, cv2.INTER_LINEAR, part, cv2.BORDER_REPLICATE)
+        x, y, mode = places[..., 0], places[..., 1], cv2.BORDER_REPLICATE
+        seen = cv2.remap(self._sky, x, y, cv2.INTER_LINEAR, None, mode)
+        part[:] = cv2.resize(seen, (seen.shape[1] * 2, seen.shape[0] * 2))[:height, :width]
 
     def _sky_pixels(self, directions: Vector, view: View) -> tuple[Vector, Vector]:
         heading = np.arctan2(view.world_to_camera[2, 1], view.world_to_camera[2, 0])

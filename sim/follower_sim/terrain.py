@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_sim.ground_map import GroundMap
+from follower_sim.ground_pyramid import Ground, GroundPyramid
 from follower_sim.mesh import Colour
 from follower_sim.noise import Grey, layered_noise
 from follower_sim.roads import Road, paint_road, paint_shadows, paint_strip, road_mask
@@ -73,14 +74,14 @@ PALETTES = {
 """Blue, green, red of each kind of ground."""
 
 
-def ground_maps(
+def make_ground(
     ground: GroundSettings,
     roads: Sequence[Road],
     shadows: Sequence[Vector],
     area: tuple[float, float, float, float],
     rng: np.random.Generator,
-) -> list[GroundMap]:
-    """Generate the ground, from the finest map of the scene to the coarsest of the far distance.
+) -> Ground:
+    """Generate the ground.
 
     Args:
         ground: kind of ground.
@@ -96,7 +97,8 @@ def ground_maps(
     while levels[-1].m_per_px < 0.4 * _FAR_M_PER_PX:
         levels.append(levels[-1].halved())
     far = _far_map(tint, palette, roads, rng)
-    return [*levels, far, far.halved().halved(), far.halved().halved().halved().halved()]
+    coarse = far.halved().halved()
+    return Ground(GroundPyramid(levels), GroundPyramid([far, coarse, coarse.halved().halved()]))
 
 
 def _tint_map(

@@ -11,7 +11,7 @@ import numpy as np
 
 from follower_sim.ball import Ball
 from follower_sim.course import Course
-from follower_sim.ground_map import GroundMap
+from follower_sim.ground_pyramid import Ground
 from follower_sim.kinematics import Triple
 from follower_sim.mesh import Colour, Mesh
 from follower_sim.painter import SolidBatch
@@ -24,7 +24,7 @@ from follower_sim.sky import panorama
 from follower_sim.solid import Solid
 from follower_sim.staging import staged
 from follower_sim.targets import HEIGHTS_M, TargetKind, target_mesh
-from follower_sim.terrain import PALETTES, ground_maps
+from follower_sim.terrain import PALETTES, make_ground
 from follower_sim.wind import Wind
 from follower_vision.camera import Vector
 from follower_vision.frame import Image
@@ -113,10 +113,10 @@ class World:
         return SolidBatch.of(solids)
 
     @cached_property
-    def ground(self) -> list[GroundMap]:
-        """Pictures of the ground, from the finest to the coarsest; takes a second or two."""
+    def ground(self) -> Ground:
+        """Pictures of the ground; takes a second or two."""
         shadows = [solid.shadow(self.sun) for solid in self.scenery]
-        return ground_maps(self.scenario.ground, self.roads, shadows, self._area(), self._rng(2))
+        return make_ground(self.scenario.ground, self.roads, shadows, self._area(), self._rng(2))
 
     @cached_property
     def sky(self) -> Image:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from follower_sim.ground import GroundPainter
 from follower_sim.ground_map import GroundMap
+from follower_sim.ground_pyramid import Ground, GroundPyramid
 from follower_sim.kinematics import BodyState
 from follower_sim.lens import Lens
 from follower_sim.painter import SolidBatch, SolidPainter
@@ -84,7 +85,8 @@ def test_a_mark_on_the_ground_is_drawn_at_its_projection(
     ground = GroundMap(image, float(place[0] + half), float(place[1] - half), m_per_px)
     empty = GroundMap(np.zeros((600, 600, 3), np.uint8), 3000.0, -3000.0, 10.0)
     drawn = np.zeros((camera.height, camera.width, 3), np.uint8)
-    painter = GroundPainter([ground, empty], RAYS[camera], (0, 0, 0), 1e6)
+    both = Ground(GroundPyramid([ground]), GroundPyramid([empty]))
+    painter = GroundPainter(both, RAYS[camera], (0, 0, 0), 1e6)
     painter.paint(drawn, view)
     assume(drawn.any())
     assert np.linalg.norm(centroid(drawn) - (column, row)) < 1.0
@@ -98,7 +100,8 @@ def test_the_ground_ends_at_the_horizon(
     view = View.of(BodyState(0, (0.0, 0.0, -8.0), attitude_rad=attitude), MOUNT)
     white = GroundMap(np.full((60, 60, 3), 255, np.uint8), 30000.0, -30000.0, 1000.0)
     drawn = np.zeros((camera.height, camera.width, 3), np.uint8)
-    GroundPainter([white, white], RAYS[camera], (255, 255, 255), 1e9).paint(drawn, view)
+    both = Ground(GroundPyramid([white]), GroundPyramid([white]))
+    GroundPainter(both, RAYS[camera], (255, 255, 255), 1e9).paint(drawn, view)
     sink = RAYS[camera].component(view.world_to_camera[:, 2])
     assert not drawn[sink < 0].any()
     assert drawn[sink > 0.01].all()
