@@ -13,6 +13,7 @@ from follower.realtime import RealtimeRun
 from follower.simulated_flight import SimulatedFlight
 from follower_sim.autopilot import run_autopilot
 from follower_sim.camera import SimCamera
+from follower_sim.exposure import Exposure
 from follower_sim.vehicle import STEP_S
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.frame import Frame
@@ -51,13 +52,14 @@ def fly_lockstep(
     def capture() -> None:
         delivery = flight.camera.capture()
         if delivery is not None:
-            lockstep.at(delivery.available_s, lambda: see(delivery.frame))
+            lockstep.at(delivery.available_s, lambda: see(delivery.exposure))
         # One physics step later the vehicle's place at the time of exposure is known.
         lockstep.at(flight.camera.next_capture_s + STEP_S, capture)
 
-    def see(frame: Frame) -> None:
+    def see(exposure: Exposure) -> None:
         if not flight.vision.is_free:
             return
+        frame = exposure.frame if flight.vision.looks else exposure.unseen
         record = flight.vision.step(frame, VISION_DELAY_S)
         lockstep.at(record.done_s, lambda: flight.vision.tracks.put(record))
 

@@ -208,6 +208,11 @@ class OperatorRequests:
         except SettingsError as error:
             raise RequestRefusedError(str(error).removeprefix("in flight: ")) from None
 
+    @property
+    def target_waits(self) -> bool:
+        """Whether somebody wants another target, or none, and nobody has seen to it yet."""
+        return self._target is not None
+
     def take_target(self) -> TargetRequest | None:
         """Return the newest wish for a target, once; for vision."""
         if self._target is None:

@@ -45,6 +45,11 @@ class VisionLoop:
         """Whether it takes a frame now, on a clock that stands still."""
         return True
 
+    @property
+    def looks(self) -> bool:
+        """Whether anybody looks at the next frame's picture."""
+        return self._video is not None or self._log.sink is not None or self._stage.looks
+
     def step(self, frame: Frame, delay_s: float = 0.0) -> TrackRecord:
         """Answer for one frame.
 

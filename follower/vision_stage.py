@@ -62,6 +62,12 @@ class VisionStage:
         self.dropped = False
         self.requests_done = 0
 
+    @property
+    def looks(self) -> bool:
+        """Whether the next step looks at its frame's picture: once somebody wants a target."""
+        wanted = self._requests is not None and self._requests.target_waits
+        return self._started or wanted or self._selector is not None or self._sought is not None
+
     def select(self, selector: Selector) -> None:
         """Choose a new target in the coming frames, as soon as `selector` finds one."""
         self._selector = selector

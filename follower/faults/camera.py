@@ -10,9 +10,9 @@ import numpy as np
 from follower.faults.fault import Kind
 from follower.faults.schedule import FaultSchedule
 from follower_sim.camera import Delivery, SimCamera
+from follower_sim.exposure import Exposure
 from follower_sim.kinematics import BodyState
 from follower_sim.world import World
-from follower_vision.frame import Frame
 
 
 class FaultyCamera(SimCamera):
@@ -29,8 +29,8 @@ class FaultyCamera(SimCamera):
     ) -> None:
         super().__init__(world, state_at)
         self._schedule = schedule
-        self._frozen: Frame | None = None
-        self._kept: Frame | None = None
+        self._frozen: Exposure | None = None
+        self._kept: Exposure | None = None
         self._is_odd = False
 
     def capture(self) -> Delivery | None:
@@ -39,7 +39,7 @@ class FaultyCamera(SimCamera):
         delivery = super().capture()
         if delivery is None or self._schedule.active(Kind.FRAMES_SILENT, now_s) is not None:
             return None
-        delivery = replace(delivery, frame=self._spoiled(delivery.frame, now_s))
+        delivery = replace(delivery, exposure=self._spoiled(delivery.exposure, now_s))
         late = self._schedule.active(Kind.FRAMES_LATE, now_s)
         if late is not None:
             delivery = replace(delivery, available_s=delivery.available_s + late.amount)
@@ -47,17 +47,19 @@ class FaultyCamera(SimCamera):
             return self._swapped(delivery)
         return delivery
 
-    def _spoiled(self, frame: Frame, now_s: float) -> Frame:
+    def _spoiled(self, exposure: Exposure, now_s: float) -> Exposure:
         if self._schedule.active(Kind.FRAMES_BLACK, now_s) is not None:
-            return replace(frame, image=np.zeros_like(frame.image))
-        if self._schedule.active(Kind.FRAMES_FROZEN, now_s) is None or self._frozen is None:
-            self._frozen = frame
-        return replace(frame, image=self._frozen.image)
+            return exposure.replaced(lambda: np.zeros_like(exposure.unseen.image))
+        frozen = self._frozen
+        if self._schedule.active(Kind.FRAMES_FROZEN, now_s) is None or frozen is None:
+            self._frozen = exposure
+            return exposure
+        return exposure.replaced(lambda: frozen.frame.image)
 
     def _swapped(self, delivery: Delivery) -> Delivery | None:
         """Give the second of two frames before the first."""
         self._is_odd = not self._is_odd
         if not self._is_odd:
             return delivery
-        before, self._kept = self._kept, delivery.frame
-        return None if before is None else replace(delivery, frame=before)
+        before, self._kept = self._kept, delivery.exposure
+        return None if before is None else replace(delivery, exposure=before)

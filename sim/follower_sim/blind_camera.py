@@ -26,8 +26,12 @@ class BlindCamera(SimCamera):
         self._black = np.broadcast_to(black, (camera.height, camera.width, 3))
         super().__init__(world, state_at, renderer=_Nothing(self._black))
 
-    def _image(self, captured_s: float, fault: str | None) -> Image:  # noqa: ARG002  all alike
-        return self._black
+    def _picture(
+        self,
+        captured_s: float,  # noqa: ARG002  all alike
+        fault: str | None,  # noqa: ARG002
+    ) -> Callable[[], Image]:
+        return lambda: self._black
 
 
 class _Nothing:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 
+from follower_sim.exposure import Exposure
 from follower_sim.kinematics import BodyState
 from follower_sim.render import Renderer
 from follower_sim.scenario import CameraSettings
@@ -23,15 +25,20 @@ _SHAKEN_EXPOSURE_S = 0.022
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A frame and when the computer gets it.
+    """A picture and when the computer gets it.
 
     Attributes:
-        frame: stamped with the middle of its exposure (plus the camera's stamp offset).
+        exposure: stamped with the middle of its time (plus the camera's stamp offset).
         available_s: when it arrives, on the system's clock.
     """
 
-    frame: Frame
+    exposure: Exposure
     available_s: float
+
+    @property
+    def frame(self) -> Frame:
+        """The picture, drawn now at the latest."""
+        return self.exposure.frame
 
 
 class Draws(Protocol):
@@ -75,7 +82,7 @@ class SimCamera:
         self._shaking = np.random.default_rng([root, 13])
         self._sensor = Sensor(self._settings, np.random.default_rng([root, 12]))
         self._sequence = 0
-        self._last_image: Image | None = None
+        self._last: Callable[[], Image] | None = None
         self.next_capture_s = start_s
         """Middle of the next exposure, on the system's clock."""
 
@@ -98,9 +105,10 @@ class SimCamera:
         fault = self._fault(self._scene_time(captured_s - self._start_s))
         if dropped or fault == "silent":
             return None
-        image = self._image(captured_s, fault)
-        frame = Frame(image, captured_s + self._settings.stamp_offset_s, sequence)
-        return Delivery(frame, captured_s + late_s)
+        stamp_s = captured_s + self._settings.stamp_offset_s
+        size = self._settings.width, self._settings.height
+        exposure = Exposure(self._picture(captured_s, fault), stamp_s, sequence, size)
+        return Delivery(exposure, captured_s + late_s)
 
     def _schedule_next(self) -> None:
         """Jitter moves single pictures about an even schedule, never one past the next."""
@@ -115,19 +123,25 @@ class SimCamera:
         active = [f.kind for f in self._faults if f.from_s <= time_s < f.until_s]
         return next((kind for kind in active if kind != "target_removed"), None)
 
-    def _image(self, captured_s: float, fault: str | None) -> Image:
-        if fault == "frozen" and self._last_image is not None:
-            return self._last_image
-        time_s = captured_s - self._start_s
+    def _picture(self, captured_s: float, fault: str | None) -> Callable[[], Image]:
+        """Return what draws the picture; all that changes with time or chance is taken now."""
+        if fault == "frozen" and self._last is not None:
+            return self._last
+        time_s, grain = captured_s - self._start_s, self._sensor.grain()
         if fault == "black":
             shape = self._settings.height, self._settings.width, 3
-            return self._sensor.expose(np.zeros(shape, np.uint8), time_s)
+            return lambda: self._sensor.expose(np.zeros(shape, np.uint8), time_s, grain)
         body, exposure_s = self._state_at(captured_s), self._settings.exposure_s
         if fault == "shaken":
             body, exposure_s = _shaken(body, self._shaking), _SHAKEN_EXPOSURE_S
-        image = self._renderer.render(time_s, body, exposure_s)
-        self._last_image = self._sensor.expose(image, time_s)
-        return self._last_image
+
+        @cache
+        def draw() -> Image:
+            image = self._renderer.render(time_s, body, exposure_s)
+            return self._sensor.expose(image, time_s, grain)
+
+        self._last = draw
+        return draw
 
     def read(self, clock: Clock) -> Frame | None:
         """Wait for the next picture and return it when it arrives; None if it was dropped.

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 
 from follower_sim.scenario import CameraSettings
 from follower_vision.frame import Image
+
+Grain: TypeAlias = tuple[int, int]
+"""Row and column of a field of noise."""
 
 _ROOM_PX = 64
 _PERIODS_S = (17.0, 6.3, 2.9)
@@ -32,14 +36,18 @@ class Sensor:
         self._vignette = _vignette(settings) if settings.vignetting > 0 else None
         self._noise = _noise(settings, rng) if settings.noise > 0 else None
 
-    def expose(self, image: Image, time_s: float) -> Image:
+    def grain(self) -> Grain:
+        """Draw where the next picture's noise is cut out of the field."""
+        row, column = self._rng.integers(_ROOM_PX, size=2)
+        return int(row), int(column)
+
+    def expose(self, image: Image, time_s: float, grain: Grain) -> Image:
         """Return the image, (H, W, 3) uint8 BGR, as the sensor gives it at a time."""
         gained = cv2.convertScaleAbs(image, alpha=self.gain(time_s))
         if self._vignette is not None:
             cv2.multiply(gained, self._vignette, dst=gained, scale=1 / 255)
         if self._noise is not None:
-            row, column = (int(n) for n in self._rng.integers(_ROOM_PX, size=2))
-            height, width = image.shape[:2]
+            (row, column), (height, width) = grain, image.shape[:2]
             part = slice(row, row + height), slice(column, column + width)
             brighter, darker = self._noise
             cv2.subtract(cv2.add(gained, brighter[part]), darker[part], dst=gained)

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from follower.autonomy import Phase
+from follower.flight_extras import FlightExtras
+from follower.flight_video import FlightVideo
 from follower.flightlog import ControlRecord
 from follower.flying import fly_lockstep
 from follower.scenario_start import base_settings
@@ -19,9 +21,13 @@ from follower.settings import load_settings
 from follower.simulated_flight import SimulatedFlight
 from follower.supervisor import Reason, State
 from follower_control.transport import MemoryTransport
+from follower_sim.kinematics import BodyState
+from follower_sim.render import Renderer
 from follower_sim.scenario import Scenario
 from follower_sim.world import World
 from follower_vision.clock import SimulatedClock
+from follower_vision.frame import Frame, Image
+from follower_vision.track import Track
 
 pytestmark = pytest.mark.slow
 
@@ -65,11 +71,14 @@ class Run:
         flavour: str,
         seed: int | None = None,
         overrides: Sequence[str] = (),
+        video: FlightVideo | None = None,
     ) -> None:
         self.clock = SimulatedClock()
         settings = load_settings(base=base_settings(wanted), overrides=overrides)
         ends = MemoryTransport.pair()
-        self.flight = SimulatedFlight(World(wanted, seed), settings, flavour, self.clock, ends)
+        extras = FlightExtras(video=video)
+        world = World(wanted, seed)
+        self.flight = SimulatedFlight(world, settings, flavour, self.clock, ends, extras)
 
     def fly(self, meddle: Any = lambda: None) -> "Run":
         fly_lockstep(self.flight, self.clock, meddle)
@@ -219,3 +228,37 @@ pursuit = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(pursuit)
 print(pursuit.fingerprint(1))
 """
+
+
+class Watcher:
+    """Looks at each picture."""
+
+    def __init__(self) -> None:
+        self.dark = 0
+
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:  # noqa: ARG002
+        """Count the pictures that show nothing."""
+        self.dark += not frame.image.any()
+
+
+def test_pictures_are_drawn_for_those_who_look_and_a_watcher_changes_no_setpoint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[float] = []
+    render = Renderer.render
+
+    def counted(self: Renderer, time_s: float, body: BodyState, exposure_s: float = 0.0) -> Image:
+        drawn.append(time_s)
+        return render(self, time_s, body, exposure_s)
+
+    monkeypatch.setattr(Renderer, "render", counted)
+    alone = Run(scenario(DRIVING, duration_s=16), "px4").fly()
+    chosen_s, unwatched = alone.flight.chosen_s, len(drawn)
+    assert chosen_s is not None
+    assert min(drawn) > chosen_s - 0.2
+    watcher = Watcher()
+    watched = Run(scenario(DRIVING, duration_s=16), "px4", video=watcher).fly()
+    assert len(drawn) - unwatched > unwatched + 100
+    assert watcher.dark == 0
+    assert [one.sent for one in watched.controls] == [one.sent for one in alone.controls]
+    assert [one.allowed for one in watched.controls] == [one.allowed for one in alone.controls]

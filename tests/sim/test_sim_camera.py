@@ -143,11 +143,37 @@ def test_a_removed_target_is_no_longer_drawn(make_world: Callable[..., World]) -
     assert reds[1] == 0
 
 
+def test_when_a_picture_is_drawn_and_which_ones_are_makes_no_difference(
+    make_world: Callable[..., World],
+) -> None:
+    faults = [
+        {"kind": "shaken", "from_s": 0.1, "until_s": 0.3},
+        {"kind": "frozen", "from_s": 0.35, "until_s": 0.45},
+    ]
+    world = make_world(camera={"drop_probability": 0.0}, faults=faults)
+    at_once = [d.frame.image for d in taken(SimCamera(world, hover, seed=3), 12) if d is not None]
+    late = [d for d in taken(SimCamera(world, hover, seed=3), 12) if d is not None]
+    assert len(late) == 12
+    for number in (11, 4, 8):
+        assert np.array_equal(late[number].frame.image, at_once[number])
+
+
+def test_a_picture_that_nobody_looked_at_has_its_times_and_its_size(
+    make_world: Callable[..., World],
+) -> None:
+    delivery = SimCamera(make_world(camera={"drop_probability": 0.0}), hover).capture()
+    assert delivery is not None
+    seen, unseen = delivery.frame, delivery.exposure.unseen
+    assert (unseen.captured_s, unseen.sequence) == (seen.captured_s, seen.sequence)
+    assert unseen.image.shape == seen.image.shape
+    assert not unseen.image.any()
+
+
 def test_noise_has_the_strength_asked_for_and_no_bias() -> None:
     settings = CameraSettings(noise=4, vignetting=0, exposure_drift=0)
     sensor = Sensor(settings, np.random.default_rng(1))
     flat = np.full((480, 640, 3), 128, np.uint8)
-    first, second = (sensor.expose(flat, 0).astype(float) for _ in range(2))
+    first, second = (sensor.expose(flat, 0, sensor.grain()).astype(float) for _ in range(2))
     assert first.std() == pytest.approx(4, rel=0.03)
     assert first.mean() == pytest.approx(128, abs=0.1)
     assert np.corrcoef(first.ravel(), second.ravel())[0, 1] < 0.05
@@ -156,7 +182,7 @@ def test_noise_has_the_strength_asked_for_and_no_bias() -> None:
 def test_vignetting_darkens_the_corners_alone() -> None:
     settings = CameraSettings(noise=0, vignetting=0.4, exposure_drift=0)
     image = Sensor(settings, np.random.default_rng(1)).expose(
-        np.full((480, 640, 3), 200, np.uint8), 0
+        np.full((480, 640, 3), 200, np.uint8), 0, (0, 0)
     )
     assert image[240, 320, 0] == 200
     assert image[0, 0, 0] == pytest.approx(200 * 0.6, abs=2)
