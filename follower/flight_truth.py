@@ -7,7 +7,8 @@ from collections.abc import Callable
 from follower.flightlog import TrackRecord
 from follower_sim.identity_score import IdentityScore, TrackedFrame, identity_score
 from follower_sim.kinematics import BodyState
-from follower_sim.truth import TargetTruth, TruthTeller
+from follower_sim.silhouettes import SeenBody
+from follower_sim.truth import TruthTeller
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
 from follower_vision.box import Box
@@ -32,30 +33,27 @@ class FlightTruth:
 
     def __init__(self, world: World, vehicle_at: BodyAt, camera_at: BodyAt) -> None:
         self.samples: list[TruthSample] = []
-        self._cameras: list[BodyState] = []
+        self._cameras: dict[float, BodyState] = {}
         self.tracked: list[TrackedFrame] = []
         self._world = world
         self._vehicle_at = vehicle_at
         self._camera_at = camera_at
         self._teller = TruthTeller(world)
-        self._told: tuple[float, TargetTruth] | None = None
+        self._told: tuple[float, SeenBody] | None = None
 
     def take(self, now_s: float) -> TruthSample:
         """Take and return the truth of now."""
         body, camera = self._vehicle_at(now_s), self._camera_at(now_s)
         sample = self._teller.sample(now_s, body, camera=camera)
         self.samples.append(sample)
-        self._cameras.append(camera)
+        self._cameras[now_s] = camera
         return sample
 
-    def box_sights(self) -> list[LineOfSight]:
-        """Work out the directions of the true box's middle, one for each sample."""
-        return [
-            self._teller.box_sight(
-                self._teller.truth(sample.time_s, sample.vehicle, camera), sample.vehicle, camera
-            )
-            for sample, camera in zip(self.samples, self._cameras, strict=True)
-        ]
+    def box_sight(self, sample: TruthSample) -> LineOfSight:
+        """Work out the direction of the true box's middle for one of the samples."""
+        camera = self._cameras[sample.time_s]
+        truth = self._teller.truth(sample.time_s, sample.vehicle, camera)
+        return self._teller.box_sight(truth, sample.vehicle, camera)
 
     def compare(self, record: TrackRecord) -> None:
         """Compare a track that claims to see the target with the truth, for the score."""
@@ -68,14 +66,14 @@ class FlightTruth:
         frame = TrackedFrame(record.captured_s, overlap, max(others, default=0.0))
         self.tracked.append(frame)
 
-    def of_frame(self, stamp_s: float) -> TargetTruth:
-        """Return the truth about a frame with this capture stamp."""
+    def of_frame(self, stamp_s: float) -> SeenBody:
+        """Return where the target truly is in a frame with this capture stamp."""
         if self._told is not None and self._told[0] == stamp_s:
             return self._told[1]
         true_s = self._true_time(stamp_s)
-        truth = self._teller.truth(true_s, self._vehicle_at(true_s), self._camera_at(true_s))
-        self._told = stamp_s, truth
-        return truth
+        seen = self._teller.seen(true_s, self._camera_at(true_s))
+        self._told = stamp_s, seen
+        return seen
 
     @property
     def identity(self) -> IdentityScore:

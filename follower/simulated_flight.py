@@ -160,9 +160,9 @@ class SimulatedFlight:
         """What really happened, a sample a control step."""
         return self._truth.samples
 
-    def box_sights(self) -> list[LineOfSight]:
-        """Work out the direction of the true box's middle from the heading, for each sample."""
-        return self._truth.box_sights()
+    def box_sight(self, sample: TruthSample) -> LineOfSight:
+        """Work out the direction of the true box's middle from the heading, for one sample."""
+        return self._truth.box_sight(sample)
 
     @property
     def overlaps(self) -> list[float]:

@@ -147,11 +147,10 @@ def _scored(
 
 def _by_box(flight: SimulatedFlight, samples: Sequence[TruthSample]) -> list[TruthSample]:
     """Return samples with the direction of the true box's middle for that of the body's."""
-    sights = {s.time_s: sight for s, sight in zip(flight.truth, flight.box_sights(), strict=True)}
     return [
         replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
         for sample in samples
-        for sight in (sights[sample.time_s],)
+        for sight in (flight.box_sight(sample),)
     ]
 
 

@@ -71,6 +71,11 @@ class Mesh:
         return replace(self, vertices=self.vertices @ rotation.T)
 
     @cached_property
+    def corners(self) -> Vector:
+        """The vertices, (C, 3), each place once: faces that meet have their own."""
+        return np.asarray(np.unique(self.vertices, axis=0))
+
+    @cached_property
     def reach_m(self) -> float:
         """How far its farthest vertex is from its origin."""
         return float(np.sqrt((self.vertices**2).sum(axis=1).max()))

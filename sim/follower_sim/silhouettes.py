@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from follower_sim.ball import Ball
+from follower_sim.corridor import Corridor, ball_of, hides
 from follower_sim.lens import Lens
 from follower_sim.noise import Grey
 from follower_sim.painter import FixedPoints, SolidBatch, SolidPainter
@@ -53,9 +53,7 @@ class Silhouettes:
         self._camera = camera
         self._lens = Lens(camera)
         self._painter = SolidPainter(self._lens)
-        self._standing = list(standing)
-        self._centres = np.array([body.centre for body in standing]).reshape(-1, 3)
-        self._radii = np.array([body.radius_m for body in standing])
+        self._corridor = Corridor(standing)
 
     def seen(self, solid: Solid, moving: Sequence[Solid], view: View) -> SeenBody:
         """Return where a body is, among others that move."""
@@ -70,14 +68,8 @@ class Silhouettes:
 
     def is_in_the_open(self, ball: Ball, others: Sequence[Ball], view: View) -> bool:
         """Whether nothing, standing or among others that move, can hide what a ball holds."""
-        centres, radii = self._centres, self._radii
-        if others:
-            centres = np.vstack([centres, *(other.centre_m for other in others)])
-            radii = np.append(radii, [other.radius_m for other in others])
-        if not len(radii):
-            return True
-        towards = ball.centre_m - view.position_m
-        return not _in_front(centres - view.position_m, radii, towards, ball.radius_m).any()
+        standing = [one for one, _ in self._corridor.about(view.eye_m, ball)]
+        return not any(hides(one, ball, view.eye_m) for one in (*standing, *others))
 
     def in_frame_share(self, box: Box) -> float:
         """Return the share of a box that lies inside the image."""
@@ -93,11 +85,19 @@ class Silhouettes:
             corners = corners[~outside.any(axis=1)]
             if not len(corners):
                 return None
-        pixels = self._lens.pixels(corners)
-        (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+        return self._about(corners)
+
+    def whole_box(self, vertices: Vector, view: View) -> Box | None:
+        """Return the tight box of the corners, (V, 3), of a body that is wholly in the image."""
+        return self._about(view.to_camera(vertices))
+
+    def _about(self, corners: Vector) -> Box | None:
+        """Return the tight box of corners in camera axes, (V, 3), all of which have an image."""
+        x, y = self._lens.pixels(corners).T.copy()
+        left, top, right, bottom = (float(end) for end in (x.min(), y.min(), x.max(), y.max()))
         if right - left < 1e-6 or bottom - top < 1e-6:
             return None
-        return Box.from_xywh(float(left), float(top), float(right - left), float(bottom - top))
+        return Box.from_xywh(left, top, right - left, bottom - top)
 
     def visible_share(self, solid: Solid, moving: Sequence[Solid], box: Box, view: View) -> float:
         """Draw the silhouette in its box, paint over it what is nearer, and count."""
@@ -115,16 +115,9 @@ class Silhouettes:
 
     def _nearer(self, solid: Solid, moving: Sequence[Solid], view: View) -> list[Solid]:
         """Return the bodies whose spheres touch the line of sight in front of the body."""
-        bodies, centres, radii = self._standing, self._centres, self._radii
-        if moving:
-            bodies = [*bodies, *moving]
-            centres = np.vstack([centres, *(body.centre for body in moving)])
-            radii = np.append(radii, [body.radius_m for body in moving])
-        if not bodies:
-            return []
-        seen_from = centres - view.position_m
-        hit = _in_front(seen_from, radii, solid.centre - view.position_m, solid.radius_m)
-        return [bodies[i] for i in np.flatnonzero(hit)]
+        target = ball_of(solid)
+        bodies = [*self._corridor.about(view.eye_m, target), *((ball_of(b), b) for b in moving)]
+        return [body for ball, body in bodies if hides(ball, target, view.eye_m)]
 
     def _polygons(self, solids: list[Solid], box: Box, view: View) -> list[FixedPoints]:
         """Return the polygons of bodies that reach into the mask, which the box fills."""
@@ -144,18 +137,6 @@ class Silhouettes:
 def _fill(mask: Grey, polygons: list[FixedPoints], value: int) -> None:
     for polygon in polygons:
         cv2.fillConvexPoly(mask, polygon, (value,), cv2.LINE_8, _SHIFT)
-
-
-def _in_front(
-    centres: Vector, radii: Vector, target: Vector, target_radius: float
-) -> npt.NDArray[np.bool_]:
-    """Return which spheres about points, (N, 3) seen from the camera, can hide the target."""
-    distance = float(np.linalg.norm(target))
-    along = centres @ target / distance
-    away2 = np.einsum("ij,ij->i", centres, centres)
-    nearer = away2 < distance**2
-    touching = away2 - along**2 < (radii + target_radius) ** 2
-    return np.asarray(nearer & touching & (along > -radii))
 
 
 def _into(polygon: FixedPoints, box: Box) -> FixedPoints:

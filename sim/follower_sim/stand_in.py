@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from follower_sim.silhouettes import SeenBody
 from follower_sim.stand_in_settings import StandInSettings
-from follower_sim.truth import TargetTruth
 from follower_vision.box import Box
 from follower_vision.frame import Frame
 from follower_vision.track import Track, TrackState
@@ -27,7 +27,7 @@ class StandIn:
     """Answers for frames as a target tracker does, without a look at them.
 
     Args:
-        truth_at: the truth about a frame with this capture stamp.
+        truth_at: where the target truly is in a frame with this capture stamp.
         size: width and height of the frames.
         settings: how well it sees.
         rng: source of randomness.
@@ -35,7 +35,7 @@ class StandIn:
 
     def __init__(
         self,
-        truth_at: Callable[[float], TargetTruth],
+        truth_at: Callable[[float], SeenBody],
         size: tuple[int, int],
         settings: StandInSettings,
         rng: np.random.Generator,

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from follower_sim.kinematics import BodyState, Triple
 from follower_sim.silhouettes import UNSEEN, SeenBody, Silhouettes
 from follower_sim.solid import Solid
@@ -73,8 +71,7 @@ class TruthTeller:
 
         `camera` is the body that carries the camera, if that is not the vehicle's: a gimbal.
         """
-        number = self._world.scenario.followed
-        seen = self._seen(number, time_s, View.of(camera or body, self._mount))
+        seen = self.seen(time_s, camera or body)
         centre, velocity_m_s, range_m, sight = self._whereabouts(time_s, body)
         return TargetTruth(
             time_s,
@@ -86,6 +83,11 @@ class TruthTeller:
             range_m,
             sight,
         )
+
+    def seen(self, time_s: float, camera: BodyState) -> SeenBody:
+        """Return where the target is in the image; `camera` is the body that carries it."""
+        number = self._world.scenario.followed
+        return self._seen(number, time_s, View.of(camera, self._mount))
 
     def sample(
         self,
@@ -148,11 +150,11 @@ class TruthTeller:
         """Return the target's centre, velocity, range and line of sight."""
         number = self._world.scenario.followed
         centre = self._world.target_centre(number, time_s)
-        away = np.array(centre) - body.position_m
-        sight = LineOfSight.from_vector(away)
+        north, east, down = (c - p for c, p in zip(centre, body.position_m, strict=True))
+        sight = LineOfSight.towards(north, east, down)
         azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
         velocity_m_s = self._world.target_pose(number, time_s).velocity_m_s
-        range_m = float(np.linalg.norm(away))
+        range_m = math.sqrt(north * north + east * east + down * down)
         return centre, velocity_m_s, range_m, LineOfSight(azimuth, sight.elevation_rad)
 
     def _shares(self, time_s: float, view: View) -> tuple[float, float]:
@@ -168,11 +170,15 @@ class TruthTeller:
 
     def _seen(self, number: int, time_s: float, view: View) -> SeenBody:
         """Return where a target is in the image; nowhere if it is not in the world."""
-        if not self._world.is_present(number, time_s):
+        world = self._world
+        if not world.is_present(number, time_s):
             return UNSEEN
         if not self._is_in_the_open(number, time_s, view):
             return self._seen_among_others(number, time_s, view)
-        box = self._silhouettes.box(self._world.target_vertices(number, time_s), view)
+        ball, corners = world.target_ball(number, time_s), world.target_corners(number, time_s)
+        wholly = self._silhouettes.is_wholly_in_frame(ball, view)
+        box_of = self._silhouettes.whole_box if wholly else self._silhouettes.box
+        box = box_of(corners, view)
         in_frame = 0.0 if box is None else self._silhouettes.in_frame_share(box)
         return SeenBody(box, in_frame, 1.0)
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.kinematics import BodyState
+from follower_sim.kinematics import BodyState, Triple
 from follower_vision.camera import Vector
 from follower_vision.lineofsight import CameraMount
 
@@ -43,6 +43,12 @@ class View:
             turn = turn @ cv2.Rodrigues(np.array(body.rates_rad_s) * after_s)[0]
         camera_to_world = turn @ mount.camera_to_body
         return cls(position, np.asarray(camera_to_world.T))
+
+    @property
+    def eye_m(self) -> Triple:
+        """The position as plain floats."""
+        north, east, down = self.position_m.tolist()
+        return north, east, down
 
     def to_camera(self, points: npt.ArrayLike) -> Vector:
         """Turn world points, (N, 3), into camera axes."""

@@ -167,11 +167,11 @@ class World:
         mesh, turn = self._target_mesh(number, pose), self._target_turn(number, time_s, pose)
         return Solid.placed(mesh, pose.position_m, turn, sun, pose.velocity_m_s)
 
-    def target_vertices(self, number: int, time_s: float) -> Vector:
-        """Return the corners, (V, 3) north, east and down, of a target's body."""
+    def target_corners(self, number: int, time_s: float) -> Vector:
+        """Return the corners, (C, 3) north, east and down, of a target's body."""
         pose = self.target_pose(number, time_s)
         mesh, turn = self._target_mesh(number, pose), self._target_turn(number, time_s, pose)
-        return np.asarray(mesh.vertices @ turn.T + np.asarray(pose.position_m))
+        return np.asarray(mesh.corners @ turn.T + np.asarray(pose.position_m))
 
     def target_ball(self, number: int, time_s: float) -> Ball:
         """Return a ball that holds the whole of a target's body, however it leans."""

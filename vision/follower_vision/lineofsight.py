@@ -47,7 +47,11 @@ class LineOfSight:
     @classmethod
     def from_vector(cls, vector: Vector) -> LineOfSight:
         """Return the direction of a vector (forward, right, down) or (north, east, down)."""
-        forward, right, down = vector.tolist()
+        return cls.towards(*vector.tolist())
+
+    @classmethod
+    def towards(cls, forward: float, right: float, down: float) -> LineOfSight:
+        """Return the direction of what is so far forward, right and down, or north, east, down."""
         return cls(math.atan2(right, forward), math.atan2(-down, math.hypot(forward, right)))
 
     @property
