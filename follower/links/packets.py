@@ -61,7 +61,7 @@ class PacketReader:
     def __init__(self) -> None:
         self._rest = b""
         self._came: list[tuple[int, float]] = []
-        self._senders: set[bytes] = set()
+        self._senders: set[tuple[int, int]] = set()
         self.skipped_bytes = 0
 
     def feed(self, data: bytes, now_s: float = 0.0) -> list[Packet]:
@@ -73,15 +73,15 @@ class PacketReader:
         packets: list[Packet] = []
         at = self._next_start(stream, 0)
         while (length := self._length(stream, at, now_s)) != _NOT_YET:
-            data = b"" if length == _NEVER else stream[at : at + length]
-            if data and _is_right(data):
-                packets.append(_packet(data))
-                self._senders.add(_sender(data))
+            packet = None if length == _NEVER else _packet(stream[at : at + length])
+            if packet is not None and _is_right(packet):
+                packets.append(packet)
+                self._senders.add((packet.system, packet.component))
                 at = self._next_start(stream, at + length)
-            elif data and self._is_unknown(stream, at, length):
+            elif packet is not None and self._is_unknown(packet, stream, at + length):
                 if at + length == len(stream) and not self._is_overdue(at, now_s):
                     break  # what comes next will tell
-                packets.append(_packet(data))
+                packets.append(packet)
                 at = self._next_start(stream, at + length)
             else:
                 self.skipped_bytes += 1
@@ -108,10 +108,9 @@ class PacketReader:
         came_s = next((came_s for end, came_s in self._came if end > at), now_s)
         return now_s - came_s > _SOON_S
 
-    def _is_unknown(self, stream: bytes, at: int, length: int) -> bool:
+    def _is_unknown(self, packet: Packet, stream: bytes, end: int) -> bool:
         """Whether this looks like a packet of another dialect: what follows begins one too."""
-        data, end = stream[at : at + length], at + length
-        if crc_extra_of(message_id_of(data)) is not None or _sender(data) not in self._senders:
+        if packet.is_known or (packet.system, packet.component) not in self._senders:
             return False
         return end == len(stream) or stream[end] in (_V1, _V2)
 
@@ -145,24 +144,19 @@ def _length(stream: bytes, at: int) -> int:
     return length if len(stream) >= at + length else _NOT_YET
 
 
-def _is_right(data: bytes) -> bool:
-    """Whether these bytes are a packet of a known message with the right checksum."""
-    crc_extra = crc_extra_of(message_id_of(data))
+def _is_right(packet: Packet) -> bool:
+    """Whether this is a packet of a known message with the right checksum."""
+    crc_extra = crc_extra_of(packet.message_id)
     if crc_extra is None:
         return False
-    body = data[:-SIGNATURE] if _is_signed(data) else data
+    body = packet.data[:-SIGNATURE] if packet.signed else packet.data
     return checksum(body[:-2], crc_extra) == body[-2:]
 
 
-def _is_signed(data: bytes) -> bool:
-    return data[0] == _V2 and bool(data[2] & SIGNED_FLAG)
-
-
 def _packet(data: bytes) -> Packet:
-    sequence, system, component = data[2:5] if data[0] == _V1 else data[4:7]
-    return Packet(system, component, message_id_of(data), sequence, _is_signed(data), data)
-
-
-def _sender(data: bytes) -> bytes:
-    """Return who says that it sent this packet: system and component."""
-    return data[3:5] if data[0] == _V1 else data[5:7]
+    if data[0] == _V1:
+        sequence, system, component = data[2:5]
+        return Packet(system, component, data[5], sequence, False, data)
+    sequence, system, component = data[4:7]
+    signed = bool(data[2] & SIGNED_FLAG)
+    return Packet(system, component, message_id_of(data), sequence, signed, data)

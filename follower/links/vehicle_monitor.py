@@ -204,5 +204,5 @@ class VehicleMonitor:
 def _finite(message: Any, names: _Six[str]) -> _Six[float] | None:
     """Return the numbers of these fields, None unless each is a finite one."""
     a, b, c, d, e, f = numbers = [getattr(message, name) for name in names]
-    usable = all(number is not None and math.isfinite(number) for number in numbers)
+    usable = None not in numbers and all(map(math.isfinite, numbers))
     return (a, b, c, d, e, f) if usable else None
