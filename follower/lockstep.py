@@ -31,11 +31,13 @@ class Lockstep:
         if not period_s > 0:
             raise ValueError(f"a period is positive, not {period_s}")
 
-        def run(number: int) -> None:
-            action()
-            self.at(start_s + (number + 1) * period_s, lambda: run(number + 1))
+        times = (start_s + number * period_s for number in itertools.count())
 
-        self.at(start_s, lambda: run(0))
+        def run() -> None:
+            action()
+            self.at(next(times), run)
+
+        self.at(next(times), run)
 
     def run(self, until: Callable[[], bool]) -> None:
         """Run events in the order of their times until `until()` says so, or none is left."""
