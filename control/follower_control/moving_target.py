@@ -256,12 +256,14 @@ class MovingTarget:
     def _drive(self, elapsed_s: float, direction: Vector | None) -> Vector:
         """Continuous white acceleration, integrated over the interval (Bar-Shalom, ch. 6.2)."""
         t = elapsed_s
-        blocks = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
         density = self._density * np.eye(3)
         if direction is not None and self._density_across != self._density:
             along = np.outer(direction, direction)
             density = self._density * along + self._density_across * (np.eye(3) - along)
-        return np.asarray(np.kron(blocks, density), np.float64)
+        drive = np.empty((6, 6))
+        drive[:3, :3], drive[3:, 3:] = t**3 / 3 * density, t * density
+        drive[:3, 3:] = drive[3:, :3] = t**2 / 2 * density
+        return drive
 
 
 def place_noise(direction: Vector, along_m: float, across_m: float) -> Vector:
