@@ -101,16 +101,19 @@ class Airframe:
         return frequency * (frequency * error - 2 * self._tilt.damping * rate)
 
     def _move(self, north: float, east: float, down: float, dt: float) -> None:
-        air = [v - w for v, w in zip(self.velocity, self.wind_m_s, strict=True)]
-        drag = self._drag.linear_per_s + self._drag.quadratic_per_m * math.hypot(air[0], air[1])
-        self.acceleration = [
-            north - drag * air[0],
-            east - drag * air[1],
-            down - self._drag.vertical_per_s * air[2],
-        ]
-        for i in range(3):
-            self.velocity[i] += self.acceleration[i] * dt
-            self.position[i] += self.velocity[i] * dt
+        (v_north, v_east, v_down), wind = self.velocity, self.wind_m_s
+        air_north, air_east, air_down = v_north - wind[0], v_east - wind[1], v_down - wind[2]
+        drag = self._drag.linear_per_s + self._drag.quadratic_per_m * math.hypot(
+            air_north, air_east
+        )
+        north -= drag * air_north
+        east -= drag * air_east
+        down -= self._drag.vertical_per_s * air_down
+        self.acceleration = [north, east, down]
+        v_north, v_east, v_down = v_north + north * dt, v_east + east * dt, v_down + down * dt
+        self.velocity = [v_north, v_east, v_down]
+        at_north, at_east, at_down = self.position
+        self.position = [at_north + v_north * dt, at_east + v_east * dt, at_down + v_down * dt]
         if self.position[2] >= 0.0:
             self._touch_down()
 

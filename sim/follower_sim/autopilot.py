@@ -187,9 +187,10 @@ class SimAutopilot:
             handler(message)
 
     def _say_texts(self) -> None:
-        for severity, text in self._controller.texts:
+        texts = self._controller.texts
+        while texts:
+            severity, text = texts.pop(0)
             self._link.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
-        self._controller.texts.clear()
 
     def _on_position_target(self, m: Any) -> None:
         self._controller.take_setpoint(

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower_control.transport import Transport
 from follower_sim.faults import Faults
-from follower_sim.plain_message import FRAME_BYTES, plain_message
+from follower_sim.plain_message import FRAME_BYTES, packed, plain_message
 
 
 class MavlinkEndpoint:
@@ -53,7 +53,7 @@ class MavlinkEndpoint:
 
     def send(self, message: Any) -> None:
         """Send one message."""
-        data = message.pack(self._codec)
+        data = packed(message, self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
         if not self._faults.silent and not self._lost(self._faults.drop_sent):
             self._transport.send(data)

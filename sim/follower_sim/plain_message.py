@@ -1,7 +1,8 @@
-"""The short way from bytes to a message, for the packets that come all the time."""
+"""The short way between bytes and messages, for the packets that come all the time."""
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -11,11 +12,26 @@ _V2, _HEAD, _CRC = 0xFD, 10, 2
 FRAME_BYTES = _HEAD + _CRC
 """So much longer than its payload is an unsigned packet."""
 
+_HEADER = struct.Struct("<BBBBBBBHB")
 _KINDS = {
     number: kind
     for number, kind in mavlink.mavlink_map.items()
     if sum(kind.lengths) == len(kind.lengths)
 }
+
+
+def packed(message: Any, codec: Any) -> bytes:
+    """Return the MAVLink 2 packet of a message, as pymavlink packs it; `codec` does not sign."""
+    number = message.get_msgId()
+    kind = _KINDS.get(number)
+    if kind is None or any(kind.array_lengths):
+        return bytes(message.pack(codec))
+    values = [getattr(message, name) for name in kind.ordered_fieldnames]
+    payload = kind.unpacker.pack(*values).rstrip(b"\0") or b"\0"
+    sender = codec.seq, codec.srcSystem, codec.srcComponent
+    head = _HEADER.pack(_V2, len(payload), 0, 0, *sender, number & 0xFFFF, number >> 16)
+    crc = x25crc(head[1:] + payload + bytes((kind.crc_extra,)))
+    return head + payload + int(crc.crc).to_bytes(_CRC, "little")
 
 
 def plain_message(data: bytes) -> Any | None:

@@ -28,6 +28,7 @@ class VelocityControl:
         self._behind = [0.0 for _ in self._axes]
         self._integral = [0.0 for _ in self._axes]
         self._beyond = [0.0 for _ in self._axes]
+        self._is_limited = False
 
     def update(
         self,
@@ -54,6 +55,8 @@ class VelocityControl:
 
         ArduCopter does not let it (`update_pos_vel_accel_xy` in AP_Math's control.cpp).
         """
+        if not self._is_limited:
+            return False
         return _dot(change, self._beyond) > 0 and _dot(error, self._beyond) > 0
 
     def _shape(self, demand: list[float], velocity: list[float], dt: float) -> None:
@@ -78,7 +81,7 @@ class VelocityControl:
     def _limit(self, asked: list[float], errors: list[float], dt: float) -> list[float]:
         """Limit the acceleration; what was cut off is taken back from the integral."""
         allowed = shortened(asked, self._max)
-        self._beyond = [0.0 for _ in self._axes] if allowed is asked else asked
+        self._is_limited, self._beyond = allowed is not asked, asked
         back = _ANTI_WINDUP / self._loop.p_per_s
         for i in self._axes:
             error = errors[i] - back * (asked[i] - allowed[i])

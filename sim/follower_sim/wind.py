@@ -36,5 +36,5 @@ class Wind:
     def velocity_m_s(self, time_s: float) -> Triple:
         """Return the air's velocity (north, east, down) at a time of the scenario."""
         gusts = (self._amplitudes * np.sin(self._rates * time_s + self._phases)).sum(axis=1)
-        north, east, down = (float(m + g) for m, g in zip(self._mean, gusts, strict=True))
-        return north, east, down
+        (north, east, down), (n, e, d) = self._mean, gusts.tolist()
+        return north + n, east + e, down + d

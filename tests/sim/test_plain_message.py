@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower_control.transport import MemoryTransport
 from follower_sim.faults import Faults
 from follower_sim.mavlink_endpoint import MavlinkEndpoint
-from follower_sim.plain_message import FRAME_BYTES, plain_message
+from follower_sim.plain_message import FRAME_BYTES, packed, plain_message
 
 CODEC = mavlink.MAVLink(None, 7, 191)
 NUMBERS = st.floats(-100, 100, width=32)
@@ -27,6 +27,20 @@ def test_it_reads_what_pymavlink_reads(params: tuple[float, ...], after: bytes) 
     assert message.to_dict() == expected.to_dict()
     assert message.get_header().mlen + FRAME_BYTES == len(data)
     assert (message.get_srcSystem(), message.get_srcComponent()) == (7, 191)
+
+
+@given(st.tuples(*[NUMBERS] * 6), st.integers(0, 255), st.integers(0, 2))
+def test_it_packs_what_pymavlink_packs(
+    numbers: tuple[float, ...], sequence: int, kind: int
+) -> None:
+    codec = mavlink.MAVLink(None, 7, 191)
+    codec.seq = sequence
+    message = (
+        mavlink.MAVLink_attitude_message(12345, *numbers),
+        mavlink.MAVLink_timesync_message(0, 0),
+        mavlink.MAVLink_statustext_message(6, b"hello"),
+    )[kind]
+    assert packed(message, codec) == bytes(message.pack(codec))
 
 
 @pytest.mark.parametrize("at", [0, 2, 8, 12, -1])
