@@ -32,7 +32,9 @@ class Steering:
     """
 
     def __init__(self, settings: Settings) -> None:
-        self.servo = VisualServo(settings.servo, settings.camera.mount.pitch_rad)
+        self.servo = VisualServo(
+            settings.servo, settings.camera.mount.pitch_rad, settings.envelope.max_descent_m_s
+        )
         self._settings = settings
         self._envelope = Envelope(settings.envelope)
         self._search = Search(settings.search, settings.camera.view_rad)
@@ -57,7 +59,7 @@ class Steering:
     def change(self, settings: Settings) -> None:
         """Go on by other settings, without a step in the setpoints."""
         before, self._settings = self._settings, settings
-        self.servo.change(settings.servo)
+        self.servo.change(settings.servo, settings.envelope.max_descent_m_s)
         if settings.servo.mode is not before.servo.mode:
             self.change_mode(settings.servo.mode)
         self._envelope.change(settings.envelope)

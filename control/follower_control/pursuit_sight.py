@@ -149,9 +149,14 @@ class PursuitSight:
         return seen_from(estimate, place - here, velocity - own, size_m)
 
     @property
+    def knows_motion(self) -> bool:
+        """Whether the target's motion in the world is known."""
+        return self._velocity_m_s is not None
+
+    @property
     def is_by_ground(self) -> bool:
         """Whether the target's motion in the world is known, by a distance by the ground."""
-        return self._by_ground and self._velocity_m_s is not None
+        return self._by_ground and self.knows_motion
 
     def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
         """Return azimuths from north under which an unseen target may be by now; None if unknown.

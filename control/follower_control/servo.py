@@ -6,6 +6,7 @@ import cmath
 import math
 
 from follower_control.clip import clip
+from follower_control.closing_in import fastest_closing_m_s
 from follower_control.estimate import TargetEstimate
 from follower_control.fade import Fade
 from follower_control.nudge import Nudge
@@ -48,10 +49,17 @@ class VisualServo:
         settings: what is wanted, and the gains.
         mount_pitch_rad: the camera's pitch against the body, at which elevation the target is kept
             if the settings say nothing else.
+        max_descent_m_s: how fast the vehicle may sink; the settings may allow less.
     """
 
-    def __init__(self, settings: ServoSettings, mount_pitch_rad: float = 0.0) -> None:
+    def __init__(
+        self,
+        settings: ServoSettings,
+        mount_pitch_rad: float = 0.0,
+        max_descent_m_s: float = math.inf,
+    ) -> None:
         self._settings = s = settings
+        self._max_descent_m_s = max_descent_m_s
         self._mode = s.mode
         self._mount_pitch = mount_pitch_rad
         self._reference = Reference(s.distance_m, self._wanted_elevation)
@@ -80,13 +88,14 @@ class VisualServo:
         self._range_pid.change(s.range, back, forth, unit, self._range_share)
         self._fade.time_s = s.range.bumpless_s
 
-    def change(self, settings: ServoSettings) -> None:
+    def change(self, settings: ServoSettings, max_descent_m_s: float = math.inf) -> None:
         """Go on by other settings, without a step in the setpoint; the mode stays as it is.
 
         What is wanted goes over to the new wish as smoothly as after a nudge; the rest of what the
         new settings change in the setpoint fades in.
         """
         before = self._settings
+        self._max_descent_m_s = max_descent_m_s
         self._take(settings, before)
         self._reference.change(settings.distance_m, self._wanted_elevation)
         self._sight.change(settings)
@@ -108,8 +117,10 @@ class VisualServo:
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
         """Go on after a pause with what was wanted before; continues from `present`."""
         self._asked = present if present.is_finite else HOLD
-        self._forward, self._climb = self._asked.forward_m_s, -self._asked.down_m_s
+        self._forward = self._wanted = self._asked.forward_m_s
+        self._climb = -self._asked.down_m_s
         self._last_s: float | None = None
+        self._too_fast_m_s: float | None = None
         self._in_vain_m_s = 0.0
         self._fade.start()
 
@@ -185,7 +196,7 @@ class VisualServo:
             azimuth = cmath.phase(offset(estimate, range_m)) - yaw
             ahead = (present * cmath.rect(1.0, -azimuth)).real
             self._sideways.start(self._mode, (present * cmath.rect(1.0, -azimuth)).imag)
-            self._forward = ahead
+            self._forward = self._wanted = ahead
         if self._mode is Mode.OVERHEAD:
             self._overhead.start(present * cmath.rect(1.0, yaw))
             ahead = -self._climb
@@ -209,7 +220,8 @@ class VisualServo:
         # Chasing is along the nose; what goes round the target is along the line of sight.
         along = cmath.rect(1.0, errors.azimuth_rad) if self._mode in _AROUND else complex(1.0)
         let_through = complex(allowed.forward_m_s, allowed.right_m_s) / along
-        self._forward = self._close_in(errors, estimate, let_through.real, interval_s)
+        self._wanted = self._close_in(errors, estimate, let_through.real, interval_s)
+        self._forward = self._slow_enough(errors, estimate, interval_s)
         right = self._reference.side_m_s
         if self._mode in _AROUND:
             place, drift = (f(estimate, errors.range_m) for f in (offset, offset_rate))
@@ -247,7 +259,7 @@ class VisualServo:
         velocity /= heading
         # Closing in is sinking here.
         sink = self._close_in(errors, estimate, allowed.down_m_s, interval_s)
-        self._forward = sink
+        self._forward = self._wanted = sink
         error = self._overhead.heading_error(self._sight.target, yaw)
         cut = self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s
         return VelocitySetpoint(
@@ -340,9 +352,29 @@ class VisualServo:
             estimate.log_scale,
             interval_s,
             feed_forward=errors.target_speed_m_s / distance,
-            cut=(self._forward - allowed_m_s) / distance,
+            cut=(self._wanted - allowed_m_s) / distance,
             gain=self._range_share,
         )
+
+    def _slow_enough(
+        self, errors: ServoErrors, estimate: TargetEstimate, interval_s: float
+    ) -> float:
+        """Return the wanted velocity towards the target, so slow that sinking keeps pace with it.
+
+        What was flown faster than that at the start fades away.
+        """
+        s = self._settings
+        if s.sink_share == 0 or s.hold_height or not self._sight.knows_motion:
+            return self._wanted
+        sink_m_s = s.sink_share * min(self._max_descent_m_s, s.max_vertical_m_s)
+        fastest = max(errors.target_speed_m_s, 0.0) + fastest_closing_m_s(
+            estimate.height_angle_rad, errors.elevation_rad, errors.range_m, sink_m_s
+        )
+        if self._too_fast_m_s is None:
+            self._too_fast_m_s = max(self._wanted - fastest, 0.0)
+        else:
+            self._too_fast_m_s *= math.exp(-interval_s / s.range.bumpless_s)
+        return min(self._wanted, fastest + self._too_fast_m_s)
 
     @property
     def _range_share(self) -> float:

@@ -87,6 +87,10 @@ class ServoSettings:
             together, as a tracker's box of a small target is (0.08 measured). Such errors are then
             not taken for the target's motion along the line of sight, nor, for as long, are true
             changes of its speed; 0 takes all errors for new in each frame.
+        sink_share: what share of the fastest sinking a target below may be closed in on with: no
+            faster than the vehicle can sink with it, so that it does not leave the image below; the
+            rest is for a target that brakes. What a target that is seen too low needs of it comes
+            first. 0 closes in however fast the range loop wants.
         schedule_range: scale the range loop's gains with the distance that is wanted now, when a
             nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
             as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
@@ -125,6 +129,7 @@ class ServoSettings:
     target_acceleration_m_s2: float = 1.5
     target_acceleration_across_m_s2: float | None = None
     size_error_share: float = 0.0
+    sink_share: float = 0.0
     schedule_range: bool = True
     side_deg: float = 90.0
     orbit_m_s: float = 3.0
@@ -169,6 +174,8 @@ class ServoSettings:
             raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
         if not 0 <= self.size_error_share <= 0.5:
             raise ValueError(f"size_error_share lies within 0 and 0.5, not {self.size_error_share}")
+        if not 0 <= self.sink_share <= 1:
+            raise ValueError(f"sink_share lies within 0 and 1, not {self.sink_share}")
         for name in ("target_acceleration_m_s2", "target_acceleration_across_m_s2"):
             most = getattr(self, name)
             if most is not None and not 0 < most <= 50:

@@ -207,6 +207,29 @@ def test_forward_falls_smoothly_with_the_azimuth_error_and_ends_off_axis():
     assert largest_step < 0.15 * speeds[0]
 
 
+def test_it_closes_in_no_faster_than_it_can_sink_with_the_target():
+    settings = replace(SETTINGS, sink_share=0.5, elevation_deg=-25.0)
+    far = target(50, 0, -25)
+    slow = answer(far, settings).forward_m_s
+    free = answer(far, replace(settings, sink_share=0.0)).forward_m_s
+    sink_m_s = 0.5 * settings.max_vertical_m_s
+    assert slow == pytest.approx(sink_m_s / math.tan(math.radians(25)), 0.01)
+    assert slow < free
+    level = answer(target(50, 0, 0), replace(settings, elevation_deg=0.0))
+    assert level.forward_m_s == pytest.approx(free, rel=0.1), "one that is not below is not slowed"
+
+
+@pytest.mark.parametrize("sink_share", [0.0, 0.8])
+def test_closing_in_slower_begins_without_a_step(sink_share):
+    present = VelocitySetpoint(4.0, 0.0, 0.0, 0.0)
+    servo, asked = VisualServo(replace(SETTINGS, sink_share=sink_share), MOUNT_PITCH, 1.5), present
+    servo.start(present)
+    for i in range(50):
+        before, estimate = asked, replace(target(30, 0, -25), time_s=i * DT)
+        asked = servo.update(estimate, vehicle(i * DT, north_m_s=4.0), asked)
+        assert asked.forward_m_s == pytest.approx(before.forward_m_s, abs=0.3)
+
+
 def test_watching_only_turns():
     asked = answer(target(40, 10, 0), replace(SETTINGS, mode=Mode.WATCH))
     assert asked.yaw_rate_rad_s > 0.1
