@@ -33,6 +33,7 @@ class SearchSettings:
         turn: whether to turn at all; else the vehicle stands still.
         turn_rate_deg_s: largest yaw rate.
         look_s: how long to look at where the target left before looking elsewhere.
+        stay_s: look there for so much longer while all places where it may be are seen from there.
         sweep_deg: then look so far to the side where it left, as far to the other one, twice as
             far, and so on; 0 stays.
         climb_m: climb by so much meanwhile, to see more.
@@ -44,6 +45,7 @@ class SearchSettings:
     turn: bool = True
     turn_rate_deg_s: float = 20.0
     look_s: float = 2.0
+    stay_s: float = 0.0
     sweep_deg: float = 20.0
     climb_m: float = 0.0
     climb_m_s: float = 1.0
@@ -53,6 +55,8 @@ class SearchSettings:
             raise ValueError(f"turn_rate_deg_s lies between 0 and 90, not {self.turn_rate_deg_s}")
         if not 0 <= self.look_s < 3600:
             raise ValueError(f"look_s is a time in seconds, not {self.look_s}")
+        if not 0 <= self.stay_s < 3600:
+            raise ValueError(f"stay_s is a time in seconds, not {self.stay_s}")
         if not 0 <= self.sweep_deg <= 180:
             raise ValueError(f"sweep_deg lies between 0 and 180, not {self.sweep_deg}")
         if not 0 <= self.climb_m <= 100:
@@ -138,8 +142,15 @@ class Search:
         """Go on to the next side, from the middle only after a look."""
         if self._looked_s is None:
             self._looked_s = now_s
-        if self._sweep > 0 and now_s - self._looked_s >= self._settings.look_s:
+        s = self._settings
+        look_s = s.look_s + s.stay_s if self._leg == 0 and self._all_in_view else s.look_s
+        if self._sweep > 0 and now_s - self._looked_s >= look_s:
             self._leg += 1
+
+    @property
+    def _all_in_view(self) -> bool:
+        """Whether it is known where the target may be by now, and seen from the middle."""
+        return 0 < max(self._right_rad, self._left_rad) <= self._seen_rad
 
     @property
     def _wanted_off_rad(self) -> float:

@@ -140,6 +140,21 @@ def test_without_a_guess_it_looks_as_before() -> None:
     assert plain.yaws == told.yaws
 
 
+@pytest.mark.parametrize(
+    ("guess_deg", "looks_aside_s"), [([-20.0, 20.0], 4.0), ([-40.0, 20.0], 1.0), ([], 1.0)]
+)
+def test_it_stays_while_all_of_where_the_target_may_be_is_in_view_but_not_for_ever(
+    guess_deg: list[float], looks_aside_s: float
+) -> None:
+    table = Turntable(0.0, look_s=1.0, stay_s=3.0, sweep_deg=20.0)
+    table.search.start(estimate(0.0), table.vehicle)
+    table.search.spread(np.radians(guess_deg))
+    table.run(looks_aside_s)
+    assert max(np.abs(table.yaws)) == 0.0
+    table.run(2.0)
+    assert max(np.abs(table.yaws)) > 10.0
+
+
 def test_it_climbs_by_so_much_and_no_higher() -> None:
     table = Turntable(0.0, climb_m=4.0)
     table.search.start(estimate(0.0), table.vehicle)
