@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from operator import attrgetter
 from typing import Any, TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -22,6 +22,8 @@ from follower_control.vehicle import Attitude, LocalPosition, RcChannels, Vehicl
 
 _T = TypeVar("_T")
 _Six = tuple[_T, _T, _T, _T, _T, _T]
+_ANGLES_AND_RATES = attrgetter("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
+_PLACE_AND_VELOCITY = attrgetter("x", "y", "z", "vx", "vy", "vz")
 _MOST_NOTES = 100
 _FAILSAFES = (
     mavlink.MAV_STATE_CRITICAL,
@@ -65,6 +67,7 @@ class VehicleMonitor:
             "GPS_GLOBAL_ORIGIN": self._on_origin,
             "GIMBAL_DEVICE_ATTITUDE_STATUS": self._on_gimbal,
         }
+        self._told: dict[str, Any] = {}
         self._news: dict[str, Any] = {}
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
@@ -84,7 +87,8 @@ class VehicleMonitor:
     def settle(self) -> None:
         """Put what has come since the last time into the state."""
         if self._news:
-            self.state = replace(self.state, **self._news)
+            self._told |= self._news
+            self.state = VehicleState(**self._told)
             self._news = {}
 
     def take(self, name: str, message: Any, now_s: float) -> None:
@@ -126,14 +130,14 @@ class VehicleMonitor:
         )
 
     def _on_attitude(self, message: Any, now_s: float) -> None:
-        numbers = _finite(message, ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"))
+        numbers = _finite(_ANGLES_AND_RATES(message))
         if numbers is not None:
             attitude = Attitude(*numbers, self._time_of(message, now_s))
             self.attitudes.append(attitude)
             self._news["attitude"] = attitude
 
     def _on_position(self, message: Any, now_s: float) -> None:
-        numbers = _finite(message, ("x", "y", "z", "vx", "vy", "vz"))
+        numbers = _finite(_PLACE_AND_VELOCITY(message))
         if numbers is not None:
             position = LocalPosition(*numbers, self._time_of(message, now_s))
             self._news["position"] = position
@@ -201,8 +205,6 @@ class VehicleMonitor:
         return self._clock.to_system(message.time_boot_ms / 1000.0, now_s)
 
 
-def _finite(message: Any, names: _Six[str]) -> _Six[float] | None:
-    """Return the numbers of these fields, None unless each is a finite one."""
-    a, b, c, d, e, f = numbers = [getattr(message, name) for name in names]
-    usable = None not in numbers and all(map(math.isfinite, numbers))
-    return (a, b, c, d, e, f) if usable else None
+def _finite(numbers: _Six[Any]) -> _Six[float] | None:
+    """Return the numbers, None unless each is a finite one."""
+    return numbers if None not in numbers and all(map(math.isfinite, numbers)) else None
