@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import cv2
@@ -101,8 +102,7 @@ class CameraModel:
             criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
             plane = cv2.undistortPoints(
                 points.reshape(-1, 1, 2),
-                self.matrix,
-                np.array(self.distortion),
+                *_for_opencv(self),
                 criteria=criteria,
             ).reshape(-1, 2)
         else:
@@ -135,3 +135,11 @@ class CameraModel:
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
         )
+
+
+@lru_cache(maxsize=16)
+def _for_opencv(camera: CameraModel) -> tuple[Vector, Vector]:
+    """Return the matrix and the distortion of a camera, which nobody may write into."""
+    matrix, distortion = camera.matrix, np.array(camera.distortion)
+    matrix.flags.writeable = distortion.flags.writeable = False
+    return matrix, distortion
