@@ -68,10 +68,6 @@ class FlightContext:
 
     def known(self, *names: str) -> tuple[float, ...] | None:
         """Return the named numbers, None if any of them is missing or not finite."""
-        values: list[float] = []
-        for name in names:
-            value = getattr(self, name)
-            if value is None or not math.isfinite(value):
-                return None
-            values.append(value)
-        return tuple(values)
+        values = [getattr(self, name) for name in names]
+        usable = None not in values and all(map(math.isfinite, values))
+        return tuple(values) if usable else None

@@ -43,14 +43,17 @@ def seen_from(
     level = max(math.hypot(ahead, right), _NEAREST_M)
     range2 = level * level + down * down
     level_rate = (ahead * ahead_rate + right * right_rate) / level
-    return replace(
-        estimate,
+    return TargetEstimate(
+        time_s=estimate.time_s,
         azimuth_rad=math.atan2(right, ahead),
         elevation_rad=math.atan2(-down, level),
         log_scale=math.log(size_m) - math.log(range2) / 2,
         azimuth_rate_rad_s=(ahead * right_rate - right * ahead_rate) / level**2,
         elevation_rate_rad_s=(down * level_rate - level * down_rate) / range2,
         log_scale_rate_s=-(level * level_rate + down * down_rate) / range2,
+        covariance=estimate.covariance,
+        last_seen_s=estimate.last_seen_s,
+        frame=estimate.frame,
     )
 
 
