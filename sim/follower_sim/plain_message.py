@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from operator import attrgetter
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -18,16 +19,21 @@ _KINDS = {
     for number, kind in mavlink.mavlink_map.items()
     if sum(kind.lengths) == len(kind.lengths)
 }
+_FIELDS = {
+    number: attrgetter(*kind.ordered_fieldnames)
+    for number, kind in _KINDS.items()
+    if len(kind.fieldnames) > 1 and not any(kind.array_lengths)
+}
+"""Returns the numbers of a message in the order of the wire, of one that has several."""
 
 
 def packed(message: Any, codec: Any) -> bytes:
     """Return the MAVLink 2 packet of a message, as pymavlink packs it; `codec` does not sign."""
     number = message.get_msgId()
-    kind = _KINDS.get(number)
-    if kind is None or any(kind.array_lengths):
+    fields, kind = _FIELDS.get(number), _KINDS.get(number)
+    if fields is None or kind is None:
         return bytes(message.pack(codec))
-    values = [getattr(message, name) for name in kind.ordered_fieldnames]
-    payload = kind.unpacker.pack(*values).rstrip(b"\0") or b"\0"
+    payload = kind.unpacker.pack(*fields(message)).rstrip(b"\0") or b"\0"
     sender = codec.seq, codec.srcSystem, codec.srcComponent
     head = _HEADER.pack(_V2, len(payload), 0, 0, *sender, number & 0xFFFF, number >> 16)
     crc = x25crc(head[1:] + payload + bytes((kind.crc_extra,)))

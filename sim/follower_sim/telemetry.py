@@ -105,14 +105,16 @@ class Telemetry:
             # One that is late is not sent twice to catch up.
             self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
         self._next_s = min(self._due_s.values(), default=math.inf)
-        if self._faults.telemetry_stopped:
-            names = [name for name in names if name == "HEARTBEAT"]
-        if self._faults.position_stopped or now_s < self._health.settled_s:
-            names = [name for name in names if name != "LOCAL_POSITION_NED"]
-        if not self._controller.pulses_us:
-            names = [name for name in names if name != "RC_CHANNELS"]
-        messages = [self._build(name) for name in names]
+        messages = [self._build(name) for name in names if self._is_told(name, now_s)]
         return [message for message in messages if message is not None]
+
+    def _is_told(self, name: str, now_s: float) -> bool:
+        """Whether a message that is due is sent."""
+        if self._faults.telemetry_stopped and name != "HEARTBEAT":
+            return False
+        if name == "LOCAL_POSITION_NED":
+            return not self._faults.position_stopped and now_s >= self._health.settled_s
+        return name != "RC_CHANNELS" or bool(self._controller.pulses_us)
 
     def on_request(self, message_id: int) -> Any | None:
         """Return one message by its number, None if it is not known."""
