@@ -210,3 +210,18 @@ def test_along_the_line_of_sight_a_horizontal_velocity_takes_more_of_the_range()
         for one in (FOLLOWER, held)
     )
     assert abs(along[0] / level[0]) == pytest.approx(1 / math.cos(0.4) ** 2)
+
+
+def test_a_target_that_may_turn_hard_is_followed_faster_across_the_line_of_sight_alone() -> None:
+    servo = replace(ServoSettings(), target_acceleration_across_m_s2=6.0)
+    agile = replace(FOLLOWER, servo=servo)
+    tone = np.array([1.0])
+    for axis in Axis:
+        usual, other = (
+            axis_loop(axis, f.gains(axis), VEHICLE, f, HERE).disturbance(tone)
+            for f in (FOLLOWER, agile)
+        )
+        if axis is Axis.RANGE:
+            assert other == pytest.approx(usual)
+        else:
+            assert abs(other[0]) < abs(usual[0])

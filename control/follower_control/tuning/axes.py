@@ -230,5 +230,9 @@ def _range_sight(follower: Follower, conditions: Conditions) -> _Sight:
 
 def _place_filter(share: float, follower: Follower, conditions: Conditions) -> SteadyFilter:
     """Return the filter on the target's place, over the distance."""
-    acceleration = follower.servo.target_acceleration_m_s2 / conditions.range_m
+    servo = follower.servo
+    most, across = servo.target_acceleration_m_s2, servo.target_acceleration_across_m_s2
+    if share == ACROSS and across is not None:
+        most = across
+    acceleration = most / conditions.range_m
     return SteadyFilter.of(acceleration, share, conditions.delays.frame_interval_s)
