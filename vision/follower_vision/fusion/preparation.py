@@ -52,7 +52,7 @@ class Preparation:
         self._blur = BlurDetector(settings.blur)
         self._blurred = False
         self._health = FrameCheck()
-        self._aside: Aside[Prepared] = Aside()
+        self._aside: Aside[Prepared] = Aside(self._camera.seek)
 
     def close(self) -> None:
         """Let go of the thread."""
@@ -90,8 +90,8 @@ class Preparation:
 
     def _measure(self, frame: Frame, box: Box) -> Prepared:
         """Learn what does not depend on where the target is found; `box` is of the last frame."""
-        health = self._health.update(frame)
         warp = self._camera.update(frame.image, [box])
+        health = self._health.update(frame)
         image = frame.image if self._camera.grey is None else self._camera.grey
         return Prepared(health, warp, self._is_blurred(frame, image, warp.box(box), health))
 
