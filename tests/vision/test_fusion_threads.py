@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -222,6 +223,26 @@ def test_what_the_thread_has_not_begun_is_done_at_once() -> None:
     aside.close()
 
 
+def test_what_is_done_afterwards_makes_nobody_wait() -> None:
+    may_go_on, done = threading.Event(), threading.Event()
+
+    def dawdle() -> None:
+        may_go_on.wait(WAIT_S)
+        done.set()
+
+    aside: Aside[int] = Aside(dawdle)
+    begun = threading.Barrier(2)
+    aside.begin(lambda: begun.wait(WAIT_S))
+    begun.wait(WAIT_S)
+    aside.end()
+    aside.begin(threading.get_ident)
+    assert aside.end() == threading.get_ident(), "the owner does what the thread has no time for"
+    assert not done.is_set()
+    may_go_on.set()
+    aside.close()
+    assert done.is_set()
+
+
 def test_a_thread_whose_owner_is_forgotten_ends() -> None:
     before = threading.active_count()
     aside: Aside[int] = Aside()
@@ -308,6 +329,31 @@ def test_camera_motion_carries_the_ground_along(name: str) -> None:
             truth = after @ np.linalg.inv(before) @ (x, y, 1)
             if number:
                 assert warp.point(x, y) == pytest.approx(tuple(truth[:2]), abs=1.0)
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_corners_sought_beforehand_change_no_answer(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[str] = []
+    search = cv2.goodFeaturesToTrack
+
+    def noted(*given: Any) -> Any:
+        searched.append(when)
+        return search(*given)
+
+    monkeypatch.setattr(cv2, "goodFeaturesToTrack", noted)
+    ahead, plain = CameraMotion(), CameraMotion()
+    for number in range(25):
+        image = _seen(*MOTIONS[name](number))
+        when = "plain"
+        warp = plain.update(image)
+        when = "waiting"
+        assert ahead.update(image) == warp
+        when = "meanwhile"
+        ahead.seek()
+    assert searched.count("plain") >= 4
+    assert "waiting" not in searched
 
 
 def _ground_to_image(
