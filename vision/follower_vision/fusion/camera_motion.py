@@ -248,7 +248,8 @@ def _fitted(before: Points, after: Points, factor: float) -> Warp:
     start, end = (points.astype(np.float64).view(np.complex128)[:, 0] for points in (before, after))
     middle, there = start.mean(), end.mean()
     start -= middle
-    turn = complex(np.vdot(start, end) / max(np.vdot(start, start).real, 1e-9))
+    # Points that all lie in one place give no size: nothing of 0 is believed.
+    turn = complex(np.vdot(start, end)) / max(float(np.vdot(start, start).real), 1e-9)
     shift = complex(there - turn * middle) / factor
     return Warp(turn.real, turn.imag, shift.real, shift.imag)
 
