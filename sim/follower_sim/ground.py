@@ -82,7 +82,7 @@ class GroundPainter:
             shown = _both(shown, near.covers(south, across))
             if shown is not None:
                 self._paint_far(part, look)
-            _put(near.look(south, across, self._levels(near, look)), shown, part)
+            _paint(part, near, (south, across), self._levels(near, look), shown)
         self._add_haze(part, look)
 
     def _paint_far(self, part: Image, look: _Look) -> None:
@@ -90,7 +90,7 @@ class GroundPainter:
         farthest = look.height_m / _FARTHEST_M
         shown = _between(look.sink, farthest, _STEEPEST, (look.least, look.most))
         places = far.mirrored(*look.places(far))
-        _put(far.look(*places, self._levels(far, look)), shown, part)
+        _paint(part, far, places, self._levels(far, look), shown)
 
     def _levels(self, ground: GroundPyramid, look: _Look) -> Levels | int:
         """Return which map is the coarsest that is fine enough, for each pixel or for all."""
@@ -175,8 +175,15 @@ def _both(one: Image | None, other: Image | None) -> Image | None:
     return np.asarray(cv2.bitwise_and(one, other), np.uint8)
 
 
-def _put(part: Image, shown: Image | None, image: Image) -> None:
+def _paint(
+    part: Image,
+    ground: GroundPyramid,
+    places: tuple[Plane, Plane],
+    levels: Levels | int,
+    shown: Image | None,
+) -> None:
+    """Paint places over a part of an image, where a mask is not 0; everywhere if it is None."""
     if shown is None:
-        image[:] = part
+        ground.look(*places, levels, into=part)
     else:
-        cv2.copyTo(part, shown, image)
+        cv2.copyTo(ground.look(*places, levels), shown, part)

@@ -49,7 +49,9 @@ class GroundPyramid:
             _table([row + _EDGE_PX - 0.5 for row, _ in corners]),
         )
 
-    def look(self, south: Plane, across: Plane, levels: Levels | int) -> Image:
+    def look(
+        self, south: Plane, across: Plane, levels: Levels | int, into: Image | None = None
+    ) -> Image:
         """Return the colours of places, (H, W, 3) uint8 BGR.
 
         Places outside have any colour.
@@ -58,12 +60,13 @@ class GroundPyramid:
             south: (H, W) metres to the south of the upper left corner.
             across: (H, W) metres to the east of it.
             levels: which map to look at, (H, W) or the same for all; 0 is the finest.
+            into: an image to put them into, if there is one.
         """
         px_per_m, columns, rows = (_looked_up(table, levels) for table in self._tables)
         x, y = across * px_per_m + columns, south * px_per_m + rows
         whole, fraction = cv2.convertMaps(x, y, cv2.CV_16SC2)
         mode = cv2.BORDER_REPLICATE
-        seen = cv2.remap(self.image, whole, fraction, cv2.INTER_LINEAR, None, mode)
+        seen = cv2.remap(self.image, whole, fraction, cv2.INTER_LINEAR, into, mode)
         return np.asarray(seen, np.uint8)
 
     def covers(self, south: Plane, across: Plane) -> Image | None:

@@ -139,12 +139,14 @@ class SolidPainter:
         points = view.to_camera(corners).reshape(-1, 4, 3)
         outside = self._lens.outside(points)
         seen = np.flatnonzero(~np.any(np.all(outside, axis=1), axis=1))
-        cut = np.any(outside, axis=(1, 2))
+        points = points[seen]
+        cut = np.any(outside[seen].reshape(-1, 4 * outside.shape[-1]), axis=1)
         fixed = self._fixed(np.where(cut[:, None, None], (0.0, 0.0, 1.0), points))
-        for i in seen.tolist():
-            polygon = self._cut_polygon(points[i]) if cut[i] else fixed[i]
+        cuts = set(np.flatnonzero(cut).tolist())
+        for place, (number, whole) in enumerate(zip(seen.tolist(), fixed, strict=True)):
+            polygon = self._cut_polygon(points[place]) if place in cuts else whole
             if polygon is not None:
-                yield i, polygon
+                yield number, polygon
 
     def _fixed(self, corners: Vector) -> FixedPoints:
         pixels = self._lens.pixels(corners.reshape(-1, 3)).reshape(*corners.shape[:-1], 2)

@@ -43,9 +43,11 @@ class Sensor:
 
     def expose(self, image: Image, time_s: float, grain: Grain) -> Image:
         """Return the image, (H, W, 3) uint8 BGR, as the sensor gives it at a time."""
-        gained = cv2.convertScaleAbs(image, alpha=self.gain(time_s))
-        if self._vignette is not None:
-            cv2.multiply(gained, self._vignette, dst=gained, scale=1 / 255)
+        gain = self.gain(time_s)
+        if self._vignette is None:
+            gained = cv2.convertScaleAbs(image, alpha=gain)
+        else:
+            gained = cv2.multiply(image, self._vignette, scale=gain / 255)
         if self._noise is not None:
             (row, column), (height, width) = grain, image.shape[:2]
             part = slice(row, row + height), slice(column, column + width)
