@@ -68,7 +68,7 @@ class GroundPainter:
         height = max(-float(view.position_m[2]), _LOWEST_CAMERA_M)
         for rows, rays in self._strips:
             look = _Look.of(rays, view, height)
-            if look.most >= height / _FARTHEST_M:
+            if look.most >= look.farthest:
                 self._paint_strip(image[rows], look)
 
     def _paint_strip(self, part: Image, look: _Look) -> None:
@@ -87,8 +87,7 @@ class GroundPainter:
 
     def _paint_far(self, part: Image, look: _Look) -> None:
         far = self._ground.far
-        farthest = look.height_m / _FARTHEST_M
-        shown = _between(look.sink, farthest, _STEEPEST, (look.least, look.most))
+        shown = _between(look.sink, look.farthest, _STEEPEST, (look.least, look.most))
         places = far.mirrored(*look.places(far))
         _paint(part, far, places, self._levels(far, look), shown)
 
@@ -115,12 +114,11 @@ class GroundPainter:
         begins = look.height_m / (_CLEAR_AIR * self._visibility_m)
         if look.least >= begins:
             return
-        farthest = look.height_m / _FARTHEST_M
-        sink = look.sink.clip(np.float32(farthest), np.float32(begins))
+        sink = look.sink.clip(np.float32(look.farthest), np.float32(begins))
         air = np.float32(-look.height_m / self._visibility_m) / sink + np.float32(_CLEAR_AIR)
         clear = np.asarray(cv2.exp(air), np.float32)
-        if look.least < farthest:
-            clear[look.sink < farthest] = 1
+        if look.least < look.farthest:
+            clear[look.sink < look.farthest] = 1
         cv2.blendLinear(part, self._blank[: len(part)], clear, 1 - clear, dst=part)
 
 
@@ -150,13 +148,20 @@ class _Look:
         least, most, _, _ = cv2.minMaxLoc(sink)
         return cls(rays, view, height_m, sink, least, most)
 
+    @property
+    def farthest(self) -> float:
+        """The sink of the farthest ground that is painted."""
+        return self.height_m / _FARTHEST_M
+
     def places(self, ground: GroundPyramid) -> tuple[Plane, Plane]:
         """Return how many metres south and east of the ground's upper left corner pixels look."""
         north, east, down = (self.view.world_to_camera[:, i] for i in range(3))
         south_m = ground.north_m - float(self.view.position_m[0])
         across_m = float(self.view.position_m[1]) - ground.east_m
-        south = cv2.divide(self.rays.component(south_m * down - self.height_m * north), self.sink)
-        across = cv2.divide(self.rays.component(across_m * down + self.height_m * east), self.sink)
+        # What sees the sky is held to look far away, so that all places are finite.
+        sink, height = np.maximum(self.sink, np.float32(self.farthest)), self.height_m
+        south = cv2.divide(self.rays.component(south_m * down - height * north), sink)
+        across = cv2.divide(self.rays.component(across_m * down + height * east), sink)
         return np.asarray(south, np.float32), np.asarray(across, np.float32)
 
 

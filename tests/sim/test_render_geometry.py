@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from follower_sim.ground import GroundPainter
+from follower_sim.ground import GroundPainter, PixelRays
 from follower_sim.ground_map import GroundMap
 from follower_sim.ground_pyramid import Ground, GroundPyramid
 from follower_sim.kinematics import BodyState
@@ -21,6 +21,7 @@ from follower_sim.view import View
 from follower_vision.camera import CameraModel
 from follower_vision.lineofsight import CameraMount
 
+LEVEL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 STRAIGHT = CameraModel.from_fov(320, 240, math.radians(75))
 BARREL = CameraModel.from_fov(320, 240, math.radians(75), (-0.2, 0.03, 0.001, -0.001, 0.0))
 PINCUSHION = CameraModel.from_fov(320, 240, math.radians(60), (0.12, 0.02, 0.0, 0.002, 0.0))
@@ -105,6 +106,18 @@ def test_the_ground_ends_at_the_horizon(
     sink = RAYS[camera].component(view.world_to_camera[:, 2])
     assert not drawn[sink < 0].any()
     assert drawn[sink > 0.01].all()
+
+
+def test_pixels_that_look_exactly_along_the_horizon_see_no_ground_and_do_no_harm() -> None:
+    rows, columns = (
+        np.float32(0.05) * axis for axis in np.mgrid[-24:24, -32:32].astype(np.float32)
+    )
+    white = GroundPyramid([GroundMap(np.full((60, 60, 3), 255, np.uint8), 30.0, -30.0, 1.0)])
+    drawn = np.zeros((48, 64, 3), np.uint8)
+    painter = GroundPainter(Ground(white, white), PixelRays(columns, rows, 20.0), (0, 0, 0), 1e9)
+    painter.paint(drawn, View(np.array([0.0, 0.0, -5.0]), LEVEL))
+    assert not drawn[:25].any()
+    assert drawn[25:].all()
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 90, 180, 270])
