@@ -49,7 +49,11 @@ class CameraWatch:
         self.frames: Mailbox[Frame] = Mailbox()
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        try:
+            self._thread.start()
+        except BaseException:  # Ctrl-C, perhaps when it already reads
+            self._end()
+            raise
         return self
 
     def __exit__(
@@ -58,8 +62,12 @@ class CameraWatch:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._end()
+
+    def _end(self) -> None:
         self._stop.set()
-        self._thread.join(_JOIN_S)
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
 
     def reading(self) -> CameraReading:
         """Return what was seen in the last three seconds."""

@@ -207,7 +207,8 @@ def test_full_autonomy_takes_off_follows_and_hands_back(vehicle: MakeVehicle, la
 def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: Path) -> None:
     program = launch("--colour", "#d02020")
     until(lambda: (tmp_path / "runs" / "fly" / "mavlink.tlog").exists())
-    assert program.end(signal.SIGINT) == INTERRUPTED
+    code = program.end(signal.SIGINT)
+    assert code == INTERRUPTED, program.said
     assert not (tmp_path / "runs").exists()
 
 

@@ -8,6 +8,8 @@ import pty
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -178,6 +180,39 @@ def test_a_camera_is_measured_and_an_early_gap_forgiven() -> None:
     assert reading.contrast > 30
     clock.sleep_until(clock.now() + 1.0)
     assert camera.reading().worst_interval_s == pytest.approx(1.0, abs=0.01)
+
+
+class Slow(Pictures):
+    """Takes its time for each frame, and knows whether one is being taken."""
+
+    def __init__(self) -> None:
+        super().__init__(*[64] * 1000)
+        self.begun, self.reading = threading.Event(), False
+
+    def read(self) -> Frame | None:
+        self.reading = True
+        self.begun.set()
+        time.sleep(0.05)
+        self.reading = False
+        return super().read()
+
+
+def test_ctrl_c_while_the_watching_begins_leaves_nobody_reading(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    source = Slow()
+    watch = CameraWatch(source, "a test", SimulatedClock())
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        assert source.begun.wait(10)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt), watch:
+        pass
+    assert not source.reading
 
 
 def test_a_camera_that_cannot_be_opened_is_one_without_frames() -> None:
