@@ -9,6 +9,8 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from follower.interrupt import StopOnInterrupt
+
 ResultT = TypeVar("ResultT")
 
 _LOOK_EVERY_S = 0.1
@@ -19,24 +21,22 @@ def run_watched(
 ) -> tuple[ResultT, bool]:
     """Do `work` on a thread of its own and call `look` on this one ten times a second meanwhile.
 
-    Ctrl-C, or SIGTERM within `sigterm_as_ctrl_c`, calls `stop`, after which the work is to end soon
-    and in order.
+    After Ctrl-C or SIGTERM `stop` is called, after which the work is to end soon and in order. What
+    this thread is doing then is done to its end: an exception thrown into it could leave a lock
+    taken that the work waits for. The second Ctrl-C interrupts.
 
     Returns:
         The work's result, and whether it was interrupted.
     """
-    interrupted = False
-    with ThreadPoolExecutor(1, "work") as threads:
+    with StopOnInterrupt() as asked, ThreadPoolExecutor(1, "work") as threads:
         future = threads.submit(work)
         try:
-            while wait([future], _LOOK_EVERY_S).not_done:
+            while not asked.interrupted and wait([future], _LOOK_EVERY_S).not_done:
                 look()
-        except KeyboardInterrupt:
-            interrupted = True
         finally:
             if not future.done():
                 stop()
-        return future.result(), interrupted
+        return future.result(), asked.interrupted
 
 
 @contextmanager
