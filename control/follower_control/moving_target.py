@@ -14,6 +14,10 @@ _START_SPEED_M_S = 3.0
 _FAR_OFF = 25.0
 """A place with a larger squared Mahalanobis distance from the prediction is a new beginning."""
 
+_ODD = 5.0
+"""One with a larger one, after a while unseen, is doubted until the target was seen there for long
+enough: of true places a sixth lies beyond (chi-square, three degrees of freedom)."""
+
 _WRONG_VELOCITY = 3
 """After so many such places in a row the velocity is not believed any more."""
 
@@ -202,15 +206,19 @@ class MovingTarget:
         A single place that is far off is two misses: there and back.
         """
         self._misses += 1
-        if self._before is None and self._time_s is not None:
-            self._before = _Belief(self._state, self._covariance, self._time_s, self._turn_rad_s)
-            self._jumped_s = self._time_s + elapsed_s
+        self._doubt(elapsed_s)
         if self._misses < _WRONG_VELOCITY:
             self._begin(place_m, noise_m2, self._state[3:6], slow)
             return
         self._begin(place_m, noise_m2, (place_m - self._state[:3]) / elapsed_s, slow)
         self._covariance[:3, 3:6] = self._covariance[3:6, :3] = noise_m2 / elapsed_s
         self._covariance[3:6, 3:6] += 2 * noise_m2 / elapsed_s**2
+
+    def _doubt(self, elapsed_s: float) -> None:
+        """Keep what is believed until what comes instead is proven."""
+        if self._before is None and self._time_s is not None:
+            self._before = _Belief(self._state, self._covariance, self._time_s, self._turn_rad_s)
+            self._jumped_s = self._time_s + elapsed_s
 
     def _fuse(
         self,
@@ -233,7 +241,10 @@ class MovingTarget:
         off = place_m - sees @ state
         seen = covariance @ sees.T
         inverse = np.linalg.inv(sees @ seen + noise_m2)
-        if off @ inverse @ off > _FAR_OFF:
+        distance2 = float(off @ inverse @ off)
+        if elapsed_s > _GONE_S and distance2 > _ODD:
+            self._doubt(elapsed_s)
+        if distance2 > _FAR_OFF:
             self._miss(place_m, noise_m2, elapsed_s, slow)
             return
         self._misses = 0

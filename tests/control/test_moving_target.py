@@ -268,3 +268,23 @@ def test_a_place_far_off_is_believed_for_good_only_if_it_is_seen_there_for_a_whi
     assert (np.linalg.norm(target.at(now_s)[0] - straight_on) < 2.0) is not is_believed
     target.observe(straight_on, noise, now_s)
     assert np.linalg.norm(target.at(now_s)[0] - straight_on) < 1.0, "where it is seen it is"
+
+
+@pytest.mark.parametrize("off_m", [7.0, -7.0])
+def test_a_glimpse_that_is_somewhat_off_turns_nothing_unless_it_lasts(off_m: float) -> None:
+    def hidden_then_seen(seconds: float) -> MovingTarget:
+        target = MovingTarget(1.5, 4.0)
+        for number in range(360):
+            at = number / 30
+            target.observe(at * VELOCITY, NOISE, at, np.array([1.0, 0.0, 0.0]))
+        for number in range(round(30 * seconds)):
+            at = 13.0 + number / 30
+            away = np.array([0.0, off_m, 0.0])
+            target.observe(at * VELOCITY + away, NOISE, at, np.array([1.0, 0.0, 0.0]))
+        target.drop_unproven(at + 0.3)
+        return target
+
+    glimpsed, seen = hidden_then_seen(0.25), hidden_then_seen(2.0)
+    assert glimpsed.at(16.0)[0] == pytest.approx(16.0 * VELOCITY, abs=0.05)
+    assert glimpsed.at(16.0)[1] == pytest.approx(VELOCITY, abs=0.05)
+    assert seen.at(15.0)[0][1] - 15.0 * VELOCITY[1] == pytest.approx(off_m, abs=1.0)
