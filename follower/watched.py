@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any, TypeVar
 
 from follower.interrupt import StopOnInterrupt
@@ -39,14 +40,41 @@ def run_watched(
         return future.result(), asked.interrupted
 
 
+class Pressed:
+    """Whether Ctrl-C was pressed, also where the exception was lost.
+
+    Libraries that catch everything, while they are imported or opened, catch Ctrl-C too.
+    """
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def check(self) -> None:
+        """Raise what was lost.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed.
+        """
+        if self._asked:
+            raise KeyboardInterrupt
+
+    def handle(self, _number: int, _frame: FrameType | None) -> None:
+        """Take a signal."""
+        self._asked = True
+        raise KeyboardInterrupt
+
+
 @contextmanager
-def sigterm_as_ctrl_c() -> Iterator[None]:
+def sigterm_as_ctrl_c() -> Iterator[Pressed]:
     """Let a polite kill, such as a service manager's, end the work as Ctrl-C does."""
+    pressed = Pressed()
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield pressed
         return
-    before: Any = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before: dict[signal.Signals, Any] = {n: signal.signal(n, pressed.handle) for n in signals}
     try:
-        yield
+        yield pressed
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

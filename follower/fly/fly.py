@@ -39,7 +39,7 @@ from follower.station.station import Station
 from follower.terminal import Terminal
 from follower.tracking import make_settings_detector, make_target_tracker
 from follower.vision_stage import Selector
-from follower.watched import sigterm_as_ctrl_c
+from follower.watched import Pressed, sigterm_as_ctrl_c
 from follower_control.transport import Transport
 from follower_vision.clock import MonotonicClock
 from follower_vision.framesource import FrameSource, SourceError
@@ -64,7 +64,7 @@ def fly(options: FlyOptions) -> int:
     if options.names_target:
         selector = target_selector(options, make_settings_detector(settings))
     cv2.setNumThreads(1)
-    with sigterm_as_ctrl_c(), ExitStack() as stack:
+    with sigterm_as_ctrl_c() as pressed, ExitStack() as stack:
         tracker = make_target_tracker(settings, BackgroundDetection)
         stack.callback(getattr(tracker, "close", _nothing))
         transport = open_connection(options.connect)
@@ -72,7 +72,7 @@ def fly(options: FlyOptions) -> int:
         folder = new_run_folder(options.out, "fly")
         session = FlySession(options, settings, selector, tracker, skip, folder)
         try:
-            return session.run(transport)
+            return session.run(transport, pressed)
         finally:
             if not session.flown:
                 remove_run_folder(folder)
@@ -117,15 +117,15 @@ class FlySession:
         self._station: Station | None = None
         self.flown = False
 
-    def run(self, transport: Transport) -> int:
-        """Check, fly, report; return the exit code."""
+    def run(self, transport: Transport, pressed: Pressed) -> int:
+        """Check, fly, report; return the exit code. Ctrl-C before the flight ends it."""
         with ExitStack() as after:
             self._station = self._open_station(after)
             with self._recorder() as recorder, self._link(recorder.transport(transport)) as link:
                 source = open_camera_or_dead(self._options, self._clock)
                 with ExitStack() as stack:
                     stack.callback(lambda: source.close())
-                    size = self._check(link, source)
+                    size = self._check(link, source, pressed)
                     if size is None:
                         return _REFUSED
                     source = after_preflight(source, self._options, self._clock)
@@ -158,7 +158,7 @@ class FlySession:
         with closing(open_link(transport, self._settings.link, self._clock, epoch_ns)) as link:
             yield link
 
-    def _check(self, link: Link, source: FrameSource) -> tuple[int, int] | None:
+    def _check(self, link: Link, source: FrameSource, pressed: Pressed) -> tuple[int, int] | None:
         """Run the checks; return the size of the frames, None if somebody has to mend something.
 
         Raises:
@@ -170,6 +170,7 @@ class FlySession:
             observation = Observation(link, camera, self._clock, about)
 
             def show(results: list[Result]) -> None:
+                pressed.check()
                 live.show(results)
                 self._show_checks(results)
 

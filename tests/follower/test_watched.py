@@ -3,10 +3,11 @@
 import os
 import signal
 import threading
+from contextlib import suppress
 
 import pytest
 
-from follower.watched import run_watched
+from follower.watched import run_watched, sigterm_as_ctrl_c
 
 
 def test_the_result_comes_back_and_somebody_looked_meanwhile() -> None:
@@ -51,3 +52,15 @@ def test_errors_of_the_work_and_of_the_watcher_are_raised_and_end_the_other() ->
     with pytest.raises(ValueError, match="broken"):
         run_watched(lambda: stop.wait(10), fail, stop.set)
     assert stop.is_set()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_ctrl_c_that_somebody_swallowed_is_not_lost(how: signal.Signals) -> None:
+    before = signal.getsignal(how)
+    with sigterm_as_ctrl_c() as pressed:
+        pressed.check()
+        with suppress(BaseException):
+            signal.raise_signal(how)
+        with pytest.raises(KeyboardInterrupt):
+            pressed.check()
+    assert signal.getsignal(how) is before
