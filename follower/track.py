@@ -26,7 +26,7 @@ from follower.track_recording import track_recorder
 from follower.track_run import TrackRun
 from follower.track_status import TrackStatus, counted
 from follower.tracking import make_multi_tracker, make_settings_detector
-from follower.watched import run_watched, sigterm_as_ctrl_c
+from follower.watched import run_watched, stop_signals
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.detection import Detector
 from follower_vision.framesource import FrameSource, SourceError
@@ -61,7 +61,7 @@ def track(options: TrackOptions) -> int:
     selector = _selector(options, detector)
     mode = BackgroundDetection if options.in_real_time else InlineDetection
     with (
-        sigterm_as_ctrl_c(),
+        stop_signals(),
         closing(make_multi_tracker(settings, options.count, detector, mode)) as tracker,
         _opened(options, clock) as source,
     ):

@@ -65,8 +65,8 @@ class Pressed:
 
 
 @contextmanager
-def sigterm_as_ctrl_c() -> Iterator[Pressed]:
-    """Let a polite kill, such as a service manager's, end the work as Ctrl-C does."""
+def stop_signals() -> Iterator[Pressed]:
+    """Let Ctrl-C end the work, kept in mind as `Pressed`, and a service manager's kill as well."""
     pressed = Pressed()
     if threading.current_thread() is not threading.main_thread():
         yield pressed

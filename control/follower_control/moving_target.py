@@ -15,8 +15,9 @@ _FAR_OFF = 25.0
 """A place with a larger squared Mahalanobis distance from the prediction is a new beginning."""
 
 _ODD = 5.0
-"""One with a larger one, after a while unseen, is doubted until the target was seen there for long
-enough: of true places a sixth lies beyond (chi-square, three degrees of freedom)."""
+"""After a while unseen, a place with a squared distance larger than this is doubted until the
+target was seen there for long enough. Of true places a sixth lies beyond (chi-square, three degrees
+of freedom)."""
 
 _WRONG_VELOCITY = 3
 """After so many such places in a row the velocity is not believed any more."""

@@ -39,7 +39,7 @@ from follower.station.station import Station
 from follower.terminal import Terminal
 from follower.tracking import make_settings_detector, make_target_tracker
 from follower.vision_stage import Selector
-from follower.watched import Pressed, sigterm_as_ctrl_c
+from follower.watched import Pressed, stop_signals
 from follower_control.transport import Transport
 from follower_vision.clock import MonotonicClock
 from follower_vision.framesource import FrameSource, SourceError
@@ -64,7 +64,7 @@ def fly(options: FlyOptions) -> int:
     if options.names_target:
         selector = target_selector(options, make_settings_detector(settings))
     cv2.setNumThreads(1)
-    with sigterm_as_ctrl_c() as pressed, ExitStack() as stack:
+    with stop_signals() as pressed, ExitStack() as stack:
         tracker = make_target_tracker(settings, BackgroundDetection)
         stack.callback(getattr(tracker, "close", _nothing))
         transport = open_connection(options.connect)

@@ -20,7 +20,7 @@ from follower.preflight.camera_checks import lens_advice
 from follower.preflight.camera_watch import CameraWatch
 from follower.sign_test.session import SignTest, SignTestResult
 from follower.tracking import make_settings_detector, make_target_tracker
-from follower.watched import sigterm_as_ctrl_c
+from follower.watched import Pressed, stop_signals
 from follower_control.strict_yaml import SettingsError
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.framesource import SourceError
@@ -50,7 +50,7 @@ def sign_test(options: FlyOptions) -> int:
     tracker = make_target_tracker(settings)
     console, clock = Console(), MonotonicClock()
     cv2.setNumThreads(1)
-    with sigterm_as_ctrl_c(), ExitStack() as stack:
+    with stop_signals() as pressed, ExitStack() as stack:
         link = stack.enter_context(opened_link(options, settings, clock))
         source = stack.enter_context(open_camera(options, clock))
         camera = stack.enter_context(CameraWatch(source, options.shown_camera, clock))
@@ -58,11 +58,16 @@ def sign_test(options: FlyOptions) -> int:
         if first is None:
             raise SourceError(f"{options.shown_camera}: {source.problem or 'no frame came'}")
         test = SignTest(settings, link, tracker, selector, (first.width, first.height))
-        return _end(console, *run(test, link, camera, clock, console))
+        return _end(console, *run(test, link, camera, clock, console, pressed))
 
 
 def run(
-    test: SignTest, link: Link, camera: CameraWatch, clock: Clock, console: Console
+    test: SignTest,
+    link: Link,
+    camera: CameraWatch,
+    clock: Clock,
+    console: Console,
+    pressed: Pressed,
 ) -> tuple[SignTestResult, bool]:
     """Step a test until it has a result; return it, and whether the user ended it early.
 
@@ -76,6 +81,7 @@ def run(
             live = stack.enter_context(Live(console=console, auto_refresh=False, transient=True))
         try:
             while True:
+                pressed.check()
                 now_s = clock.now()
                 result = test.step(now_s, camera.frames.wait(0))
                 if result is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
@@ -49,11 +50,10 @@ class CameraWatch:
         self.frames: Mailbox[Frame] = Mailbox()
 
     def __enter__(self) -> Self:
-        try:
+        with ExitStack() as stack:
+            stack.callback(self._end)  # Ctrl-C may come when the thread already reads
             self._thread.start()
-        except BaseException:  # Ctrl-C, perhaps when it already reads
-            self._end()
-            raise
+            stack.pop_all()
         return self
 
     def __exit__(

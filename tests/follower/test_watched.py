@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from follower.watched import run_watched, sigterm_as_ctrl_c
+from follower.watched import run_watched, stop_signals
 
 
 def test_the_result_comes_back_and_somebody_looked_meanwhile() -> None:
@@ -57,7 +57,7 @@ def test_errors_of_the_work_and_of_the_watcher_are_raised_and_end_the_other() ->
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_ctrl_c_that_somebody_swallowed_is_not_lost(how: signal.Signals) -> None:
     before = signal.getsignal(how)
-    with sigterm_as_ctrl_c() as pressed:
+    with stop_signals() as pressed:
         pressed.check()
         with suppress(BaseException):
             signal.raise_signal(how)

@@ -243,6 +243,33 @@ def test_what_is_done_afterwards_makes_nobody_wait() -> None:
     assert done.is_set()
 
 
+def test_what_fails_afterwards_is_raised_with_the_threads_next_answer() -> None:
+    failing = threading.Event()
+    failing.set()
+
+    def prepare() -> None:
+        if failing.is_set():
+            failing.clear()
+            raise ZeroDivisionError
+
+    aside: Aside[int] = Aside(prepare)
+
+    def answer_of_the_thread() -> int:
+        begun = threading.Barrier(2)
+        aside.begin(lambda: begun.wait(WAIT_S))
+        begun.wait(WAIT_S)
+        return aside.end()
+
+    answer_of_the_thread()
+    aside.begin(lambda: 7)
+    while aside._todo.qsize():
+        pass
+    with pytest.raises(ZeroDivisionError):
+        aside.end()
+    answer_of_the_thread()
+    aside.close()
+
+
 def test_a_thread_whose_owner_is_forgotten_ends() -> None:
     before = threading.active_count()
     aside: Aside[int] = Aside()

@@ -24,6 +24,7 @@ from follower.selecting import colour_selector
 from follower.settings import Settings
 from follower.sign_test.session import SignTest, SignTestResult
 from follower.tracking import make_target_tracker
+from follower.watched import Pressed
 from follower_control.udp import UdpTransport
 from follower_sim.udp import open_autopilot_port
 from follower_vision.camera import CameraModel
@@ -147,7 +148,7 @@ def sign_tested(
             selector = colour_selector("#d02020")
             test = SignTest(settings, link, tracker, selector, (WIDTH, HEIGHT))
             console = Console(file=printed, width=200)
-            result, early = run(test, link, watch, clock, console)
+            result, early = run(test, link, watch, clock, console, Pressed())
         assert not early
         return result, held.heard, printed.getvalue()
 
@@ -198,4 +199,4 @@ def test_without_an_autopilot_it_ends_with_a_reason(monkeypatch: pytest.MonkeyPa
         tracker = make_target_tracker(settings)
         test = SignTest(settings, link, tracker, colour_selector("#d02020"), (WIDTH, HEIGHT))
         with pytest.raises(ConnectionFailedError, match="no vehicle heard"):
-            run(test, link, watch, clock, Console(file=io.StringIO()))
+            run(test, link, watch, clock, Console(file=io.StringIO()), Pressed())

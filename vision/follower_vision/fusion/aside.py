@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Callable
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Generic, NoReturn, TypeVar
 
@@ -22,7 +23,8 @@ class Aside(Generic[Answer]):
         """Make one; the thread itself is made by the first `begin`.
 
         Args:
-            afterwards: what the thread does each time when it has answered, while nobody waits.
+            afterwards: what the thread does each time when it has answered, while nobody waits;
+                what it raises, the thread's next answer raises.
         """
         self._afterwards = afterwards
         self._thread: threading.Thread | None = None
@@ -78,10 +80,20 @@ def _serve(
     done: SimpleQueue[Callable[[], Answer]],
     afterwards: Callable[[], object] | None,
 ) -> None:
+    ready: Callable[[], object] = _nothing
     while (work := todo.get()) is not None:
-        done.put(_outcome(work))
+        done.put(_outcome(partial(_after, ready, work)))
         if afterwards is not None:
-            afterwards()
+            ready = _outcome(afterwards)
+
+
+def _nothing() -> None:
+    """Nothing was done yet that could have failed."""
+
+
+def _after(ready: Callable[[], object], work: Callable[[], Answer]) -> Answer:
+    ready()
+    return work()
 
 
 def _outcome(work: Callable[[], Answer]) -> Callable[[], Answer]:
