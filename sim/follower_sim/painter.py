@@ -18,6 +18,8 @@ from follower_vision.camera import Vector
 from follower_vision.frame import Image
 
 _SHIFT = 4
+_REACH_PX = 2
+"""So far beyond its outline a polygon surely colours nothing."""
 
 FixedPoints = npt.NDArray[np.int32]
 
@@ -125,16 +127,19 @@ class SolidPainter:
     def paint(self, image: Image, selection: Selection, view: View, after_s: float = 0.0) -> None:
         """Draw the faces as they stand `after_s` after their selection."""
         corners = selection.corners + selection.velocities_m_s[:, None] * after_s
-        for number, polygon in self.polygons(corners, view):
+        for number, polygon in self.polygons(corners, view, in_image_only=True):
             colour = selection.colours[number]
             cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SHIFT)
 
-    def polygons(self, corners: Vector, view: View) -> Iterator[tuple[int, FixedPoints]]:
+    def polygons(
+        self, corners: Vector, view: View, in_image_only: bool = False
+    ) -> Iterator[tuple[int, FixedPoints]]:
         """Yield the number and the image polygon, in OpenCV's fixed point, of each face in view.
 
         Args:
             corners: (F, 4, 3) in the world.
             view: of the camera.
+            in_image_only: leave out what colours nothing in the image, only beside it.
         """
         points = view.to_camera(corners).reshape(-1, 4, 3)
         outside = self._lens.outside(points)
@@ -142,11 +147,18 @@ class SolidPainter:
         points = points[seen]
         cut = np.any(outside[seen].reshape(-1, 4 * outside.shape[-1]), axis=1)
         fixed = self._fixed(np.where(cut[:, None, None], (0.0, 0.0, 1.0), points))
-        cuts = set(np.flatnonzero(cut).tolist())
-        for place, (number, whole) in enumerate(zip(seen.tolist(), fixed, strict=True)):
-            polygon = self._cut_polygon(points[place]) if place in cuts else whole
+        shown = cut | self.in_image(fixed) if in_image_only else np.ones_like(cut)
+        for place in np.flatnonzero(shown).tolist():
+            polygon = self._cut_polygon(points[place]) if cut[place] else fixed[place]
             if polygon is not None:
-                yield number, polygon
+                yield int(seen[place]), polygon
+
+    def in_image(self, polygons: FixedPoints) -> npt.NDArray[np.bool_]:
+        """Return which polygons, (F, corners, 2) in fixed point, may reach into the image."""
+        most = np.array([self._lens.camera.width + _REACH_PX, self._lens.camera.height + _REACH_PX])
+        after, before = polygons.max(axis=1), polygons.min(axis=1)
+        inside = (after >= -_REACH_PX << _SHIFT) & (before <= most << _SHIFT)
+        return np.asarray(inside.all(axis=1))
 
     def _fixed(self, corners: Vector) -> FixedPoints:
         pixels = self._lens.pixels(corners.reshape(-1, 3)).reshape(*corners.shape[:-1], 2)

@@ -66,6 +66,23 @@ def test_a_small_ball_is_drawn_at_its_projection(
     assert np.linalg.norm(centroid(image) - (column, row)) < 0.5
 
 
+corners = st.lists(
+    st.tuples(st.integers(-16 * 80, 16 * 400), st.integers(-16 * 80, 16 * 320)),
+    min_size=4,
+    max_size=4,
+)
+
+
+@settings(max_examples=300)
+@given(corners)
+def test_a_face_that_is_left_out_would_colour_nothing(face: list[tuple[int, int]]) -> None:
+    polygon = cv2.convexHull(np.array(face, np.int32))
+    image = np.zeros((STRAIGHT.height, STRAIGHT.width), np.uint8)
+    cv2.fillConvexPoly(image, polygon, (255,), cv2.LINE_AA, 4)
+    (in_image,) = SolidPainter(Lens(STRAIGHT)).in_image(np.array([face], np.int32))
+    assert in_image or not image.any()
+
+
 @settings(max_examples=40)
 @given(cameras, attitudes, st.floats(30, 290), st.floats(30, 210), st.floats(3, 30))
 def test_a_mark_on_the_ground_is_drawn_at_its_projection(

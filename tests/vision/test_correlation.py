@@ -287,15 +287,15 @@ def test_the_colour_likelihood_peaks_where_the_target_has_moved():
         return image
 
     colours = ColourLikelihood(50, 10, 10)
-    colours.learn(patch(100, 100), 0, 0, 1.0)
-    peak = find_peak(colours.response(patch(120, 88)))
+    colours.learn(colours.look(patch(100, 100)), 0, 0, 1.0)
+    peak = find_peak(colours.response(colours.look(patch(120, 88))))
     assert (peak.across, peak.down) == pytest.approx((5, -3), abs=0.3)
     assert colours.usefulness() == 1
 
 
 def test_colour_is_useless_for_a_camouflaged_target():
     colours = ColourLikelihood(50, 10, 10)
-    colours.learn(np.full((200, 200, 3), 90, np.uint8), 0, 0, 1.0)
+    colours.learn(colours.look(np.full((200, 200, 3), 90, np.uint8)), 0, 0, 1.0)
     assert colours.usefulness() == 0
 
 

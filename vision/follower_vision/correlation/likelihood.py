@@ -22,6 +22,8 @@ _USELESS_GAP = 0.2
 _USEFUL_GAP = 0.4
 
 Histogram = npt.NDArray[np.float64]
+Colours = npt.NDArray[np.intp]
+"""The place of each pixel's colour in the histograms, (2 cells, 2 cells)."""
 
 
 class ColourLikelihood:
@@ -40,19 +42,24 @@ class ColourLikelihood:
         self._target: Histogram = np.zeros(_LEVELS**3)
         self._around: Histogram = np.zeros(_LEVELS**3)
 
-    def learn(self, patch: Image, across: float, down: float, rate: float) -> None:
+    def look(self, patch: Image) -> Colours:
+        """Return the colours of a patch: the search region, square."""
+        size = (self._pixels, self._pixels)
+        pixels = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray((pixels >> _SHIFT) @ _PLACE, np.intp)
+
+    def learn(self, seen: Colours, across: float, down: float, rate: float) -> None:
         """Blend a patch's colours into the histograms.
 
         Args:
-            patch: the search region, square.
+            seen: the patch, as `look` returned it.
             across: the target's place to the right of the patch's middle, in cells.
             down: its place below the middle, in cells.
             rate: share of this patch in the histograms, 1 for the first.
         """
-        places = self._places(patch)
         inside, around = self._regions(2 * across, 2 * down)
-        self._target += rate * (_histogram(places[inside]) - self._target)
-        self._around += rate * (_histogram(places[around]) - self._around)
+        self._target += rate * (_histogram(seen[inside]) - self._target)
+        self._around += rate * (_histogram(seen[around]) - self._around)
 
     def usefulness(self) -> float:
         """Return how well colour tells the target from its surroundings, 0 (not at all) to 1.
@@ -63,12 +70,12 @@ class ColourLikelihood:
         gap = float((self._target - self._around) @ self._table())
         return min(1.0, max(0.0, (gap - _USELESS_GAP) / (_USEFUL_GAP - _USELESS_GAP)))
 
-    def response(self, patch: Image) -> npt.NDArray[np.float32]:
+    def response(self, seen: Colours) -> npt.NDArray[np.float32]:
         """Return (cells, cells): the mean likelihood, 0 to 1, in the box at each shift from [0, 0].
 
         The shifts are cyclic, as those of a correlation filter's response.
         """
-        likelihood = np.take(self._table().astype(np.float32), self._places(patch))
+        likelihood = np.take(self._table().astype(np.float32), seen)
         size = (_odd(self._width), _odd(self._height))
         in_box = cv2.blur(likelihood, size, borderType=cv2.BORDER_REPLICATE)
         by_cell = cv2.resize(in_box, (self._cells, self._cells), interpolation=cv2.INTER_AREA)
@@ -80,11 +87,6 @@ class ColourLikelihood:
     def _table(self) -> Histogram:
         """The likelihood of each colour."""
         return self._target / (self._target + self._around + _EMPTY)
-
-    def _places(self, patch: Image) -> npt.NDArray[np.intp]:
-        size = (self._pixels, self._pixels)
-        pixels = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_AREA), np.uint8)
-        return np.asarray((pixels >> _SHIFT) @ _PLACE, np.intp)
 
     def _regions(
         self, across: float, down: float
@@ -102,8 +104,8 @@ class ColourLikelihood:
         return inner, near & ~target
 
 
-def _histogram(places: npt.NDArray[np.intp]) -> Histogram:
-    return np.bincount(places, minlength=_LEVELS**3) / max(1, len(places))
+def _histogram(colours: Colours) -> Histogram:
+    return np.bincount(colours, minlength=_LEVELS**3) / max(1, len(colours))
 
 
 def _odd(size: float) -> int:

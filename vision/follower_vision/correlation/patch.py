@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from follower_vision.box import Box
 from follower_vision.frame import Image
@@ -47,9 +46,7 @@ def _span(low: float, high: float, size: int, shrink: int) -> tuple[int, int]:
     return first, first + (last - first) // shrink * shrink
 
 
-def _warped(
-    image: Image | npt.NDArray[np.uint8], region: Box, width: int, height: int
-) -> npt.NDArray[np.uint8]:
+def _warped(image: Image, region: Box, width: int, height: int) -> Image:
     """Bilinear interpolation; a pixel's centre is at (column + 0.5, row + 0.5)."""
     across, down = region.width / width, region.height / height
     to_image = np.array(
@@ -66,10 +63,3 @@ def _warped(
         borderMode=cv2.BORDER_REPLICATE,
     )
     return np.asarray(warped, np.uint8)
-
-
-def cut_grey(
-    grey: npt.NDArray[np.uint8], region: Box, width: int, height: int
-) -> npt.NDArray[np.uint8]:
-    """Return `region` of a (H, W) image scaled to `width` x `height`, without averaging."""
-    return _warped(grey, region, width, height)

@@ -6,6 +6,7 @@ After Danelljan, Häger, Khan and Felsberg, "Discriminative Scale Space Tracking
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import cv2
@@ -14,12 +15,14 @@ import numpy.typing as npt
 
 from follower_vision.box import Box
 from follower_vision.correlation.gradients import GradientHistogram
-from follower_vision.correlation.patch import cut, cut_grey
+from follower_vision.correlation.patch import cut
 from follower_vision.correlation.peak import vertex
 from follower_vision.frame import Image
 
 Spectra: TypeAlias = npt.NDArray[np.complex64]
 """Half spectra along the sizes, shape (count // 2 + 1, features)."""
+
+Map: TypeAlias = npt.NDArray[np.float32]
 
 _TEMPLATE_AREA = 512.0
 _CELL_PX = 4
@@ -47,6 +50,7 @@ class ScaleFilter:
         window = np.hanning(count + 2)[1:-1]
         self._transform = (np.exp(-2j * math.pi * turns) * window).astype(np.complex64)
         self._width, self._height = _template_size(box)
+        self._size, self._views = _views(self._width, self._height, self._factors)
         self._gradients = GradientHistogram(self._height * count, self._width, _CELL_PX)
         self._numerator: Spectra | None = None
         self._energy: npt.NDArray[np.float32] = np.zeros(0, np.float32)
@@ -97,19 +101,29 @@ class ScaleFilter:
 
     def _stack(self, image: Image, box: Box) -> npt.NDArray[np.uint8]:
         """Grey templates of all sizes, one under the other."""
-        largest = self._factors[-1]
-        wide, tall = math.ceil(self._width * largest), math.ceil(self._height * largest)
-        grey = cv2.cvtColor(cut(image, box.scaled(largest), wide, tall), cv2.COLOR_BGR2GRAY)
-        views = [
-            cut_grey(
-                np.asarray(grey, np.uint8),
-                Box(wide / 2, tall / 2, wide * factor / largest, tall * factor / largest),
-                self._width,
-                self._height,
-            )
-            for factor in self._factors
-        ]
-        return np.concatenate(views)
+        grey = cv2.cvtColor(
+            cut(image, box.scaled(self._factors[-1]), *self._size), cv2.COLOR_BGR2GRAY
+        )
+        views = cv2.remap(grey, *self._views, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(views, np.uint8)
+
+
+def _views(
+    width: int, height: int, factors: Sequence[float]
+) -> tuple[tuple[int, int], tuple[Map, Map]]:
+    """Return the size of the largest template, and where in it the pixels of all templates lie.
+
+    A pixel's centre is at (column + 0.5, row + 0.5) there; one template lies under the other.
+    """
+    largest = factors[-1]
+    wide, tall = math.ceil(width * largest), math.ceil(height * largest)
+    shares = np.array(factors)[:, None] / largest
+    across = wide / 2 + wide * shares * ((np.arange(width) + 0.5) / width - 0.5) - 0.5
+    down = tall / 2 + tall * shares * ((np.arange(height) + 0.5) / height - 0.5) - 0.5
+    shape = len(factors), height, width
+    columns = np.broadcast_to(across[:, None, :], shape).reshape(-1, width)
+    rows = np.broadcast_to(down[:, :, None], shape).reshape(-1, width)
+    return (wide, tall), (columns.astype(np.float32), rows.astype(np.float32))
 
 
 def _template_size(box: Box) -> tuple[int, int]:

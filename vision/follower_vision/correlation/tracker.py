@@ -11,7 +11,7 @@ from follower_vision.correlation.clarity import Clarity
 from follower_vision.correlation.drift import Drift
 from follower_vision.correlation.features import Features
 from follower_vision.correlation.filter import BackgroundAwareFilter, Spectrum, spectrum
-from follower_vision.correlation.likelihood import ColourLikelihood
+from follower_vision.correlation.likelihood import ColourLikelihood, Colours
 from follower_vision.correlation.patch import cut
 from follower_vision.correlation.peak import Peak, Response, find_peak, sidelobe_ratio
 from follower_vision.correlation.scale import ScaleFilter
@@ -53,7 +53,7 @@ class CorrelationTracker:
         patch = self._patch(image, box)
         self._features.start(patch)
         self._filter.learn(spectrum(self._features(patch)), 1.0)
-        self._colours.learn(patch, 0.0, 0.0, 1.0)
+        self._colours.learn(self._colours.look(patch), 0.0, 0.0, 1.0)
 
     def update(self, image: Image) -> MotionEstimate:
         """Find the target in the next image, (H, W, 3) uint8 BGR of any size.
@@ -69,11 +69,12 @@ class CorrelationTracker:
         response = self._filter.response(sample)
         ratio = sidelobe_ratio(response, self._lobe)
         trust = self._clarity.trust(ratio)
-        peak = find_peak(self._with_colours(response, patch, trust))
+        colours = self._colours.look(patch)
+        peak = find_peak(self._with_colours(response, colours, trust))
         box = self._located(self._box, region, peak, ratio, image)
         self._clarity.remember(ratio, trust)
         if trust > 0:
-            self._learn(sample, patch, peak, trust)
+            self._learn(sample, colours, peak, trust)
             box = self._resized(
                 box, self._scale.update(image, box, trust * self._settings.scale_learning_rate)
             )
@@ -101,7 +102,7 @@ class CorrelationTracker:
         region = Box(box.cx, box.cy, side, side)
         return cut(image, region, self._settings.patch_px, self._settings.patch_px)
 
-    def _with_colours(self, response: Response, patch: Image, trust: float) -> Response:
+    def _with_colours(self, response: Response, colours: Colours, trust: float) -> Response:
         """The filter's response blended with the colours', the more the clearer it is.
 
         Colours alone would lead an occluded target's box to whatever looks alike nearby: they count
@@ -113,7 +114,7 @@ class CorrelationTracker:
         share = self._settings.colour_share * trust * self._colours.usefulness()
         scaled = response * np.float32((1 - share) / max(self._usual_height, 1e-6))
         self._usual_height += (height - self._usual_height) / _HEIGHT_MEMORY
-        return scaled + np.float32(share) * self._colours.response(patch) if share else scaled
+        return scaled + np.float32(share) * self._colours.response(colours) if share else scaled
 
     def _located(self, last: Box, region: Box, peak: Peak, ratio: float, image: Image) -> Box:
         """The box at the peak in the search region; the last one where the peak is noise."""
@@ -126,17 +127,16 @@ class CorrelationTracker:
         self._drift.follow(last, box)
         return box
 
-    def _learn(self, sample: Spectrum, patch: Image, peak: Peak, trust: float) -> None:
+    def _learn(self, sample: Spectrum, colours: Colours, peak: Peak, trust: float) -> None:
         s = self._settings
         self._filter.learn(self._centred(sample, peak), s.learning_rate * trust)
-        self._colours.learn(patch, peak.across, peak.down, s.colour_learning_rate * trust)
+        self._colours.learn(colours, peak.across, peak.down, s.colour_learning_rate * trust)
 
     def _centred(self, sample: Spectrum, peak: Peak) -> Spectrum:
         """The sample with the peak shifted to the middle, which saves a second patch."""
-        down = np.fft.fftfreq(self._cells)[:, None] * peak.down
-        across = np.fft.rfftfreq(self._cells)[None] * peak.across
-        turn = np.exp(2j * math.pi * (down + across))
-        return np.asarray(sample * turn.astype(np.complex64), np.complex64)
+        down = np.exp(2j * math.pi * peak.down * np.fft.fftfreq(self._cells))
+        across = np.exp(2j * math.pi * peak.across * np.fft.rfftfreq(self._cells))
+        return np.asarray(sample * np.outer(down, across).astype(np.complex64), np.complex64)
 
     def _resized(self, box: Box, factor: float) -> Box:
         """The box scaled, within bounds about the first one."""
