@@ -20,6 +20,8 @@ _GREY_SATURATION = 50
 _MOST_COMPONENTS = 60
 _LEAST_FILL = 0.25
 _LEAST_PART = 0.08
+_LARGE_PX = 3000
+"""Of two things of the same colour the larger one is meant, until both are as large as this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,4 +196,4 @@ def _score(image: Image, mask: Mask, box: Box, reference: tuple[float, float, fl
     turn = abs((hue - reference[0] + 90) % 180 - 90) / 20
     paler = abs(saturation - reference[1]) / 80
     off = paler**2 + (turn**2 if reference[1] >= _GREY_SATURATION else 0.0)
-    return math.exp(-off) * (count / box.area) * math.sqrt(min(1.0, count / 300))
+    return math.exp(-off) * (count / box.area) * math.sqrt(min(1.0, count / _LARGE_PX))
