@@ -223,6 +223,35 @@ def test_looks_closer_at_what_may_be_the_lost_target() -> None:
     assert any(region.distance(_box(350.0, 250.0)) < SIDE for region in closer)
 
 
+class NearsightedDetector(ColourDetector):
+    """A small network that sees a small target in an enlarged region only."""
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        found = super().detect(image, region)
+        return found if region is not None and region.width <= 5 * SIDE else []
+
+
+@pytest.mark.parametrize("stands_out", [True, False])
+def test_a_small_target_is_found_far_from_where_it_was_lost_long_ago(
+    stands_out: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image = _ground() + np.random.default_rng(number).integers(
+            0, 9, (HEIGHT, WIDTH, 1), np.uint8
+        )
+        place = (90.0, 90.0) if number < 100 else (400.0, 290.0)
+        if number < 30 or number >= 170:
+            _paint(image, *place, 7)
+        return image, place
+
+    if not stands_out:
+        monkeypatch.setattr("follower_vision.fusion.looks.Looks.proposals", lambda *_: [])
+    answers = _run(_fusion(NearsightedDetector()), scene, 270)
+    assert {track.state for track, _ in answers[60:165]} == {TrackState.LOST}
+    within_s = 1.0 if stands_out else 3.0
+    assert all(overlap > 0.5 for _, overlap in answers[170 + round(within_s * FPS) :])
+
+
 def test_does_not_take_another_class_for_the_target() -> None:
     def scene(number: int) -> tuple[Image, tuple[float, float]]:
         image = _ground()

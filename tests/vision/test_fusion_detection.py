@@ -404,7 +404,7 @@ def test_a_motion_that_changes_is_measured_in_every_image() -> None:
 
 def test_scan_goes_around_the_box_and_stays_in_the_image() -> None:
     box = Box(30, 30, 20, 20)
-    places = [around(box, turn, 200, 100) for turn in range(40)]
+    places = [around(box, 2 * box.scale, turn, 200, 100) for turn in range(40)]
     assert all(0 <= place.cx <= 200 and 0 <= place.cy <= 100 for place in places)
     assert max(place.distance(box) for place in places[:3]) < 60
     assert len({(place.cx, place.cy) for place in places[:8]}) == 8

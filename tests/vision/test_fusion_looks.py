@@ -104,7 +104,7 @@ def test_a_view_is_learnt_when_it_is_searched_for(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(TargetSearch, "learn", lambda _self, _image, box: learnt.append(box))
     looks, later = Looks(SETTINGS.reidentify), BOX.moved_to(104, 80)
     looks.start(Frame(GROUND, 0.0, 0), BOX)
-    looks.learn(Frame(GROUND, 2.0, 60), later, 2.0, familiar=False)
+    looks.learn(Frame(GROUND, 2.0, 60), later, 2.0)
     assert learnt == []
     looks.proposals(GROUND, BOX, 100.0)
     looks.proposals(GROUND, BOX, 100.0)

@@ -307,7 +307,7 @@ class Following:
         if sure and evidence.looks >= _ANCHOR_LOOKS:
             belief.anchor()
             if not evidence.blurred:
-                self._looks.learn(frame, box, evidence.score, belief.familiar)
+                self._looks.learn(frame, box, evidence.score)
         self._confidence.learn(evidence.confidence, interval_s)
         if self._settings.appearance_check:
             self._looks.get_used(evidence.score, interval_s)

@@ -21,6 +21,7 @@ from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.track import TrackState
 
 _NEAR_SIZES = 0.75
+_STEP_SIZES = 2.0
 
 
 class Gaze:
@@ -140,7 +141,8 @@ class Gaze:
         self._turns += 1
         if self._turns % 2 == 0:
             return expected
-        return around(expected, self._turns // 2, frame.width, frame.height)
+        step_px = _STEP_SIZES * expected.scale
+        return around(expected, step_px, self._turns // 2, frame.width, frame.height)
 
 
 def _looked(motion: SteerableTracker, frame: Frame, place: Box) -> MotionEstimate:

@@ -20,7 +20,7 @@ _SAME_PLACE_IOU = 0.5
 
 
 class Looks:
-    """Re-identification, and the search by looks for targets that no detector knows."""
+    """Re-identification, and the search by looks."""
 
     def __init__(self, settings: ReidentifySettings, embedder: Embedder | None = None) -> None:
         """Make one that knows nothing yet; an appearance network may help it."""
@@ -75,14 +75,13 @@ class Looks:
         # A view just learnt fits better than any later one will.
         self._usual.reset(_FRESH_SHARE * self.score(frame.image, box))
 
-    def learn(self, frame: Frame, box: Box, score: float, familiar: bool) -> None:
+    def learn(self, frame: Frame, box: Box, score: float) -> None:
         """Take a view of the target: the first second's for good, later ones for a while.
 
         Args:
             frame: where it is to be seen.
             box: the target.
             score: the box's re-identification score; a poor view is not learnt.
-            familiar: whether a detector will search for it, so that the looks need not.
         """
         if score < self.epsilon:
             return
@@ -90,8 +89,7 @@ class Looks:
         if frame.captured_s - self._refreshed_s < _REFRESH_S:
             return
         self._refreshed_s = frame.captured_s
-        if not familiar:
-            self._view = frame.image, box
+        self._view = frame.image, box
         if self._gallery is not None:
             self._gallery.learn(frame.image, box)
         if self._settings.max_recent:

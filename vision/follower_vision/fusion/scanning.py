@@ -6,25 +6,24 @@ from functools import lru_cache
 
 from follower_vision.box import Box
 
-_STEP_SIZES = 2.0
 _RINGS = 12
 
 
-def around(box: Box, turn: int, width: int, height: int) -> Box:
+def around(box: Box, step_px: float, turn: int, width: int, height: int) -> Box:
     """Return the place of a turn: ring after ring about a box, those outside the image left out.
 
     Args:
-        box: where the target was expected; neighbouring places are two of its scales apart.
+        box: where the target was expected.
+        step_px: how far neighbouring places are apart.
         turn: 0, 1, 2 ...; after the last place it begins again.
         width: the image's width in pixels.
         height: the image's height in pixels.
     """
-    step = _STEP_SIZES * box.scale
     places = [
         (x, y)
         for across, down in _spiral()
-        if 0 <= (x := box.cx + across * step) <= width
-        and 0 <= (y := box.cy + down * step) <= height
+        if 0 <= (x := box.cx + across * step_px) <= width
+        and 0 <= (y := box.cy + down * step_px) <= height
     ]
     return box.moved_to(*places[turn % len(places)]) if places else box
 

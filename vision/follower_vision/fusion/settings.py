@@ -27,7 +27,7 @@ class FusionSettings:
         distractor_memory: follow look-alikes as well, and decide identity among all of them.
         appearance_check: ask re-identification when a track is doubtful.
         growing_search: search a growing region first after a loss, the whole image in between,
-            and look closer at what may be the target.
+            look closer at what may be the target, and later at one small region after the other.
         keep_template: correct the motion tracker without teaching it anew at each validation.
         validate_every: frames between two validations.
         validate_steady_every: the same while the motion tracker is certain, the detector has

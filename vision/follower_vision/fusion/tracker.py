@@ -26,14 +26,13 @@ from follower_vision.fusion.history import Moment
 from follower_vision.fusion.identity import Identity
 from follower_vision.fusion.looks import Looks
 from follower_vision.fusion.preparation import Preparation
+from follower_vision.fusion.regions import Regions
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.validation import Validation
 from follower_vision.motion import MotionTracker
 from follower_vision.track import Track, TrackState
 
 _LEAST_VISIBLE = 0.1
-_LEAST_CROP_SIDES = 2.5
-_REGIONS_PER_WHOLE = 3
 
 
 class FusionTracker:
@@ -75,6 +74,7 @@ class FusionTracker:
         self._identity = Identity(self._settings)
         self._preparation = Preparation(self._settings, self._following, camera)
         self._belief: Belief | None = None
+        self._regions = Regions(self._settings, self._finding, self._looks)
         self._asked = 0
         self._pursuit = object()
         self._companions: Sequence[FusionTracker] = ()
@@ -163,6 +163,7 @@ class FusionTracker:
         self._validation.start()
         self._finding.forget()
         self._identity = Identity(self._settings)
+        self._regions.start()
         self._asked = 0
         # Answers that are still under way belong to another pursuit.
         self._pursuit = object()
@@ -207,27 +208,8 @@ class FusionTracker:
         if self._service is None or not self._service.ready(need):
             return
         self._asked = belief.now.index
-        region = self._region(frame, belief)
+        region = self._regions.next(frame, belief)
         self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
-
-    def _region(self, frame: Frame, belief: Belief) -> Box | None:
-        """Where to look; None is the whole image."""
-        settings, place, growth = self._settings, belief.box, 1.0
-        lost = belief.state is TrackState.LOST
-        if not (settings.growing_search if lost else settings.zoomed_validation):
-            return None
-        if lost:
-            turn = self._asked // settings.search_every
-            if turn % _REGIONS_PER_WHOLE == _REGIONS_PER_WHOLE - 1:
-                return None
-            suspect = self._finding.suspect(belief)
-            if suspect is None:
-                growth += belief.unseen_s * settings.search_growth_s / settings.crop_sizes
-            place = suspect or place
-        least = _LEAST_CROP_SIDES * max(place.width, place.height)
-        side = growth * max(settings.crop_least_px, settings.crop_sizes * place.scale, least)
-        whole = side >= max(frame.width, frame.height)
-        return None if whole else Box(place.cx, place.cy, side, side)
 
     def _consider(
         self, frame: Frame, belief: Belief, answer: DetectionAnswer, moment: Moment
