@@ -12,7 +12,6 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
 from follower_vision.correlation.gradients import Channels
 
@@ -25,7 +24,7 @@ _PENALTY_GROWTH = 10.0
 
 def spectrum(channels: Channels) -> Spectrum:
     """Return the half spectra of real channels."""
-    return np.asarray(scipy.fft.rfft2(channels), np.complex64)
+    return np.asarray(np.fft.rfft2(channels), np.complex64)
 
 
 class BackgroundAwareFilter:
@@ -75,7 +74,7 @@ class BackgroundAwareFilter:
         if self._filter is None:
             raise RuntimeError("the filter has learnt nothing")
         summed = (np.conj(self._filter) * sample).sum(axis=0)
-        return np.asarray(scipy.fft.irfft2(summed, s=(self._cells, self._cells)), np.float32)
+        return np.asarray(np.fft.irfft2(summed, s=(self._cells, self._cells)), np.float32)
 
     def _trained(self, model: Spectrum) -> Spectrum:
         """Solve for the filter: free over all cells, supported on the target alone, both equal."""
@@ -94,7 +93,7 @@ class BackgroundAwareFilter:
         return free
 
     def _on_target(self, whole: Spectrum, penalty: float) -> Spectrum:
-        cells = scipy.fft.irfft2(whole, s=(self._cells, self._cells))
+        cells = np.fft.irfft2(whole, s=(self._cells, self._cells))
         return spectrum(cells * (self._support / np.float32(self._regularisation + penalty)))
 
 

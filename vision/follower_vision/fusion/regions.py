@@ -37,10 +37,10 @@ class Regions:
 
     def start(self) -> None:
         """Begin with another target."""
-        self._looked = self._looked_closely = 0
+        self._looked_closely = 0
 
     def next(self, frame: Frame, belief: Belief) -> Box | None:
-        """Return where to look now, None for the whole image; each call is a look."""
+        """Return where to look in this frame, None for the whole image; each call is a look."""
         settings = self._settings
         if belief.state is TrackState.LOST:
             return self._searched(frame, belief) if settings.growing_search else None
@@ -53,7 +53,7 @@ class Regions:
         A very small target is looked for in small regions also when the growing one has become the
         whole image.
         """
-        turn, self._looked = self._looked % 3, self._looked + 1
+        turn = belief.now.index // self._settings.search_every % 3
         if turn == 2:
             return None
         suspect = self._finding.suspect(belief)
