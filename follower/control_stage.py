@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 
 from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
@@ -26,6 +27,7 @@ from follower_control.gimbal import GimbalRates
 from follower_control.gimbal_history import GimbalHistory
 from follower_control.gimbal_servo import GimbalServo
 from follower_control.liveness import Liveness, PositionLiveness
+from follower_control.outlook import prospect
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
 from follower_control.sighter import Sighter
@@ -33,6 +35,7 @@ from follower_control.sound_telemetry import SoundTelemetry
 from follower_control.strict_yaml import SettingsError
 from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.camera import CameraModel
+from follower_vision.prospect import Prospect
 from follower_vision.track import Track, TrackState
 
 _GOOD_DIRECTION_RAD = math.radians(5.0)
@@ -87,6 +90,7 @@ class ControlStage:
         self._requests = requests
         self._target_requests = 0
         self._changes_asked: list[SettingChange] = []
+        self._lock = threading.Lock()  # vision asks for prospects between the steps
 
     @property
     def supervisor(self) -> Supervisor:
@@ -149,6 +153,32 @@ class ControlStage:
             late_s: how far behind its schedule the step begins, for the log.
             health: what the vehicle told of its health; None if nothing new.
         """
+        with self._lock:
+            return self._step(now_s, newest, vehicle, attitudes, late_s, health)
+
+    def prospect(self, captured_s: float, target_requests: int) -> Prospect | None:
+        """Return where in a frame the target can be, None if that is not known; from any thread.
+
+        Args:
+            captured_s: the frame's time stamp.
+            target_requests: how many wishes for a target vision has carried out: of one that was
+                chosen a moment ago nothing is known here.
+        """
+        with self._lock:
+            outlook = self.servo.outlook(self._sighter.exposed_s(captured_s))
+            if outlook is None or target_requests != self._target_requests:
+                return None
+            return prospect(outlook, self._sighter, captured_s, self._attitudes, self._gimbals)
+
+    def _step(
+        self,
+        now_s: float,
+        newest: TrackRecord | None,
+        vehicle: VehicleState,
+        attitudes: Sequence[Attitude],
+        late_s: float,
+        health: VehicleHealth | None,
+    ) -> ControlRecord:
         timer = Stopwatch()
         vehicle, reported = self._sound.of(vehicle), vehicle
         self._hear(vehicle, attitudes, now_s)

@@ -18,6 +18,7 @@ from follower_control.sighting import Sighting
 from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.box import Box
 from follower_vision.frame import Frame
+from follower_vision.prospect import Prospect
 from follower_vision.track import Track
 
 
@@ -35,6 +36,7 @@ class TrackRecord:
             simulated clock stands still meanwhile).
         requests: how many wishes of an operator for a target, or for none, were carried out up to
             this frame.
+        prospect: where the target could be in it by what control knew; None if it was not asked.
     """
 
     track: Track | None
@@ -44,6 +46,7 @@ class TrackRecord:
     done_s: float
     busy_s: float
     requests: int = 0
+    prospect: Prospect | None = None
 
 
 @dataclass(frozen=True, slots=True)

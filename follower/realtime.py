@@ -71,6 +71,7 @@ class VisionLoop:
             done_s,
             busy_s,
             self._stage.requests_done,
+            self._stage.prospect,
         )
         if self._stage.chosen is not None or self._stage.dropped:
             chosen = Selection(frame.sequence, frame.captured_s, self._stage.chosen)

@@ -124,6 +124,7 @@ class SimulatedFlight:
             self._autonomy = Autonomy(self._link, scenario.takeoff_height_m)
         camera = scenario.camera.model
         self.stage = ControlStage(settings, camera, self.log, requests=self.requests)
+        self._vision_stage.prospects = self.stage.prospect
         self.control = parts.control(
             self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step, clock
         )

@@ -12,11 +12,15 @@ from follower.target_finder import TargetFinder
 from follower.target_wish import NoTargetWish, ObjectWish, Outcome, TargetRequest
 from follower_vision.box import Box
 from follower_vision.frame import Frame
+from follower_vision.prospect import Foresighted, Prospect
 from follower_vision.target_tracker import Learner, TargetTracker
 from follower_vision.track import Track, TrackState
 
 Selector: TypeAlias = Callable[[Frame], Box | None]
 """Finds the box to follow in a frame, or None if it is not there (yet)."""
+
+Prospects: TypeAlias = Callable[[float, int], Prospect | None]
+"""Tells where in a frame with a time stamp the target can be, after so many wishes for one."""
 
 _SEEK_S = 0.7
 """How long an object that was seen a moment ago is looked for."""
@@ -39,6 +43,8 @@ class VisionStage:
         finder: finds what they mean.
 
     Attributes:
+        prospects: asked before a frame is looked at, if anybody knows.
+        prospect: what was known of the newest frame.
         chosen: the box by which the newest step chose the target, None if it did not.
         dropped: whether the newest step gave the target up, because somebody wanted none.
         requests_done: how many wishes of an operator were carried out so far.
@@ -58,6 +64,8 @@ class VisionStage:
         self._sought: TargetRequest | None = None
         self._newest_s = self._seek_until_s = -math.inf
         self._track: Track | None = None
+        self.prospects: Prospects | None = None
+        self.prospect: Prospect | None = None
         self.chosen: Box | None = None
         self.dropped = False
         self.requests_done = 0
@@ -82,7 +90,7 @@ class VisionStage:
         A frame that is not newer than the last one is not looked at, and answered with where the
         target was then, unseen: trackers measure by the time between frames.
         """
-        self.chosen, self.dropped = None, False
+        self.chosen, self.dropped, self.prospect = None, False, None
         if not frame.captured_s > self._newest_s:
             return self._out_of_order(frame)
         gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
@@ -144,7 +152,13 @@ class VisionStage:
             self._selector = None
             self._started = True
             return self._tracker.start(frame, self.chosen)
-        return self._tracker.step(frame) if self._started else None
+        return self._stepped(frame) if self._started else None
+
+    def _stepped(self, frame: Frame) -> Track:
+        if self.prospects is not None and isinstance(self._tracker, Foresighted):
+            self.prospect = self.prospects(frame.captured_s, self.requests_done)
+            self._tracker.expect(self.prospect)
+        return self._tracker.step(frame)
 
     def _out_of_order(self, frame: Frame) -> Track | None:
         if self._track is None:

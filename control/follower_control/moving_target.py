@@ -176,6 +176,21 @@ class MovingTarget:
         )
         return np.asarray(place + np.concatenate([moved, moved / 2]))
 
+    def reach_m(self, time_s: float, deviations: float, acceleration_m_s2: float) -> float:
+        """Return how far from `at` it can be: by what is not known of it, and how it manoeuvres.
+
+        Args:
+            time_s: when.
+            deviations: so many standard deviations of what was seen count.
+            acceleration_m_s2: how hard it may have braked, sped up or turned since then.
+        """
+        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+        c = self._covariance
+        mixed = c[:3, 3:6] + c[3:6, :3]
+        spread = c[:3, :3] + ahead_s * mixed + ahead_s**2 * c[3:6, 3:6]
+        deviation_m = math.sqrt(max(float(np.linalg.eigvalsh(spread)[-1]), 0.0))
+        return deviations * deviation_m + acceleration_m_s2 * ahead_s**2 / 2
+
     def deviation_m(self, time_s: float, direction: Vector) -> float:
         """Return the standard deviation of its place then, along a unit vector, (3,).
 

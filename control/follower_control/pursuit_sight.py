@@ -14,6 +14,7 @@ from follower_control.ground_range import ranged_by_ground
 from follower_control.known_size import KnownSize
 from follower_control.moved_estimate import seen_again, seen_from
 from follower_control.moving_target import MovingTarget, place_noise
+from follower_control.outlook import Outlook
 from follower_control.own_path import OwnPath
 from follower_control.reference import Reference
 from follower_control.relative_motion import OLD_S, azimuth_of
@@ -35,6 +36,9 @@ ACROSS, ALONG, ALONG_GROUND = 0.005, 0.03, 0.05
 """Standard deviations of a place as shares of the distance: across the line of sight, along it by
 size, and along the ground."""
 
+_LIKELY, _POSSIBLE = (1.0, 2.0), (3.0, 3.5)
+"""Where an unseen target is looked for, and where it can be at all: by how many standard deviations
+of what was seen of it, and by how many m/s² it may have changed its velocity since."""
 
 _LARGER = 1.25
 """So much larger a target may look than it is; if more, the ground is not level, and the target
@@ -172,6 +176,14 @@ class PursuitSight:
         self._moving.drop_unproven(now_s)
         away = self._moving.might_be_m(now_s) - here
         return np.asarray(np.arctan2(away[:, 1], away[:, 0]))
+
+    def outlook(self, time_s: float) -> Outlook | None:
+        """Return where the target can have been then, seen from us; None if it is not known."""
+        here = self._own.at(time_s)
+        if here is None or self._moving.time_s is None:
+            return None
+        likely_m, possible_m = (self._moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
+        return Outlook(self._moving.at(time_s)[0] - here, likely_m, possible_m)
 
     def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
         """Take in where the target was when it was seen last, if that is news."""

@@ -10,6 +10,7 @@ from follower_control.closing_in import fastest_closing_m_s
 from follower_control.estimate import TargetEstimate
 from follower_control.fade import Fade
 from follower_control.nudge import Nudge
+from follower_control.outlook import Outlook
 from follower_control.overhead import Overhead
 from follower_control.pid import Pid
 from follower_control.pursuit_sight import PursuitSight
@@ -152,6 +153,10 @@ class VisualServo:
     def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
         """Return azimuths from north under which an unseen target may be by now, if known."""
         return self._sight.might_be(vehicle, now_s)
+
+    def outlook(self, time_s: float) -> Outlook | None:
+        """Return where the target can have been then, seen from us; None if it is not known."""
+        return self._sight.outlook(time_s)
 
     def update(
         self, estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.gimbal import camera_to_world
 from follower_control.gimbal_history import GimbalHistory
 from follower_control.sighting import SightFrame, Sighting, to_sight
-from follower_control.vehicle import Attitude
+from follower_control.vehicle import Attitude, GimbalState
 from follower_vision.box import Box
 from follower_vision.camera import CameraModel, Vector
 from follower_vision.lineofsight import CameraMount, rotation
 from follower_vision.track import Track
 
+_LEAST_DEPTH, _SEEN_DEPTH = 0.2, 0.5
 BORDER_PX = 1.0
 """A box whose edge comes this near to the image's border counts as cut by it."""
 
@@ -42,6 +45,10 @@ class Sighter:
         self._latency_s = latency_s
         self.looks_down = False
 
+    def exposed_s(self, captured_s: float) -> float:
+        """Return when a frame with this time stamp was exposed."""
+        return captured_s - self._latency_s
+
     def sight(
         self, track: Track, attitudes: AttitudeHistory, gimbal: GimbalHistory | None = None
     ) -> Sighting | None:
@@ -53,7 +60,7 @@ class Sighter:
         telemetry, a frame whose attitude is unknown gives None rather than a sighting in another
         frame, on which the filter would have to begin anew.
         """
-        time_s = track.captured_s - self._latency_s
+        time_s = self.exposed_s(track.captured_s)
         attitude = attitudes.at(time_s)
         if attitude is None and len(attitudes) > 0:
             return None
@@ -63,13 +70,53 @@ class Sighter:
         ray, log_scale = self._look(track.box)
         frame = SightFrame.DOWN if self.looks_down else SightFrame.WORLD
         frame = SightFrame.BODY if attitude is None else frame
-        if held is not None and attitude is not None:
-            vector = camera_to_world(held, attitude) @ ray
-        else:
-            vector = _body_to_frame(attitude, self._camera_to_body @ ray)
-        sight = to_sight(vector, frame)
+        sight = to_sight(self._turned(ray, attitude, held), frame)
         sighting = Sighting(sight, log_scale, time_s, frame, self._cuts(track.box))
         return sighting if sighting.is_finite else None
+
+    def image_of(
+        self,
+        away_m: Vector,
+        captured_s: float,
+        attitudes: AttitudeHistory,
+        gimbal: GimbalHistory | None = None,
+    ) -> Vector | None:
+        """Return where places are in an image, (N, 2) pixels; None if nobody knows how it was held.
+
+        What is far beside the image or behind the camera is put so far beside it as the lens'
+        straight lines would have it, on the right side.
+
+        Args:
+            away_m: (N, 3) north, east, down from us.
+            captured_s: the image's time stamp.
+            attitudes: of the vehicle.
+            gimbal: which holds the camera, if one does.
+        """
+        time_s = self.exposed_s(captured_s)
+        attitude = attitudes.at(time_s)
+        held = None if gimbal is None else gimbal.at(time_s)
+        if attitude is None or (gimbal is not None and held is None):
+            return None
+        points = away_m @ self._turned(np.eye(3), attitude, held)
+        distances = np.sqrt(np.einsum("ij,ij->i", points, points))
+        depth = np.maximum(points[:, 2], _LEAST_DEPTH * distances)
+        straight = np.stack([points[:, 0] / depth, points[:, 1] / depth], axis=1)
+        straight = straight * (self._camera.fx, self._camera.fy)
+        straight += (self._camera.cx, self._camera.cy)
+        seen = points[:, 2] > _SEEN_DEPTH * distances
+        return np.where(seen[:, None], self._camera.pixels(points), straight)
+
+    def _turned(
+        self, vectors: Vector, attitude: Attitude | None, held: GimbalState | None
+    ) -> Vector:
+        """Turn the camera's vectors, (3,) or (3, N), into the world's, or the body's."""
+        if held is not None and attitude is not None:
+            return np.asarray(camera_to_world(held, attitude) @ vectors)
+        body = self._camera_to_body @ vectors
+        if attitude is None:
+            return np.asarray(body)
+        turn = rotation(attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
+        return np.asarray(turn @ body)
 
     def _look(self, box: Box) -> tuple[Vector, float]:
         """Return the centre's ray in the camera frame and the logarithm of the angular size."""
@@ -91,13 +138,6 @@ class Sighter:
             or box.right >= self._camera.width - BORDER_PX
             or box.bottom >= self._camera.height - BORDER_PX
         )
-
-
-def _body_to_frame(attitude: Attitude | None, vector: Vector) -> Vector:
-    if attitude is None:
-        return vector
-    turn = rotation(attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
-    return turn @ vector
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:

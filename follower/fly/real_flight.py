@@ -78,6 +78,7 @@ class RealFlight:
         self._vision = VisionLoop(self._vision_stage, clock, log, video, self._lines)
         camera = settings.camera.model(*size)
         self.stage = ControlStage(settings, camera, log, requests=self.requests)
+        self._vision_stage.prospects = self.stage.prospect
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
             self._autonomy = Autonomy(link, settings.takeoff_height_m)

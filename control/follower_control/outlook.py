@@ -1,0 +1,82 @@
+"""Where a target can be, seen from us, and where in an image that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from follower_control.attitude_history import AttitudeHistory
+from follower_control.gimbal_history import GimbalHistory
+from follower_control.sighter import Sighter
+from follower_vision.box import Box
+from follower_vision.camera import Vector
+from follower_vision.prospect import Prospect
+
+_NEAREST_SHARE = 0.2
+_UP_SHARE = 0.5
+_ANGLE_RAD = math.radians(2.0)
+"""What attitude, its time and the lens may be wrong by."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """Where a target can be at a time.
+
+    Attributes:
+        away_m: (3,) north, east, down from us to where it should be.
+        likely_m: how far from there it mostly is; up and down, half as far.
+        possible_m: how far from there it can be.
+    """
+
+    away_m: Vector
+    likely_m: float
+    possible_m: float
+
+    def points_m(self, reach_m: float) -> Vector:
+        """Return (7, 3): where it should be, and so far from there across, along, down and up.
+
+        What directions may be wrong by comes on top. No point comes as near to us as a fifth of
+        the distance: what is so near is all around.
+        """
+        distance_m = float(np.linalg.norm(self.away_m))
+        level_m = math.hypot(self.away_m[0], self.away_m[1])
+        ahead = np.array([self.away_m[0], self.away_m[1], 0.0]) / max(level_m, 1e-6)
+        across = np.array([-ahead[1], ahead[0], 0.0])
+        slack_m = _ANGLE_RAD * distance_m
+        up = np.array([0.0, 0.0, _UP_SHARE * reach_m + slack_m])
+        reach_m += slack_m
+        near_m = max(min(reach_m, level_m - _NEAREST_SHARE * distance_m), 0.0)
+        steps = [0 * up, reach_m * across, -reach_m * across, reach_m * ahead, -near_m * ahead]
+        return np.asarray(self.away_m + np.array([*steps, up, -up]))
+
+
+def prospect(
+    outlook: Outlook,
+    sighter: Sighter,
+    captured_s: float,
+    attitudes: AttitudeHistory,
+    gimbal: GimbalHistory | None = None,
+) -> Prospect | None:
+    """Return where in an image the target can be; None where the camera's direction is not known.
+
+    Args:
+        outlook: for the time at which the image was taken.
+        sighter: knows the camera.
+        captured_s: the image's time stamp.
+        attitudes: of the vehicle.
+        gimbal: which holds the camera, if one does.
+    """
+    likely, possible = (outlook.points_m(m) for m in (outlook.likely_m, outlook.possible_m))
+    pixels = sighter.image_of(np.concatenate([likely, possible]), captured_s, attitudes, gimbal)
+    if pixels is None:
+        return None
+    (cx, cy) = pixels[0].tolist()
+    return Prospect(cx, cy, _about(pixels[: len(likely)]), _about(pixels[len(likely) :]))
+
+
+def _about(pixels: Vector) -> Box:
+    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    width, height = max(right - left, 1.0), max(bottom - top, 1.0)
+    return Box((left + right) / 2, (top + bottom) / 2, width, height)
