@@ -13,6 +13,7 @@ from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import FusionSettings, FusionTracker
 from follower_vision.motion import MotionEstimate
+from follower_vision.prospect import Prospect
 from follower_vision.track import Track, TrackState
 
 WIDTH, HEIGHT, FPS = 480, 360, 30.0
@@ -275,6 +276,87 @@ def test_validation_looks_at_a_zoomed_crop_and_the_paper_at_the_whole_image() ->
     _run(FusionTracker(TemplateTracker(), whole, FusionSettings.paper()), scene, 30)
     assert all(region is not None and region.width >= 128 for region in detector.regions[:3])
     assert set(whole.regions) == {None}
+
+
+def _foreseen(place: tuple[float, float], likely_px: float = 60.0) -> Prospect:
+    region = Box(*place, likely_px, likely_px)
+    return Prospect(*place, region, region.scaled(2.0))
+
+
+def _hidden_beside_a_twin(number: int) -> tuple[Image, tuple[float, float]]:
+    """A ball is hidden for a second and a half; its twin walks by, 110 pixels away, meanwhile."""
+    image = _ground()
+    place = (150.0 + number, 180.0)
+    _paint(image, *place, 7)
+    if 40 <= number < 85:
+        image[120:240, 140:270] = 90
+    if number >= 45:
+        _paint(image, 400 - 3.0 * (number - 45), 290, 7)
+    return image, place
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_twin_is_not_taken_where_the_target_cannot_be(told: bool) -> None:
+    """Who knows where the target is to come out waits for it there."""
+    tracker, wrong, last = _fusion(), 0, 0.0
+    tracker.start(_frame(_hidden_beside_a_twin(0)[0], 0), _box(*_hidden_beside_a_twin(0)[1]))
+    for number in range(1, 110):
+        image, place = _hidden_beside_a_twin(number)
+        tracker.expect(_foreseen(place) if told else None)
+        track = tracker.step(_frame(image, number))
+        last = track.box.iou(_box(*place))
+        wrong += track.confidence > 0.5 and last == 0
+    if told:
+        assert wrong == 0
+        assert track.state is TrackState.TRACKING
+        assert last > 0.6
+    else:
+        assert wrong > 0  # nothing in the picture tells them apart
+
+
+class LeapingTracker(TemplateTracker):
+    """Goes over to a place far away in one image, as sure as ever."""
+
+    def __init__(self, leaps: int) -> None:
+        super().__init__()
+        self._left = leaps
+
+    def update(self, image: Image) -> MotionEstimate:
+        self._left -= 1
+        if self._left == 0:
+            self.move_to(_box(430, 300))
+        return super().update(image)
+
+
+def test_a_tracker_that_leaps_to_a_twin_is_called_back_at_once() -> None:
+    def scene(number: int) -> tuple[Image, tuple[float, float]]:
+        image, place = _ground(), (200.0 + number, 180.0)
+        _paint(image, *place, 7)
+        _paint(image, 430, 300, 7)
+        return image, place
+
+    tracker = FusionTracker(LeapingTracker(25))
+    tracker.start(_frame(scene(0)[0], 0), _box(*scene(0)[1]))
+    for number in range(1, 60):
+        image, place = scene(number)
+        tracker.expect(_foreseen(place))
+        track = tracker.step(_frame(image, number))
+        assert track.state is not TrackState.TRACKING or track.box.iou(_box(*place)) > 0.5
+    assert track.state is TrackState.TRACKING
+
+
+def test_prospects_can_be_switched_off_and_hold_for_one_frame() -> None:
+    far = _foreseen((500.0, 330.0))
+    for settings, frames in (({"prospects": False}, range(1, 20)), ({}, [])):
+        tracker = _fusion(**settings)
+        tracker.start(_frame(_steady(0)[0], 0), _box(*_steady(0)[1]))
+        for number in range(1, 20):
+            image, place = _steady(number)
+            if number in frames or number == 5:
+                tracker.expect(far)
+            track = tracker.step(_frame(image, number))
+        assert track.state is TrackState.TRACKING
+        assert track.box.iou(_box(*place)) > 0.6
 
 
 def test_is_the_same_every_time() -> None:

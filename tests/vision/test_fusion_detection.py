@@ -27,7 +27,7 @@ from follower_vision.fusion.detection_service import REST_SHARES, DetectionReque
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import History
 from follower_vision.fusion.looks import Looks
-from follower_vision.fusion.neighbours import Neighbours, assign_target
+from follower_vision.fusion.neighbours import Neighbours, assign_target, claimed_boxes
 from follower_vision.fusion.scanning import around
 from follower_vision.fusion.shared_detection import SharedDetection
 from follower_vision.fusion.validation import Sight, Validation
@@ -294,9 +294,9 @@ def test_a_detection_that_is_another_targets_is_left_to_it() -> None:
     validation = Validation(settings, Following(LaggingTracker(), settings, looks), looks)
     belief = Belief(frame, box, "lagging")
     sight = Sight(belief.now, [Box(200, 100, 30, 30), Box(102, 100, 30, 30)], [])
-    assert validation.claimed(belief, sight) == [False, False]
+    assert validation.unclaimed(belief, sight) == sight.boxes
     belief.taken = [Box(203, 101, 30, 30)]
-    assert validation.claimed(belief, sight) == [True, False]
+    assert validation.unclaimed(belief, sight) == sight.boxes[1:]
 
 
 def test_multi_fusion_takes_one_to_four_targets() -> None:
@@ -317,16 +317,51 @@ def test_identity_goes_to_the_box_that_leaves_the_neighbours_theirs() -> None:
     assert assign_target([0.0], []) is None
 
 
-def test_neighbours_are_expected_where_camera_and_velocity_carry_them() -> None:
-    history = History()
-    neighbours = Neighbours()
+def test_the_neighbours_take_a_box_each_and_leave_the_one_beside_theirs() -> None:
+    boxes = [Box(100, 50, 20, 20), Box(118, 50, 20, 20), Box(300, 50, 20, 20)]
+    assert claimed_boxes(boxes, [[0.9, 0.4, 0.0]]) == boxes[:1]
+    assert claimed_boxes(boxes, [[0.9, 0.4, 0.0], [0.8, 0.7, 0.0]]) == boxes[:2]
+    assert claimed_boxes(boxes, []) == []
+
+
+def _walked(neighbours: Neighbours, history: History) -> None:
+    """A look-alike goes 8 pixels a tenth of a second, 5 of them by the camera's motion."""
     for number in range(10):
         warp = Warp(right=5.0) if number else Warp()
         moment = history.add(number / 10, warp, Box(0, 0, 10, 10))
-        neighbours.see([Box(100 + 8.0 * number, 50, 20, 20)], history, moment, number == 0)
+        boxes = [Box(100 + 8.0 * number, 50, 20, 20)]
+        neighbours.see(boxes, boxes if number == 0 else [], history, moment)
+
+
+def test_neighbours_are_expected_where_camera_and_velocity_carry_them() -> None:
+    history, neighbours = History(), Neighbours()
+    _walked(neighbours, history)
     later = history.add(1.0, Warp(right=5.0), Box(0, 0, 10, 10))
-    (expected,) = neighbours.expected(history, later)
-    assert expected.cx == pytest.approx(180, abs=1.0)
+    (neighbour,) = neighbours.known
+    assert neighbour.expected(history, later).cx == pytest.approx(180, abs=1.0)
+
+
+def test_a_neighbour_keeps_its_size_when_half_of_it_is_seen_once() -> None:
+    history, neighbours = History(), Neighbours()
+    _walked(neighbours, history)
+    half = history.add(1.0, Warp(right=5.0), Box(0, 0, 10, 10))
+    neighbours.see([Box(178, 50, 13, 13)], [], history, half)
+    later = history.add(1.1, Warp(right=5.0), Box(0, 0, 10, 10))
+    ((claim,),) = neighbours.claims([Box(187, 50, 20, 20)], history, later)
+    assert claim > 0.5
+
+
+def test_a_passer_by_is_a_look_alike_while_the_target_is_waited_for() -> None:
+    history, neighbours = History(), Neighbours()
+    box = Box(100, 50, 20, 20)
+    for number in range(3):
+        moment = history.add(number / 10, Warp(), Box(0, 0, 10, 10))
+        neighbours.see([box], [], history, moment, passers=[box])
+    assert neighbours.claims([box], history, moment) == []
+    ((claim,),) = neighbours.claims([box], history, moment, all_of_them=True)
+    assert claim == pytest.approx(1.0)
+    neighbours.see([box], [box], history, history.add(0.3, Warp(), Box(0, 0, 10, 10)))
+    assert len(neighbours.claims([box], history, moment)) == 1
 
 
 def test_warps_compose_and_undo() -> None:

@@ -15,10 +15,17 @@ from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.strangers import Strangers
 from follower_vision.fusion.warp import Warp
 from follower_vision.fusion.witness import Witness
+from follower_vision.prospect import Prospect, has_middle
 from follower_vision.track import Track, TrackState
 
 SAME_IOU = 0.5
 """Two boxes that overlap so much are the same object's."""
+
+_MARGIN_SIZES = 0.25
+"""The middle of a box about what is seen of a target may be so far from the target's."""
+
+_PATIENCE_S = 3.0
+"""An unseen target is waited for so long where it should come out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +65,7 @@ class Belief:
         taken: where the other targets are that are followed as well.
         rivals: look-alikes in the motion tracker's window.
         strangers: where they stood.
+        prospect: where the target can be in the present frame, as others know.
         witness: what the detector says of the motion tracker's places.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
@@ -75,6 +83,7 @@ class Belief:
         self.taken: Sequence[Box] = ()
         self.rivals = Rivals()
         self.strangers = Strangers()
+        self.prospect: Prospect | None = None
         self.witness = Witness()
         self._forecasts = Forecasts(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
@@ -85,6 +94,42 @@ class Belief:
     def is_free(self, box: Box) -> bool:
         """Whether a box is no other target's."""
         return all(box.iou(other) < SAME_IOU for other in self.taken)
+
+    def is_possible(self, box: Box) -> bool:
+        """Whether the target can be where a box is in the present frame."""
+        margin_px = _MARGIN_SIZES * self.reference.scale
+        return self.prospect is None or has_middle(self.prospect.possible, box, margin_px)
+
+    def is_likely(self, box: Box) -> bool:
+        """Whether an unseen target is to be expected where a box is in the present frame.
+
+        It is waited for there for some seconds; after that every place where it can be counts.
+        """
+        if self.prospect is None or not self.waits:
+            return self.is_possible(box)
+        margin_px = _MARGIN_SIZES * self.reference.scale
+        return has_middle(self.prospect.likely, box, margin_px)
+
+    @property
+    def waits(self) -> bool:
+        """Whether an unseen target is waited for where it should come out."""
+        return self.prospect is not None and self.unseen_s <= _PATIENCE_S
+
+    def foresee(self, expected: Box) -> Box:
+        """Expect a lost target where it should be by what others know."""
+        if self.prospect is None or self.state is not TrackState.LOST:
+            return expected
+        self.box = expected.moved_to(self.prospect.cx, self.prospect.cy)
+        self.kinematics.restart(self.box)
+        return self.box
+
+    def return_to(self, expected: Box) -> Box:
+        """Go back to where the target should be, by what others know if they know it."""
+        place = expected
+        if self.prospect is not None:
+            place = expected.moved_to(self.prospect.cx, self.prospect.cy)
+        self.kinematics.restart(place, self.kinematics.velocity)
+        return place
 
     def refuse_stranger(self, box: Box, expected: Box) -> bool:
         """Refuse a box that is rather a look-alike's, which is remembered to be there."""

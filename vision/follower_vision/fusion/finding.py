@@ -23,6 +23,8 @@ _ALIKE_IF_ALONE = 0.6
 _FAR = 0.25
 _SIZE_WEIGHT = 0.3
 _SURELY_ALIKE = 0.85
+_FORESEEN = 0.3
+"""Who is where the target should come out, and nobody known, need not look quite like it."""
 _MARGIN = 0.1
 _SAME_PLACE_IOU = 0.3
 
@@ -57,12 +59,7 @@ class Finding:
 
     def among(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> bool:
         """Look for the target among detections; return whether it is found."""
-        claimed = [False] * len(sight.boxes)
-        if self._settings.distractor_memory:
-            claimed = self._validation.claimed(belief, sight)
-            known = [box for box, taken in zip(sight.boxes, claimed, strict=True) if taken]
-            self._validation.neighbours.see(known, belief.history, sight.moment, False)
-        free = [box for box, taken in zip(sight.boxes, claimed, strict=True) if not taken]
+        free = self._validation.unclaimed(belief, sight)
         scored = [(self._looks.score(image, box), box) for box in free]
         scored.sort(key=lambda one: -one[0])
         alone = self._alone(belief, sight.moment, scored)
@@ -90,13 +87,17 @@ class Finding:
         persists = self._sole.persists(scored, moment, belief.history, reach_px)
         if not persists or self._looks.relative(scored[0][0]) < _ALIKE_IF_ALONE:
             return None
-        return scored[0][1], scored[0][0]
+        score, box = scored[0]
+        # Whose way through the world is known cannot have come so much nearer or gone so far.
+        strange = math.isinf(self._strangeness(belief, moment, box))
+        return None if strange and belief.prospect is not None else (box, score)
 
     def unaided(self, frame: Frame, belief: Belief, expected: Box) -> bool:
         """Look for a target that no detector knows; return whether it is found."""
         growth = self._settings.search_growth_s * belief.unseen_s
         reach_px = expected.scale * (_UNFAMILIAR_REACH_SIZES + growth)
         boxes = self._looks.proposals(frame.image, expected, reach_px)
+        boxes = [box for box in boxes if belief.is_likely(box)]
         if self._settings.distractor_memory:
             boxes = [box for box in boxes if not belief.refuse_stranger(box, expected)]
         scored = [(self._looks.score(frame.image, box), box) for box in boxes]
@@ -117,6 +118,7 @@ class Finding:
         for score, box in scored:
             strange = self._strangeness(belief, moment, box)
             lenience = self._looks.kinship(image, box) if belief.familiar else 0.0
+            lenience += _FORESEEN if belief.prospect is not None else 0.0
             least = _ALIKE + _ALIKE_IF_STRANGE * (strange - lenience)
             if self._looks.relative(score) < least:
                 continue

@@ -20,6 +20,7 @@ _LESS_CERTAIN = 0.7
 _OBJECTED = 4.0
 _USUAL_LOOKS = 0.85
 _HESITANT = 0.9
+_LEAP_SIZES = 0.5
 _JUMP_SIZES = 1.0
 _JUMP_SIZES_EDGE = 0.5
 _WHOLE = 0.85
@@ -126,6 +127,10 @@ class Following:
         self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
     ) -> None:
         settings = self._settings
+        if _left(belief, evidence):
+            self._low += 1
+            self.coast(frame, belief, belief.return_to(expected), "coasting")
+            return
         unsure = settings.score_coasting and evidence.relative < settings.low_ratio
         denied = belief.witness.denies and evidence.looks < _USUAL_LOOKS
         odd = self._judge.unlike(evidence) or self._exchanged(belief, evidence, expected)
@@ -169,7 +174,7 @@ class Following:
         self._doubted_s += interval_s
         longer = _OBJECTED if belief.witness.objects else 1.0
         self._forlorn = self._doubted_s > self._settings.doubt_s * longer
-        return evidence.relative >= self._settings.low_ratio
+        return evidence.relative >= self._settings.low_ratio and belief.is_possible(evidence.box)
 
     def _while_doubting(
         self, frame: Frame, belief: Belief, evidence: Evidence, expected: Box, interval_s: float
@@ -231,11 +236,13 @@ class Following:
         steady = away <= _STEADY_SIZES and evidence.relative >= SURE
         self._steady_s = self._steady_s + interval_s if steady else 0.0
         strange = self._strange(belief, evidence, expected)
-        free = belief.is_free(evidence.box) and not strange
+        free = belief.is_free(evidence.box) and belief.is_likely(evidence.box) and not strange
         if self._settings.score_coasting and sure and near and free:
             estimate = MotionEstimate(evidence.box, evidence.confidence)
             evidence = self._judged(frame, estimate, evidence.blurred)
-            if self._recognised(belief, evidence) or self._insistent(belief):
+            # Sent to where a target should come out, a tracker insists on whatever hides it.
+            sent = belief.familiar and belief.waits
+            if self._recognised(belief, evidence) or (not sent and self._insistent(belief)):
                 self._see(frame, belief, evidence, interval_s)
                 return
         self.coast(frame, belief, expected, "coasting")
@@ -312,6 +319,14 @@ class Following:
         if self._settings.appearance_check:
             self._looks.get_used(evidence.score, interval_s)
         belief.reference = drawn(belief.reference, box, interval_s)
+
+
+def _left(belief: Belief, evidence: Evidence) -> bool:
+    """Whether the tracker has gone where the target cannot be, or jumped where it hardly is."""
+    jumped = evidence.box.distance(belief.carried_on()) > _LEAP_SIZES * evidence.box.scale
+    if jumped and not belief.is_likely(evidence.box):
+        return True
+    return not belief.is_possible(evidence.box)
 
 
 def _breaks(frame: Frame, belief: Belief, evidence: Evidence) -> bool:

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from follower_vision.box import Box
-from follower_vision.fusion.belief import moved
+from follower_vision.fusion.belief import moved, towards
 from follower_vision.fusion.history import History, Moment
 
 _CLAIM = 0.3
 _HITS_TO_CLAIM = 2
 _MOST = 12
 _KEPT_S = 2.0
-_REACH_SIZES = 0.5
-_VELOCITY_SHARE = 0.4
+_REACH_SIZES, _REACH_SIZES_S = 0.5, 0.5
+_VELOCITY_SHARE, _SIZE_SHARE = 0.4, 0.4
 
 
 @dataclass(slots=True)
@@ -27,12 +27,14 @@ class Neighbour:
         moment: that frame.
         velocity: pixels a second over the background.
         hits: how often it was seen.
+        sure: whether it is surely not the target; else that is unlikely.
     """
 
     box: Box
     moment: Moment
     velocity: tuple[float, float] = (0.0, 0.0)
     hits: int = 1
+    sure: bool = True
 
     def expected(self, history: History, moment: Moment) -> Box:
         """Return where it should be in another frame."""
@@ -50,7 +52,15 @@ class Neighbour:
                 turned[0] + share * (box.cx - expected.cx),
                 turned[1] + share * (box.cy - expected.cy),
             )
-        self.box, self.moment, self.hits = box, moment, self.hits + 1
+        # What half hides it, or the region's edge, makes a box small for a moment.
+        self.box = towards(expected, box, _SIZE_SHARE).moved_to(box.cx, box.cy)
+        self.moment, self.hits = moment, self.hits + 1
+
+    def likeness(self, box: Box, history: History, moment: Moment) -> float:
+        """Return how well a box in another frame fits where it should be by then, 0 to 1."""
+        place = self.expected(history, moment)
+        reach_sizes = _REACH_SIZES + _REACH_SIZES_S * self.age_s(moment)
+        return likeness(place, box, place.scale * reach_sizes)
 
     def age_s(self, moment: Moment) -> float:
         """Return how long before a frame it was last seen."""
@@ -58,10 +68,10 @@ class Neighbour:
 
 
 class Neighbours:
-    """The look-alikes seen in the last second.
+    """The look-alikes seen in the last two seconds.
 
-    New ones are taken up only in looks in which the target itself was recognised: then whatever
-    else is there is surely somebody else.
+    New ones are taken up only where they are surely somebody else: in looks in which the target
+    itself was recognised, and where that cannot be.
     """
 
     def __init__(self) -> None:
@@ -72,28 +82,46 @@ class Neighbours:
         """All of them."""
         return self._known
 
-    def expected(self, history: History, moment: Moment) -> list[Box]:
-        """Return where the established ones should be in a frame."""
-        return [one.expected(history, moment) for one in self._known if one.hits >= _HITS_TO_CLAIM]
+    def claims(
+        self, boxes: Sequence[Box], history: History, moment: Moment, all_of_them: bool = False
+    ) -> list[list[float]]:
+        """Return how well each established neighbour (rows) explains each box (columns), 0 to 1.
 
-    def claims(self, boxes: Sequence[Box], history: History, moment: Moment) -> list[list[float]]:
-        """Return how well each established neighbour (rows) explains each box (columns), 0 to 1."""
+        Unless all of them are asked for, those count that are surely not the target.
+        """
         rows = []
-        for place in self.expected(history, moment):
-            row = [likeness(place, box, place.scale * _REACH_SIZES) for box in boxes]
-            rows.append([value if value >= _CLAIM else 0.0 for value in row])
+        for one in self._known:
+            if one.hits >= _HITS_TO_CLAIM and (one.sure or all_of_them):
+                row = [one.likeness(box, history, moment) for box in boxes]
+                rows.append([value if value >= _CLAIM else 0.0 for value in row])
         return rows
 
-    def see(self, boxes: Sequence[Box], history: History, moment: Moment, may_be_new: bool) -> None:
-        """Take what was seen besides the target."""
+    def see(
+        self,
+        boxes: Sequence[Box],
+        strangers: Sequence[Box],
+        history: History,
+        moment: Moment,
+        passers: Sequence[Box] = (),
+    ) -> None:
+        """Take what was seen besides the target.
+
+        Args:
+            boxes: all of that.
+            strangers: those of them that are surely somebody else, known or not.
+            history: has the frame.
+            moment: the frame in which they were seen.
+            passers: those of them that are somebody else in all likelihood.
+        """
         left = list(boxes)
         for one in sorted(self._known, key=lambda known: -known.hits):
-            place = one.expected(history, moment)
-            values = [likeness(place, box, place.scale * _REACH_SIZES) for box in left]
+            values = [one.likeness(box, history, moment) for box in left]
             if values and max(values) >= _CLAIM:
-                one.see(left.pop(values.index(max(values))), history, moment)
-        if may_be_new:
-            self._known += [Neighbour(box, moment) for box in left[:_MOST]]
+                box = left.pop(values.index(max(values)))
+                one.see(box, history, moment)
+                one.sure = one.sure or box in strangers
+        self._known += [Neighbour(box, moment) for box in left if box in strangers]
+        self._known += [Neighbour(box, moment, sure=False) for box in left if box in passers]
         self._known = [one for one in self._known if one.age_s(moment) <= _KEPT_S][:_MOST]
 
 
@@ -111,13 +139,21 @@ def assign_target(target: Sequence[float], claims: Sequence[Sequence[float]]) ->
     Returns:
         The box's number, or None if leaving all to the neighbours fits best.
     """
-    best, best_sum = None, _greedy(claims, None)
+    best, best_sum = None, _sum(claims, None)
     for number, value in enumerate(target):
         if value > 0:
-            total = value + _greedy(claims, number)
+            total = value + _sum(claims, number)
             if total > best_sum:
                 best, best_sum = number, total
     return best
+
+
+def claimed_boxes(boxes: Sequence[Box], claims: Sequence[Sequence[float]]) -> list[Box]:
+    """Return the boxes that are the neighbours': one each at most, the best fits first.
+
+    So a target that comes out beside a look-alike is left over.
+    """
+    return [boxes[column] for _, column in _shared_out(claims, None)]
 
 
 def likeness(expected: Box, seen: Box, reach_px: float) -> float:
@@ -127,8 +163,12 @@ def likeness(expected: Box, seen: Box, reach_px: float) -> float:
     return near * size
 
 
-def _greedy(claims: Sequence[Sequence[float]], taken: int | None) -> float:
-    """The sum when every neighbour gets the best box that is left, the best fits first."""
+def _sum(claims: Sequence[Sequence[float]], taken: int | None) -> float:
+    return sum(claims[row][column] for row, column in _shared_out(claims, taken))
+
+
+def _shared_out(claims: Sequence[Sequence[float]], taken: int | None) -> list[tuple[int, int]]:
+    """Give every neighbour (row) the best box (column) that is left, the best fits first."""
     pairs = sorted(
         (
             (-value, row, column)
@@ -139,10 +179,10 @@ def _greedy(claims: Sequence[Sequence[float]], taken: int | None) -> float:
     )
     rows: set[int] = set()
     columns: set[int] = set()
-    total = 0.0
-    for negative, row, column in pairs:
+    shares = []
+    for _, row, column in pairs:
         if row not in rows and column not in columns:
             rows.add(row)
             columns.add(column)
-            total -= negative
-    return total
+            shares.append((row, column))
+    return shares

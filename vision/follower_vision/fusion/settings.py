@@ -29,6 +29,8 @@ class FusionSettings:
         growing_search: search a growing region first after a loss, the whole image in between,
             look closer at what may be the target, and later at one small region after the other.
         keep_template: correct the motion tracker without teaching it anew at each validation.
+        prospects: take nothing for the target where, by what is known of its way through the
+            world, it cannot be; a lost one is expected where that says.
         validate_every: frames between two validations.
         validate_steady_every: the same while the motion tracker is certain, the detector has
             agreed with it lately, and nobody like the target is about.
@@ -71,6 +73,7 @@ class FusionSettings:
     appearance_check: bool = True
     growing_search: bool = True
     keep_template: bool = True
+    prospects: bool = True
 
     validate_every: int = 4
     validate_steady_every: int = 8
@@ -152,5 +155,6 @@ IMPROVEMENTS = (
     "appearance_check",
     "growing_search",
     "keep_template",
+    "prospects",
 )
 """The names of the switches."""

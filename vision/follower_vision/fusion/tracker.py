@@ -30,6 +30,7 @@ from follower_vision.fusion.regions import Regions
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.validation import Validation
 from follower_vision.motion import MotionTracker
+from follower_vision.prospect import Prospect
 from follower_vision.track import Track, TrackState
 
 _LEAST_VISIBLE = 0.1
@@ -76,6 +77,7 @@ class FusionTracker:
         self._belief: Belief | None = None
         self._regions = Regions(self._settings, self._finding, self._looks)
         self._asked = 0
+        self._prospect: Prospect | None = None
         self._pursuit = object()
         self._companions: Sequence[FusionTracker] = ()
 
@@ -88,6 +90,10 @@ class FusionTracker:
         self._preparation.close()
         if self._service is not None:
             self._service.close()
+
+    def expect(self, prospect: Prospect | None) -> None:
+        """Take where the target can be in the next frame; see `Foresighted`."""
+        self._prospect = prospect if self._settings.prospects else None
 
     def start(self, frame: Frame, box: Box) -> Track:
         """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
@@ -127,8 +133,11 @@ class FusionTracker:
         held = [one._held() for one in self._companions]
         belief.taken = [box for box in held if box is not None]
         interval_s = frame.captured_s - belief.now.captured_s
+        belief.prospect, self._prospect = self._prospect, None
         seen = self._preparation.prepare(frame, belief)
         expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
+        if not self._following.doubting:
+            expected = belief.foresee(expected)
         if seen.health is not FrameHealth.GOOD:
             self._following.coast(frame, belief, expected, seen.health.value)
         else:

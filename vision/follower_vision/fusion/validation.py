@@ -12,7 +12,12 @@ from follower_vision.fusion.belief import SAME_IOU, Belief, towards
 from follower_vision.fusion.following import Following
 from follower_vision.fusion.history import Moment
 from follower_vision.fusion.looks import Looks
-from follower_vision.fusion.neighbours import Neighbours, assign_target, likeness
+from follower_vision.fusion.neighbours import (
+    Neighbours,
+    assign_target,
+    claimed_boxes,
+    likeness,
+)
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.track import TrackState
 
@@ -80,7 +85,8 @@ class Validation:
             return
         if self._settings.distractor_memory:
             rest = [box for number, box in enumerate(sight.boxes) if number != chosen]
-            self.neighbours.see(rest, belief.history, sight.moment, chosen is not None)
+            strangers = rest if chosen is not None else []
+            self.neighbours.see(rest, strangers, belief.history, sight.moment)
         if chosen is None or not self._credible(image, belief, sight, sight.boxes[chosen]):
             self._missed(frame, belief)
         else:
@@ -108,10 +114,23 @@ class Validation:
             return True
         return self._looks.relative(self._looks.score(frame.image, box)) >= _USUAL_LOOKS
 
-    def claimed(self, belief: Belief, sight: Sight) -> list[bool]:
-        """Tell of each box whether it is a known look-alike's or another target's."""
-        claims = self._claims(belief, sight)
-        return [any(row[number] > 0 for row in claims) for number in range(len(sight.boxes))]
+    def unclaimed(self, belief: Belief, sight: Sight) -> list[Box]:
+        """Return the boxes that can be a lost target's, and follow the look-alikes among them.
+
+        Left out are known look-alikes', other targets', and those where the target is not to be
+        expected. Whoever is seen where it cannot be is a look-alike from then on; whoever is seen
+        elsewhere while it is waited for, until the waiting is over.
+        """
+        places = [(box, belief.present(sight.moment, box)) for box in sight.boxes]
+        likely = [box for box, present in places if belief.is_likely(present)]
+        if not self._settings.distractor_memory:
+            return likely
+        claimed = claimed_boxes(sight.boxes, self._claims(belief, sight))
+        strangers = [box for box, present in places if not belief.is_possible(present)]
+        passers = [box for box in sight.boxes if box not in likely and box not in strangers]
+        others = [box for box in sight.boxes if box in claimed or box not in likely]
+        self.neighbours.see(others, strangers, belief.history, sight.moment, passers)
+        return [box for box in likely if all(box.iou(other) < SAME_IOU for other in claimed)]
 
     def _choose(self, values: list[float], belief: Belief, sight: Sight) -> int | None:
         if not self._settings.distractor_memory:
@@ -120,7 +139,7 @@ class Validation:
 
     def _claims(self, belief: Belief, sight: Sight) -> list[list[float]]:
         """How well each look-alike and other target (rows) explains each box (columns)."""
-        known = self.neighbours.claims(sight.boxes, belief.history, sight.moment)
+        known = self.neighbours.claims(sight.boxes, belief.history, sight.moment, belief.waits)
         return known + [
             [box.iou(other) if box.iou(other) >= SAME_IOU else 0.0 for box in sight.boxes]
             for other in belief.taken
@@ -135,6 +154,10 @@ class Validation:
 
     def _value(self, belief: Belief, moment: Moment, box: Box) -> float:
         """How much a box is the target by its place: the motion tracker's, and the trajectory's."""
+        tracked = belief.state is TrackState.TRACKING
+        present = belief.present(moment, box)
+        if not (belief.is_possible(present) if tracked else belief.is_likely(present)):
+            return 0.0
         age_s = moment.captured_s - belief.confirmation.moment.captured_s
         expected = belief.confirmation.expected(belief.history, moment)
         if not 1 / _SIZE_CHANGE < box.scale / expected.scale < _SIZE_CHANGE:

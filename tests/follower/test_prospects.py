@@ -1,0 +1,131 @@
+"""Control tells vision where in the next image the target can be: it holds, and it replays."""
+
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from follower.configs import find_scenario
+from follower.flight_extras import FlightExtras
+from follower.flightlog import TrackRecord
+from follower.flying import fly_lockstep
+from follower.recorder import open_flight
+from follower.replay import Replay, compare, replay_settings
+from follower.sight import Sight
+from follower.simulate import simulation_settings
+from follower.simulated_flight import SimulatedFlight
+from follower.simulation_options import SimulationOptions
+from follower.vision_stage import VisionStage
+from follower_control.transport import MemoryTransport
+from follower_sim.scenario_file import load_scenario
+from follower_sim.truth import TruthTeller
+from follower_sim.world import World
+from follower_vision.box import Box
+from follower_vision.clock import SimulatedClock
+from follower_vision.frame import Frame
+from follower_vision.prospect import Prospect, has_middle
+from follower_vision.track import Track, TrackState
+
+BOX = Box(80, 60, 20, 20)
+FAR = Prospect(500.0, 100.0, Box(500, 100, 40, 40), Box(500, 100, 80, 80))
+
+
+def frame(number: int, time_s: float) -> Frame:
+    return Frame(np.zeros((120, 160, 3), np.uint8), time_s, number)
+
+
+class Told:
+    """A tracker that sees nothing, and notes what it was told before each frame."""
+
+    def __init__(self) -> None:
+        self.told: list[Prospect | None] = []
+
+    def start(self, frame: Frame, box: Box) -> Track:
+        return Track(box, TrackState.TRACKING, 1.0, "told", frame.captured_s, frame.sequence)
+
+    def expect(self, prospect: Prospect | None) -> None:
+        self.told.append(prospect)
+
+    def step(self, frame: Frame) -> Track:
+        return Track(BOX, TrackState.LOST, 0.0, "told", frame.captured_s, frame.sequence)
+
+
+def test_a_tracker_is_told_before_each_frame_but_the_one_in_which_it_starts() -> None:
+    tracker, asked = Told(), []
+
+    def prospects(captured_s: float, requests: int) -> Prospect | None:
+        asked.append((captured_s, requests))
+        return FAR if captured_s < 0.25 else None
+
+    stage = VisionStage(tracker)
+    stage.prospects = prospects
+    stage.step(frame(0, 0.0))
+    stage.select(lambda _: BOX)
+    for number in range(1, 5):
+        stage.step(frame(number, 0.1 * number))
+        assert stage.prospect == (FAR if number == 2 else None)
+    assert tracker.told == [FAR, None, None]
+    assert asked == [(pytest.approx(0.1 * number), 0) for number in (2, 3, 4)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pursue-car", "pursue-person", "pursue-quadrotor"])
+def test_a_hidden_target_is_where_it_is_said_to_be(name: str) -> None:
+    """Whatever it does below a canopy; and it is no large part of the image."""
+    scenario = load_scenario(find_scenario(name), ("duration_s=60", "occlusions.hidden_s=3"))
+    world, clock = World(scenario, 5), SimulatedClock()
+    options = SimulationOptions(name, sight=Sight.TRUTH)
+    flight = SimulatedFlight(
+        world,
+        simulation_settings(scenario, options),
+        "px4",
+        clock,
+        MemoryTransport.pair(),
+        FlightExtras(sight=Sight.TRUTH),
+    )
+    teller, asked = TruthTeller(world), []
+    look = flight.vision.step
+
+    def step(frame: Frame, delay_s: float = 0.0) -> TrackRecord:
+        captured_s = frame.captured_s
+        true_s = captured_s - scenario.camera.stamp_offset_s
+        seen = teller.seen(true_s, flight.vehicle.state_at(true_s))
+        asked.append((seen, flight.stage.prospect(captured_s, 0)))
+        return look(frame, delay_s)
+
+    flight.vision.step = step  # type: ignore[method-assign]
+    with closing(flight):
+        fly_lockstep(flight, clock, lambda: None)
+    told = [(seen, prospect) for seen, prospect in asked if prospect is not None and seen.box]
+    hidden = [(seen, prospect) for seen, prospect in told if seen.visible_share < 0.1]
+    assert len(told) > 500
+    assert len(hidden) > 25
+    possible = [has_middle(one.possible, seen.box) for seen, one in told]
+    assert sum(possible) >= 0.995 * len(told)
+    likely = [has_middle(one.likely, seen.box, seen.box.scale / 4) for seen, one in hidden]
+    assert sum(likely) >= 0.9 * len(hidden)
+    area = scenario.camera.width * scenario.camera.height
+    plain = [one.possible.area / area for seen, one in told if seen.visible_share > 0.9]
+    assert sorted(plain)[len(plain) // 2] < 0.1
+
+
+@pytest.mark.slow
+def test_what_vision_was_told_is_recorded_and_replays_bit_for_bit(tmp_path: Path) -> None:
+    arguments = ["sim", "pursue-person", "--lockstep", "--seed", "3", "--out", str(tmp_path)]
+    arguments += ["--set", "tracker=re3", "--set", "detector=embedded"]
+    arguments += ["--set", "recorder.video=lossless", "--scene", "duration_s=18"]
+    subprocess.run(
+        [sys.executable, "-c", "from follower.cli import main; main()", *arguments],
+        cwd=tmp_path,
+        timeout=280,
+        check=False,  # so short a pursuit need not pass
+        capture_output=True,
+    )
+    flight = open_flight(tmp_path / "pursue-person")
+    told = [record for record in flight.log.tracks if record.prospect is not None]
+    assert len(told) > 200
+    compared = compare(flight.log, Replay(flight, replay_settings(flight)).run())
+    assert compared.identical, [one.name for one in compared.differing]
