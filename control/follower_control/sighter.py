@@ -17,9 +17,14 @@ from follower_vision.camera import CameraModel, Vector
 from follower_vision.lineofsight import CameraMount, rotation
 from follower_vision.track import Track
 
-_LEAST_DEPTH, _SEEN_DEPTH = 0.2, 0.5
 BORDER_PX = 1.0
 """A box whose edge comes this near to the image's border counts as cut by it."""
+
+_SEEN_DEPTH, _LEAST_DEPTH = 0.5, 0.2
+"""How far ahead of the camera a place is, as a share of its distance: from where on the lens
+counts, and what counts at least, for places beside and behind it."""
+
+_AT_US_M = 1e-6
 
 
 class Sighter:
@@ -98,13 +103,14 @@ class Sighter:
         if attitude is None or (gimbal is not None and held is None):
             return None
         points = away_m @ self._turned(np.eye(3), attitude, held)
-        distances = np.sqrt(np.einsum("ij,ij->i", points, points))
+        distances = np.maximum(np.sqrt(np.einsum("ij,ij->i", points, points)), _AT_US_M)
         depth = np.maximum(points[:, 2], _LEAST_DEPTH * distances)
-        straight = np.stack([points[:, 0] / depth, points[:, 1] / depth], axis=1)
-        straight = straight * (self._camera.fx, self._camera.fy)
-        straight += (self._camera.cx, self._camera.cy)
+        pixels = np.empty((len(points), 2))
+        pixels[:, 0] = self._camera.cx + self._camera.fx * points[:, 0] / depth
+        pixels[:, 1] = self._camera.cy + self._camera.fy * points[:, 1] / depth
         seen = points[:, 2] > _SEEN_DEPTH * distances
-        return np.where(seen[:, None], self._camera.pixels(points), straight)
+        pixels[seen] = self._camera.pixels(points[seen])
+        return pixels
 
     def _turned(
         self, vectors: Vector, attitude: Attitude | None, held: GimbalState | None

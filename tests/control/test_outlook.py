@@ -5,7 +5,7 @@ import math
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 
 from follower_control.attitude_history import AttitudeHistory
 from follower_control.gimbal_history import GimbalHistory
@@ -97,10 +97,22 @@ def test_a_target_that_left_to_the_right_is_expected_right_of_the_image(ahead):
     assert math.isfinite(seen.cy)
 
 
-def test_a_target_right_below_gives_a_finite_region():
+def test_a_target_right_below_is_expected_below_the_image():
     seen = prospect(Outlook(np.array([0.0, 0.0, 8.0]), 1, 2), SIGHTER, 10.0, known())
-    assert all(math.isfinite(value) for value in (*seen.likely.xywh, *seen.possible.xywh))
     assert seen.cy > LENS.height
+
+
+@given(
+    away=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),
+    likely=st.floats(0, 1e3),
+    more=st.floats(0, 1e4),
+    yaw=st.floats(-4, 4),
+)
+@example(away=[0.0, 0.0, 0.0], likely=0.0, more=0.0, yaw=0.0)
+def test_wherever_it_is_the_region_is_finite_and_around_it(away, likely, more, yaw):
+    seen = prospect(Outlook(np.array(away), likely, likely + more), SIGHTER, 10.0, known(yaw=yaw))
+    assert all(map(math.isfinite, (seen.cx, seen.cy, *seen.likely.xywh, *seen.possible.xywh)))
+    assert has_middle(seen.likely, Box(seen.cx, seen.cy, 1, 1), 1e-3)
 
 
 def test_the_reach_grows_by_what_a_manoeuvre_makes_of_the_time():
