@@ -36,6 +36,7 @@ ACROSS, ALONG, ALONG_GROUND = 0.005, 0.03, 0.05
 """Standard deviations of a place as shares of the distance: across the line of sight, along it by
 size, and along the ground."""
 
+_FORESEEN_S = 6.0
 _LIKELY, _POSSIBLE = (1.0, 2.0), (3.0, 3.5)
 """Where an unseen target is looked for, and where it can be at all: by how many standard deviations
 of what was seen of it, and by how many m/s² it may have changed its velocity since."""
@@ -178,9 +179,12 @@ class PursuitSight:
         return np.asarray(np.arctan2(away[:, 1], away[:, 0]))
 
     def outlook(self, time_s: float) -> Outlook | None:
-        """Return where the target can have been then, seen from us; None if it is not known."""
-        here = self._own.at(time_s)
-        if here is None or self._moving.time_s is None:
+        """Return where the target can have been then, seen from us; None if it is not known.
+
+        After some seconds unseen it can be on any side of us.
+        """
+        here, seen_s = self._own.at(time_s), self._moving.time_s
+        if here is None or seen_s is None or time_s - seen_s > _FORESEEN_S:
             return None
         likely_m, possible_m = (self._moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
         return Outlook(self._moving.at(time_s)[0] - here, likely_m, possible_m)

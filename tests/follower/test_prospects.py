@@ -1,5 +1,6 @@
 """Control tells vision where in the next image the target can be: it holds, and it replays."""
 
+import math
 import subprocess
 import sys
 from contextlib import closing
@@ -19,13 +20,20 @@ from follower.simulate import simulation_settings
 from follower.simulated_flight import SimulatedFlight
 from follower.simulation_options import SimulationOptions
 from follower.vision_stage import VisionStage
+from follower_control.estimator import EstimatorSettings, TargetEstimator
+from follower_control.servo import VisualServo
+from follower_control.servo_settings import ServoSettings
+from follower_control.setpoint import HOLD
+from follower_control.sighting import SightFrame, Sighting
 from follower_control.transport import MemoryTransport
+from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_sim.scenario_file import load_scenario
 from follower_sim.truth import TruthTeller
 from follower_sim.world import World
 from follower_vision.box import Box
 from follower_vision.clock import SimulatedClock
 from follower_vision.frame import Frame
+from follower_vision.lineofsight import LineOfSight
 from follower_vision.prospect import Prospect, has_middle
 from follower_vision.track import Track, TrackState
 
@@ -110,6 +118,29 @@ def test_a_hidden_target_is_where_it_is_said_to_be(name: str) -> None:
     area = scenario.camera.width * scenario.camera.height
     plain = [one.possible.area / area for seen, one in told if seen.visible_share > 0.9]
     assert sorted(plain)[len(plain) // 2] < 0.1
+
+
+def test_nothing_is_foreseen_of_a_target_that_has_long_been_gone() -> None:
+    """It can be on any side of us by then, and no region of the image says that."""
+    servo = VisualServo(ServoSettings(target_size_m=1.0, distance_m=10.0))
+    estimator, gone_s = TargetEstimator(EstimatorSettings(restart_after_s=20.0)), 2.0
+    servo.start()
+    for number in range(600):
+        now_s = 0.02 * number
+        if now_s < gone_s:
+            sight = LineOfSight(0.0, -0.3)
+            estimator.observe(Sighting(sight, math.log(0.1), now_s, SightFrame.WORLD, False))
+        estimate = estimator.estimate(now_s)
+        attitude = Attitude(0, 0, 0, 0, 0, 0, now_s)
+        position = LocalPosition(0, 0, -5, 0, 0, 0, now_s)
+        assert estimate is not None
+        servo.update(estimate, VehicleState(attitude, position, "OFFBOARD", True, True), HOLD)
+        if 1.0 < now_s < gone_s + 5.0:
+            outlook = servo.outlook(now_s)
+            assert outlook is not None
+            assert outlook.away_m[0] > 5
+        if now_s > gone_s + 6.1:
+            assert servo.outlook(now_s) is None
 
 
 @pytest.mark.slow
