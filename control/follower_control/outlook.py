@@ -16,8 +16,8 @@ from follower_vision.prospect import Prospect
 
 _NEAREST_SHARE = 0.2
 _UP_SHARE = 0.5
-_ANGLE_RAD = math.radians(2.0)
-"""What attitude, its time and the lens may be wrong by."""
+_ANGLE_RAD, _TIME_S = math.radians(2.0), 0.05
+"""What attitude and lens may be wrong by, and the time for which the attitude was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,17 +34,20 @@ class Outlook:
     likely_m: float
     possible_m: float
 
-    def points_m(self, reach_m: float) -> Vector:
+    def points_m(self, reach_m: float, angle_rad: float = 0.0) -> Vector:
         """Return (7, 3): where it should be, and so far from there across, along, down and up.
 
-        What directions may be wrong by comes on top. No point comes as near to us as a fifth of
-        the distance: what is so near is all around.
+        No point comes as near to us as a fifth of the distance: what is so near is all around.
+
+        Args:
+            reach_m: how far.
+            angle_rad: what directions may be wrong by; comes on top.
         """
         distance_m = float(np.linalg.norm(self.away_m))
         level_m = math.hypot(self.away_m[0], self.away_m[1])
         ahead = np.array([self.away_m[0], self.away_m[1], 0.0]) / max(level_m, 1e-6)
         across = np.array([-ahead[1], ahead[0], 0.0])
-        slack_m = _ANGLE_RAD * distance_m
+        slack_m = angle_rad * distance_m
         up = np.array([0.0, 0.0, _UP_SHARE * reach_m + slack_m])
         reach_m += slack_m
         near_m = max(min(reach_m, level_m - _NEAREST_SHARE * distance_m), 0.0)
@@ -68,7 +71,15 @@ def prospect(
         attitudes: of the vehicle.
         gimbal: which holds the camera, if one does.
     """
-    likely, possible = (outlook.points_m(m) for m in (outlook.likely_m, outlook.possible_m))
+    time_s = sighter.exposed_s(captured_s)
+    attitude = attitudes.at(time_s)
+    if attitude is None:
+        return None
+    held = None if gimbal is None else gimbal.at(time_s)
+    turning = attitude if held is None else held.attitude
+    angle_rad = _ANGLE_RAD + _TIME_S * turning.turn_rate_rad_s
+    reaches = (outlook.likely_m, outlook.possible_m)
+    likely, possible = (outlook.points_m(reach_m, angle_rad) for reach_m in reaches)
     pixels = sighter.image_of(np.concatenate([likely, possible]), captured_s, attitudes, gimbal)
     if pixels is None:
         return None

@@ -36,6 +36,11 @@ class Attitude:
     time_s: float
 
     @property
+    def turn_rate_rad_s(self) -> float:
+        """How fast it turns, about whichever axis."""
+        return math.hypot(self.roll_rate_rad_s, self.pitch_rate_rad_s, self.yaw_rate_rad_s)
+
+    @property
     def numbers(self) -> tuple[float, ...]:
         """The angles and the rates."""
         return (

@@ -97,6 +97,21 @@ def test_a_target_that_left_to_the_right_is_expected_right_of_the_image(ahead):
     assert math.isfinite(seen.cy)
 
 
+@pytest.mark.parametrize("late_s", [-0.05, 0.05])
+def test_a_camera_that_is_a_little_later_than_said_loses_no_target_in_a_turn(late_s):
+    """The attitude is then another than the one with which the region was made."""
+    turn = math.radians(60)
+    said, true = AttitudeHistory(), AttitudeHistory()
+    said.add(Attitude(0, 0, 0.0, 0, 0, turn, 9.9))
+    true.add(Attitude(0, 0, turn * late_s, 0, 0, turn, 9.9))
+    away = np.array([14.0, 1.0, 5.0])
+    seen = prospect(Outlook(away, 0.0, 0.0), SIGHTER, 10.0, said)
+    (x, y), *_ = SIGHTER.image_of(away[None], 10.0, true).tolist()
+    assert has_middle(seen.likely, Box(x, y, 1, 1), 1.0)
+    still = prospect(Outlook(away, 0.0, 0.0), SIGHTER, 10.0, known())
+    assert not has_middle(still.likely, Box(x, y, 1, 1), 1.0)
+
+
 def test_a_target_right_below_is_expected_below_the_image():
     seen = prospect(Outlook(np.array([0.0, 0.0, 8.0]), 1, 2), SIGHTER, 10.0, known())
     assert seen.cy > LENS.height
