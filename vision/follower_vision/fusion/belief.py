@@ -97,8 +97,7 @@ class Belief:
 
     def is_possible(self, box: Box) -> bool:
         """Whether the target can be where a box is in the present frame."""
-        margin_px = _MARGIN_SIZES * self.reference.scale
-        return self.prospect is None or has_middle(self.prospect.possible, box, margin_px)
+        return self.prospect is None or self._has_middle(self.prospect.possible, box)
 
     def is_likely(self, box: Box) -> bool:
         """Whether an unseen target is to be expected where a box is in the present frame.
@@ -107,8 +106,10 @@ class Belief:
         """
         if self.prospect is None or not self.waits:
             return self.is_possible(box)
-        margin_px = _MARGIN_SIZES * self.reference.scale
-        return has_middle(self.prospect.likely, box, margin_px)
+        return self._has_middle(self.prospect.likely, box)
+
+    def _has_middle(self, region: Box, box: Box) -> bool:
+        return has_middle(region, box, _MARGIN_SIZES * self.reference.scale)
 
     @property
     def waits(self) -> bool:
@@ -119,17 +120,19 @@ class Belief:
         """Expect a lost target where it should be by what others know."""
         if self.prospect is None or self.state is not TrackState.LOST:
             return expected
-        self.box = expected.moved_to(self.prospect.cx, self.prospect.cy)
+        self.box = self._foreseen(expected)
         self.kinematics.restart(self.box)
         return self.box
 
     def return_to(self, expected: Box) -> Box:
         """Go back to where the target should be, by what others know if they know it."""
-        place = expected
-        if self.prospect is not None:
-            place = expected.moved_to(self.prospect.cx, self.prospect.cy)
+        place = self._foreseen(expected)
         self.kinematics.restart(place, self.kinematics.velocity)
         return place
+
+    def _foreseen(self, expected: Box) -> Box:
+        prospect = self.prospect
+        return expected if prospect is None else expected.moved_to(prospect.cx, prospect.cy)
 
     def refuse_stranger(self, box: Box, expected: Box) -> bool:
         """Refuse a box that is rather a look-alike's, which is remembered to be there."""
