@@ -39,7 +39,8 @@ def train_detector_command(
     start: Annotated[
         Path | None,
         typer.Option(
-            help="Begin with the weights in another training's folder, of the same classes."
+            help="Begin with the weights in another training's folder, or of a network that one "
+            "has written (.onnx), of the same classes."
         ),
     ] = None,
     device: Device = "auto",

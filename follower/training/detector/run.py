@@ -22,6 +22,7 @@ from follower.training.detector.eight_bit import (
     write_eight_bit,
 )
 from follower.training.detector.export import Exported, export_detector
+from follower.training.detector.exported_start import state_of_onnx
 from follower.training.detector.folder import FolderPictures
 from follower.training.detector.labelled import IGNORED, LabelledImage, Pictures
 from follower.training.detector.reading import AnswerReader
@@ -48,7 +49,8 @@ class TrainingRun:
         folder: where everything is written.
         device: where it computes.
         resume: go on from the folder's checkpoint.
-        start: the folder of another training, whose weights and anchors this one begins with.
+        start: the folder of another training, or the network (.onnx) that one has written, whose
+            weights and anchors this one begins with.
         console: where progress is shown.
     """
 
@@ -100,7 +102,7 @@ class TrainingRun:
 
     def _trainer(self, pictures: Pictures, state: dict[str, Any] | None) -> DetectorTrainer:
         training, seed = self.config.training, self.config.seed
-        start = None if self.start is None else load_checkpoint(self.start, self.device)
+        start = self._start_state(pictures)
         known = state or start
         anchors = None if known is None else np.array(known["anchors"])
         if state is None or anchors is None:
@@ -111,6 +113,14 @@ class TrainingRun:
         elif start is not None:
             trainer.begin_with(start)
         return trainer
+
+    def _start_state(self, pictures: Pictures) -> dict[str, Any] | None:
+        if self.start is None or self.start.suffix != ".onnx":
+            return None if self.start is None else load_checkpoint(self.start, self.device)
+        training, seed = self.config.training, self.config.seed
+        stream = pictures.training(training.side_px, seed)
+        shown = as_tensor([next(stream) for _ in range(_RANGE_PICTURES)], torch.device("cpu"))
+        return state_of_onnx(self.start, training, pictures.class_names, shown)
 
     def _look(self, pictures: Pictures, anchors: np.ndarray | None) -> np.ndarray:
         """Draw some of the pictures; return the anchors, if none are given those that fit best."""

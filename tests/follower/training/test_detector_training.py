@@ -1,10 +1,12 @@
 """A detector's training: what it is told, that it learns, and that its file answers alike."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import pytest
 import torch
 from typer.testing import CliRunner
@@ -20,6 +22,7 @@ from follower.training.detector.eight_bit import (
     write_eight_bit,
 )
 from follower.training.detector.export import AGREEMENT, largest_difference, write_onnx
+from follower.training.detector.exported_start import state_of_onnx
 from follower.training.detector.labelled import IGNORED, LabelledImage
 from follower.training.detector.loss import RegionLoss, giou, make_labels
 from follower.training.detector.rendered import RenderedPictures
@@ -30,6 +33,7 @@ from follower_control.strict_yaml import SettingsError
 from follower_vision.box import Box
 from follower_vision.detection import OnnxDetector
 from follower_vision.detection.candidates import Candidates
+from follower_vision.network import ModelError
 
 CPU = torch.device("cpu")
 SIDE = 96
@@ -191,8 +195,7 @@ def test_a_tiny_run_learns_to_find_squares(trained: DetectorTrainer) -> None:
 def test_the_exported_file_answers_as_the_network_does_and_detects(
     trained: DetectorTrainer, tmp_path: Path
 ) -> None:
-    path = tmp_path / "squares.onnx"
-    write_onnx(trained.averaged, SIDE, trained.class_names, trained.anchors, path)
+    path = _exported(trained, tmp_path / "squares.onnx")
     assert largest_difference(trained.averaged, path, SIDE) < AGREEMENT
     detector = OnnxDetector(path)
     assert detector.class_names == ("red", "blue")
@@ -203,8 +206,7 @@ def test_the_exported_file_answers_as_the_network_does_and_detects(
 def test_in_eight_bits_it_finds_as_much_and_says_what_it_is(
     trained: DetectorTrainer, tmp_path: Path
 ) -> None:
-    path, small = tmp_path / "squares.onnx", tmp_path / "squares-int8.onnx"
-    write_onnx(trained.averaged, SIDE, trained.class_names, trained.anchors, path)
+    path, small = _exported(trained, tmp_path / "squares.onnx"), tmp_path / "squares-int8.onnx"
     stream = Squares().training(SIDE, 3)
     write_eight_bit(path, [next(stream) for _ in range(20)], small)
     whole, eight_bit = measure_files([path, small], Squares().held_out(SIDE, 30))
@@ -242,6 +244,45 @@ def test_a_state_of_other_classes_is_refused(trained: DetectorTrainer) -> None:
     state = trained.state() | {"classes": ["red", "green"]}
     with pytest.raises(SettingsError, match="other classes"):
         DetectorTrainer(SMALL, Squares(), ANCHORS, 1, CPU).restore(state)
+
+
+def _exported(trained: DetectorTrainer, path: Path) -> Path:
+    write_onnx(trained.averaged, SIDE, trained.class_names, trained.anchors, path)
+    return path
+
+
+def test_a_training_begun_with_an_exported_network_answers_as_it_does_and_goes_on_learning(
+    trained: DetectorTrainer, tmp_path: Path
+) -> None:
+    path, held_out = _exported(trained, tmp_path / "squares.onnx"), Squares().held_out(SIDE, 32)
+    state = state_of_onnx(path, SMALL, ("red", "blue"), as_tensor(held_out, CPU))
+    again = DetectorTrainer(SMALL, Squares(), np.array(state["anchors"]), 7, CPU)
+    again.begin_with(state)
+    assert largest_difference(again.averaged, path, SIDE) < AGREEMENT
+    # In training a normalisation takes mean and variance from the batch: it has to fit them, or
+    # all that was learnt is lost in the first step.
+    original = DetectorTrainer(SMALL, Squares(), ANCHORS, 1, CPU)
+    original.restore(trained.state())
+    assert again.learn(held_out) < 1.5 * original.learn(held_out)
+
+
+def test_a_network_of_other_classes_or_layers_or_another_tool_begins_no_training(
+    trained: DetectorTrainer, tmp_path: Path
+) -> None:
+    path, pictures = _exported(trained, tmp_path / "squares.onnx"), torch.zeros(2, 3, SIDE, SIDE)
+    with pytest.raises(SettingsError, match=r"squares\.onnx: it finds \['red', 'blue'\]"):
+        state_of_onnx(path, SMALL, ("boat",), pictures)
+    wider = replace(SMALL, channels=(8, 8, 16, 16, 64))
+    with pytest.raises(SettingsError, match="its layers are not those of channels"):
+        state_of_onnx(path, wider, ("red", "blue"), pictures)
+    model = onnx.load(path)
+    del model.metadata_props[:]
+    onnx.save(model, path)
+    with pytest.raises(SettingsError, match="no network that `follower train detector` has"):
+        state_of_onnx(path, SMALL, ("red", "blue"), pictures)
+    path.write_bytes(b"no network")
+    with pytest.raises(ModelError, match=r"squares\.onnx"):
+        state_of_onnx(path, SMALL, ("red", "blue"), pictures)
 
 
 def test_a_mirrored_picture_is_the_same_after_mirroring_it_again() -> None:
@@ -313,6 +354,10 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     assert OnnxDetector(folder / "mine.onnx").class_names == ("red", "blue")
     config = (folder / "config.yaml").read_text()
     (folder / "config.yaml").write_text(config.replace("steps: 3\n", "steps: 5\n"))
+    begun = ["--set", "name=begun", "--start", str(folder / "mine.onnx"), "--set", sizes]
+    another = CliRunner().invoke(app, [*run, *begun])
+    assert another.exit_code == 0, another.output
+    assert OnnxDetector(tmp_path / "begun" / "begun.onnx").class_names == ("red", "blue")
     again = CliRunner().invoke(app, ["train", "detector", "--resume", str(folder)])
     assert again.exit_code == 0, again.output
     steps = [row.split(",")[0] for row in (folder / "log.csv").read_text().splitlines()]
