@@ -30,6 +30,8 @@ _LAND_SHARES = {"person": 0.2, "car": 0.6, "boat": 0.02, "quadrotor": 0.18}
 _WATER_SHARES = {"person": 0.04, "car": 0.04, "boat": 0.68, "quadrotor": 0.24}
 _HIGHEST_M = 18.0
 _LONGEST_TRIES = 20
+_BESIDE_RADII = 1.5
+_ROOM = 0.65
 _PAINTS = 14
 _STRIDE_STEPS = 12
 
@@ -63,7 +65,7 @@ class StagedWorld(World):
 
 def random_world(rng: np.random.Generator) -> StagedWorld:
     """Return a world with another ground, sky, light and scenery each time."""
-    ground = _GROUNDS[int(rng.choice(4, p=(0.32, 0.4, 0.14, 0.14)))]
+    ground = _GROUNDS[int(rng.choice(4, p=(0.3, 0.36, 0.12, 0.22)))]
     scenario = Scenario.model_validate(
         {
             "name": "training",
@@ -119,35 +121,44 @@ def _scatter(ground: str, rng: np.random.Generator) -> list[dict[str, object]]:
 def random_stage(world: StagedWorld, rng: np.random.Generator) -> list[Actor]:
     """Return bodies at random places, clear of each other and of what stands."""
     shares = _WATER_SHARES if world.scenario.ground.kind == "water" else _LAND_SHARES
-    kinds = [int(rng.choice(len(KINDS), p=[shares[kind] for kind in KINDS]))]
-    while rng.random() < 0.62 and len(kinds) < 7:
-        again = rng.random() < 0.5  # things of one kind keep company: look-alikes
-        kinds.append(
-            kinds[-1] if again else int(rng.choice(len(KINDS), p=[shares[k] for k in KINDS]))
-        )
-    actors = [_placed(world, [], kind, rng) for kind in kinds[:1]]
-    for kind in kinds[1:]:
-        actors.append(_placed(world, actors, kind, rng))
+    weights = [shares[kind] for kind in KINDS]
+    kind, paint = int(rng.choice(len(KINDS), p=weights)), _paint(world, rng)
+    actors = [_placed(world, [], kind, paint, rng)]
+    while rng.random() < 0.66 and len(actors) < 7:
+        # Things of one kind keep company, and some are painted alike: look-alikes.
+        again = rng.random() < 0.6
+        kind = kind if again else int(rng.choice(len(KINDS), p=weights))
+        paint = paint if again and rng.random() < 0.5 else _paint(world, rng)
+        actors.append(_placed(world, actors, kind, paint, rng))
     for _ in range(int(rng.integers(0, 5))):
-        actors.append(_placed(world, actors, None, rng))
+        actors.append(_placed(world, actors, None, paint, rng))
     return actors
 
 
+def _paint(world: StagedWorld, rng: np.random.Generator) -> Colour:
+    return world.paints[int(rng.integers(_PAINTS))]
+
+
 def _placed(
-    world: StagedWorld, others: Sequence[Actor], kind: int | None, rng: np.random.Generator
+    world: StagedWorld,
+    others: Sequence[Actor],
+    kind: int | None,
+    paint: Colour,
+    rng: np.random.Generator,
 ) -> Actor:
-    """Return a body at a free place; half of them near one that is there already."""
-    mesh = _clutter(rng) if kind is None else _body(KINDS[kind], world, rng)
+    """Return a body at a free place; half of them near one that is there already, or beside it."""
+    mesh = _clutter(rng) if kind is None else _body(KINDS[kind], paint, rng)
     flying = kind is not None and KINDS[kind] == "quadrotor" and rng.random() < 0.8
     height = float(rng.uniform(0.5, _HIGHEST_M)) if flying else 0.0
     roll, pitch = rng.normal(0, 0.12, 2).tolist() if flying else (0.0, 0.0)
     turn = rotation(roll, pitch, float(rng.uniform(-math.pi, math.pi)))
-    near = others[int(rng.integers(len(others)))].solid.centre if others else None
+    near = others[int(rng.integers(len(others)))].solid if others else None
     solid = Solid.placed(mesh, (0.0, 0.0, 0.0), turn, world.sun)
     for _ in range(_LONGEST_TRIES):
         at = rng.uniform(-REACH_M, REACH_M, 2)
         if near is not None and rng.random() < 0.5:
-            at = near[:2] + rng.normal(0, 5.0, 2)
+            spread_m = 5.0 if rng.random() < 0.5 else _BESIDE_RADII * near.radius_m
+            at = near.centre[:2] + rng.normal(0, spread_m, 2)
         place: Triple = (float(at[0]), float(at[1]), -height)
         solid = Solid.placed(mesh, place, turn, world.sun)
         if not any(_touch(solid, other) for other in (*world.scenery, *_solids(others))):
@@ -160,13 +171,12 @@ def _solids(actors: Sequence[Actor]) -> list[Solid]:
 
 
 def _touch(solid: Solid, other: Solid) -> bool:
-    room = 0.75 * (solid.radius_m + other.radius_m)
+    room = _ROOM * (solid.radius_m + other.radius_m)
     return float(np.linalg.norm(solid.centre - other.centre)) < room
 
 
-def _body(kind: TargetKind, world: StagedWorld, rng: np.random.Generator) -> Mesh:
+def _body(kind: TargetKind, colour: Colour, rng: np.random.Generator) -> Mesh:
     """Return a body in one of the world's paints; making one takes longer than drawing it."""
-    colour = world.paints[int(rng.integers(_PAINTS))]
     walks = kind == "person" and rng.random() < 0.8
     travelled = 1.5 * int(rng.integers(_STRIDE_STEPS)) / _STRIDE_STEPS if walks else 0.0
     return _made(kind, colour, travelled)

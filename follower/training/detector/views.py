@@ -14,7 +14,7 @@ from follower_vision.frame import Image
 
 _WHOLE_SHARE = 0.25
 _ANYWHERE_SHARE = 0.05
-_ZOOM = (3.0, 7.0)
+_ZOOM = (2.4, 8.0)
 _LEAST_CROP_PX = 64.0
 _LEAST_INSIDE = 0.5
 _TRACE_INSIDE = 0.1
