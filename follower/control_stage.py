@@ -165,10 +165,13 @@ class ControlStage:
                 chosen a moment ago nothing is known here.
         """
         with self._lock:
-            outlook = self.servo.outlook(self._sighter.exposed_s(captured_s))
+            time_s, sighter = self._sighter.exposed_s(captured_s), self._sighter
+            outlook = self.servo.outlook(time_s)
             if outlook is None or target_requests != self._target_requests:
                 return None
-            return prospect(outlook, self._sighter, captured_s, self._attitudes, self._gimbals)
+            earlier = self.servo.earlier_outlooks(time_s)
+            held = self._attitudes, self._gimbals
+            return prospect(outlook, sighter, captured_s, *held, earlier)
 
     def _step(
         self,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +41,10 @@ _SIDEWAYS_M_S2, _WAYS = 2.5, 9
 _GONE_S, _PROVEN_S = 0.25, 0.8
 """After so long unseen it is asked whether a jump was true, and for so long it has to be seen there
 to be so."""
+
+
+_REMEMBERED_S, _EVERY_S = 4.0, 0.4
+"""For how long it is remembered what was believed, and how often that is noted down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +84,7 @@ class MovingTarget:
         self._time_s: float | None = None
         self._newest_s: float | None = None
         self._before: _Belief | None = None
+        self._past: deque[_Belief] = deque()
         self._jumped_s = 0.0
         self._misses = 0
         self._turn_rad_s = 0.0
@@ -101,8 +109,7 @@ class MovingTarget:
         if self._before is None or self._time_s is None or now_s - self._time_s <= _GONE_S:
             return
         before, self._before, self._misses = self._before, None, 0
-        self._state, self._covariance = before.state, before.covariance
-        self._time_s, self._turn_rad_s = before.time_s, before.turn_rad_s
+        self._believe(before)
 
     def observe(
         self,
@@ -125,6 +132,7 @@ class MovingTarget:
         if self._newest_s is not None and time_s <= self._newest_s:
             return
         self.drop_unproven(time_s)
+        self._note(time_s)
         if self._time_s is None:
             self._begin(place_m, noise_m2, np.zeros(3), slow)
         else:
@@ -132,6 +140,28 @@ class MovingTarget:
                 self._before = None
             self._fuse(place_m, noise_m2, time_s - self._time_s, direction, slow)
         self._time_s = self._newest_s = time_s
+
+    def _note(self, now_s: float) -> None:
+        """Note down now and then what is believed."""
+        while self._past and now_s - self._past[0].time_s > _REMEMBERED_S:
+            self._past.popleft()
+        last_s = self._past[-1].time_s if self._past else -math.inf
+        if self._time_s is not None and self._time_s - last_s >= _EVERY_S:
+            self._past.append(self._believed(self._time_s))
+
+    def _believed(self, time_s: float) -> _Belief:
+        return _Belief(self._state.copy(), self._covariance, time_s, self._turn_rad_s)
+
+    def earlier(self) -> Iterator[MovingTarget]:
+        """Yield it as it was believed to be in the last seconds, the latest first."""
+        for belief in reversed(self._past):
+            then = copy.copy(self)
+            then._believe(belief)
+            yield then
+
+    def _believe(self, belief: _Belief) -> None:
+        self._state, self._covariance = belief.state, belief.covariance
+        self._time_s, self._turn_rad_s = belief.time_s, belief.turn_rad_s
 
     def at(self, time_s: float) -> tuple[Vector, Vector]:
         """Return its place and velocity, (3,) each, if it goes on as it did."""
@@ -204,6 +234,7 @@ class MovingTarget:
     def rescale(self, from_m: Vector, factor: float) -> None:
         """Put it so many times as far from a place, in the same direction."""
         self._before = None
+        self._past.clear()
         self._state[:3] = from_m + factor * (self._state[:3] - from_m)
 
     def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector, slow: Vector) -> None:
@@ -233,7 +264,7 @@ class MovingTarget:
     def _doubt(self, elapsed_s: float) -> None:
         """Keep what is believed until what comes instead is proven."""
         if self._before is None and self._time_s is not None:
-            self._before = _Belief(self._state, self._covariance, self._time_s, self._turn_rad_s)
+            self._before = self._believed(self._time_s)
             self._jumped_s = self._time_s + elapsed_s
 
     def _fuse(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from follower_control.gimbal_history import GimbalHistory
 from follower_control.sighter import Sighter
 from follower_vision.box import Box
 from follower_vision.camera import Vector
-from follower_vision.prospect import Prospect
+from follower_vision.prospect import Forecast, Prospect
 
 _NEAREST_SHARE = 0.2
 _UP_SHARE = 0.5
@@ -28,11 +29,15 @@ class Outlook:
         away_m: (3,) north, east, down from us to where it should be.
         likely_m: how far from there it mostly is; up and down, half as far.
         possible_m: how far from there it can be.
+        seen_s: when it was seen last.
+        nearer: how many times as near it should be as it was then.
     """
 
     away_m: Vector
     likely_m: float
     possible_m: float
+    seen_s: float = -math.inf
+    nearer: float = 1.0
 
     def points_m(self, reach_m: float, angle_rad: float = 0.0) -> Vector:
         """Return (7, 3): where it should be, and so far from there across, along, down and up.
@@ -61,6 +66,7 @@ def prospect(
     captured_s: float,
     attitudes: AttitudeHistory,
     gimbal: GimbalHistory | None = None,
+    earlier: Sequence[Outlook] = (),
 ) -> Prospect | None:
     """Return where in an image the target can be; None where the camera's direction is not known.
 
@@ -70,6 +76,7 @@ def prospect(
         captured_s: the image's time stamp.
         attitudes: of the vehicle.
         gimbal: which holds the camera, if one does.
+        earlier: for the same time, by what was believed before.
     """
     time_s = sighter.exposed_s(captured_s)
     attitude = attitudes.at(time_s)
@@ -80,11 +87,23 @@ def prospect(
     angle_rad = _ANGLE_RAD + _TIME_S * turning.turn_rate_rad_s
     reaches = (outlook.likely_m, outlook.possible_m)
     likely, possible = (outlook.points_m(reach_m, angle_rad) for reach_m in reaches)
-    pixels = sighter.image_of(np.concatenate([likely, possible]), captured_s, attitudes, gimbal)
+    before = [one.points_m(one.likely_m, angle_rad) for one in earlier]
+    points = np.concatenate([likely, possible, *before])
+    pixels = sighter.image_of(points, captured_s, attitudes, gimbal)
     if pixels is None:
         return None
-    (cx, cy) = pixels[0].tolist()
-    return Prospect(cx, cy, _about(pixels[: len(likely)]), _about(pixels[len(likely) :]))
+    offset_s = captured_s - time_s
+    seen = np.split(pixels, len(pixels) // len(likely))
+    forecasts = tuple(
+        Forecast(one.seen_s + offset_s, *_middle(places), _about(places), one.nearer)
+        for one, places in zip(earlier, seen[2:], strict=True)
+    )
+    return Prospect(*_middle(seen[0]), _about(seen[0]), _about(seen[1]), forecasts)
+
+
+def _middle(pixels: Vector) -> tuple[float, float]:
+    x, y = pixels[0].tolist()
+    return x, y
 
 
 def _about(pixels: Vector) -> Box:

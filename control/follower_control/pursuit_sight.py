@@ -41,6 +41,9 @@ _LIKELY, _POSSIBLE = (1.0, 2.0), (3.0, 3.5)
 """Where an unseen target is looked for, and where it can be at all: by how many standard deviations
 of what was seen of it, and by how many m/s² it may have changed its velocity since."""
 
+_NEAREST_M = 0.5
+"""What is said to be nearer than this is so far away, for ratios of distances."""
+
 _LARGER = 1.25
 """So much larger a target may look than it is; if more, the ground is not level, and the target
 nearer than it says."""
@@ -186,8 +189,24 @@ class PursuitSight:
         here, seen_s = self._own.at(time_s), self._moving.time_s
         if here is None or seen_s is None or time_s - seen_s > _FORESEEN_S:
             return None
-        likely_m, possible_m = (self._moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
-        return Outlook(self._moving.at(time_s)[0] - here, likely_m, possible_m)
+        return _outlook(self._moving, time_s, here)
+
+    def earlier_outlooks(self, time_s: float) -> list[Outlook]:
+        """Return the same by what was believed in the last seconds, the latest first."""
+        here = self._own.at(time_s)
+        if here is None:
+            return []
+        outlooks = []
+        for then in self._moving.earlier():
+            seen_s = then.time_s
+            there = None if seen_s is None else self._own.at(seen_s)
+            if seen_s is not None and there is not None:
+                was_m = float(np.linalg.norm(then.at(seen_s)[0] - there))
+                outlook = _outlook(then, time_s, here)
+                away_m = float(np.linalg.norm(outlook.away_m))
+                nearer = was_m / max(away_m, _NEAREST_M)
+                outlooks.append(replace(outlook, seen_s=seen_s, nearer=nearer))
+        return outlooks
 
     def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
         """Take in where the target was when it was seen last, if that is news."""
@@ -284,6 +303,11 @@ class PursuitSight:
         """Return the logarithm of the distance over the wanted one."""
         wanted = estimate.log_scale if self._wanted_log_scale is None else self._wanted_log_scale
         return wanted - estimate.log_scale
+
+
+def _outlook(moving: MovingTarget, time_s: float, here_m: Vector) -> Outlook:
+    likely_m, possible_m = (moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
+    return Outlook(moving.at(time_s)[0] - here_m, likely_m, possible_m)
 
 
 def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:

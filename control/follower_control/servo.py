@@ -158,6 +158,10 @@ class VisualServo:
         """Return where the target can have been then, seen from us; None if it is not known."""
         return self._sight.outlook(time_s)
 
+    def earlier_outlooks(self, time_s: float) -> list[Outlook]:
+        """Return the same by what was believed in the last seconds, the latest first."""
+        return self._sight.earlier_outlooks(time_s)
+
     def update(
         self, estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint
     ) -> VelocitySetpoint:

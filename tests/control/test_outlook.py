@@ -1,6 +1,7 @@
 """Where a target can be becomes a region of the image, and shrinks or grows as physics says."""
 
 import math
+from itertools import pairwise
 
 import hypothesis.strategies as st
 import numpy as np
@@ -8,14 +9,19 @@ import pytest
 from hypothesis import assume, example, given
 
 from follower_control.attitude_history import AttitudeHistory
+from follower_control.estimator import EstimatorSettings, TargetEstimator
 from follower_control.gimbal_history import GimbalHistory
 from follower_control.moving_target import MovingTarget, place_noise
 from follower_control.outlook import Outlook, prospect
+from follower_control.servo import VisualServo
+from follower_control.servo_settings import ServoSettings
+from follower_control.setpoint import HOLD
 from follower_control.sighter import Sighter
-from follower_control.vehicle import Attitude, GimbalState
+from follower_control.sighting import SightFrame, Sighting
+from follower_control.vehicle import Attitude, GimbalState, LocalPosition, VehicleState
 from follower_vision.box import Box
 from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount
+from follower_vision.lineofsight import CameraMount, LineOfSight
 from follower_vision.prospect import has_middle
 from follower_vision.track import Track, TrackState
 
@@ -146,3 +152,85 @@ def test_the_reach_grows_by_what_a_manoeuvre_makes_of_the_time():
     spread = [target.reach_m(last_s + after_s, 1, 0) for after_s in (0, 0.5, 1, 2)]
     assert spread == sorted(spread)
     assert 0.05 < spread[0] < 0.4
+
+
+def _walked(ways: list[tuple[float, np.ndarray]]) -> MovingTarget:
+    """Return a target that was seen at 20 Hz, going for so long with each velocity in turn."""
+    target, place, time_s = MovingTarget(1.0), np.array([15.0, 0.0, 0.0]), 0.0
+    noise = place_noise(np.array([1.0, 0, 0]), 0.2, 0.1)
+    for duration_s, velocity in ways:
+        for _ in range(round(duration_s / 0.05)):
+            target.observe(place, noise, time_s)
+            place, time_s = place + 0.05 * velocity, time_s + 0.05
+    return target
+
+
+NORTH, EAST = np.array([3.0, 0, 0]), np.array([0, 3.0, 0])
+
+
+def test_what_was_believed_before_a_look_alike_was_followed_foretells_the_target():
+    target = _walked([(3.0, NORTH), (1.0, EAST)])
+    true = np.array([15.0, 0, 0]) + 4.0 * NORTH
+    now, _ = target.at(4.0)
+    assert np.linalg.norm(now - true) > 3.5
+    before = [one for one in target.earlier() if 0.5 < one.time_s <= 3.0]
+    assert len(before) >= 4
+    for one in before:
+        assert np.linalg.norm(one.at(4.0)[0] - true) < 0.5
+
+
+def test_it_is_remembered_every_now_and_then_for_four_seconds_and_asking_changes_nothing():
+    target = _walked([(8.0, NORTH)])
+    before = target.at(9.0)[0], target.reach_m(9.0, 1, 2)
+    times = [one.time_s for one in target.earlier()]
+    assert times == sorted(times, reverse=True)
+    assert all(near - far >= 0.4 - 1e-9 for near, far in pairwise(times))
+    assert 3.4 <= target.time_s - times[-1] <= 4.5
+    np.testing.assert_array_equal(target.at(9.0)[0], before[0])
+    assert target.reach_m(9.0, 1, 2) == before[1]
+    target.reset()
+    assert list(target.earlier()) == []
+
+
+def test_a_forecast_is_where_its_place_is_seen_and_dated_by_the_frames_clock():
+    earlier = [Outlook(np.array([14.0, share, 4.0]), 1.0, 3.0, 8.5, 1.2) for share in (-4.0, 3.0)]
+    now = Outlook(np.array([14.0, 0.0, 4.0]), 0.5, 1.0)
+    seen = prospect(now, SIGHTER, 10.0, known(), earlier=earlier)
+    alone = prospect(now, SIGHTER, 10.0, known())
+    assert (seen.cx, seen.cy, seen.likely, seen.possible) == (
+        alone.cx,
+        alone.cy,
+        alone.likely,
+        alone.possible,
+    )
+    places = SIGHTER.image_of(np.array([one.away_m for one in earlier]), 10.0, known())
+    for one, (x, y) in zip(seen.earlier, places.tolist(), strict=True):
+        assert (one.cx, one.cy) == pytest.approx((x, y))
+        assert has_middle(one.likely, Box(x, y, 1, 1))
+        # The camera is 0.1 s late: what was exposed at 8.5 s has the time stamp 8.6 s.
+        assert one.since_s == pytest.approx(8.6)
+        assert one.nearer == 1.2
+
+
+def test_a_target_that_is_flown_up_to_looks_nearer_than_before():
+    servo = VisualServo(ServoSettings(target_size_m=1.0, distance_m=10.0))
+    estimator = TargetEstimator(EstimatorSettings())
+    servo.start()
+    for number in range(200):
+        now_s = 0.02 * number
+        north_m = 2.5 * now_s
+        away = np.array([25.0 - north_m, 0.0, 5.0])
+        range_m = float(np.linalg.norm(away))
+        sight = LineOfSight(0.0, -math.asin(5.0 / range_m))
+        world = SightFrame.WORLD
+        estimator.observe(Sighting(sight, math.log(1.0 / range_m), now_s, world, False))
+        attitude = Attitude(0, 0, 0, 0, 0, 0, now_s)
+        position = LocalPosition(north_m, 0, -5, 2.5, 0, 0, now_s)
+        estimate = estimator.estimate(now_s)
+        servo.update(estimate, VehicleState(attitude, position, "OFFBOARD", True, True), HOLD)
+    then = servo.earlier_outlooks(now_s)
+    assert len(then) >= 5
+    for one in then:
+        was_m = math.hypot(25.0 - 2.5 * one.seen_s, 5.0)
+        assert one.nearer == pytest.approx(was_m / range_m, rel=0.05)
+        np.testing.assert_allclose(one.away_m[:2], away[:2], atol=1.5)

@@ -9,6 +9,27 @@ from follower_vision.box import Box
 
 
 @dataclass(frozen=True, slots=True)
+class Forecast:
+    """Where the target would be in the next image had it gone on as was believed before.
+
+    What was followed since then may have been something else.
+
+    Attributes:
+        since_s: the time stamp of the last frame of which that belief knew.
+        cx: where its middle would be, in pixels; beside the image if it left.
+        cy: the same downwards.
+        likely: where its middle would mostly be.
+        nearer: how many times as large it would look as in that frame.
+    """
+
+    since_s: float
+    cx: float
+    cy: float
+    likely: Box
+    nearer: float
+
+
+@dataclass(frozen=True, slots=True)
 class Prospect:
     """Where in the next image the target can be, as far as its way through the world tells.
 
@@ -20,12 +41,14 @@ class Prospect:
         cy: the same downwards.
         likely: where its middle mostly is; this, too, may reach beyond the image, or lie outside.
         possible: where it can be at all.
+        earlier: the same by what was believed in the last seconds, the latest first.
     """
 
     cx: float
     cy: float
     likely: Box
     possible: Box
+    earlier: tuple[Forecast, ...] = ()
 
 
 def has_middle(region: Box, box: Box, margin_px: float = 0.0) -> bool:
