@@ -24,6 +24,9 @@ SAME_IOU = 0.5
 _MARGIN_SIZES = 0.25
 """The middle of a box about what is seen of a target may be so far from the target's."""
 
+_DISTRUST_S = 1.5
+"""After so long others know the target's way again of which they were told wrong."""
+
 _PATIENCE_S = 3.0
 """An unseen target is waited for so long where it should come out."""
 
@@ -84,6 +87,7 @@ class Belief:
         self.rivals = Rivals()
         self.strangers = Strangers()
         self.prospect: Prospect | None = None
+        self._distrusted_until_s = -math.inf
         self.witness = Witness()
         self._forecasts = Forecasts(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
@@ -115,6 +119,15 @@ class Belief:
     def waits(self) -> bool:
         """Whether an unseen target is waited for where it should come out."""
         return self.prospect is not None and self.unseen_s <= _PATIENCE_S
+
+    def distrust_prospects(self) -> None:
+        """Another than the target was followed: what others know of its way is that one's."""
+        self.prospect = None
+        self._distrusted_until_s = self.now.captured_s + _DISTRUST_S
+
+    def expect(self, prospect: Prospect | None, captured_s: float) -> None:
+        """Take where the target can be in the frame of a time, as others know."""
+        self.prospect = prospect if captured_s > self._distrusted_until_s else None
 
     def foresee(self, expected: Box) -> Box:
         """Expect a lost target where it should be by what others know."""

@@ -51,6 +51,12 @@ class History:
         place = index - self._moments[0].index
         return self._moments[place] if 0 <= place < len(self._moments) else None
 
+    def since(self, captured_s: float) -> Moment | None:
+        """Return the last frame up to a time; None if that is too long ago."""
+        if self._moments[0].captured_s > captured_s:
+            return None
+        return next(one for one in reversed(self._moments) if one.captured_s <= captured_s)
+
     def warp(self, first: Moment, second: Moment) -> Warp:
         """Return the camera's motion from one frame to another."""
         return first.total.back().then(second.total)

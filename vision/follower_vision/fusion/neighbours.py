@@ -25,6 +25,7 @@ class Neighbour:
     Attributes:
         box: at `moment`, when it was last seen.
         moment: that frame.
+        met_s: when it was so near the target last that either may be the other since.
         velocity: pixels a second over the background.
         hits: how often it was seen.
         sure: whether it is surely not the target; else that is unlikely.
@@ -32,6 +33,7 @@ class Neighbour:
 
     box: Box
     moment: Moment
+    met_s: float
     velocity: tuple[float, float] = (0.0, 0.0)
     hits: int = 1
     sure: bool = True
@@ -76,11 +78,29 @@ class Neighbours:
 
     def __init__(self) -> None:
         self._known: list[Neighbour] = []
+        self._target: Box | None = None
 
     @property
     def known(self) -> Sequence[Neighbour]:
         """All of them."""
         return self._known
+
+    def meet(self, target: Box, history: History, moment: Moment) -> None:
+        """Take where the target is said to be: whoever is beside it there may be it instead."""
+        self._target = target
+        for one in self._known:
+            if _are_beside(one.expected(history, moment), target):
+                one.met_s = moment.captured_s
+
+    def met_s(self, box: Box, history: History, moment: Moment) -> float:
+        """Return when what a box shows in a frame was beside the target last; -inf if never."""
+        fits = [(one.likeness(box, history, moment), one.met_s) for one in self._known]
+        best, met_s = max(fits, default=(0.0, -math.inf))
+        return met_s if best >= _CLAIM else self._met_s(box, moment)
+
+    def _met_s(self, box: Box, moment: Moment) -> float:
+        beside = self._target is not None and _are_beside(box, self._target)
+        return moment.captured_s if beside else -math.inf
 
     def claims(
         self, boxes: Sequence[Box], history: History, moment: Moment, all_of_them: bool = False
@@ -120,9 +140,16 @@ class Neighbours:
                 box = left.pop(values.index(max(values)))
                 one.see(box, history, moment)
                 one.sure = one.sure or box in strangers
-        self._known += [Neighbour(box, moment) for box in left if box in strangers]
-        self._known += [Neighbour(box, moment, sure=False) for box in left if box in passers]
+        for box in left:
+            if box in strangers or box in passers:
+                met_s = self._met_s(box, moment)
+                self._known.append(Neighbour(box, moment, met_s, sure=box in strangers))
         self._known = [one for one in self._known if one.age_s(moment) <= _KEPT_S][:_MOST]
+
+
+def _are_beside(one: Box, other: Box) -> bool:
+    """Whether half of one's size, or less, lies between two boxes."""
+    return one.scaled(2.0).intersection(other) > 0
 
 
 def assign_target(target: Sequence[float], claims: Sequence[Sequence[float]]) -> int | None:

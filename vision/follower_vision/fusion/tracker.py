@@ -133,7 +133,8 @@ class FusionTracker:
         held = [one._held() for one in self._companions]
         belief.taken = [box for box in held if box is not None]
         interval_s = frame.captured_s - belief.now.captured_s
-        belief.prospect, self._prospect = self._prospect, None
+        belief.expect(self._prospect, frame.captured_s)
+        self._prospect = None
         seen = self._preparation.prepare(frame, belief)
         expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
         if not self._following.doubting:
@@ -199,7 +200,7 @@ class FusionTracker:
         settings = self._settings
         low = settings.score_coasting and belief.confidence < settings.resume_ratio
         odd = settings.appearance_check and belief.witness.wonders
-        if blurred or low or odd:
+        if blurred or low or odd or self._validation.suspect(belief) is not None:
             return Need.DOUBTFUL
         steady = belief.confidence >= CERTAIN and self._validation.steady
         return Need.STEADY if steady else Need.USUAL
@@ -217,7 +218,8 @@ class FusionTracker:
         if self._service is None or not self._service.ready(need):
             return
         self._asked = belief.now.index
-        region = self._regions.next(frame, belief)
+        checked = self._validation
+        region = self._regions.next(frame, belief, checked.crowded, checked.suspect(belief))
         self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
 
     def _consider(

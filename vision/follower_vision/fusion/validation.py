@@ -18,6 +18,7 @@ from follower_vision.fusion.neighbours import (
     claimed_boxes,
     likeness,
 )
+from follower_vision.fusion.parting import Parting
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.track import TrackState
 
@@ -59,28 +60,44 @@ class Validation:
         self._following = following
         self._looks = looks
         self.neighbours = Neighbours()
+        self._parting = Parting()
         self._misses = 0
         self._estranged = 0
         self._agreed = 0
+        self._disagreed = False
 
     @property
     def steady(self) -> bool:
         """Whether detector and motion tracker have agreed lately, with nobody else about."""
         return self._agreed >= _STEADY_LOOKS and not self.neighbours.known
 
+    @property
+    def crowded(self) -> bool:
+        """Whether somebody like the target is about, or what is seen fits the track badly."""
+        about = bool(self.neighbours.known) or self._disagreed
+        return about and self._settings.distractor_memory
+
+    def suspect(self, belief: Belief) -> Box | None:
+        """Return where to look whether that is the target, and not what is followed; or None."""
+        return self._parting.suspect(belief)
+
     def start(self) -> None:
         """Forget the look-alikes and the failures: another target, or the same found again."""
         self.neighbours = Neighbours()
+        self._parting = Parting()
         self._misses = 0
         self._estranged = 0
         self._agreed = 0
+        self._disagreed = False
 
     def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
         """Correct the belief by a sight that is of this frame or a little late."""
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
         chosen = self._choose(values, belief, sight)
         agreed = chosen is not None and sight.boxes[chosen].iou(sight.moment.box) >= _CLOSE
-        self._agreed = self._agreed + 1 if agreed else 0
+        self._agreed, self._disagreed = self._agreed + 1 if agreed else 0, not agreed
+        if self._settings.distractor_memory and self._parted(frame, belief, sight, chosen):
+            return
         if self._settings.distractor_memory and self._ambiguous(values, chosen):
             return
         if self._settings.distractor_memory:
@@ -92,6 +109,22 @@ class Validation:
         else:
             self._misses = 0
             self._confirm(frame, belief, sight.moment, sight.boxes[chosen])
+
+    def _parted(self, frame: Frame, belief: Belief, sight: Sight, chosen: int | None) -> bool:
+        """Go back to the target if a look-alike that came close was followed away from it."""
+        moment = sight.moment
+        followed = moment.box if chosen is None else sight.boxes[chosen]
+        self.neighbours.meet(followed, belief.history, moment)
+        box = self._parting.parted(belief, moment, sight.boxes, followed, self.neighbours)
+        if box is None:
+            return False
+        self.neighbours = Neighbours()
+        others = [one for one in sight.boxes if one is not box]
+        self.neighbours.see(others, others, belief.history, moment)
+        self._misses = 0
+        belief.distrust_prospects()
+        self._confirm(frame, belief, moment, box)
+        return True
 
     def _credible(self, image: Image, belief: Belief, sight: Sight, box: Box) -> bool:
         """Whether a detection looks like the target.

@@ -1,0 +1,230 @@
+"""A look-alike that came before the target is left again for it, by what was foretold before."""
+
+import math
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import assume, given
+
+from follower_vision.box import Box
+from follower_vision.correlation import CorrelationTracker
+from follower_vision.frame import Frame
+from follower_vision.fusion.belief import Belief
+from follower_vision.fusion.finding import Finding
+from follower_vision.fusion.following import Following
+from follower_vision.fusion.history import Moment
+from follower_vision.fusion.looks import Looks
+from follower_vision.fusion.neighbours import Neighbours
+from follower_vision.fusion.parting import Parting
+from follower_vision.fusion.regions import Regions
+from follower_vision.fusion.settings import FusionSettings
+from follower_vision.fusion.validation import Validation
+from follower_vision.fusion.warp import Warp
+from follower_vision.prospect import Forecast, Prospect
+
+SIZE = 40.0
+TARGET, OTHER = Box(300, 200, SIZE, SIZE), Box(352, 215, SIZE, SIZE)
+FAR = Box(420, 200, SIZE, SIZE)
+MET_S, PARTED_S, LOOK_S = 0.5, 1.2, 0.1
+REACH = Box(0, 0, 60, 60)
+REACH_HERE = REACH.moved_to(TARGET.cx, TARGET.cy)
+
+
+def forecast(since_s: float, box: Box, nearer: float = 1.0) -> Forecast:
+    return Forecast(since_s, box.cx, box.cy, REACH.moved_to(box.cx, box.cy), nearer)
+
+
+class Crossing:
+    """Two that were one from 0.5 s on, and a belief that went with the one at `followed`.
+
+    What was believed before 0.5 s foretells `foretold`, what was believed later the one followed.
+    """
+
+    def __init__(self, foretold: Box = TARGET, followed: Box = OTHER, nearer: float = 1.0) -> None:
+        self.belief = Belief(Frame(np.zeros((480, 640, 3), np.uint8), 0.0, 0), foretold, "test")
+        self.neighbours, self.parting = Neighbours(), Parting()
+        self._followed = followed
+        known = [forecast(one / 10, foretold, nearer) for one in range(5, -1, -1)]
+        late = [forecast(one / 10, followed) for one in range(11, 5, -1)]
+        self.belief.prospect = Prospect(followed.cx, followed.cy, REACH, REACH, (*late, *known))
+        for number in range(1, 12):
+            self.step(number * LOOK_S)
+
+    def step(self, now_s: float, warp: Warp | None = None) -> Moment:
+        return self.belief.history.add(now_s, warp or Warp(), self._followed)
+
+    def look(self, boxes: list[Box], now_s: float, followed: Box | None = None) -> Box | None:
+        moment = self.step(now_s)
+        followed = followed or self._followed
+        self.neighbours.meet(followed, self.belief.history, moment)
+        found = self.parting.parted(self.belief, moment, boxes, followed, self.neighbours)
+        rest = [box for box in boxes if box is not followed]
+        self.neighbours.see(rest, rest, self.belief.history, moment)
+        return found
+
+
+def test_when_the_two_part_the_one_that_goes_on_as_before_is_the_target() -> None:
+    crossing = Crossing()
+    assert crossing.look([OTHER, TARGET], PARTED_S) is None  # a single sight may be wrong
+    assert crossing.look([OTHER, TARGET], PARTED_S + LOOK_S) is TARGET
+
+
+def test_what_may_be_the_target_is_looked_at_for_half_a_second_wherever_the_camera_turns() -> None:
+    crossing = Crossing()
+    assert crossing.parting.suspect(crossing.belief) is None
+    crossing.look([OTHER, TARGET], PARTED_S)
+    crossing.step(PARTED_S + 0.4, Warp(right=25.0))
+    assert crossing.parting.suspect(crossing.belief) == TARGET.moved_to(TARGET.cx + 25, TARGET.cy)
+    crossing.step(PARTED_S + 0.5)
+    assert crossing.parting.suspect(crossing.belief) is None
+
+
+def test_two_sights_count_only_if_one_comes_soon_after_the_other_at_the_same_place() -> None:
+    late = Crossing()
+    assert late.look([OTHER, TARGET], PARTED_S) is None
+    assert late.look([OTHER, TARGET], PARTED_S + 0.6) is None
+    elsewhere = Crossing()
+    assert elsewhere.look([OTHER, TARGET.moved_to(290, 165)], PARTED_S) is None
+    assert elsewhere.look([OTHER, TARGET.moved_to(310, 225)], PARTED_S + LOOK_S) is None
+
+
+def test_who_was_apart_from_the_target_before_is_not_it_wherever_it_goes() -> None:
+    crossing = Crossing(followed=FAR)
+    history = crossing.belief.history
+    for number in (3, 5, 7):
+        moment = history.at(number)
+        assert moment is not None
+        crossing.neighbours.see([TARGET], [TARGET], history, moment)
+    for number in range(4):
+        assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S) is None
+
+
+def test_whoever_turns_up_farther_away_never_was_where_the_target_was() -> None:
+    crossing = Crossing(followed=FAR)
+    for number in range(4):
+        assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S) is None
+
+
+def test_who_has_long_been_apart_again_stays_what_it_is() -> None:
+    crossing = Crossing()
+    prospect = crossing.belief.prospect
+    crossing.belief.prospect = None
+    assert crossing.look([OTHER, TARGET], PARTED_S) is None
+    for number in range(1, 12):
+        assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S, FAR) is None
+    crossing.belief.prospect = prospect
+    for number in range(12, 16):
+        assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S, FAR) is None
+
+
+@pytest.mark.parametrize(("met", "found"), [(8, True), (5, True), (4, True), (None, False)])
+def test_whoever_was_beside_what_is_followed_may_be_the_target_though_it_was_known_before(
+    met: int | None, *, found: bool
+) -> None:
+    crossing = Crossing(followed=FAR)
+    history = crossing.belief.history
+    for number in (3, 5, 7):
+        moment = history.at(number)
+        assert moment is not None
+        crossing.neighbours.see([TARGET], [TARGET], history, moment)
+    beside = None if met is None else history.at(met)
+    if beside is not None:
+        crossing.neighbours.meet(OTHER, history, beside)
+    assert crossing.look([FAR, TARGET], PARTED_S) is None
+    assert (crossing.look([FAR, TARGET], PARTED_S + LOOK_S) is TARGET) is found
+
+
+@given(
+    turn=st.floats(-math.pi, math.pi),
+    away=st.floats(0, 22),
+    beside=st.floats(60, 130),
+    side=st.floats(-math.pi, math.pi),
+)
+def test_a_target_that_goes_about_where_foretold_is_not_left_for_one_beside_it(
+    turn: float, away: float, beside: float, side: float
+) -> None:
+    """However it manoeuvres within what is likely, and wherever somebody new turns up."""
+    followed = TARGET.moved_to(300 + away * math.cos(turn), 200 + away * math.sin(turn))
+    other = TARGET.moved_to(300 + beside * math.cos(side), 200 + beside * math.sin(side))
+    assume(other.distance(followed) > SIZE)
+    crossing = Crossing(followed=followed)
+    for number in range(3):
+        assert crossing.look([followed, other], PARTED_S + number * LOOK_S) is None
+
+
+def test_nobody_is_chosen_by_a_forecast_from_after_they_met() -> None:
+    """Whoever was followed by then was followed for another reason."""
+    crossing = Crossing(followed=FAR)
+    prospect, history = crossing.belief.prospect, crossing.belief.history
+    assert prospect is not None
+    late = [one for one in prospect.earlier if one.since_s > MET_S]
+    turned = tuple(replace(one, cx=TARGET.cx, cy=TARGET.cy, likely=REACH_HERE) for one in late)
+    crossing.belief.prospect = replace(prospect, earlier=turned)
+    moment = history.at(5)
+    assert moment is not None
+    crossing.neighbours.see([TARGET], [TARGET], history, moment)
+    crossing.neighbours.meet(OTHER, history, moment)
+    for number in range(3):
+        assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S) is None
+
+
+@pytest.mark.parametrize(("nearer", "found"), [(2.5, True), (1.0, False)])
+def test_a_size_that_the_way_explains_is_no_other_one(nearer: float, *, found: bool) -> None:
+    grown = Box(300, 200, 2.5 * SIZE, 2.5 * SIZE)
+    crossing = Crossing(nearer=nearer)
+    crossing.look([OTHER, grown], PARTED_S)
+    assert (crossing.look([OTHER, grown], PARTED_S + LOOK_S) is grown) is found
+
+
+def test_without_forecasts_nothing_is_left() -> None:
+    crossing = Crossing()
+    crossing.belief.prospect = None
+    for number in range(3):
+        assert crossing.look([OTHER, TARGET], PARTED_S + number * LOOK_S) is None
+
+
+def test_a_late_sight_is_held_against_the_forecast_of_the_present_frame() -> None:
+    """The camera has turned since; the forecast is of now, the boxes of then."""
+    crossing = Crossing()
+    for number in range(2):
+        then = crossing.step(PARTED_S + number * LOOK_S)
+        boxes = [OTHER.moved_to(302, 215), TARGET.moved_to(250, 200)]
+        crossing.neighbours.meet(boxes[0], crossing.belief.history, then)
+        crossing.step(PARTED_S + 0.03 + number * LOOK_S, Warp(right=50.0))
+        found = crossing.parting.parted(crossing.belief, then, boxes, boxes[0], crossing.neighbours)
+        crossing.step(PARTED_S + 0.06 + number * LOOK_S, Warp(right=-50.0))
+    assert found is boxes[1]
+
+
+def _regions() -> tuple[Regions, Frame, Belief]:
+    settings = FusionSettings()
+    looks = Looks(settings.reidentify, None)
+    following = Following(CorrelationTracker(), settings, looks)
+    validation = Validation(settings, following, looks)
+    frame = Frame(np.zeros((480, 640, 3), np.uint8), 0.0, 0)
+    finding = Finding(settings, following, validation, looks)
+    return Regions(settings, finding, looks), frame, Belief(frame, TARGET, "test")
+
+
+def test_among_look_alikes_every_second_look_is_a_closer_one() -> None:
+    regions, frame, belief = _regions()
+    widths = [regions.next(frame, belief, crowded).width for crowded in (False, *[True] * 4, False)]
+    assert widths == pytest.approx([200, 120, 200, 120, 200, 200])
+
+
+def test_the_next_look_is_at_what_may_be_the_target() -> None:
+    regions, frame, belief = _regions()
+    assert regions.next(frame, belief, crowded=True, suspect=FAR) == Box(FAR.cx, FAR.cy, 200, 200)
+
+
+def test_after_a_mistake_the_others_prospects_are_not_asked_for_a_while() -> None:
+    crossing = Crossing()
+    belief, prospect = crossing.belief, crossing.belief.prospect
+    belief.distrust_prospects()
+    assert belief.prospect is None
+    belief.expect(prospect, belief.now.captured_s + 1.0)
+    assert belief.prospect is None
+    belief.expect(prospect, belief.now.captured_s + 2.0)
+    assert belief.prospect is prospect

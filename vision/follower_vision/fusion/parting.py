@@ -1,0 +1,115 @@
+"""Tells the target from a look-alike that came close, when the two part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from follower_vision.box import Box
+from follower_vision.fusion.belief import SAME_IOU, Belief
+from follower_vision.fusion.history import Moment
+from follower_vision.fusion.neighbours import Neighbours
+from follower_vision.prospect import Forecast
+
+_LATEST_S, _LATELY_S = 0.3, 1.0
+_SUSPECTED_S = 0.5
+_SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
+_APART_SIZES = 0.5
+_REACH_SIZES = 0.25
+_LEAST_FIT = 0.5
+_BETTER = 0.2
+
+
+class Parting:
+    """Finds out that a look-alike is followed that came before the target.
+
+    It covers the target and takes the motion tracker along, and whoever steers by the track. But
+    what was believed before they met foretells where the target is when there are two again.
+    """
+
+    def __init__(self) -> None:
+        self._suspect: tuple[Moment, Box] | None = None
+
+    def suspect(self, belief: Belief) -> Box | None:
+        """Return where it is that one more sight would show to be the target, if there is any."""
+        if self._suspect is None:
+            return None
+        moment, box = self._suspect
+        if belief.now.captured_s - moment.captured_s >= _SUSPECTED_S:
+            return None
+        return belief.history.warp(moment, belief.now).box(box)
+
+    def parted(
+        self,
+        belief: Belief,
+        moment: Moment,
+        boxes: Sequence[Box],
+        followed: Box,
+        neighbours: Neighbours,
+    ) -> Box | None:
+        """Return which box is the target, if that is another than the one followed.
+
+        Two sights have to say so, one soon after the other.
+
+        Args:
+            belief: of the target.
+            moment: the frame.
+            boxes: what the detector sees there of the target's kind.
+            followed: which of them is followed, or where.
+            neighbours: who was beside what is followed, and when.
+        """
+        other = self._other(belief, moment, boxes, followed, neighbours)
+        if other is None:
+            return None
+        suspect, self._suspect = self._suspect, (moment, other)
+        return other if suspect and _goes_on(belief, *suspect, moment, other) else None
+
+    def _other(
+        self,
+        belief: Belief,
+        moment: Moment,
+        boxes: Sequence[Box],
+        followed: Box,
+        neighbours: Neighbours,
+    ) -> Box | None:
+        """Return the box that fits what was foretold before it parted from the one followed."""
+        earlier = () if belief.prospect is None else belief.prospect.earlier
+        latest_s = moment.captured_s - _LATEST_S
+        best, best_gain = None, _BETTER
+        warp = belief.history.warp(moment, belief.now)
+        now_followed = warp.box(followed)
+        for box in boxes:
+            apart = box.distance(followed) > _APART_SIZES * min(box.scale, followed.scale)
+            if not apart or box.iou(followed) >= SAME_IOU:
+                continue
+            met_s = neighbours.met_s(box, belief.history, moment)
+            if moment.captured_s - met_s > _LATELY_S:
+                continue
+            for one in earlier:
+                if one.since_s > min(latest_s, met_s):
+                    continue
+                fit = _fit(one, belief, warp.box(box))
+                gain = fit - _fit(one, belief, now_followed)
+                if fit >= _LEAST_FIT and gain > best_gain:
+                    best, best_gain = box, gain
+        return best
+
+
+def _fit(forecast: Forecast, belief: Belief, box: Box) -> float:
+    """Return how well a box fits a forecast by place, and by size as far as that is known."""
+    margin_px = _REACH_SIZES * box.scale
+    right = (box.cx - forecast.cx) / (forecast.likely.width / 2 + margin_px)
+    down = (box.cy - forecast.cy) / (forecast.likely.height / 2 + margin_px)
+    near = math.exp(-(right**2) - down**2)
+    then = belief.history.since(forecast.since_s)
+    if then is None:
+        return near
+    change = math.log(box.scale / (forecast.nearer * then.box.scale))
+    return near * math.exp(-(change**2))
+
+
+def _goes_on(belief: Belief, before: Moment, was: Box, moment: Moment, box: Box) -> bool:
+    """Whether a box may be what was seen a moment before."""
+    age_s = moment.captured_s - before.captured_s
+    away_px = belief.history.warp(before, moment).box(was).distance(box)
+    return age_s < _SUSPECTED_S and away_px < box.scale * (_SAME_SIZES + _SAME_SIZES_S * age_s)
