@@ -33,7 +33,7 @@ MODELS: tuple[Model, ...] = (
             ModelFile(
                 "follower-detector.onnx",
                 3796726,
-                "b3ada03c7b873e2c609788fdab2b719156fdef6eec10564d4aa4948a3e543862",
+                "d956c23bfffc18843b7cae6fb8ad755ea7d3a6c28aa772cbb52224343c6a967d",
             ),
         ),
     ),
