@@ -204,7 +204,7 @@ class PursuitSight:
                 was_m = float(np.linalg.norm(then.at(seen_s)[0] - there))
                 outlook = _outlook(then, time_s, here)
                 away_m = float(np.linalg.norm(outlook.away_m))
-                nearer = was_m / max(away_m, _NEAREST_M)
+                nearer = max(was_m, _NEAREST_M) / max(away_m, _NEAREST_M)
                 outlooks.append(replace(outlook, seen_s=seen_s, nearer=nearer))
         return outlooks
 

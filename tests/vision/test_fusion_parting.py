@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from follower_vision.box import Box
 from follower_vision.correlation import CorrelationTracker
 from follower_vision.frame import Frame
+from follower_vision.fusion.approaches import Approaches
 from follower_vision.fusion.belief import Belief
 from follower_vision.fusion.finding import Finding
 from follower_vision.fusion.following import Following
@@ -228,3 +229,48 @@ def test_after_a_mistake_the_others_prospects_are_not_asked_for_a_while() -> Non
     assert belief.prospect is None
     belief.expect(prospect, belief.now.captured_s + 2.0)
     assert belief.prospect is prospect
+
+
+def _passing(speed: float, hidden_s: float, merged_s: float = 1.0) -> tuple[Approaches, Box, float]:
+    """Somebody comes from the left at so many sizes a second, and hides the target for a while."""
+    approaches, now_s = Approaches(), 0.0
+    while now_s < 1.0:
+        away = speed * (now_s - 1.0 - hidden_s / 2) - 1.1
+        other = Box(TARGET.cx + away * SIZE, TARGET.cy + 0.2 * SIZE, SIZE, SIZE)
+        approaches.see(now_s, TARGET, [other])
+        now_s += LOOK_S
+    while now_s < 1.0 + merged_s:
+        approaches.see(now_s, TARGET, [])
+        now_s += LOOK_S
+    return approaches, other, now_s
+
+
+@given(speed=st.floats(1.5, 4.0), turned=st.floats(-300, 300))
+def test_who_comes_from_the_left_and_passes_goes_on_to_the_right(
+    speed: float, turned: float
+) -> None:
+    """Wherever the camera turned meanwhile: it counts how the two stand to one another."""
+    approaches, last, now_s = _passing(speed, hidden_s=0.0)
+    right = (last.cx - TARGET.cx) / SIZE + speed * (now_s - 0.9)
+    assume(right > 1.0)
+    here = TARGET.moved_to(TARGET.cx + turned, TARGET.cy)
+    there = here.moved_to(here.cx + right * SIZE, here.cy + 0.2 * SIZE)
+    kept, since_s = approaches.exchanged(now_s, here, there)
+    gone, _ = approaches.exchanged(now_s, there, here)
+    assert kept < -0.3
+    assert gone > 0.3
+    assert gone == pytest.approx(-kept, abs=0.05)
+    assert since_s == pytest.approx(0.9, abs=0.11)
+
+
+def test_nobody_passed_who_stays_away_or_was_seen_for_a_moment_or_long_ago() -> None:
+    beside = Approaches()
+    for number in range(10):
+        other = Box(TARGET.cx - 3 * SIZE, TARGET.cy + (number - 5) * SIZE / 5, SIZE, SIZE)
+        beside.see(number * LOOK_S, TARGET, [other])
+    assert beside.exchanged(1.5, FAR, TARGET) == (0.0, math.inf)
+    glimpsed = Approaches()
+    glimpsed.see(0.0, TARGET, [OTHER])
+    assert glimpsed.exchanged(0.5, FAR, TARGET) == (0.0, math.inf)
+    old, _, now_s = _passing(2.0, 0.0, merged_s=3.5)
+    assert old.exchanged(now_s, FAR, TARGET) == (0.0, math.inf)

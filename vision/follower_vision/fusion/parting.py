@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from follower_vision.box import Box
+from follower_vision.fusion.approaches import Approaches
 from follower_vision.fusion.belief import SAME_IOU, Belief
 from follower_vision.fusion.history import Moment
 from follower_vision.fusion.neighbours import Neighbours
@@ -17,17 +18,19 @@ _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
 _LEAST_FIT = 0.5
-_BETTER = 0.2
+_BETTER, _PASSED = 0.2, 0.3
 
 
 class Parting:
     """Finds out that a look-alike is followed that came before the target.
 
     It covers the target and takes the motion tracker along, and whoever steers by the track. But
-    what was believed before they met foretells where the target is when there are two again.
+    what was believed before they met foretells where the target is when there are two again; and
+    the look-alike goes on past the target as it came.
     """
 
     def __init__(self) -> None:
+        self._approaches = Approaches()
         self._suspect: tuple[Moment, Box] | None = None
 
     def suspect(self, belief: Belief) -> Box | None:
@@ -60,6 +63,8 @@ class Parting:
         """
         other = self._other(belief, moment, boxes, followed, neighbours)
         if other is None:
+            rest = [box for box in boxes if box is not followed]
+            self._approaches.see(moment.captured_s, followed, rest)
             return None
         suspect, self._suspect = self._suspect, (moment, other)
         return other if suspect and _goes_on(belief, *suspect, moment, other) else None
@@ -73,26 +78,33 @@ class Parting:
         neighbours: Neighbours,
     ) -> Box | None:
         """Return the box that fits what was foretold before it parted from the one followed."""
-        earlier = () if belief.prospect is None else belief.prospect.earlier
-        latest_s = moment.captured_s - _LATEST_S
         best, best_gain = None, _BETTER
-        warp = belief.history.warp(moment, belief.now)
-        now_followed = warp.box(followed)
         for box in boxes:
             apart = box.distance(followed) > _APART_SIZES * min(box.scale, followed.scale)
             if not apart or box.iou(followed) >= SAME_IOU:
                 continue
             met_s = neighbours.met_s(box, belief.history, moment)
-            if moment.captured_s - met_s > _LATELY_S:
-                continue
-            for one in earlier:
-                if one.since_s > min(latest_s, met_s):
-                    continue
-                fit = _fit(one, belief, warp.box(box))
-                gain = fit - _fit(one, belief, now_followed)
-                if fit >= _LEAST_FIT and gain > best_gain:
+            if moment.captured_s - met_s <= _LATELY_S:
+                gain = self._gain(belief, moment, followed, box, met_s)
+                if gain > best_gain:
                     best, best_gain = box, gain
         return best
+
+    def _gain(self, belief: Belief, moment: Moment, followed: Box, box: Box, met_s: float) -> float:
+        """Return how much rather a box is the target than the one followed, -1 to 1."""
+        passed, apart_s = self._approaches.exchanged(moment.captured_s, followed, box)
+        latest_s = min(moment.captured_s - _LATEST_S, met_s, apart_s)
+        warp = belief.history.warp(moment, belief.now)
+        there, here = warp.box(box), warp.box(followed)
+        gains = [
+            fit - _fit(one, belief, here)
+            for one in (() if belief.prospect is None else belief.prospect.earlier)
+            if one.since_s <= latest_s and (fit := _fit(one, belief, there)) >= _LEAST_FIT
+        ]
+        foretold = max(gains, default=-1.0)
+        if abs(passed) < _PASSED:
+            return foretold
+        return passed if foretold > -_PASSED else -1.0
 
 
 def _fit(forecast: Forecast, belief: Belief, box: Box) -> float:

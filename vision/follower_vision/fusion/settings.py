@@ -37,8 +37,8 @@ class FusionSettings:
         validate_blurred_every: the same while the target is blurred; 1 is the paper.
         search_every: frames between two searches while the target is lost.
         crop_sizes: side of the validated crop in target sizes.
-        crop_least_px: the crop's smallest side. (Where somebody like the target is about, every
-            second crop is 0.6 times as wide as these two say.)
+        crop_least_px: the crop's smallest side. (With prospects, where somebody like the target is
+            about, every second crop is 0.6 times as wide as these two say.)
         match_iou: least overlap of a detection that validates the track.
         misses_to_lose: so many validations in a row without the target make it lost, if its looks
             do not speak for it.

@@ -219,7 +219,8 @@ class FusionTracker:
             return
         self._asked = belief.now.index
         checked = self._validation
-        region = self._regions.next(frame, belief, checked.crowded, checked.suspect(belief))
+        crowded, suspect = checked.crowded(belief), checked.suspect(belief)
+        region = self._regions.next(frame, belief, crowded, suspect)
         self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
 
     def _consider(

@@ -71,11 +71,13 @@ class Validation:
         """Whether detector and motion tracker have agreed lately, with nobody else about."""
         return self._agreed >= _STEADY_LOOKS and not self.neighbours.known
 
-    @property
-    def crowded(self) -> bool:
-        """Whether somebody like the target is about, or what is seen fits the track badly."""
+    def crowded(self, belief: Belief) -> bool:
+        """Whether somebody like the target may be so near that the detector sees them as one.
+
+        It is asked only where others know of the target's way, for that alone tells the two apart.
+        """
         about = bool(self.neighbours.known) or self._disagreed
-        return about and self._settings.distractor_memory
+        return about and self._settings.distractor_memory and belief.prospect is not None
 
     def suspect(self, belief: Belief) -> Box | None:
         """Return where to look whether that is the target, and not what is followed; or None."""
