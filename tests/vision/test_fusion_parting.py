@@ -72,6 +72,19 @@ def test_when_the_two_part_the_one_that_goes_on_as_before_is_the_target() -> Non
     assert crossing.look([OTHER, TARGET], PARTED_S + LOOK_S) is TARGET
 
 
+@pytest.mark.parametrize(("agreeing", "found"), [(1, False), (2, True)])
+def test_one_forecast_alone_may_be_that_of_a_target_in_a_turn(
+    agreeing: int, *, found: bool
+) -> None:
+    crossing = Crossing()
+    prospect = crossing.belief.prospect
+    assert prospect is not None
+    earlier = prospect.earlier[:6] + prospect.earlier[-agreeing:]
+    crossing.belief.prospect = replace(prospect, earlier=earlier)
+    crossing.look([OTHER, TARGET], PARTED_S)
+    assert (crossing.look([OTHER, TARGET], PARTED_S + LOOK_S) is TARGET) is found
+
+
 def test_what_may_be_the_target_is_looked_at_for_half_a_second_wherever_the_camera_turns() -> None:
     crossing = Crossing()
     assert crossing.parting.suspect(crossing.belief) is None
@@ -199,25 +212,49 @@ def test_a_late_sight_is_held_against_the_forecast_of_the_present_frame() -> Non
     assert found is boxes[1]
 
 
+def _validation() -> Validation:
+    settings = FusionSettings()
+    looks = Looks(settings.reidentify, None)
+    return Validation(settings, Following(CorrelationTracker(), settings, looks), looks)
+
+
 def _regions() -> tuple[Regions, Frame, Belief]:
     settings = FusionSettings()
     looks = Looks(settings.reidentify, None)
     following = Following(CorrelationTracker(), settings, looks)
-    validation = Validation(settings, following, looks)
+    finding = Finding(settings, following, _validation(), looks)
     frame = Frame(np.zeros((480, 640, 3), np.uint8), 0.0, 0)
-    finding = Finding(settings, following, validation, looks)
     return Regions(settings, finding, looks), frame, Belief(frame, TARGET, "test")
 
 
-def test_among_look_alikes_every_second_look_is_a_closer_one() -> None:
+def test_a_look_goes_elsewhere_if_that_is_in_the_image() -> None:
     regions, frame, belief = _regions()
-    widths = [regions.next(frame, belief, crowded).width for crowded in (False, *[True] * 4, False)]
-    assert widths == pytest.approx([200, 120, 200, 120, 200, 200])
+    assert regions.next(frame, belief) == Box(TARGET.cx, TARGET.cy, 200, 200)
+    assert regions.next(frame, belief, (belief.box, 0.6)).width == pytest.approx(120)
+    assert regions.next(frame, belief, (FAR, 1.0)) == Box(FAR.cx, FAR.cy, 200, 200)
+    left = FAR.moved_to(-5.0, 100.0)
+    assert regions.next(frame, belief, (left, 1.0)) == Box(TARGET.cx, TARGET.cy, 200, 200)
 
 
-def test_the_next_look_is_at_what_may_be_the_target() -> None:
-    regions, frame, belief = _regions()
-    assert regions.next(frame, belief, crowded=True, suspect=FAR) == Box(FAR.cx, FAR.cy, 200, 200)
+def test_with_prospects_every_second_look_among_look_alikes_is_a_closer_one() -> None:
+    crossing, validation = Crossing(foretold=OTHER), _validation()
+    belief = crossing.belief
+    belief.see(OTHER, 1.0, "test")
+    assert [validation.elsewhere(belief, looks) for looks in range(4)] == [None] * 4
+    moment = belief.now
+    validation.neighbours.see([FAR], [FAR], belief.history, moment)
+    closer = (OTHER, pytest.approx(0.6))
+    assert [validation.elsewhere(belief, looks) for looks in range(4)] == [None, closer] * 2
+    belief.prospect = None
+    assert [validation.elsewhere(belief, looks) for looks in range(4)] == [None] * 4
+
+
+def test_every_second_look_is_at_the_place_foretold_if_the_track_fits_that_badly() -> None:
+    crossing, validation = Crossing(followed=FAR, nearer=1.5), _validation()
+    crossing.belief.see(FAR, 1.0, "test")
+    assert validation.elsewhere(crossing.belief, 2) is None
+    foretold = validation.elsewhere(crossing.belief, 1)
+    assert foretold == (Box(TARGET.cx, TARGET.cy, 1.5 * SIZE, 1.5 * SIZE), 1.0)
 
 
 def test_after_a_mistake_the_others_prospects_are_not_asked_for_a_while() -> None:

@@ -19,6 +19,7 @@ _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
 _LEAST_FIT = 0.5
 _BETTER, _PASSED = 0.2, 0.3
+_FORETOLD_S, _UNFIT = (0.5, 1.5), 0.6
 
 
 class Parting:
@@ -41,6 +42,20 @@ class Parting:
         if belief.now.captured_s - moment.captured_s >= _SUSPECTED_S:
             return None
         return belief.history.warp(moment, belief.now).box(box)
+
+    def foretold(self, belief: Belief) -> Box | None:
+        """Return where the target was foretold to be, if what is followed fits that badly.
+
+        A target that manoeuvres fits it badly as well: so that is a place to look at, no more.
+        """
+        now_s, worst, place = belief.now.captured_s, _UNFIT, None
+        for one in _earlier(belief):
+            then = belief.history.since(one.since_s)
+            if then is not None and _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]:
+                fit = _fit(one, belief, belief.box)
+                if fit < worst:
+                    worst, place = fit, then.box.scaled(one.nearer).moved_to(one.cx, one.cy)
+        return place
 
     def parted(
         self,
@@ -98,13 +113,18 @@ class Parting:
         there, here = warp.box(box), warp.box(followed)
         gains = [
             fit - _fit(one, belief, here)
-            for one in (() if belief.prospect is None else belief.prospect.earlier)
+            for one in _earlier(belief)
             if one.since_s <= latest_s and (fit := _fit(one, belief, there)) >= _LEAST_FIT
         ]
-        foretold = max(gains, default=-1.0)
+        # A belief in the middle of a turn foretells anything: two have to say so.
+        foretold = sorted(gains)[-2] if len(gains) > 1 else -1.0
         if abs(passed) < _PASSED:
             return foretold
         return passed if foretold > -_PASSED else -1.0
+
+
+def _earlier(belief: Belief) -> Sequence[Forecast]:
+    return () if belief.prospect is None else belief.prospect.earlier
 
 
 def _fit(forecast: Forecast, belief: Belief, box: Box) -> float:

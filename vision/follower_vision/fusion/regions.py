@@ -12,7 +12,6 @@ from follower_vision.fusion.settings import FusionSettings
 from follower_vision.track import TrackState
 
 _LEAST_CROP_SIDES = 2.5
-_APART_CROPS = 0.6
 _CLOSE_CROPS, _EDGE_SIZES = 2.0, 1.5
 _SMALL_SHARE = 0.05
 
@@ -39,30 +38,26 @@ class Regions:
     def start(self) -> None:
         """Begin with another target."""
         self._looked_closely = 0
-        self._looked_apart = False
 
     def next(
-        self, frame: Frame, belief: Belief, crowded: bool = False, suspect: Box | None = None
+        self, frame: Frame, belief: Belief, elsewhere: tuple[Box, float] | None = None
     ) -> Box | None:
         """Return where to look in this frame, None for the whole image; each call is a look.
 
         Args:
             frame: the present frame.
             belief: of the target.
-            crowded: whether somebody like the target may be so near that the detector takes the
-                two for one; then every second look is a closer one.
-            suspect: what may be the target, and not what is followed: it is looked at.
+            elsewhere: another place to look at than the track's, and how many usual crops wide.
         """
         settings = self._settings
         if belief.state is TrackState.LOST:
             return self._searched(frame, belief) if settings.growing_search else None
-        self._looked_closely = 0
+        self.start()
         if not settings.zoomed_validation:
             return None
-        if suspect is not None:
-            return self._about(frame, suspect)
-        self._looked_apart = crowded and not self._looked_apart
-        return self._about(frame, belief.box, _APART_CROPS if self._looked_apart else 1.0)
+        if elsewhere is not None and _is_in(elsewhere[0], frame):
+            return self._about(frame, *elsewhere)
+        return self._about(frame, belief.box)
 
     def _searched(self, frame: Frame, belief: Belief) -> Box | None:
         """Take turns: a growing region, a small one, the whole image.
@@ -104,3 +99,7 @@ class Regions:
         side = crops * max(settings.crop_least_px, settings.crop_sizes * place.scale, least)
         whole = side >= max(frame.width, frame.height)
         return None if whole else Box(place.cx, place.cy, side, side)
+
+
+def _is_in(place: Box, frame: Frame) -> bool:
+    return 0 <= place.cx <= frame.width and 0 <= place.cy <= frame.height

@@ -30,7 +30,7 @@ from follower_vision.fusion.regions import Regions
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.validation import Validation
 from follower_vision.motion import MotionTracker
-from follower_vision.prospect import Prospect
+from follower_vision.prospect import Prospect, has_middle
 from follower_vision.track import Track, TrackState
 
 _LEAST_VISIBLE = 0.1
@@ -76,7 +76,7 @@ class FusionTracker:
         self._preparation = Preparation(self._settings, self._following, camera)
         self._belief: Belief | None = None
         self._regions = Regions(self._settings, self._finding, self._looks)
-        self._asked = 0
+        self._asked = self._looks_taken = 0
         self._prospect: Prospect | None = None
         self._pursuit = object()
         self._companions: Sequence[FusionTracker] = ()
@@ -174,7 +174,7 @@ class FusionTracker:
         self._finding.forget()
         self._identity = Identity(self._settings)
         self._regions.start()
-        self._asked = 0
+        self._asked = self._looks_taken = 0
         # Answers that are still under way belong to another pursuit.
         self._pursuit = object()
 
@@ -200,7 +200,7 @@ class FusionTracker:
         settings = self._settings
         low = settings.score_coasting and belief.confidence < settings.resume_ratio
         odd = settings.appearance_check and belief.witness.wonders
-        if blurred or low or odd or self._validation.suspect(belief) is not None:
+        if blurred or low or odd or self._validation.suspects(belief):
             return Need.DOUBTFUL
         steady = belief.confidence >= CERTAIN and self._validation.steady
         return Need.STEADY if steady else Need.USUAL
@@ -218,9 +218,9 @@ class FusionTracker:
         if self._service is None or not self._service.ready(need):
             return
         self._asked = belief.now.index
-        checked = self._validation
-        crowded, suspect = checked.crowded(belief), checked.suspect(belief)
-        region = self._regions.next(frame, belief, crowded, suspect)
+        self._looks_taken += 1
+        elsewhere = self._validation.elsewhere(belief, self._looks_taken)
+        region = self._regions.next(frame, belief, elsewhere)
         self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
 
     def _consider(
@@ -234,8 +234,11 @@ class FusionTracker:
             return
         sight = self._identity.sight(answer.detections, moment)
         seen = any(box.iou(moment.box) >= self._settings.match_iou for box in sight.boxes)
-        belief.witness.testify(seen, certain)
+        region = answer.request.region
+        covered = region is None or has_middle(region, moment.box)
+        if covered:
+            belief.witness.testify(seen, certain)
         if belief.state is TrackState.LOST:
             self._finding.among(frame, belief, sight, answer.request.image)
         else:
-            self._validation.validate(frame, belief, sight, answer.request.image)
+            self._validation.validate(frame, belief, sight, answer.request.image, covered)

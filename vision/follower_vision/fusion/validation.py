@@ -30,6 +30,7 @@ _LEAST_NEARNESS = 0.4
 _AGREEMENT = 0.5
 _CLEAR = 0.4
 _CLOSE = 0.7
+_CLOSER = 0.6
 _STEADY_LOOKS = 2
 _ESTRANGED_LOOKS = 3
 _CONFIDENT = 0.95
@@ -71,17 +72,36 @@ class Validation:
         """Whether detector and motion tracker have agreed lately, with nobody else about."""
         return self._agreed >= _STEADY_LOOKS and not self.neighbours.known
 
-    def crowded(self, belief: Belief) -> bool:
-        """Whether somebody like the target may be so near that the detector sees them as one.
+    def elsewhere(self, belief: Belief, looks: int) -> tuple[Box, float] | None:
+        """Return where a look may show the target if it is not what is followed, or None.
 
-        It is asked only where others know of the target's way, for that alone tells the two apart.
+        What may be the target by a look is looked at at once. Every second look is at where it
+        should be by what was foretold, if the track fits that badly; or it is a closer one, if
+        somebody like the target is about, whom the detector may take together with it for one. Only
+        where others know of the target's way is any of this done, for that alone tells them apart.
+
+        Args:
+            belief: of the target.
+            looks: how many were taken before this one.
+
+        Returns:
+            The place, and how much closer than usual the look is.
         """
-        about = bool(self.neighbours.known) or self._disagreed
-        return about and self._settings.distractor_memory and belief.prospect is not None
+        suspect = self._parting.suspect(belief)
+        if suspect is not None:
+            return suspect, 1.0
+        told = belief.prospect is not None and self._settings.distractor_memory
+        if not told or looks % 2 == 0:
+            return None
+        foretold = self._parting.foretold(belief)
+        if foretold is not None:
+            return foretold, 1.0
+        crowded = bool(self.neighbours.known) or self._disagreed
+        return (belief.box, _CLOSER) if crowded else None
 
-    def suspect(self, belief: Belief) -> Box | None:
-        """Return where to look whether that is the target, and not what is followed; or None."""
-        return self._parting.suspect(belief)
+    def suspects(self, belief: Belief) -> bool:
+        """Whether one more look may show that what is followed is not the target."""
+        return self._parting.suspect(belief) is not None
 
     def start(self) -> None:
         """Forget the look-alikes and the failures: another target, or the same found again."""
@@ -92,14 +112,27 @@ class Validation:
         self._agreed = 0
         self._disagreed = False
 
-    def validate(self, frame: Frame, belief: Belief, sight: Sight, image: Image) -> None:
-        """Correct the belief by a sight that is of this frame or a little late."""
+    def validate(
+        self, frame: Frame, belief: Belief, sight: Sight, image: Image, covered: bool = True
+    ) -> None:
+        """Correct the belief by a sight that is of this frame or a little late.
+
+        Args:
+            frame: the present frame.
+            belief: of the target.
+            sight: what was seen.
+            image: in which.
+            covered: whether the look was at the track; of one elsewhere it is no failure that the
+                target was not seen.
+        """
         values = [self._value(belief, sight.moment, box) for box in sight.boxes]
         chosen = self._choose(values, belief, sight)
         agreed = chosen is not None and sight.boxes[chosen].iou(sight.moment.box) >= _CLOSE
-        self._agreed, self._disagreed = self._agreed + 1 if agreed else 0, not agreed
         if self._settings.distractor_memory and self._parted(frame, belief, sight, chosen):
             return
+        if chosen is None and not covered:
+            return
+        self._agreed, self._disagreed = self._agreed + 1 if agreed else 0, not agreed
         if self._settings.distractor_memory and self._ambiguous(values, chosen):
             return
         if self._settings.distractor_memory:
