@@ -17,8 +17,7 @@ _SUSPECTED_S = 0.5
 _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
-_LEAST_FIT = 0.5
-_BETTER, _PASSED = 0.2, 0.3
+_BETTER, _PASSED, _LEAST_BELIEFS = 0.13, 0.3, 3
 _FORETOLD_S, _UNFIT = (0.5, 1.5), 0.6
 
 
@@ -112,15 +111,24 @@ class Parting:
         warp = belief.history.warp(moment, belief.now)
         there, here = warp.box(box), warp.box(followed)
         gains = [
-            fit - _fit(one, belief, here)
+            _fit(one, belief, there) - _fit(one, belief, here)
             for one in _earlier(belief)
-            if one.since_s <= latest_s and (fit := _fit(one, belief, there)) >= _LEAST_FIT
+            if one.since_s <= latest_s
         ]
-        # A belief in the middle of a turn foretells anything: two have to say so.
-        foretold = sorted(gains)[-2] if len(gains) > 1 else -1.0
+        foretold = _agreed(gains)
         if abs(passed) < _PASSED:
             return foretold
         return passed if foretold > -_PASSED else -1.0
+
+
+def _agreed(gains: Sequence[float]) -> float:
+    """Return what three or more beliefs say on average, and all that are older; at best.
+
+    The latest may be of what covered the target already; and a single one, in the middle of a turn,
+    foretells anything.
+    """
+    cuts = range(len(gains) - _LEAST_BELIEFS + 1)
+    return max((sum(gains[cut:]) / len(gains[cut:]) for cut in cuts), default=-1.0)
 
 
 def _earlier(belief: Belief) -> Sequence[Forecast]:
