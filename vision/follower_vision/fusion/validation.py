@@ -85,7 +85,7 @@ class Validation:
             looks: how many were taken before this one.
 
         Returns:
-            The place, and how much closer than usual the look is.
+            The place, and how many usual crops wide the look is.
         """
         suspect = self._parting.suspect(belief)
         if suspect is not None:
