@@ -159,7 +159,9 @@ class _Look:
         south_m = ground.north_m - float(self.view.position_m[0])
         across_m = float(self.view.position_m[1]) - ground.east_m
         # What sees the sky is held to look far away, so that all places are finite.
-        sink, height = np.maximum(self.sink, np.float32(self.farthest)), self.height_m
+        sink, height = self.sink, self.height_m
+        if self.least < self.farthest:
+            sink = np.maximum(sink, np.float32(self.farthest))
         south = cv2.divide(self.rays.component(south_m * down - height * north), sink)
         across = cv2.divide(self.rays.component(across_m * down + height * east), sink)
         return np.asarray(south, np.float32), np.asarray(across, np.float32)

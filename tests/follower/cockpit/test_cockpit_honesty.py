@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
@@ -56,12 +56,14 @@ def feed(served: Any) -> Iterator[Feed]:
 def page(browser: Browser, open_page: Any, served: Any, feed: Feed) -> Iterator[Page]:
     feed.moment, feed.frames = FOLLOWING, True
     page = open_page(browser, viewport={"width": 1280, "height": 1000})
-    page.goto(served.url)
-    page.wait_for_selector("#control:has-text('in control')")
-    page.wait_for_selector("#state[data-state=following]")
-    page.wait_for_function("seenAt !== null")
-    yield page
-    page.context.close()
+    # Closed whatever happens, for no other page is in control as long as this one is.
+    with closing(page.context):
+        page.goto(served.url)
+        page.wait_for_selector("#control:has-text('in control')")
+        page.wait_for_selector("#state[data-state=following]")
+        # Not `wait_for_function`: what that polls in the page, the page's own policy forbids.
+        wait_until(lambda: page.evaluate("seenAt !== null"))
+        yield page
 
 
 def asked(served: Any, kind: str) -> list[dict[str, Any]]:
