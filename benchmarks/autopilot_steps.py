@@ -3,7 +3,7 @@
 "yes" means within 15 % of the recording; what is farther off, but within the recording's own noise
 (see `StepMetrics`), is named.
 
-Run from the repository's root: python benchmarks/autopilot_steps.py [FOLDER OF RECORDINGS] [OUT]
+Run from the repository's root: python benchmarks/autopilot_steps.py RECORDINGS [OUT]
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ _HEADER = (
 
 def main() -> None:
     """Write both plots and print the table."""
-    default = Path(__file__).resolve().parents[2] / "shared/data/autopilot_steps"
-    data = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+    if len(sys.argv) < 2:
+        sys.exit(f"usage: {sys.argv[0]} RECORDINGS [OUT]: the folder of the recordings is missing")
+    data = Path(sys.argv[1])
     out = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("runs/autopilot_steps")
     out.mkdir(parents=True, exist_ok=True)
     print("recorded / simulated; overshoot and steady state as shares of what was asked")

@@ -1,6 +1,6 @@
 """What each part of Fusion is worth: success and precision on real sequences.
 
-    python benchmarks/fusion_ablation.py [DATA] [--only NAME,NAME] [--starts 3] [--variants all]
+    python benchmarks/fusion_ablation.py DATA [--only NAME,NAME] [--starts 3] [--variants all]
         [--late SECONDS]
 
 DATA holds `sequences` and `weights`. Variants: "fusion", "paper", or an improvement's name, which
@@ -61,8 +61,7 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).resolve().parents[2] / "shared/data"
-    parser.add_argument("data", nargs="?", type=Path, default=default)
+    parser.add_argument("data", type=Path)
     parser.add_argument("--only", default="", help="parts of the sequences' names")
     parser.add_argument("--starts", type=int, default=3)
     parser.add_argument("--variants", default="fusion")

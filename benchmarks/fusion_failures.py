@@ -3,7 +3,7 @@
     python benchmarks/fusion_failures.py [DATA] [--only NAME,NAME] [--variants NAME,NAME]
         [--without IMPROVEMENT] [--record FOLDER]
 
-DATA holds `sequences` and `weights`, as `../shared/data` does; without it, patches move over a
+DATA holds `sequences` and `weights`, see docs/fusion.md; without it, patches move over a
 generated ground, followed by the correlation tracker without a detector. Each sequence is cut to
 150 frames and changed: played backwards, shaken, occluded, joined by look-alikes and so on (see
 failures/variants.py). A row a variant, for the motion tracker alone and for Fusion:
@@ -57,8 +57,7 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).resolve().parents[2] / "shared/data"
-    parser.add_argument("data", nargs="?", type=Path, default=default)
+    parser.add_argument("data", nargs="?", type=Path)
     parser.add_argument("--only", default="", help="parts of the sequences' names")
     parser.add_argument("--variants", default=",".join(VARIANTS))
     parser.add_argument("--without", default="", help="an improvement that is switched off")
@@ -68,20 +67,20 @@ def _options() -> argparse.Namespace:
 
 def _clips(options: argparse.Namespace) -> list[Clip]:
     wanted = options.only.split(",")
-    if (options.data / "sequences").is_dir():
+    if options.data is not None:
         folders = sorted((options.data / "sequences").iterdir())
         return [read_clip(one) for one in folders if any(part in one.name for part in wanted)]
     return [synthetic_clip(name) for name in SYNTHETIC if any(part in name for part in wanted)]
 
 
 def _trackers(options: argparse.Namespace) -> tuple[Follow, Follow]:
-    weights = options.data / "weights"
     settings = FusionSettings()
     if options.without:
         settings = settings.without(options.without)
-    if not weights.is_dir():
-        motion = make_tracker("correlation", lambda name: weights / name)
+    if options.data is None:
+        motion = make_tracker("correlation", Path)
         return _following(motion), _fusing(FusionTracker(motion, None, settings))
+    weights = options.data / "weights"
     motion = make_tracker("nanotrack-v3", lambda name: weights / name)
     detector = OnnxDetector(weights / "yolox_nano_bi.onnx")
     return _following(motion), _fusing(FusionTracker(motion, detector, settings))

@@ -1,6 +1,6 @@
 """How fast Fusion is beside its motion tracker alone, inline and in the background.
 
-    python benchmarks/fusion_speed.py [DATA] [--tracker re3] [--cores 2,1] [--only NAME,NAME]
+    python benchmarks/fusion_speed.py DATA [--tracker re3] [--cores 2,1] [--only NAME,NAME]
         [--frames N]
 
 DATA holds `sequences` and `weights`. The frames are decoded and brought to 1280x720 beforehand;
@@ -199,8 +199,7 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).resolve().parents[2] / "shared/data"
-    parser.add_argument("data", nargs="?", type=Path, default=default)
+    parser.add_argument("data", type=Path)
     parser.add_argument("--cores", default="2,1")
     parser.add_argument("--only", default=DEFAULT, help="parts of the sequences' names")
     parser.add_argument("--frames", type=int, default=200)

@@ -78,7 +78,8 @@ they were not; 2: an option cannot be used; 130: ended by Ctrl-C.
 _SETTINGS_EPILOG = """
 **Examples**
 
-`follower settings > mine.yaml` – everything, to edit; a file may also hold only what differs
+`follower settings` – all there are; write into a file only what you change: it lies over a
+scenario's own settings
 
 `follower settings --config mine.yaml --set envelope.max_speed_m_s=5` – what comes of both
 

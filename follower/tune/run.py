@@ -120,9 +120,9 @@ def tune_follower(options: TuneOptions) -> int:
         console.print(what_if_table(found))
     for file in (path, report):
         console.print(str(file), highlight=False)
-    console.print(
-        f"Next: follower sim winding --lockstep -c {shlex.quote(str(path))}", highlight=False
-    )
+    # Settings of a real vehicle have another lens, and leave taking off to a pilot.
+    program = "sim winding --lockstep" if options.config is None else "fly ..."
+    console.print(f"Next: follower {program} -c {shlex.quote(str(path))}", highlight=False)
     return 0
 
 

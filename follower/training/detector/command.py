@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 EPILOG = """
 **Examples**
 
-`follower train detector` – the detector that comes along, from the simulator's scenes
+`follower train detector` – one like the detector that comes along, from the simulator's scenes
+
+`follower train detector --set training.steps=9000` – with more steps
 
 `follower train detector --data my-drone/ --set name=my-drone` – your own target, from a folder in
-YOLO's or COCO's form; then `follower fly --set detector=runs/train/my-drone/my-drone.onnx`
+YOLO's or COCO's form; then `follower fly … --set detector=runs/train/my-drone/my-drone.onnx`
 
 `follower train detector --resume runs/train/my-drone` – go on where it was stopped
 
