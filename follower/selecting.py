@@ -38,8 +38,18 @@ def box_selector(target: Box) -> Selector:
     return select
 
 
-def colour_selector(colour: str, search: ColourSearchSettings | None = None) -> Selector:
+def colour_selector(
+    colour: str,
+    search: ColourSearchSettings | None = None,
+    pointed: Callable[[Frame], Box | None] | None = None,
+) -> Selector:
     """Select the best thing of a colour ("#rrggbb"), as soon as one is seen.
+
+    Args:
+        colour: what it has.
+        search: how like that it has to be.
+        pointed: where in a frame somebody points who knows which of several is meant; what has its
+            middle no farther than a size from there is meant. None: the best by itself.
 
     Raises:
         SettingsError: the text is no colour.
@@ -52,7 +62,13 @@ def colour_selector(colour: str, search: ColourSearchSettings | None = None) -> 
 
     def select(frame: Frame) -> Box | None:
         candidates = find_by_colour(frame.image, wanted, settings)
-        return candidates[0] if candidates else None
+        if pointed is None:
+            return candidates[0] if candidates else None
+        meant = pointed(frame)
+        if meant is None:
+            return None
+        candidates = [box for box in candidates if box.distance(meant) < meant.scale]
+        return min(candidates, key=meant.distance, default=None)
 
     return select
 

@@ -42,7 +42,9 @@ from follower_sim.score import PursuitGoal, PursuitScore
 from follower_sim.stand_in import StandIn
 from follower_sim.truth_sample import TruthSample
 from follower_sim.world import World
+from follower_vision.box import Box
 from follower_vision.clock import Clock, SimulatedClock
+from follower_vision.frame import Frame
 from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
 from follower_vision.lineofsight import LineOfSight
 
@@ -271,7 +273,12 @@ class SimulatedFlight:
         select = self.scenario.select
         if self._stand_in is not None:
             return self._stand_in.select
-        return colour_selector(select.colour, select.search)
+        # A colour alone does not tell the target from its likes: the operator points at it.
+        alike = self.scenario.lookalikes.count > 0
+        return colour_selector(select.colour, select.search, self._pointed if alike else None)
+
+    def _pointed(self, frame: Frame) -> Box | None:
+        return self._truth.of_frame(frame.captured_s).box
 
     @property
     def _is_airborne(self) -> bool:
