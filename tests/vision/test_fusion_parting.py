@@ -21,7 +21,7 @@ from follower_vision.fusion.neighbours import Neighbours
 from follower_vision.fusion.parting import Parting
 from follower_vision.fusion.regions import Regions
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.validation import Validation
+from follower_vision.fusion.validation import Sight, Validation
 from follower_vision.fusion.warp import Warp
 from follower_vision.prospect import Forecast, Prospect
 
@@ -189,6 +189,20 @@ def test_a_size_that_the_way_explains_is_no_other_one(nearer: float, *, found: b
     assert (crossing.look([OTHER, grown], PARTED_S + LOOK_S) is grown) is found
 
 
+@pytest.mark.parametrize(
+    ("size", "nearer", "found"), [(0.65, 0.65, True), (1.0, 1.0, False), (1.6, 1.0, False)]
+)
+def test_what_comes_out_from_behind_needs_less_to_be_the_target(
+    size: float, nearer: float, *, found: bool
+) -> None:
+    """The nearer of two that were one was seen, and the nearer is the larger of a kind."""
+    other = Box(316, 204, size * SIZE, size * SIZE)
+    between = OTHER.moved_to((other.cx + OTHER.cx) / 2, (other.cy + OTHER.cy) / 2)
+    crossing = Crossing(foretold=between, nearer=nearer)
+    crossing.look([OTHER, other], PARTED_S)
+    assert (crossing.look([OTHER, other], PARTED_S + LOOK_S) is other) is found
+
+
 def test_without_forecasts_nothing_is_left() -> None:
     crossing = Crossing()
     crossing.belief.prospect = None
@@ -213,6 +227,28 @@ def _validation() -> Validation:
     settings = FusionSettings()
     looks = Looks(settings.reidentify, None)
     return Validation(settings, Following(CorrelationTracker(), settings, looks), looks)
+
+
+def test_the_track_goes_all_the_way_to_the_target_that_overlaps_what_was_followed() -> None:
+    """A sight of what is followed corrects the track in part; this one is of another."""
+    followed = TARGET.moved_to(TARGET.cx + 0.53 * SIZE, TARGET.cy)
+    small = Box(TARGET.cx, TARGET.cy, 0.9 * SIZE, 0.9 * SIZE)
+    crossing = Crossing(followed=followed)
+    settings = FusionSettings().without("appearance_check")
+    looks = Looks(settings.reidentify, None)
+    following = Following(CorrelationTracker(), settings, looks)
+    image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)
+    following.start(Frame(image, 0.0, 0), followed)
+    validation = Validation(settings, following, looks)
+    belief = crossing.belief
+    for number in range(2):
+        belief.see(followed, 1.0, "test")
+        moment = crossing.step(PARTED_S + number * LOOK_S)
+        frame = Frame(image, moment.captured_s, number)
+        sight = Sight(moment, [followed, small], [])
+        validation.validate(frame, belief, sight, image)
+    assert belief.box.distance(small) < 0.02 * SIZE
+    assert belief.box.scale == belief.reference.scale == pytest.approx(small.scale)
 
 
 def _regions() -> tuple[Regions, Frame, Belief]:

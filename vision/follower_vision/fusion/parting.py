@@ -18,6 +18,7 @@ _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
 _BETTER, _PASSED, _LEAST_BELIEFS = 0.13, 0.3, 3
+_BEHIND, _SURELY_BEHIND = 0.15, 0.5
 _FORETOLD_S, _UNFIT = (0.5, 1.5), 0.6
 
 
@@ -117,7 +118,7 @@ class Parting:
         ]
         foretold = _agreed(gains)
         if abs(passed) < _PASSED:
-            return foretold
+            return foretold + _behind(there, here)
         return passed if foretold > -_PASSED else -1.0
 
 
@@ -129,6 +130,16 @@ def _agreed(gains: Sequence[float]) -> float:
     """
     cuts = range(len(gains) - _LEAST_BELIEFS + 1)
     return max((sum(gains[cut:]) / len(gains[cut:]) for cut in cuts), default=-1.0)
+
+
+def _behind(box: Box, followed: Box) -> float:
+    """Return how much it speaks for a box that it is behind the one followed, 0 to 0.15.
+
+    Of two that were one, the nearer was seen, and it is the larger one of a kind. What comes out
+    from behind it was hidden by it.
+    """
+    smaller = math.log(followed.scale / box.scale)
+    return _BEHIND * min(1.0, max(0.0, smaller / _SURELY_BEHIND))
 
 
 def _earlier(belief: Belief) -> Sequence[Forecast]:

@@ -158,7 +158,7 @@ class Validation:
         self.neighbours.see(others, others, belief.history, moment)
         self._misses = 0
         belief.distrust_prospects()
-        self._confirm(frame, belief, moment, box)
+        self._confirm(frame, belief, moment, box, another=True)
         return True
 
     def _credible(self, image: Image, belief: Belief, sight: Sight, box: Box) -> bool:
@@ -253,12 +253,16 @@ class Validation:
         settings = self._settings
         return score < settings.doubt_score and self._looks.relative(score) < settings.doubt_ratio
 
-    def _confirm(self, frame: Frame, belief: Belief, moment: Moment, box: Box) -> None:
+    def _confirm(
+        self, frame: Frame, belief: Belief, moment: Moment, box: Box, another: bool = False
+    ) -> None:
+        """Believe a box; as it is if it is of another than the one followed up to now."""
         settings = self._settings
         present = belief.present(moment, box)
-        belief.reference = towards(belief.reference, present, settings.size_share)
+        share = 1.0 if another else settings.size_share
+        belief.reference = towards(belief.reference, present, share)
         corrected = present
-        if settings.keep_template and box.iou(moment.box) >= settings.match_iou:
+        if settings.keep_template and not another and box.iou(moment.box) >= settings.match_iou:
             corrected = self._blended(belief, moment, box)
         estranged = belief.confidence < settings.low_ratio
         self._estranged = self._estranged + 1 if estranged else 0
