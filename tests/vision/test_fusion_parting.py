@@ -201,6 +201,9 @@ def test_what_comes_out_from_behind_needs_less_to_be_the_target(
     crossing = Crossing(foretold=between, nearer=nearer)
     crossing.look([OTHER, other], PARTED_S)
     assert (crossing.look([OTHER, other], PARTED_S + LOOK_S) is other) is found
+    alone = Crossing(foretold=between, nearer=nearer)
+    alone.look([other], PARTED_S)
+    assert alone.look([other], PARTED_S + LOOK_S) is None  # it may be a part of what is followed
 
 
 def test_without_forecasts_nothing_is_left() -> None:

@@ -18,7 +18,7 @@ _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
 _BETTER, _PASSED, _LEAST_BELIEFS = 0.13, 0.3, 3
-_BEHIND, _SURELY_BEHIND = 0.15, 0.5
+_BEHIND, _SURELY_BEHIND, _SEEN_IOU = 0.15, 0.5, 0.3
 _FORETOLD_S, _UNFIT = (0.5, 1.5), 0.6
 
 
@@ -101,6 +101,7 @@ class Parting:
             met_s = neighbours.met_s(box, belief.history, moment)
             if moment.captured_s - met_s <= _LATELY_S:
                 gain = self._gain(belief, moment, followed, box, met_s)
+                gain += _behind(box, followed, boxes)
                 if gain > best_gain:
                     best, best_gain = box, gain
         return best
@@ -118,7 +119,7 @@ class Parting:
         ]
         foretold = _agreed(gains)
         if abs(passed) < _PASSED:
-            return foretold + _behind(there, here)
+            return foretold
         return passed if foretold > -_PASSED else -1.0
 
 
@@ -132,12 +133,14 @@ def _agreed(gains: Sequence[float]) -> float:
     return max((sum(gains[cut:]) / len(gains[cut:]) for cut in cuts), default=-1.0)
 
 
-def _behind(box: Box, followed: Box) -> float:
+def _behind(box: Box, followed: Box, boxes: Sequence[Box]) -> float:
     """Return how much it speaks for a box that it is behind the one followed, 0 to 0.15.
 
     Of two that were one, the nearer was seen, and it is the larger one of a kind. What comes out
-    from behind it was hidden by it.
+    from behind it was hidden by it. What is seen alone may be what is followed, seen in part.
     """
+    if not any(one.iou(followed) >= _SEEN_IOU for one in boxes if one is not box):
+        return 0.0
     smaller = math.log(followed.scale / box.scale)
     return _BEHIND * min(1.0, max(0.0, smaller / _SURELY_BEHIND))
 
