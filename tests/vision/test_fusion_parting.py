@@ -49,9 +49,12 @@ class Crossing:
         self._followed = followed
         known = [forecast(one / 10, foretold, nearer) for one in range(5, -1, -1)]
         late = [forecast(one / 10, followed) for one in range(11, 5, -1)]
-        self.belief.prospect = Prospect(followed.cx, followed.cy, REACH, REACH, (*late, *known))
+        self.tell(Prospect(followed.cx, followed.cy, REACH, REACH, (*late, *known)))
         for number in range(1, 12):
             self.step(number * LOOK_S)
+
+    def tell(self, prospect: Prospect | None) -> None:
+        self.belief.expect(prospect, self.belief.now.captured_s)
 
     def step(self, now_s: float, warp: Warp | None = None) -> Moment:
         return self.belief.history.add(now_s, warp or Warp(), self._followed)
@@ -63,7 +66,7 @@ class Crossing:
         found = self.parting.parted(self.belief, moment, boxes, followed, self.neighbours)
         rest = [box for box in boxes if box is not followed]
         self.neighbours.see(rest, rest, self.belief.history, moment)
-        return found
+        return None if found is None else found[0]
 
 
 def test_when_the_two_part_the_one_that_goes_on_as_before_is_the_target() -> None:
@@ -77,7 +80,7 @@ def test_a_forecast_or_two_may_be_that_of_a_target_in_a_turn(agreeing: int, *, f
     crossing = Crossing()
     prospect = crossing.belief.prospect
     assert prospect is not None
-    crossing.belief.prospect = replace(prospect, earlier=prospect.earlier[-agreeing:])
+    crossing.tell(replace(prospect, earlier=prospect.earlier[-agreeing:]))
     crossing.look([OTHER, TARGET], PARTED_S)
     assert (crossing.look([OTHER, TARGET], PARTED_S + LOOK_S) is TARGET) is found
 
@@ -121,11 +124,11 @@ def test_whoever_turns_up_farther_away_never_was_where_the_target_was() -> None:
 def test_who_has_long_been_apart_again_stays_what_it_is() -> None:
     crossing = Crossing()
     prospect = crossing.belief.prospect
-    crossing.belief.prospect = None
+    crossing.tell(None)
     assert crossing.look([OTHER, TARGET], PARTED_S) is None
     for number in range(1, 12):
         assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S, FAR) is None
-    crossing.belief.prospect = prospect
+    crossing.tell(prospect)
     for number in range(12, 16):
         assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S, FAR) is None
 
@@ -172,7 +175,7 @@ def test_nobody_is_chosen_by_a_forecast_from_after_they_met() -> None:
     assert prospect is not None
     late = [one for one in prospect.earlier if one.since_s > MET_S]
     turned = tuple(replace(one, cx=TARGET.cx, cy=TARGET.cy, likely=REACH_HERE) for one in late)
-    crossing.belief.prospect = replace(prospect, earlier=turned)
+    crossing.tell(replace(prospect, earlier=turned))
     moment = history.at(5)
     assert moment is not None
     crossing.neighbours.see([TARGET], [TARGET], history, moment)
@@ -208,7 +211,7 @@ def test_what_comes_out_from_behind_needs_less_to_be_the_target(
 
 def test_without_forecasts_nothing_is_left() -> None:
     crossing = Crossing()
-    crossing.belief.prospect = None
+    crossing.tell(None)
     for number in range(3):
         assert crossing.look([OTHER, TARGET], PARTED_S + number * LOOK_S) is None
 
@@ -223,7 +226,8 @@ def test_a_late_sight_is_held_against_the_forecast_of_the_present_frame() -> Non
         crossing.step(PARTED_S + 0.03 + number * LOOK_S, Warp(right=50.0))
         found = crossing.parting.parted(crossing.belief, then, boxes, boxes[0], crossing.neighbours)
         crossing.step(PARTED_S + 0.06 + number * LOOK_S, Warp(right=-50.0))
-    assert found is boxes[1]
+    assert found is not None
+    assert found[0] is boxes[1]
 
 
 def _validation() -> Validation:
@@ -281,7 +285,7 @@ def test_with_prospects_every_second_look_among_look_alikes_is_a_closer_one() ->
     validation.neighbours.see([FAR], [FAR], belief.history, moment)
     closer = (OTHER, pytest.approx(0.6))
     assert [validation.elsewhere(belief, looks) for looks in range(4)] == [None, closer] * 2
-    belief.prospect = None
+    crossing.tell(None)
     assert [validation.elsewhere(belief, looks) for looks in range(4)] == [None] * 4
 
 
@@ -293,10 +297,34 @@ def test_every_second_look_is_at_the_place_foretold_if_the_track_fits_that_badly
     assert foretold == (Box(TARGET.cx, TARGET.cy, 1.5 * SIZE, 1.5 * SIZE), 1.0)
 
 
+def test_after_a_mistake_only_what_was_believed_before_it_counts_for_a_while() -> None:
+    crossing = Crossing()
+    belief, prospect = crossing.belief, crossing.belief.prospect
+    assert prospect is not None
+    belief.distrust_prospects(MET_S)
+    belief.expect(prospect, belief.now.captured_s + 1.0)
+    assert belief.earlier == tuple(one for one in prospect.earlier if one.since_s <= MET_S)
+    belief.expect(prospect, belief.now.captured_s + 2.0)
+    assert belief.earlier == prospect.earlier
+
+
+def test_a_track_that_goes_back_to_the_look_alike_at_once_is_sent_away_again() -> None:
+    crossing, times_s = Crossing(), [PARTED_S + number * LOOK_S for number in range(5)]
+    prospect = crossing.belief.prospect
+    found = []
+    for now_s in times_s:
+        crossing.belief.expect(prospect, now_s)
+        found.append(crossing.look([OTHER, TARGET], now_s))
+        if found[-1] is not None:
+            crossing.belief.distrust_prospects(MET_S)
+    assert found[0] is None
+    assert all(one is TARGET for one in found[1:])
+
+
 def test_after_a_mistake_the_others_prospects_are_not_asked_for_a_while() -> None:
     crossing = Crossing()
     belief, prospect = crossing.belief, crossing.belief.prospect
-    belief.distrust_prospects()
+    belief.distrust_prospects(MET_S)
     assert belief.prospect is None
     belief.expect(prospect, belief.now.captured_s + 1.0)
     assert belief.prospect is None

@@ -15,7 +15,7 @@ from follower_vision.fusion.rivals import Rivals
 from follower_vision.fusion.strangers import Strangers
 from follower_vision.fusion.warp import Warp
 from follower_vision.fusion.witness import Witness
-from follower_vision.prospect import Prospect, has_middle
+from follower_vision.prospect import Forecast, Prospect, has_middle
 from follower_vision.track import Track, TrackState
 
 SAME_IOU = 0.5
@@ -69,6 +69,7 @@ class Belief:
         rivals: look-alikes in the motion tracker's window.
         strangers: where they stood.
         prospect: where the target can be in the present frame, as others know.
+        earlier: the same by what was believed of the target in the last seconds.
         witness: what the detector says of the motion tracker's places.
         familiar: whether the detector knows the target.
         confirmation: the detector's last sight of it.
@@ -87,7 +88,8 @@ class Belief:
         self.rivals = Rivals()
         self.strangers = Strangers()
         self.prospect: Prospect | None = None
-        self._distrusted_until_s = -math.inf
+        self.earlier: tuple[Forecast, ...] = ()
+        self._distrusted_until_s = self._misled_s = -math.inf
         self.witness = Witness()
         self._forecasts = Forecasts(box)
         moment = self.history.add(frame.captured_s, Warp(), box)
@@ -120,14 +122,18 @@ class Belief:
         """Whether an unseen target is waited for where it should come out."""
         return self.prospect is not None and self.unseen_s <= _PATIENCE_S
 
-    def distrust_prospects(self) -> None:
-        """Another than the target was followed: what others know of its way is that one's."""
-        self.prospect = None
+    def distrust_prospects(self, since_s: float) -> None:
+        """Another than the target was followed since a time: what others know is that one's way."""
+        self._misled_s = since_s
         self._distrusted_until_s = self.now.captured_s + _DISTRUST_S
+        self.expect(None, self.now.captured_s)
 
     def expect(self, prospect: Prospect | None, captured_s: float) -> None:
         """Take where the target can be in the frame of a time, as others know."""
-        self.prospect = prospect if captured_s > self._distrusted_until_s else None
+        trusted = captured_s > self._distrusted_until_s
+        self.prospect = prospect if trusted else None
+        known = () if prospect is None else prospect.earlier
+        self.earlier = tuple(one for one in known if trusted or one.since_s <= self._misled_s)
 
     def foresee(self, expected: Box) -> Box:
         """Expect a lost target where it should be by what others know."""

@@ -49,7 +49,7 @@ class Parting:
         A target that manoeuvres fits it badly as well: so that is a place to look at, no more.
         """
         now_s, worst, place = belief.now.captured_s, _UNFIT, None
-        for one in _earlier(belief):
+        for one in belief.earlier:
             then = belief.history.since(one.since_s)
             if then is not None and _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]:
                 fit = _fit(one, belief, belief.box)
@@ -64,10 +64,11 @@ class Parting:
         boxes: Sequence[Box],
         followed: Box,
         neighbours: Neighbours,
-    ) -> Box | None:
+    ) -> tuple[Box, float] | None:
         """Return which box is the target, if that is another than the one followed.
 
-        Two sights have to say so, one soon after the other.
+        Two sights have to say so, one soon after the other. Beside the box is returned up to when
+        what was believed was surely of the target.
 
         Args:
             belief: of the target.
@@ -81,8 +82,11 @@ class Parting:
             rest = [box for box in boxes if box is not followed]
             self._approaches.see(moment.captured_s, followed, rest)
             return None
-        suspect, self._suspect = self._suspect, (moment, other)
-        return other if suspect and _goes_on(belief, *suspect, moment, other) else None
+        box, since_s = other
+        suspect, self._suspect = self._suspect, (moment, box)
+        if suspect is None or not _goes_on(belief, *suspect, moment, box):
+            return None
+        return box, since_s
 
     def _other(
         self,
@@ -91,7 +95,7 @@ class Parting:
         boxes: Sequence[Box],
         followed: Box,
         neighbours: Neighbours,
-    ) -> Box | None:
+    ) -> tuple[Box, float] | None:
         """Return the box that fits what was foretold before it parted from the one followed."""
         best, best_gain = None, _BETTER
         for box in boxes:
@@ -100,37 +104,49 @@ class Parting:
                 continue
             met_s = neighbours.met_s(box, belief.history, moment)
             if moment.captured_s - met_s <= _LATELY_S:
-                gain = self._gain(belief, moment, followed, box, met_s)
+                gain, since_s = self._gain(belief, moment, followed, box, met_s)
                 gain += _behind(box, followed, boxes)
                 if gain > best_gain:
-                    best, best_gain = box, gain
+                    best, best_gain = (box, since_s), gain
         return best
 
-    def _gain(self, belief: Belief, moment: Moment, followed: Box, box: Box, met_s: float) -> float:
-        """Return how much rather a box is the target than the one followed, -1 to 1."""
+    def _gain(
+        self, belief: Belief, moment: Moment, followed: Box, box: Box, met_s: float
+    ) -> tuple[float, float]:
+        """Return how much rather a box is the target than the one followed, -1 to 1.
+
+        And up to when what was believed was of the target, if it is the box.
+        """
         passed, apart_s = self._approaches.exchanged(moment.captured_s, followed, box)
         latest_s = min(moment.captured_s - _LATEST_S, met_s, apart_s)
         warp = belief.history.warp(moment, belief.now)
         there, here = warp.box(box), warp.box(followed)
         gains = [
-            _fit(one, belief, there) - _fit(one, belief, here)
-            for one in _earlier(belief)
+            (_fit(one, belief, there) - _fit(one, belief, here), one.since_s)
+            for one in belief.earlier
             if one.since_s <= latest_s
         ]
-        foretold = _agreed(gains)
+        foretold, since_s = _agreed(gains)
         if abs(passed) < _PASSED:
-            return foretold
-        return passed if foretold > -_PASSED else -1.0
+            return foretold, since_s
+        return passed if foretold > -_PASSED else -1.0, latest_s
 
 
-def _agreed(gains: Sequence[float]) -> float:
+def _agreed(gains: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return what three or more beliefs say on average, and all that are older; at best.
 
     The latest may be of what covered the target already; and a single one, in the middle of a turn,
     foretells anything.
+
+    Args:
+        gains: what each says and of when it is, the latest first.
+
+    Returns:
+        The best mean, and of when the latest of these beliefs is.
     """
-    cuts = range(len(gains) - _LEAST_BELIEFS + 1)
-    return max((sum(gains[cut:]) / len(gains[cut:]) for cut in cuts), default=-1.0)
+    cuts = (gains[first:] for first in range(len(gains) - _LEAST_BELIEFS + 1))
+    means = ((sum(gain for gain, _ in cut) / len(cut), cut[0][1]) for cut in cuts)
+    return max(means, default=(-1.0, -math.inf))
 
 
 def _behind(box: Box, followed: Box, boxes: Sequence[Box]) -> float:
@@ -143,10 +159,6 @@ def _behind(box: Box, followed: Box, boxes: Sequence[Box]) -> float:
         return 0.0
     smaller = math.log(followed.scale / box.scale)
     return _BEHIND * min(1.0, max(0.0, smaller / _SURELY_BEHIND))
-
-
-def _earlier(belief: Belief) -> Sequence[Forecast]:
-    return () if belief.prospect is None else belief.prospect.earlier
 
 
 def _fit(forecast: Forecast, belief: Belief, box: Box) -> float:

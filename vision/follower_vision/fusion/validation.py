@@ -90,8 +90,8 @@ class Validation:
         suspect = self._parting.suspect(belief)
         if suspect is not None:
             return suspect, 1.0
-        told = belief.prospect is not None and self._settings.distractor_memory
-        if not told or looks % 2 == 0:
+        told = belief.prospect is not None or belief.earlier
+        if not (told and self._settings.distractor_memory) or looks % 2 == 0:
             return None
         foretold = self._parting.foretold(belief)
         if foretold is not None:
@@ -150,14 +150,15 @@ class Validation:
         moment = sight.moment
         followed = moment.box if chosen is None else sight.boxes[chosen]
         self.neighbours.meet(followed, belief.history, moment)
-        box = self._parting.parted(belief, moment, sight.boxes, followed, self.neighbours)
-        if box is None:
+        parted = self._parting.parted(belief, moment, sight.boxes, followed, self.neighbours)
+        if parted is None:
             return False
+        box, since_s = parted
         self.neighbours = Neighbours()
         others = [one for one in sight.boxes if one is not box]
         self.neighbours.see(others, others, belief.history, moment)
         self._misses = 0
-        belief.distrust_prospects()
+        belief.distrust_prospects(since_s)
         self._confirm(frame, belief, moment, box, another=True)
         return True
 
