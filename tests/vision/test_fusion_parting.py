@@ -207,6 +207,11 @@ def test_what_comes_out_from_behind_needs_less_to_be_the_target(
     alone = Crossing(foretold=between, nearer=nearer)
     alone.look([other], PARTED_S)
     assert alone.look([other], PARTED_S + LOOK_S) is None  # it may be a part of what is followed
+    lately = Crossing(foretold=between, nearer=nearer)
+    moment = lately.step(PARTED_S - LOOK_S)
+    lately.neighbours.see([OTHER], [OTHER], lately.belief.history, moment)
+    lately.look([other], PARTED_S)
+    assert (lately.look([other], PARTED_S + LOOK_S) is other) is found
 
 
 def test_without_forecasts_nothing_is_left() -> None:

@@ -85,6 +85,10 @@ class Neighbours:
         """All of them."""
         return self._known
 
+    def places(self, history: History, moment: Moment, age_s: float) -> list[Box]:
+        """Return where those should be in a frame who were seen no longer ago than so."""
+        return [one.expected(history, moment) for one in self._known if one.age_s(moment) <= age_s]
+
     def meet(self, target: Box, history: History, moment: Moment) -> None:
         """Take where the target is said to be: whoever is beside it there may be it instead."""
         self._target = target

@@ -19,6 +19,7 @@ _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
 _BETTER, _PASSED, _LEAST_BELIEFS = 0.13, 0.3, 3
 _BEHIND, _SURELY_BEHIND, _SEEN_IOU = 0.15, 0.5, 0.3
+_SEEN_S, _PART_SIZES = 0.5, 1.5
 _FORETOLD_S, _UNFIT = (0.5, 1.5), 0.6
 
 
@@ -98,6 +99,7 @@ class Parting:
     ) -> tuple[Box, float] | None:
         """Return the box that fits what was foretold before it parted from the one followed."""
         best, best_gain = None, _BETTER
+        known = neighbours.places(belief.history, moment, _SEEN_S)
         for box in boxes:
             apart = box.distance(followed) > _APART_SIZES * min(box.scale, followed.scale)
             if not apart or box.iou(followed) >= SAME_IOU:
@@ -105,7 +107,7 @@ class Parting:
             met_s = neighbours.met_s(box, belief.history, moment)
             if moment.captured_s - met_s <= _LATELY_S:
                 gain, since_s = self._gain(belief, moment, followed, box, met_s)
-                gain += _behind(box, followed, boxes)
+                gain += _behind(box, followed, [*boxes, *known])
                 if gain > best_gain:
                     best, best_gain = (box, since_s), gain
         return best
@@ -153,9 +155,16 @@ def _behind(box: Box, followed: Box, boxes: Sequence[Box]) -> float:
     """Return how much it speaks for a box that it is behind the one followed, 0 to 0.15.
 
     Of two that were one, the nearer was seen, and it is the larger one of a kind. What comes out
-    from behind it was hidden by it. What is seen alone may be what is followed, seen in part.
+    from behind it was hidden by it. What is seen alone and near may be a part of what is followed.
+
+    Args:
+        box: who may have come out.
+        followed: who may have hidden it.
+        boxes: what is seen, and was lately.
     """
-    if not any(one.iou(followed) >= _SEEN_IOU for one in boxes if one is not box):
+    others = [one for one in boxes if one.iou(box) < SAME_IOU]
+    seen = any(one.iou(followed) >= _SEEN_IOU for one in others)
+    if not seen and box.distance(followed) < _PART_SIZES * followed.scale:
         return 0.0
     smaller = math.log(followed.scale / box.scale)
     return _BEHIND * min(1.0, max(0.0, smaller / _SURELY_BEHIND))
