@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ from follower_vision.box import Box
 from follower_vision.fusion.warp import Warp
 
 _LENGTH = 64
+_MOST_ZOOM = 10.0
+_MOST_STRETCHES = 16
 
 
 @dataclass(slots=True)
@@ -18,27 +21,38 @@ class Moment:
     Attributes:
         index: counts the frames stepped, from 0.
         captured_s: the frame's capture time.
-        total: the camera's motion from the first frame of all to this one.
+        stretch: counts the stretches of the flight, from 0; see `History`.
+        total: the camera's motion from its stretch's beginning to this frame.
         box: where the target was believed to be.
     """
 
     index: int
     captured_s: float
+    stretch: int
     total: Warp
     box: Box
 
 
 class History:
-    """The last 64 frames."""
+    """The last 64 frames.
+
+    Who flies forward sees everything become larger for ever. So motions are counted from the
+    beginning of a stretch of the flight, and a stretch ends before its zoom (here: exp(10)) takes
+    the pixels from the numbers' precision.
+    """
 
     def __init__(self) -> None:
         self._moments: deque[Moment] = deque(maxlen=_LENGTH)
+        self._stretches: list[Warp] = []
 
     def add(self, captured_s: float, warp: Warp, box: Box) -> Moment:
         """Append a frame that the camera reached by `warp`, and return it."""
         index = self._moments[-1].index + 1 if self._moments else 0
         total = self._moments[-1].total.then(warp) if self._moments else warp
-        self._moments.append(Moment(index, captured_s, total, box))
+        if abs(math.log(total.zoom)) > _MOST_ZOOM:
+            self._stretches.append(total)
+            total = Warp()
+        self._moments.append(Moment(index, captured_s, len(self._stretches), total, box))
         return self._moments[-1]
 
     @property
@@ -58,5 +72,13 @@ class History:
         return next(one for one in reversed(self._moments) if one.captured_s <= captured_s)
 
     def warp(self, first: Moment, second: Moment) -> Warp:
-        """Return the camera's motion from one frame to another."""
-        return first.total.back().then(second.total)
+        """Return the camera's motion from one frame to another.
+
+        Of very long ago the latest part alone, some sixteen stretches.
+        """
+        if first.stretch > second.stretch:
+            return self.warp(second, first).back()
+        motion = first.total.back()
+        for whole in self._stretches[first.stretch : second.stretch][-_MOST_STRETCHES:]:
+            motion = motion.then(whole)
+        return motion.then(second.total)
