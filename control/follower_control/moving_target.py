@@ -110,6 +110,8 @@ class MovingTarget:
             return
         before, self._before, self._misses = self._before, None, 0
         self._believe(before)
+        while self._past and self._past[-1].time_s > before.time_s:
+            self._past.pop()
 
     def observe(
         self,

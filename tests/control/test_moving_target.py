@@ -288,3 +288,18 @@ def test_a_glimpse_that_is_somewhat_off_turns_nothing_unless_it_lasts(off_m: flo
     assert glimpsed.at(16.0)[0] == pytest.approx(16.0 * VELOCITY, abs=0.05)
     assert glimpsed.at(16.0)[1] == pytest.approx(VELOCITY, abs=0.05)
     assert seen.at(15.0)[0][1] - 15.0 * VELOCITY[1] == pytest.approx(off_m, abs=1.0)
+
+
+def test_what_was_believed_of_a_jump_that_is_undone_is_forgotten_with_it() -> None:
+    target = followed(3.0)
+    believed_s = target.time_s
+    assert believed_s is not None
+    place, _ = target.at(believed_s)
+    for now_s in np.arange(believed_s + 0.5, believed_s + 1.1, 1 / 30).tolist():
+        target.observe(place + np.array([0.0, 25.0, 0.0]), NOISE, now_s)
+    target.drop_unproven(now_s + 1.0)
+    assert target.time_s == believed_s
+    known = list(target.earlier())
+    assert known
+    for one in known:
+        assert abs(one.at(believed_s)[0][1] - place[1]) < 5.0, "not to the east, where it jumped"

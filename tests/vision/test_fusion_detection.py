@@ -173,10 +173,11 @@ def test_background_detection_that_only_waits_need_not_rest() -> None:
     service.close()
 
 
-def test_background_detection_reports_an_error_of_the_detector() -> None:
+@pytest.mark.parametrize("kind", [RuntimeError, cv2.error, IndexError, MemoryError])
+def test_background_detection_reports_an_error_of_the_detector(kind: type[Exception]) -> None:
     class Broken(SquareDetector):
         def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
-            raise RuntimeError(f"no network for {image.shape} in {region}")
+            raise kind(f"no network for {image.shape} in {region}")
 
     service = BackgroundDetection(Broken())
     service.submit(_request(1, 0, None))

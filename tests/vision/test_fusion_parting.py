@@ -302,15 +302,17 @@ def test_every_second_look_is_at_the_place_foretold_if_the_track_fits_that_badly
     assert foretold == (Box(TARGET.cx, TARGET.cy, 1.5 * SIZE, 1.5 * SIZE), 1.0)
 
 
-def test_after_a_mistake_only_what_was_believed_before_it_counts_for_a_while() -> None:
+def test_what_was_believed_during_a_mistake_never_counts() -> None:
     crossing = Crossing()
     belief, prospect = crossing.belief, crossing.belief.prospect
     assert prospect is not None
     belief.distrust_prospects(MET_S)
     belief.expect(prospect, belief.now.captured_s + 1.0)
     assert belief.earlier == tuple(one for one in prospect.earlier if one.since_s <= MET_S)
-    belief.expect(prospect, belief.now.captured_s + 2.0)
-    assert belief.earlier == prospect.earlier
+    now_s = belief.now.captured_s + 2.0
+    later = forecast(now_s, TARGET)
+    belief.expect(replace(prospect, earlier=(later, *prospect.earlier)), now_s)
+    assert belief.earlier == (later, *(one for one in prospect.earlier if one.since_s <= MET_S))
 
 
 def test_a_track_that_goes_back_to_the_look_alike_at_once_is_sent_away_again() -> None:

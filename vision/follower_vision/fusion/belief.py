@@ -133,7 +133,11 @@ class Belief:
         trusted = captured_s > self._distrusted_until_s
         self.prospect = prospect if trusted else None
         known = () if prospect is None else prospect.earlier
-        self.earlier = tuple(one for one in known if trusted or one.since_s <= self._misled_s)
+        self.earlier = tuple(one for one in known if not self._is_misled(one.since_s))
+
+    def _is_misled(self, since_s: float) -> bool:
+        """Whether what was believed at a time was of another than the target, or still half so."""
+        return self._misled_s < since_s <= self._distrusted_until_s
 
     def foresee(self, expected: Box) -> Box:
         """Expect a lost target where it should be by what others know."""

@@ -181,7 +181,7 @@ class BackgroundDetection:
             began_s = time.thread_time()
             try:
                 answer = _answer(self._detector, request)
-            except (ValueError, RuntimeError) as error:
+            except Exception as error:  # handed on, whatever it is: see `take`
                 self._put(None, error, began_s)
                 return
             self._put(answer, None, began_s)

@@ -175,6 +175,7 @@ class FusionTracker:
         self._identity = Identity(self._settings)
         self._regions.start()
         self._asked = self._looks_taken = 0
+        self._prospect = None
         # Answers that are still under way belong to another pursuit.
         self._pursuit = object()
 
