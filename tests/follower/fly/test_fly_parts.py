@@ -235,8 +235,10 @@ def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_the_example_settings_can_be_flown_with(path: Path) -> None:
-    options = FlyOptions("x", "0", colour="#d02020", config=path)
+def test_the_example_settings_can_be_flown_with_once_the_lens_is_told(path: Path) -> None:
+    alone = FlyOptions("x", "0", colour="#d02020", config=path)
+    assert not alone.lens_given, "the lens is the user's to tell"
+    options = FlyOptions("x", "0", colour="#d02020", config=path, overrides=("camera.fov_deg=70",))
     settings = options.settings()
     assert options.lens_given
     assert settings.autonomy == "pilot"
