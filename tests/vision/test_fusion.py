@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -9,15 +10,19 @@ import numpy as np
 import pytest
 
 from follower_vision.box import Box
+from follower_vision.correlation import CorrelationTracker
 from follower_vision.detection.detection import Detection
 from follower_vision.frame import Frame, Image
 from follower_vision.fusion import FusionSettings, FusionTracker
-from follower_vision.motion import MotionEstimate
+from follower_vision.motion import MotionEstimate, MotionTracker
 from follower_vision.prospect import Prospect
 from follower_vision.track import Track, TrackState
 
 WIDTH, HEIGHT, FPS = 480, 360, 30.0
 SIDE = 36
+
+Scene = Callable[[int], tuple[Image, tuple[float, float]]]
+"""Draws a frame by its number, and tells where the target is in it."""
 
 
 class ColourDetector:
@@ -134,7 +139,15 @@ def _behind_wall(number: int) -> tuple[Image, tuple[float, float]]:
     return image, (x, 180.0)
 
 
-def _run(tracker: FusionTracker, scene: object, count: int) -> list[tuple[Track, float]]:
+def _ball_that_leaves(number: int) -> tuple[Image, tuple[float, float]]:
+    """A ball lies there for a second, and then no more."""
+    image = _ground()
+    if number < 30:
+        _paint(image, 200.0, 180.0, 7)
+    return image, (200.0, 180.0)
+
+
+def _run(tracker: FusionTracker, scene: Scene, count: int) -> list[tuple[Track, float]]:
     """Follow a scene; return each track with its overlap with the truth."""
     image, place = scene(0)
     tracker.start(_frame(image, 0), _box(*place))
@@ -172,13 +185,7 @@ def test_finds_the_target_again_behind_a_wall() -> None:
 
 
 def test_wrong_box_is_never_called_tracking_after_the_target_has_left() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        if number < 30:
-            _paint(image, 200.0, 180.0, 7)
-        return image, (200.0, 180.0)
-
-    answers = _run(_fusion(), scene, 90)
+    answers = _run(_fusion(), _ball_that_leaves, 90)
     assert {track.state for track, _ in answers[60:]} == {TrackState.LOST}
 
 
@@ -193,6 +200,17 @@ def test_returns_to_a_target_that_reappears_elsewhere() -> None:
     answers = _run(_fusion(), scene, 100)
     assert min(overlap for _, overlap in answers[-15:]) > 0.5
     assert any(track.produced_by == "reacquired" for track, _ in answers)
+
+
+@pytest.mark.parametrize(("motion", "frames"), [(TemplateTracker, 75), (CorrelationTracker, 47)])
+@pytest.mark.parametrize("before", [_crossing, _behind_wall, _ball_that_leaves])
+def test_a_tracker_that_begins_anew_is_like_a_new_one(
+    motion: Callable[[], MotionTracker], before: Scene, frames: int
+) -> None:
+    """Whatever it went through: lost, in doubt, with a look-alike, or in the middle of that."""
+    used, new = (FusionTracker(motion(), ColourDetector()) for _ in range(2))
+    _run(used, before, frames)
+    assert _run(used, _behind_wall, 100) == _run(new, _behind_wall, 100)
 
 
 class LooseDetector(ColourDetector):

@@ -232,6 +232,29 @@ def test_answer_for_an_earlier_target_is_ignored() -> None:
     assert track.produced_by == "lagging"
 
 
+def test_what_nobody_will_come_for_is_dropped() -> None:
+    detector = SquareDetector()
+    background = BackgroundDetection(detector)
+    shared = SharedDetection(InlineDetection(detector))
+    for owner in ("mine", "other"):
+        detector.may_answer.clear()
+        background.submit(_request(owner, 1, None))
+        background.forget("mine")  # while it is worked on
+        detector.may_answer.set()
+        assert background.wait_idle(10)
+        shared.submit(_request(owner, 1, None))
+    shared.flush()
+    shared.forget("mine")
+    for service in (background, shared):
+        assert service.take("mine") == []
+        assert [one.request.owner for one in service.take("other")] == ["other"]
+    background.submit(_request("mine", 2, None))
+    assert background.wait_idle(10)
+    background.forget("mine")  # after it
+    assert background.take("mine") == []
+    background.close()
+
+
 def test_close_regions_share_one_pass_and_far_ones_take_turns() -> None:
     detector = SquareDetector()
     shared = SharedDetection(InlineDetection(detector))

@@ -72,6 +72,10 @@ class DetectionService(Protocol):
         """Return the answers to one asker's requests that have come in, the oldest first."""
         ...
 
+    def forget(self, owner: object) -> None:
+        """Drop what was asked for and answered for an asker who will not come for it."""
+        ...
+
     def close(self) -> None:
         """Let go of threads."""
         ...
@@ -97,6 +101,10 @@ class InlineDetection:
         mine = [request for request in self._waiting if request.owner is owner]
         self._waiting = [request for request in self._waiting if request.owner is not owner]
         return [_answer(self._detector, request) for request in mine]
+
+    def forget(self, owner: object) -> None:
+        """Drop an asker's requests."""
+        self._waiting = [request for request in self._waiting if request.owner is not owner]
 
     def close(self) -> None:
         """Forget the requests."""
@@ -128,6 +136,7 @@ class BackgroundDetection:
         self._ended_s, self._worked_s = -math.inf, 0.0
         self._changed = threading.Condition()
         self._request: DetectionRequest | None = None
+        self._dropped: DetectionRequest | None = None
         self._answers: list[DetectionAnswer] = []
         self._error: Exception | None = None
         self._closed = False
@@ -162,6 +171,13 @@ class BackgroundDetection:
             self._answers = [one for one in self._answers if one.request.owner is not owner]
         return mine
 
+    def forget(self, owner: object) -> None:
+        """Drop the answers for `owner`; also the one that is still worked on."""
+        with self._changed:
+            self._answers = [one for one in self._answers if one.request.owner is not owner]
+            if self._request is not None and self._request.owner is owner:
+                self._dropped = self._request
+
     def wait_idle(self, timeout_s: float) -> bool:
         """Wait until the thread has nothing to do; for tests and the end of a recording."""
         with self._changed:
@@ -195,10 +211,10 @@ class BackgroundDetection:
         with self._changed:
             self._ended_s = self._clock.now()
             self._worked_s = time.thread_time() - began_s
-            if answer is not None:
+            if answer is not None and self._request is not self._dropped:
                 self._answers.append(answer)
             self._error = error
-            self._request = None
+            self._request = self._dropped = None
             self._changed.notify_all()
 
 

@@ -69,7 +69,7 @@ class Following:
         self._doubted_s = None
         self._steady_s = 0.0
         self._rival_frames = self._doubts = 0
-        self._broken = False
+        self._broken = self._forlorn = False
 
     def relocate(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""

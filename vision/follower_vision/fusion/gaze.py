@@ -50,7 +50,7 @@ class Gaze:
         self._motion.start(frame.image, box)
         self._ahead = None
         self._ahead_in_vain = False
-        self._turns = 0
+        self._turns = self._unsure = 0
 
     def turn_to(self, frame: Frame, box: Box) -> None:
         """Go on from another place; in the paper's way, learning anew what is there."""

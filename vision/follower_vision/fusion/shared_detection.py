@@ -64,6 +64,13 @@ class SharedDetection:
         self._answers = [one for one in self._answers if one.request.owner is not owner]
         return mine
 
+    def forget(self, owner: object) -> None:
+        """Drop what one asker waits for."""
+        self._waiting = [one for one in self._waiting if one.owner is not owner]
+        self._answers = [one for one in self._answers if one.request.owner is not owner]
+        for number, group in self._served.items():
+            self._served[number] = [one for one in group if one.owner is not owner]
+
     def close(self) -> None:
         """Let go of the service's thread."""
         self._service.close()

@@ -177,6 +177,8 @@ class FusionTracker:
         self._asked = self._looks_taken = 0
         self._prospect = None
         # Answers that are still under way belong to another pursuit.
+        if self._service is not None:
+            self._service.forget(self._pursuit)
         self._pursuit = object()
 
     def _follow(
@@ -228,15 +230,15 @@ class FusionTracker:
         self, frame: Frame, belief: Belief, answer: DetectionAnswer, moment: Moment
     ) -> None:
         certain = belief.state is TrackState.TRACKING and belief.confidence > 0.9
-        if certain:
+        region = answer.request.region
+        covered = region is None or has_middle(region, moment.box)
+        if certain and covered:
             self._identity.meet(answer.detections, moment)
             belief.familiar = self._identity.familiar
         if not belief.familiar:
             return
         sight = self._identity.sight(answer.detections, moment)
         seen = any(box.iou(moment.box) >= self._settings.match_iou for box in sight.boxes)
-        region = answer.request.region
-        covered = region is None or has_middle(region, moment.box)
         if covered:
             belief.witness.testify(seen, certain)
         if belief.state is TrackState.LOST:
