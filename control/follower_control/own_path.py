@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ import numpy as np
 from follower_control.vehicle import LocalPosition
 from follower_vision.camera import Vector
 
-_KEPT = 256
+_KEPT_S = 12.0
 _AHEAD_S = 0.5
 """So far past the newest telemetry its velocity is trusted; a longer gap is a new path."""
 
@@ -30,7 +31,7 @@ class OwnPath:
     """
 
     def __init__(self) -> None:
-        self._points: deque[_Point] = deque(maxlen=_KEPT)
+        self._points: deque[_Point] = deque()
 
     def clear(self) -> None:
         """Forget everything."""
@@ -53,6 +54,8 @@ class OwnPath:
         if elapsed_s > 0:
             place = last.place_m + elapsed_s * (last.velocity_m_s + velocity) / 2
             self._points.append(_Point(position.time_s, place, velocity))
+            while position.time_s - self._points[0].time_s > _KEPT_S:
+                self._points.popleft()
         return True
 
     def at(self, time_s: float) -> Vector | None:
@@ -60,12 +63,15 @@ class OwnPath:
 
         After the newest telemetry its velocity leads on.
         """
-        later: _Point | None = None
-        for point in reversed(self._points):
-            if point.time_s <= time_s:
-                return _between(point, later, time_s)
-            later = point
-        return None
+        number = bisect_right(self._points, time_s, key=_time_s)
+        if number == 0:
+            return None
+        later = self._points[number] if number < len(self._points) else None
+        return _between(self._points[number - 1], later, time_s)
+
+
+def _time_s(point: _Point) -> float:
+    return point.time_s
 
 
 def _between(before: _Point, after: _Point | None, time_s: float) -> Vector | None:

@@ -192,6 +192,20 @@ def test_it_is_remembered_every_now_and_then_for_four_seconds_and_asking_changes
     assert list(target.earlier()) == []
 
 
+def test_what_was_believed_before_it_was_hidden_is_remembered_when_it_is_seen_again():
+    """Whoever is seen again may be another."""
+    target = _walked([(6.0, NORTH)])
+    seen_s = target.time_s
+    found_s = seen_s + 4.0
+    target.observe(target.at(found_s)[0], np.eye(3) * 0.01, found_s)
+    times = [one.time_s for one in target.earlier()]
+    assert 0.0 <= seen_s - times[0] < 0.4
+    assert len(times) >= 8
+    much_later_s = seen_s + 9.5
+    target.observe(target.at(much_later_s)[0], np.eye(3) * 0.01, much_later_s)
+    assert [one.time_s for one in target.earlier()] == [found_s]
+
+
 def test_a_forecast_is_where_its_place_is_seen_and_dated_by_the_frames_clock():
     earlier = [Outlook(np.array([14.0, share, 4.0]), 1.0, 3.0, 8.5, 1.2) for share in (-4.0, 3.0)]
     now = Outlook(np.array([14.0, 0.0, 4.0]), 0.5, 1.0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from follower_vision.box import Box
 from follower_vision.fusion.warp import Warp
 
-_LENGTH = 64
+_KEPT_S, _NUMBERED_S = 9.0, 2.12
 _MOST_ZOOM = 10.0
 _MOST_STRETCHES = 16
 
@@ -34,7 +34,7 @@ class Moment:
 
 
 class History:
-    """The last 64 frames.
+    """The frames of the last nine seconds, and by their numbers those of the last two.
 
     Who flies forward sees everything become larger for ever. So motions are counted from the
     beginning of a stretch of the flight, and a stretch ends before its zoom (here: exp(10)) takes
@@ -42,7 +42,7 @@ class History:
     """
 
     def __init__(self) -> None:
-        self._moments: deque[Moment] = deque(maxlen=_LENGTH)
+        self._moments: deque[Moment] = deque()
         self._stretches: list[Warp] = []
 
     def add(self, captured_s: float, warp: Warp, box: Box) -> Moment:
@@ -53,6 +53,8 @@ class History:
             self._stretches.append(total)
             total = Warp()
         self._moments.append(Moment(index, captured_s, len(self._stretches), total, box))
+        while captured_s - self._moments[0].captured_s > _KEPT_S:
+            self._moments.popleft()
         return self._moments[-1]
 
     @property
@@ -61,9 +63,12 @@ class History:
         return self._moments[-1]
 
     def at(self, index: int) -> Moment | None:
-        """Return a frame by its number; None if it is too old."""
+        """Return a frame by its number; None if it is too old for what was seen there to count."""
         place = index - self._moments[0].index
-        return self._moments[place] if 0 <= place < len(self._moments) else None
+        if not 0 <= place < len(self._moments):
+            return None
+        moment = self._moments[place]
+        return moment if self.now.captured_s - moment.captured_s <= _NUMBERED_S else None
 
     def since(self, captured_s: float) -> Moment | None:
         """Return the last frame up to a time; None if that is too long ago."""

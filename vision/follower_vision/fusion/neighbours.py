@@ -78,7 +78,7 @@ class Neighbours:
 
     def __init__(self) -> None:
         self._known: list[Neighbour] = []
-        self._target: Box | None = None
+        self._target: tuple[Moment, Box] | None = None
 
     @property
     def known(self) -> Sequence[Neighbour]:
@@ -91,7 +91,7 @@ class Neighbours:
 
     def meet(self, target: Box, history: History, moment: Moment) -> None:
         """Take where the target is said to be: whoever is beside it there may be it instead."""
-        self._target = target
+        self._target = (moment, target)
         for one in self._known:
             if _are_beside(one.expected(history, moment), target):
                 one.met_s = moment.captured_s
@@ -100,10 +100,13 @@ class Neighbours:
         """Return when what a box shows in a frame was beside the target last; -inf if never."""
         fits = [(one.likeness(box, history, moment), one.met_s) for one in self._known]
         best, met_s = max(fits, default=(0.0, -math.inf))
-        return met_s if best >= _CLAIM else self._met_s(box, moment)
+        return met_s if best >= _CLAIM else self._met_s(box, history, moment)
 
-    def _met_s(self, box: Box, moment: Moment) -> float:
-        beside = self._target is not None and _are_beside(box, self._target)
+    def _met_s(self, box: Box, history: History, moment: Moment) -> float:
+        if self._target is None:
+            return -math.inf
+        then, target = self._target
+        beside = _are_beside(box, history.warp(then, moment).box(target))
         return moment.captured_s if beside else -math.inf
 
     def claims(
@@ -146,7 +149,7 @@ class Neighbours:
                 one.sure = one.sure or box in strangers
         for box in left:
             if box in strangers or box in passers:
-                met_s = self._met_s(box, moment)
+                met_s = self._met_s(box, history, moment)
                 self._known.append(Neighbour(box, moment, met_s, sure=box in strangers))
         self._known = [one for one in self._known if one.age_s(moment) <= _KEPT_S][:_MOST]
 

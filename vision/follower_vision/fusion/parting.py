@@ -14,6 +14,7 @@ from follower_vision.prospect import Forecast
 
 _LATEST_S, _LATELY_S = 0.3, 1.0
 _SUSPECTED_S = 0.5
+_FOUND_S = 5.0
 _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
@@ -34,6 +35,7 @@ class Parting:
     def __init__(self) -> None:
         self._approaches = Approaches()
         self._suspect: tuple[Moment, Box] | None = None
+        self._answer: tuple[Moment, Box] | None = None
 
     def suspect(self, belief: Belief) -> Box | None:
         """Return where it is that one more sight would show to be the target, if there is any."""
@@ -50,9 +52,11 @@ class Parting:
         A target that manoeuvres fits it badly as well: so that is a place to look at, no more.
         """
         now_s, worst, place = belief.now.captured_s, _UNFIT, None
+        lost_s = _lost_s(belief, now_s)
         for one in belief.earlier:
             then = belief.history.since(one.since_s)
-            if then is not None and _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]:
+            recent = _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]
+            if then is not None and (recent or one.since_s <= lost_s):
                 fit = _fit(one, belief, belief.box)
                 if fit < worst:
                     worst, place = fit, then.box.scaled(one.nearer).moved_to(one.cx, one.cy)
@@ -87,6 +91,7 @@ class Parting:
         suspect, self._suspect = self._suspect, (moment, box)
         if suspect is None or not _goes_on(belief, *suspect, moment, box):
             return None
+        self._answer = (moment, box)
         return box, since_s
 
     def _other(
@@ -104,13 +109,29 @@ class Parting:
             apart = box.distance(followed) > _APART_SIZES * min(box.scale, followed.scale)
             if not apart or box.iou(followed) >= SAME_IOU:
                 continue
-            met_s = neighbours.met_s(box, belief.history, moment)
-            if moment.captured_s - met_s <= _LATELY_S:
+            met_s = self._met_s(belief, moment, box, neighbours)
+            if met_s is not None:
                 gain, since_s = self._gain(belief, moment, followed, box, met_s)
                 gain += _behind(box, followed, [*boxes, *known])
                 if gain > best_gain:
                     best, best_gain = (box, since_s), gain
         return best
+
+    def _met_s(
+        self, belief: Belief, moment: Moment, box: Box, neighbours: Neighbours
+    ) -> float | None:
+        """Return up to when it was known which of a box and the one followed is the target.
+
+        None if it still is. What was found after it was hidden may be another; so may be what is
+        followed after two were close to one another, or after a mistake.
+        """
+        lost_s = _lost_s(belief, moment.captured_s)
+        if lost_s > -math.inf:
+            return lost_s
+        if self._answer is not None and _goes_on(belief, *self._answer, moment, box):
+            return self._answer[0].captured_s
+        met_s = neighbours.met_s(box, belief.history, moment)
+        return met_s if moment.captured_s - met_s <= _LATELY_S else None
 
     def _gain(
         self, belief: Belief, moment: Moment, followed: Box, box: Box, met_s: float
@@ -132,6 +153,12 @@ class Parting:
         if abs(passed) < _PASSED:
             return foretold, since_s
         return passed if foretold > -_PASSED else -1.0, latest_s
+
+
+def _lost_s(belief: Belief, now_s: float) -> float:
+    """Return when the target was lost that was found lately; -inf if none was."""
+    lost_s, found_s = belief.gap
+    return lost_s if now_s - found_s <= _FOUND_S else -math.inf
 
 
 def _agreed(gains: Sequence[tuple[float, float]]) -> tuple[float, float]:
