@@ -17,6 +17,9 @@ from follower_vision.prospect import Forecast, Prospect
 
 _NEAREST_SHARE = 0.2
 _UP_SHARE = 0.5
+_ROUND, _CROSS = (np.arange(count) * math.tau / count for count in (12, 4))
+"""Directions to the places about one: enough for a region, and for how far off it may be."""
+
 _ANGLE_RAD, _TIME_S = math.radians(2.0), 0.05
 """What attitude and lens may be wrong by, and the time for which the attitude was taken."""
 
@@ -39,14 +42,15 @@ class Outlook:
     seen_s: float = -math.inf
     nearer: float = 1.0
 
-    def points_m(self, reach_m: float, angle_rad: float = 0.0) -> Vector:
-        """Return (7, 3): where it should be, and so far from there across, along, down and up.
+    def points_m(self, reach_m: float, angle_rad: float = 0.0, around: Vector = _ROUND) -> Vector:
+        """Return (N + 3, 3): where it should be, and places around that, above and below.
 
         No point comes as near to us as a fifth of the distance: what is so near is all around.
 
         Args:
             reach_m: how far.
             angle_rad: what directions may be wrong by; comes on top.
+            around: (N,) directions from there, 0 away from us.
         """
         distance_m = float(np.linalg.norm(self.away_m))
         level_m = math.hypot(self.away_m[0], self.away_m[1])
@@ -54,10 +58,12 @@ class Outlook:
         across = np.array([-ahead[1], ahead[0], 0.0])
         slack_m = angle_rad * distance_m
         up = np.array([0.0, 0.0, _UP_SHARE * reach_m + slack_m])
-        reach_m += slack_m
-        near_m = max(min(reach_m, level_m - _NEAREST_SHARE * distance_m), 0.0)
-        steps = [0 * up, reach_m * across, -reach_m * across, reach_m * ahead, -near_m * ahead]
-        return np.asarray(self.away_m + np.array([*steps, up, -up]))
+        nearest_m = min(level_m, _NEAREST_SHARE * distance_m)
+        along_m = np.maximum(level_m + (reach_m + slack_m) * np.cos(around), nearest_m)
+        across_m = (reach_m + slack_m) * np.sin(around)
+        circle = np.outer(along_m, ahead) + np.outer(across_m, across)
+        circle[:, 2] = self.away_m[2]
+        return np.vstack([self.away_m, circle, self.away_m + up, self.away_m - up])
 
 
 def prospect(
@@ -87,13 +93,13 @@ def prospect(
     angle_rad = _ANGLE_RAD + _TIME_S * turning.turn_rate_rad_s
     reaches = (outlook.likely_m, outlook.possible_m)
     likely, possible = (outlook.points_m(reach_m, angle_rad) for reach_m in reaches)
-    before = [one.points_m(one.likely_m, angle_rad) for one in earlier]
-    points = np.concatenate([likely, possible, *before])
-    pixels = sighter.image_of(points, captured_s, attitudes, gimbal)
+    before = [one.points_m(one.likely_m, angle_rad, _CROSS) for one in earlier]
+    places = [likely, possible, *before]
+    pixels = sighter.image_of(np.concatenate(places), captured_s, attitudes, gimbal)
     if pixels is None:
         return None
     offset_s = captured_s - time_s
-    seen = np.split(pixels, len(pixels) // len(likely))
+    seen = np.split(pixels, np.cumsum([len(one) for one in places])[:-1])
     forecasts = tuple(
         Forecast(one.seen_s + offset_s, *_middle(places), _about(places), one.nearer)
         for one, places in zip(earlier, seen[2:], strict=True)
