@@ -43,9 +43,8 @@ _GONE_S, _PROVEN_S = 0.25, 0.8
 to be so."""
 
 
-_NOTES, _EVERY_S, _OLDEST_S = 10, 0.4, 9.0
-"""So many times it is noted down what is believed while it is seen, and how often; nothing is
-remembered for longer."""
+_REMEMBERED_S, _EVERY_S = 4.0, 0.4
+"""For how long it is remembered what was believed, and how often that is noted down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +84,7 @@ class MovingTarget:
         self._time_s: float | None = None
         self._newest_s: float | None = None
         self._before: _Belief | None = None
-        self._past: deque[_Belief] = deque(maxlen=_NOTES)
+        self._past: deque[_Belief] = deque()
         self._jumped_s = 0.0
         self._misses = 0
         self._turn_rad_s = 0.0
@@ -146,7 +145,7 @@ class MovingTarget:
 
     def _note(self, now_s: float) -> None:
         """Note down now and then what is believed."""
-        while self._past and now_s - self._past[0].time_s > _OLDEST_S:
+        while self._past and now_s - self._past[0].time_s > _REMEMBERED_S:
             self._past.popleft()
         last_s = self._past[-1].time_s if self._past else -math.inf
         if self._time_s is not None and self._time_s - last_s >= _EVERY_S:

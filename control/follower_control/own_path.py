@@ -11,7 +11,7 @@ import numpy as np
 from follower_control.vehicle import LocalPosition
 from follower_vision.camera import Vector
 
-_KEPT_S = 12.0
+_KEPT_S = 6.0
 _AHEAD_S = 0.5
 """So far past the newest telemetry its velocity is trusted; a longer gap is a new path."""
 

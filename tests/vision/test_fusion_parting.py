@@ -41,16 +41,9 @@ class Crossing:
     """Two that were one from 0.5 s on, and a belief that went with the one at `followed`.
 
     What was believed before 0.5 s foretells `foretold`, what was believed later the one followed.
-    Either what is followed is seen all the time, or nothing is from 0.5 s on until they part.
     """
 
-    def __init__(
-        self,
-        foretold: Box = TARGET,
-        followed: Box = OTHER,
-        nearer: float = 1.0,
-        hidden: bool = False,
-    ) -> None:
+    def __init__(self, foretold: Box = TARGET, followed: Box = OTHER, nearer: float = 1.0) -> None:
         self.belief = Belief(Frame(np.zeros((480, 640, 3), np.uint8), 0.0, 0), foretold, "test")
         self.neighbours, self.parting = Neighbours(), Parting()
         self._followed = followed
@@ -58,16 +51,13 @@ class Crossing:
         late = [forecast(one / 10, followed) for one in range(11, 5, -1)]
         self.tell(Prospect(followed.cx, followed.cy, REACH, REACH, (*late, *known)))
         for number in range(1, 12):
-            self.step(number * LOOK_S, seen=not hidden or number * LOOK_S <= MET_S)
+            self.step(number * LOOK_S)
 
     def tell(self, prospect: Prospect | None) -> None:
         self.belief.expect(prospect, self.belief.now.captured_s)
 
-    def step(self, now_s: float, warp: Warp | None = None, seen: bool = True) -> Moment:
-        moment = self.belief.history.add(now_s, warp or Warp(), self._followed)
-        if seen:
-            self.belief.see(self._followed, 1.0, "test")
-        return moment
+    def step(self, now_s: float, warp: Warp | None = None) -> Moment:
+        return self.belief.history.add(now_s, warp or Warp(), self._followed)
 
     def look(self, boxes: list[Box], now_s: float, followed: Box | None = None) -> Box | None:
         moment = self.step(now_s)
@@ -129,35 +119,6 @@ def test_whoever_turns_up_farther_away_never_was_where_the_target_was() -> None:
     crossing = Crossing(followed=FAR)
     for number in range(4):
         assert crossing.look([FAR, TARGET], PARTED_S + number * LOOK_S) is None
-
-
-def test_what_was_found_is_left_for_who_fits_better_what_was_believed_before_it_was_lost() -> None:
-    """Whoever was taken for a hidden target need not have met it."""
-    crossing = Crossing(followed=FAR, hidden=True)
-    assert crossing.look([FAR, TARGET], PARTED_S) is None
-    assert crossing.look([FAR, TARGET], PARTED_S + LOOK_S) is TARGET
-    right = Crossing(foretold=FAR, followed=FAR, hidden=True)
-    late = Crossing(followed=FAR, hidden=True)
-    late.look([FAR], PARTED_S)
-    for number in range(4):
-        assert right.look([FAR, TARGET], PARTED_S + number * LOOK_S) is None
-        late.step(PARTED_S + 5.0 + number * LOOK_S - 0.05)
-        late.belief.gap = (MET_S, PARTED_S)  # nothing was missed since
-        assert late.look([FAR, TARGET], PARTED_S + 5.0 + number * LOOK_S) is None
-
-
-def test_the_target_may_come_out_where_it_was_foretold_long_after_another_was_found() -> None:
-    crossing = Crossing(followed=FAR, hidden=True)
-    assert crossing.parting.foretold(crossing.belief) == TARGET.moved_to(TARGET.cx, TARGET.cy)
-    crossing.look([FAR], PARTED_S)
-    for number in range(1, 40):
-        moment = crossing.step(PARTED_S + number * LOOK_S)
-    assert moment.captured_s > MET_S + 4.0
-    assert crossing.parting.foretold(crossing.belief) == TARGET
-    seen = Crossing(followed=FAR)
-    for number in range(1, 40):
-        seen.step(PARTED_S + number * LOOK_S)
-    assert seen.parting.foretold(seen.belief) is None
 
 
 def test_a_track_that_leaps_back_to_the_look_alike_is_sent_away_again() -> None:

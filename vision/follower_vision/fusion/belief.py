@@ -27,9 +27,6 @@ _MARGIN_SIZES = 0.25
 _DISTRUST_S = 1.5
 """After so long others know the target's way again of which they were told wrong."""
 
-_GAP_S = 0.4
-"""After so long unseen it may be another that is seen again."""
-
 _PATIENCE_S = 3.0
 """An unseen target is waited for so long where it should come out."""
 
@@ -66,7 +63,6 @@ class Belief:
         confidence: as in `Track`.
         produced_by: as in `Track`.
         seen_s: when the target was last seen.
-        gap: from when to when it was unseen last, if that was for long; else two infinities.
         history: the last frames.
         kinematics: where the target goes.
         taken: where the other targets are that are followed as well.
@@ -85,7 +81,6 @@ class Belief:
         self.confidence = 1.0
         self.produced_by = produced_by
         self.seen_s = frame.captured_s
-        self.gap = (-math.inf, -math.inf)
         self.familiar = False
         self.history = History()
         self.kinematics = Kinematics(box)
@@ -229,8 +224,6 @@ class Belief:
         self.state = TrackState.TRACKING
         self.confidence = confidence
         self.produced_by = produced_by
-        if self.unseen_s > _GAP_S:
-            self.gap = (self.seen_s, self.now.captured_s)
         self.seen_s = self.now.captured_s
 
     def confirm(self, moment: Moment, box: Box) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from follower_vision.box import Box
 from follower_vision.fusion.warp import Warp
 
-_KEPT_S, _NUMBERED_S = 9.0, 2.12
+_KEPT_S = 2.12
 _MOST_ZOOM = 10.0
 _MOST_STRETCHES = 16
 
@@ -34,7 +34,7 @@ class Moment:
 
 
 class History:
-    """The frames of the last nine seconds, and by their numbers those of the last two.
+    """The frames of the last two seconds: 64 of a camera with 30 a second.
 
     Who flies forward sees everything become larger for ever. So motions are counted from the
     beginning of a stretch of the flight, and a stretch ends before its zoom (here: exp(10)) takes
@@ -63,12 +63,9 @@ class History:
         return self._moments[-1]
 
     def at(self, index: int) -> Moment | None:
-        """Return a frame by its number; None if it is too old for what was seen there to count."""
+        """Return a frame by its number; None if it is too old."""
         place = index - self._moments[0].index
-        if not 0 <= place < len(self._moments):
-            return None
-        moment = self._moments[place]
-        return moment if self.now.captured_s - moment.captured_s <= _NUMBERED_S else None
+        return self._moments[place] if 0 <= place < len(self._moments) else None
 
     def since(self, captured_s: float) -> Moment | None:
         """Return the last frame up to a time; None if that is too long ago."""

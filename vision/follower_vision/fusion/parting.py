@@ -14,7 +14,6 @@ from follower_vision.prospect import Forecast
 
 _LATEST_S, _LATELY_S = 0.3, 1.0
 _SUSPECTED_S = 0.5
-_FOUND_S = 5.0
 _SAME_SIZES, _SAME_SIZES_S = 0.5, 1.0
 _APART_SIZES = 0.5
 _REACH_SIZES = 0.25
@@ -52,11 +51,9 @@ class Parting:
         A target that manoeuvres fits it badly as well: so that is a place to look at, no more.
         """
         now_s, worst, place = belief.now.captured_s, _UNFIT, None
-        lost_s = _lost_s(belief, now_s)
         for one in belief.earlier:
             then = belief.history.since(one.since_s)
-            recent = _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]
-            if then is not None and (recent or one.since_s <= lost_s):
+            if then is not None and _FORETOLD_S[0] <= now_s - one.since_s <= _FORETOLD_S[1]:
                 fit = _fit(one, belief, belief.box)
                 if fit < worst:
                     worst, place = fit, then.box.scaled(one.nearer).moved_to(one.cx, one.cy)
@@ -122,12 +119,8 @@ class Parting:
     ) -> float | None:
         """Return up to when it was known which of a box and the one followed is the target.
 
-        None if it still is. What was found after it was hidden may be another; so may be what is
-        followed after two were close to one another, or after a mistake.
+        None if it still is: they were not close to one another lately, and there was no mistake.
         """
-        lost_s = _lost_s(belief, moment.captured_s)
-        if lost_s > -math.inf:
-            return lost_s
         if self._answer is not None and _goes_on(belief, *self._answer, moment, box):
             return self._answer[0].captured_s
         met_s = neighbours.met_s(box, belief.history, moment)
@@ -153,12 +146,6 @@ class Parting:
         if abs(passed) < _PASSED:
             return foretold, since_s
         return passed if foretold > -_PASSED else -1.0, latest_s
-
-
-def _lost_s(belief: Belief, now_s: float) -> float:
-    """Return when the target was lost that was found lately; -inf if none was."""
-    lost_s, found_s = belief.gap
-    return lost_s if now_s - found_s <= _FOUND_S else -math.inf
 
 
 def _agreed(gains: Sequence[tuple[float, float]]) -> tuple[float, float]:
