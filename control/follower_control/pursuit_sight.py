@@ -174,7 +174,10 @@ class PursuitSight:
         position = vehicle.position
         if position is None or vehicle.position_age_s(now_s) > OLD_S or self._moving.time_s is None:
             return None
-        here = self._own.at(now_s) if self._own.add(position) else None
+        if not self._own.add(position):
+            self._forget()
+            return None
+        here = self._own.at(now_s)
         if here is None:
             return None
         self._moving.drop_unproven(now_s)

@@ -170,6 +170,21 @@ def test_a_jump_of_our_position_is_no_jump_of_the_target():
         assert asked.values == pytest.approx((0, 0, 0, 0), abs=1e-6)
 
 
+def test_after_a_gap_in_our_velocities_an_unseen_target_may_be_anywhere():
+    """How far we went meanwhile is not known, so neither is where it is from here."""
+    servo = VisualServo(SETTINGS, MOUNT_PITCH)
+    servo.start()
+    for i in range(100):
+        servo.update(target(time_s=i * DT, last_seen_s=i * DT), vehicle(i * DT), HOLD)
+    directions = servo.might_be(vehicle(2.2), 2.2)
+    assert directions is not None
+    assert np.abs(directions).min() < 0.01
+    assert servo.might_be(vehicle(2.2), 3.2) is None
+    for now_s in (3.3, 3.4, 3.6):
+        assert servo.might_be(vehicle(now_s, north_m_s=10.0), now_s) is None
+        assert servo.outlook(now_s) is None
+
+
 def test_our_own_climbing_is_no_part_of_the_climb_that_is_fed_forward():
     away = np.array([12.0, 0.0, 5.0])
     rising = seen_from(target(), away, np.array([0.0, 0.0, 1.5]), SIZE)
