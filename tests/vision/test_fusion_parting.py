@@ -314,6 +314,8 @@ def test_every_second_look_is_at_the_place_foretold_if_the_track_fits_that_badly
     assert validation.elsewhere(crossing.belief, 2) is None
     foretold = validation.elsewhere(crossing.belief, 1)
     assert foretold == (Box(TARGET.cx, TARGET.cy, 1.5 * SIZE, 1.5 * SIZE), 1.0)
+    crossing.step(2.1)  # all that was believed before they met is older than 1.5 s by then
+    assert validation.elsewhere(crossing.belief, 1) is None
 
 
 def test_what_was_believed_during_a_mistake_never_counts() -> None:
@@ -383,6 +385,40 @@ def test_who_comes_from_the_left_and_passes_goes_on_to_the_right(
     assert gone > 0.3
     assert gone == pytest.approx(-kept, abs=0.05)
     assert since_s == pytest.approx(0.9, abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ("foretold", "passes", "found"),
+    [(0.0, False, True), (0.5, False, False), (0.5, True, True), (1.0, True, False)],
+)
+def test_who_came_past_goes_on_unless_forecasts_deny_it(
+    foretold: float, *, passes: bool, found: bool
+) -> None:
+    """At two sizes a second to the right, with the track: 1.2 of them from the target by then.
+
+    The forecasts say that the target is so far, from 0 to 1, on the way to who came past.
+    """
+
+    def passer(now_s: float) -> Box:
+        return TARGET.moved_to(TARGET.cx + 2.0 * SIZE * (now_s - 1.4), TARGET.cy)
+
+    parted_s = 2.0
+    gone = passer(parted_s)
+    where = TARGET.moved_to(TARGET.cx + foretold * (gone.cx - TARGET.cx), TARGET.cy)
+    crossing = Crossing(foretold=where, followed=TARGET)
+    crossing.belief = Belief(Frame(np.zeros((480, 640, 3), np.uint8), 0.0, 0), TARGET, "test")
+    for number in range(1, 10):
+        boxes = [TARGET, passer(number * LOOK_S)] if passes else [TARGET]
+        assert crossing.look(boxes, number * LOOK_S) is None
+    for number in range(10, 20):
+        alone = TARGET if number < 14 else passer(number * LOOK_S)
+        assert crossing.look([alone], number * LOOK_S, alone) is None
+    known = tuple(forecast(one / 10, where) for one in range(8, -1, -1))
+    chosen = None
+    for now_s in (parted_s, parted_s + LOOK_S):
+        crossing.tell(Prospect(gone.cx, gone.cy, REACH, REACH, known))
+        chosen = crossing.look([passer(now_s), TARGET], now_s, passer(now_s))
+    assert (chosen is TARGET) is found
 
 
 def test_nobody_passed_who_stays_away_or_was_seen_for_a_moment_or_long_ago() -> None:
