@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from follower.print_line import print_line
 from follower.recorder import FlightConfig, RecordedFlight, open_flight
 from follower.report.flight import Flight
 from follower.report.inspection import render_inspection, summary
@@ -92,9 +93,9 @@ def print_summary(console: Console, recorded: RecordedFlight, flight: Flight, pa
         console.print()
         console.print(_states(flight.states))
     for line in dropped(recorded):
-        console.print(Text(line, "yellow"), soft_wrap=True)
+        print_line(console, line, "yellow")
     console.print()
-    console.print(f"  {path}", markup=False, highlight=False, soft_wrap=True)
+    print_line(console, f"  {path}")
 
 
 def _states(spans: Sequence[Span]) -> Table:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from follower.candidates import Candidate, numbered, write_candidates
+from follower.print_line import print_line
 from follower_vision.detection import Detector
 from follower_vision.detection.scan import scan
 from follower_vision.frame import Frame
@@ -32,7 +33,7 @@ def list_objects(
     """
     frame, candidates = _first_seen(source, detector)
     picture = write_candidates(folder() / "candidates.png", frame.image, candidates)
-    console.print(f"frame {frame.sequence}, {frame.width}x{frame.height} pixels", highlight=False)
+    print_line(console, f"frame {frame.sequence}, {frame.width}x{frame.height} pixels")
     console.print(_table(candidates))
     first = candidates[0]
     lines = (
@@ -41,7 +42,7 @@ def list_objects(
         f"  {picture}",
     )
     for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, line)
     return 0
 
 

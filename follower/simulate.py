@@ -29,6 +29,7 @@ from follower.interrupt import StopOnInterrupt
 from follower.keeping_up import said_of_late_frames
 from follower.links.connection import ConnectionFailedError, open_connection
 from follower.links.link_settings import LINK_KINDS
+from follower.print_line import print_line
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.run_folder import new_run_folder, remove_run_folder
 from follower.scenario_start import base_settings
@@ -262,7 +263,7 @@ def _station(order: _Order, settings: Settings) -> Iterator[Station | None]:
     """Give what shows the flight to others, None if nobody wants to see it."""
 
     def say(text: str) -> None:
-        order.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print_line(order.console, text)
 
     options = order.options
     recording = order.folder.name if options.recorded else ""

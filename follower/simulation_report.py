@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from follower.outputs import write_boxes, write_setpoints
+from follower.print_line import print_line
 from follower.report.meta import ReportMeta
 from follower.report.writer import write_report, write_score, write_whole
 from follower.sight import Sight
@@ -66,7 +67,7 @@ def report_flight(
     files = [folder / name for name, _ in FILES if (folder / name).exists()]
     print_score(console, score, criteria, files)
     for remark in remarks:
-        console.print(remark, highlight=False)
+        print_line(console, remark)
     return not verdict(score, criteria)
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from follower.live_status import LiveStatus
+from follower.print_line import print_line
 from follower_control.setpoint import VelocitySetpoint
 from follower_sim.criteria import Criteria, checks, verdict
 from follower_sim.score import PursuitScore
@@ -97,7 +98,7 @@ class Terminal:
         self._print(text)
 
     def _print(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print_line(self._console, text)
 
 
 def plain_line(status: LiveStatus) -> str:
@@ -164,9 +165,9 @@ def print_score(
     else:
         console.print(Text("The pursuit succeeded", "bold green"))
     for line in failures:
-        console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, f"  {line}")
     for path in files:
-        console.print(f"  {path}", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, f"  {path}")
 
 
 def _why(status: LiveStatus) -> str:

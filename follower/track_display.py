@@ -13,6 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from follower.print_line import print_line
 from follower.track_status import TrackStatus, status_line
 from follower_vision.clock import Clock, MonotonicClock
 
@@ -72,7 +73,7 @@ class TrackDisplay:
 
     def say(self, text: str) -> None:
         """Write a line that stays."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print_line(self._console, text)
 
     def _rate_hz(self, now_s: float, frames: int) -> float | None:
         """Return the frames a second of about the last second."""

@@ -22,6 +22,7 @@ from follower.calibration.solving import Calibration, CalibrationError, calibrat
 from follower.calibration.views import ViewCollection
 from follower.interrupt import StopOnInterrupt
 from follower.preflight.camera_checks import folds
+from follower.print_line import print_line
 from follower.report.writer import write_whole, write_whole_bytes
 from follower.settings import load_settings, settings_data
 from follower_control.strict_yaml import SettingsError
@@ -71,19 +72,19 @@ def run(options: CalibrateOptions) -> int:
     known, _ = settings_data(options.config)
     load_settings(options.config)
     views = _look(options, console)
-    console.print(counts_line(views), highlight=False)
+    print_line(console, counts_line(views))
     if views.size is None or views.sample is None:
-        console.print(_nothing_seen(views), markup=False, highlight=False, soft_wrap=True)
+        print_line(console, _nothing_seen(views))
         return _NOT_CALIBRATED
     try:
         calibration = calibrate(views.views, views.size)
         _check(calibration)
     except CalibrationError as error:
-        console.print(f"No calibration: {error}.", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, f"No calibration: {error}.")
         return _NOT_CALIBRATED
     _write(options, views, calibration, known)
     for line in report(calibration, options):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, line)
     return _CALIBRATED
 
 
@@ -114,7 +115,7 @@ def _look(options: CalibrateOptions, console: Console) -> ViewCollection:
         if not is_live(options.source):
             _look_at_recording(options, source, views, console, stopped)
             if source.problem:
-                console.print(f"{options.source}: {source.problem}", markup=False)
+                print_line(console, f"{options.source}: {source.problem}")
             return views
         console.print("Ctrl-C ends it and computes the lens.")
         with Live(console=console, auto_refresh=False) as live:

@@ -25,6 +25,7 @@ from follower.campaign.store import Store
 from follower.campaign.summary import Summary, summary_of
 from follower.campaign.tables import RESULTS, write_parquet
 from follower.configs import find_scenario
+from follower.print_line import print_line
 from follower.report.writer import REPORT, write_whole
 from follower.sight import Sight, check_without_pixels
 from follower.simulate import simulate, simulation_settings
@@ -168,4 +169,4 @@ def say(summary: Summary, folder: Path, console: Console) -> None:
         said = f"{line.name}: {line.value}, wanted {line.wanted}: {mark}"
         console.print(said, highlight=False, soft_wrap=True)
     for name in (REPORT, RESULTS):
-        console.print(f"  {folder / name}", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, f"  {folder / name}")

@@ -19,6 +19,7 @@ from follower.campaign.figures import Figures
 from follower.campaign.progress import CampaignProgress
 from follower.campaign.run_spec import RunSpec
 from follower.campaign.store import Store
+from follower.print_line import print_line
 from follower.report.writer import write_whole
 from follower.settings import Settings, load_settings
 from follower_control.strict_yaml import SettingsError
@@ -141,7 +142,7 @@ def _write(trials: Sequence[Trial], folder: Path) -> None:
 
 def _say(trials: Sequence[Trial], folder: Path, console: Console) -> None:
     first, best = trials[0], min(trials, key=lambda trial: trial.cost)
-    console.print(f"Cost {first.cost:.3f} before, {best.cost:.3f} after {len(trials)} trials")
+    print_line(console, f"Cost {first.cost:.3f} before, {best.cost:.3f} after {len(trials)} trials")
     for key, value in best.values.items():
-        console.print(f"  {key}: {first.values[key]:g} → {value:g}", highlight=False)
-    console.print(f"  {folder / BEST}: for `follower sim --config`", highlight=False)
+        print_line(console, f"  {key}: {first.values[key]:g} → {value:g}")
+    print_line(console, f"  {folder / BEST}: for `follower sim --config`")

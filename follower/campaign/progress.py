@@ -8,6 +8,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from follower.print_line import print_line
 from follower_vision.clock import Clock, MonotonicClock
 
 _FEWEST = 3
@@ -66,7 +67,7 @@ class CampaignProgress:
             self._bar.update(self._task, completed=self._done, left=left)
         elif self._clock.now() - self._shown_s > _PLAIN_S:
             self._shown_s = self._clock.now()
-            self._console.print(f"{self._done} of {self._total} runs, {left}", highlight=False)
+            print_line(self._console, f"{self._done} of {self._total} runs, {left}")
 
     def left(self) -> str:
         """Return the time to go in words."""

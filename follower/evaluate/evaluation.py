@@ -19,6 +19,7 @@ from follower.evaluate.outputs import (
 )
 from follower.evaluate.results import Result, ResultStore, Start, run
 from follower.evaluate.summary import Scored, attribute_rows, rows, scored
+from follower.print_line import print_line
 from follower.report.evaluation import render
 from follower.report.writer import write_whole
 from follower.run_folder import new_run_folder
@@ -75,14 +76,14 @@ def evaluate(options: EvaluateOptions, console: Console | None = None) -> int:
             contenders, sequences, options, ResultStore(folder / "boxes"), console
         )
     except KeyboardInterrupt:
-        console.print(f"interrupted; go on with --resume {folder}", highlight=False)
+        print_line(console, f"interrupted; go on with --resume {folder}")
         return _INTERRUPTED
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]
     kept = [one for one in [*runs, *others] if one.sequence not in broken]
     if not kept:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
     for remark in remarks:
-        console.print(remark, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, remark, style="yellow")
     whole = [sequence for sequence in sequences if sequence.name not in broken]
     _write(folder, kept, whole, remarks, console)
     return _SUCCESS
@@ -232,6 +233,6 @@ def _write(
     for table in terminal_tables(means):
         console.print(table)
     if stateless(means):
-        console.print(f"no states: {', '.join(stateless(means))}", style="dim", highlight=False)
+        print_line(console, f"no states: {', '.join(stateless(means))}", style="dim")
     for file in files:
-        console.print(f"  {file}", highlight=False)
+        print_line(console, f"  {file}")

@@ -17,6 +17,7 @@ from follower.excite.stage import excitation_settings
 from follower.interrupt import StopOnInterrupt
 from follower.links.connection import open_connection
 from follower.links.opening import open_link
+from follower.print_line import print_line
 from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
 from follower.run_folder import new_run_folder
 from follower.settings import Settings, load_settings
@@ -98,15 +99,15 @@ def excite(options: ExciteOptions) -> int:
 
 def _told(console: Console, folder: Path, flight: ExcitationFlight) -> int:
     if flight.complete:
-        console.print(f"All of the pattern was flown: {folder}", highlight=False)
+        print_line(console, f"All of the pattern was flown: {folder}")
     else:
         reason = flight.stage.supervisor.reason
-        console.print(
+        print_line(
+            console,
             f"Ended early ({reason}) after {flight.stage.elapsed_s:.0f} of "
             f"{flight.pattern.length_s:.0f} s: {folder}",
-            highlight=False,
         )
-    console.print(f"Next: follower identify {shlex.quote(str(folder))}", highlight=False)
+    print_line(console, f"Next: follower identify {shlex.quote(str(folder))}")
     return _SUCCESS if flight.complete else _INCOMPLETE
 
 

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from follower.faults.catalogue import CATALOGUE, fault_named, in_groups
 from follower.faults.fault import FLAVOURS, LINKS, Fault
+from follower.print_line import print_line
 from follower.stopwatch import Stopwatch
 from follower_control.strict_yaml import SettingsError
 
@@ -150,10 +151,10 @@ def _fly_matrix(
         results.add(result)
         failed += not result.verdict.passed
         mark = "[green]ok[/green]  " if result.verdict.passed else "[red]FAIL[/red]"
-        console.print(f"{number:3}/{len(cases)} {mark} {result.key}", highlight=False)
+        print_line(console, f"{number:3}/{len(cases)} {mark} {result.key}")
         for failure in result.verdict.failures:
-            console.print(f"         {failure}", highlight=False, markup=False)
-    console.print(f"{len(cases)} cases, {failed} failed; all results are in {path}")
+            print_line(console, f"         {failure}")
+    print_line(console, f"{len(cases)} cases, {failed} failed; all results are in {path}")
     return failed > 0
 
 
@@ -207,7 +208,9 @@ def _fly_random(console: Console, flights: int, seed: int, only: int | None, pat
 
     if only is not None:
         result = fly_random((seed, only))
-        console.print(result.failure or f"flight {only} is as it must be: {result.steps} steps")
+        print_line(
+            console, result.failure or f"flight {only} is as it must be: {result.steps} steps"
+        )
         return bool(result.failure)
     with suppress(OSError):
         os.nice(_NICE)
@@ -220,10 +223,11 @@ def _fly_random(console: Console, flights: int, seed: int, only: int | None, pat
             tally.add(fly_random((seed, tally.flights)), timer.elapsed_s())
             tally.save(path)
             progress.update(task, advance=1, description=f"{tally.minutes:,.0f} minutes")
-    console.print(
+    print_line(
+        console,
         f"{tally.flights} flights, {tally.minutes:.0f} minutes, {tally.steps} control steps, "
-        f"{len(tally.failures)} failures; all results are in {path}"
+        f"{len(tally.failures)} failures; all results are in {path}",
     )
     for number, failure in tally.failures.items():
-        console.print(f"flight {number}: {failure}", markup=False)
+        print_line(console, f"flight {number}: {failure}")
     return bool(tally.failures)

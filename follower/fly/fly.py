@@ -30,6 +30,7 @@ from follower.preflight.check import Result
 from follower.preflight.observing import Observation, Surroundings
 from follower.preflight.running import check_names
 from follower.preflight.showing import LiveChecklist, print_checklist, to_json
+from follower.print_line import print_line
 from follower.recorder import FlightConfig, Recorder, epoch_now_ns
 from follower.recorder.recorded_flight import open_flight
 from follower.run_folder import new_run_folder, remove_run_folder
@@ -278,4 +279,4 @@ class FlySession:
         inspect_recorded(recorded, console=self._console)
 
     def _say(self, text: str) -> None:
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print_line(self._console, text)

@@ -18,6 +18,7 @@ from follower.links.connection import ConnectionFailedError
 from follower.links.link import Link
 from follower.preflight.camera_checks import lens_advice
 from follower.preflight.camera_watch import CameraWatch
+from follower.print_line import print_line
 from follower.sign_test.session import SignTest, SignTestResult
 from follower.tracking import make_settings_detector, make_target_tracker
 from follower.watched import Pressed, stop_signals
@@ -106,13 +107,13 @@ def _show(console: Console, live: Live | None, lines: list[str]) -> None:
         live.update(Text("\n".join(lines)), refresh=True)
     else:
         words = [line for line in lines if not line.startswith(("┌", "│", "└", " "))]
-        console.print("; ".join(words), markup=False, highlight=False, soft_wrap=True)
+        print_line(console, "; ".join(words))
 
 
 def _end(console: Console, result: SignTestResult, interrupted: bool) -> int:
     style = "bold green" if result.passed else "bold red"
     verdict = "Passed" if result.passed else "Failed"
-    console.print(Text(f"{verdict}: {result.text}", style), soft_wrap=True)
+    print_line(console, f"{verdict}: {result.text}", style)
     if interrupted:
         return _INTERRUPTED
     return _PASSED if result.passed else _FAILED

@@ -16,6 +16,7 @@ from follower.identify.px4_log import read_px4_log
 from follower.identify.recording import Recording, VehicleAxis
 from follower.identify.result import Identification, Spread
 from follower.identify.step_files import read_steps
+from follower.print_line import print_line
 from follower.run_folder import new_run_folder
 from follower_control.strict_yaml import SettingsError
 from follower_control.tuning.fit import ResponseFit, fit_response
@@ -67,8 +68,8 @@ def identify(options: IdentifyOptions) -> int:
 
         files.append(write_identification(folder / REPORT, found, options.command))
     for file in files:
-        console.print(str(file), highlight=False)
-    console.print(f"Next: follower tune {shlex.quote(str(path))} -c my.yaml", highlight=False)
+        print_line(console, str(file))
+    print_line(console, f"Next: follower tune {shlex.quote(str(path))} -c my.yaml")
     return 0
 
 
@@ -176,18 +177,16 @@ def _tell(console: Console, found: Identification) -> None:
         table.add_row(*(cell.partition(" (")[0] for cell in row))
     console.print(table)
     for name, spread in found.delays.items():
-        console.print(
+        print_line(
+            console,
             f"{name}: {1e3 * spread.median.value:.0f} ms in the middle, 95 % below "
             f"{1e3 * spread.most:.0f} ms",
-            highlight=False,
         )
     if found.size is not None:
         size = found.size.size_m
-        console.print(
-            f"target_size_m: {size.value:.2f} ({size.low:.2f} to {size.high:.2f})", highlight=False
-        )
+        print_line(console, f"target_size_m: {size.value:.2f} ({size.low:.2f} to {size.high:.2f})")
     for remark in found.remarks:
-        console.print(remark, highlight=False)
+        print_line(console, remark)
 
 
 def model_row(axis: VehicleAxis, fit: ResponseFit) -> tuple[str, ...]:

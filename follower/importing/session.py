@@ -20,6 +20,7 @@ from follower.importing.run import from_time, run_import
 from follower.inspection import prepared, print_summary, write_inspection
 from follower.object_selector import ChoiceError, ObjectSelector, Wanted
 from follower.outputs import write_boxes, write_setpoints
+from follower.print_line import print_line
 from follower.recorded import recorded_settings
 from follower.recorder import FlightConfig, Recorder, open_flight
 from follower.report.offset_plot import offset_facts, offset_section, write_offset_plot
@@ -176,7 +177,7 @@ def _record(
     write_boxes(folder / "boxes.csv", recorder.log.tracks)
     write_setpoints(folder / "setpoints.csv", recorder.log.controls)
     for remark in recorder.remarks:
-        console.print(remark, highlight=False)
+        print_line(console, remark)
 
 
 class _Shown:
@@ -237,12 +238,11 @@ def _report(telemetry: _Telemetry | None, folder: Path, console: Console) -> Non
 
 
 def _tell(found: TimeOffset, console: Console) -> None:
-    console.print(
+    print_line(
+        console,
         f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms, correlation "
         f"{found.peak:.3f}, next best {found.second:.3f}; the image turns {found.scale:.2f} times "
         "as much as the gyro",
-        highlight=False,
-        soft_wrap=True,
     )
 
 

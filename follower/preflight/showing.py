@@ -17,6 +17,7 @@ from rich.text import Text
 from follower.preflight.check import Result
 from follower.preflight.finding import Verdict
 from follower.preflight.snapshot import Snapshot
+from follower.print_line import print_line
 
 _STYLES = {
     Verdict.PASS: "green",
@@ -76,7 +77,7 @@ def print_checklist(console: Console, results: Sequence[Result]) -> None:
     if refused:
         console.print(Text(f"Do not fly: {_count(len(refused), 'check')} failed", "bold red"))
         for line in refused:
-            console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
+            print_line(console, f"  {line}")
     else:
         also = f", {_count(warnings, 'warning')}" if warnings else ""
         console.print(Text(f"Ready{also}", "bold green"))

@@ -9,6 +9,7 @@ import cv2
 from rich.console import Console
 
 from follower.outputs import write_boxes, write_setpoints
+from follower.print_line import print_line
 from follower.recorder import RecordedFlight, open_flight
 from follower.recorder.video_queue import VIDEO
 from follower.replay.comparison import Comparison, compare
@@ -62,7 +63,7 @@ def replay_flight(options: ReplayOptions) -> int:
     flight = open_flight(options.flight)
     settings = replay_settings(flight, options.overrides)
     if options.overrides:
-        console.print(f"With {', '.join(options.overrides)}. {OPEN_LOOP}", highlight=False)
+        print_line(console, f"With {', '.join(options.overrides)}. {OPEN_LOOP}")
     with console.status("Replaying control"):
         control = _control_alone(options, flight, settings)
     print_comparison(console, "Control from the recorded tracks", control.comparison.control)
@@ -74,7 +75,7 @@ def replay_flight(options: ReplayOptions) -> int:
         if any(one.count for one in whole.comparison.tracks):
             print_comparison(console, "Control from those tracks", whole.comparison.control)
     for remark in flight.remarks:
-        console.print(remark, highlight=False)
+        print_line(console, remark)
     return _conclude(options, flight, control, whole, console)
 
 
@@ -95,7 +96,7 @@ def _whole(
     with ReplaySaver(flight, folder, settings, options.overrides) as saver:
         replay = Replay(flight, settings, own_camera=own, on_message=saver, sink=saver)
         replay.run()
-    console.print(f"Saved as a flight of its own: {folder}", highlight=False)
+    print_line(console, f"Saved as a flight of its own: {folder}")
     return _Outcome(replay, compare(flight.log, replay.log))
 
 
@@ -123,7 +124,7 @@ def _conclude(
         console.print(f"[green]{what} bit for bit.[/green]{caveat}", highlight=False)
         return SAME
     for line in (first_difference(guaranteed.comparison), *changed_versions(flight)):
-        console.print(line, highlight=False)
+        print_line(console, line)
     console.print("[red]The replay differs from the flight.[/red]")
     return DIFFERENT
 
@@ -159,4 +160,4 @@ def _write(
     write_boxes(folder / "boxes.csv", log.tracks)
     write_setpoints(folder / "setpoints.csv", log.controls)
     for file in (plot, folder / "boxes.csv", folder / "setpoints.csv"):
-        console.print(f"  {file}", highlight=False)
+        print_line(console, f"  {file}")

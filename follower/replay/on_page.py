@@ -19,6 +19,7 @@ from follower.flightlog import TrackRecord
 from follower.interrupt import StopOnInterrupt
 from follower.live_status import LiveStatus
 from follower.pace import Pace
+from follower.print_line import print_line
 from follower.recorder import RecordedFlight, open_flight
 from follower.recorder.records import FrameRecord, StepRecord
 from follower.recorder.video_queue import VIDEO
@@ -47,7 +48,7 @@ def replay_on_page(folder: Path, overrides: Sequence[str] = ()) -> None:
     console, runs = Console(), flight.folder.resolve().parent
 
     def say(text: str) -> None:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, text)
 
     page = first_page("replay", _title(flight), settings)
     station = open_station(settings, True, page, runs, say)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.table import Table
 
+from follower.print_line import print_line
 from follower.recorder import RecordedFlight, VideoKind
 from follower.recorder.config import running_versions
 from follower.replay.comparison import Comparison, Difference
@@ -39,9 +40,9 @@ def print_comparison(console: Console, title: str, parts: tuple[Difference, ...]
     compared = max((len(one.times_s) for one in parts), default=0)
     differing = [one for one in parts if one.count]
     if not differing:
-        console.print(f"{title}: {compared} compared, identical", highlight=False)
+        print_line(console, f"{title}: {compared} compared, identical")
         return
-    console.print(f"{title}: {compared} compared, these differ:", highlight=False)
+    print_line(console, f"{title}: {compared} compared, these differ:")
     table = Table()
     table.add_column("what", no_wrap=True)
     for heading in ("differ", "first at", *(f"after {s:g} s" for s in _GROWTH_S), "largest"):

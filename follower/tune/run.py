@@ -15,6 +15,7 @@ from rich.table import Table
 
 from follower.configs import configs_folder, find_scenario
 from follower.identify.result import VehicleFile, load_vehicle
+from follower.print_line import print_line
 from follower.run_folder import new_run_folder
 from follower.scenario_start import base_settings
 from follower.settings import Settings, load_settings, merged, settings_data
@@ -115,14 +116,14 @@ def tune_follower(options: TuneOptions) -> int:
     console.print(before_after(found))
     for one in found:
         if one.tuned is not None:
-            console.print(f"{one.axis}: {one.tuned.because}", highlight=False)
+            print_line(console, f"{one.axis}: {one.tuned.because}")
     if what_ifs:
         console.print(what_if_table(found))
     for file in (path, report):
-        console.print(str(file), highlight=False)
+        print_line(console, str(file))
     # Settings of a real vehicle have another lens, and leave taking off to a pilot.
     program = "sim winding --lockstep" if options.config is None else "fly ..."
-    console.print(f"Next: follower {program} -c {shlex.quote(str(path))}", highlight=False)
+    print_line(console, f"Next: follower {program} -c {shlex.quote(str(path))}")
     return 0
 
 

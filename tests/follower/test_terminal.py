@@ -13,6 +13,7 @@ from rich.console import Console
 
 from follower.flightlog import FlightLog
 from follower.live_status import LiveStatus
+from follower.print_line import print_line
 from follower.scoring import score_flight
 from follower.terminal import Terminal, plain_line, print_score, status_table
 from follower_control.servo_errors import ServoErrors
@@ -184,3 +185,9 @@ def test_the_final_table_names_failures_and_files(fly: Any) -> None:
     assert "approach was never over" in text
     assert "runs/demo/report.html" in text
     assert "Target in frame" in text
+
+
+def test_a_path_is_printed_whole_that_it_can_be_copied() -> None:
+    written, path = io.StringIO(), Path("/data/[red]flights[/red]") / ("x" * 60) / "a.yaml"
+    print_line(Console(file=written, width=40), f"Next: follower tune '{path}'", "bold red")
+    assert written.getvalue() == f"Next: follower tune '{path}'\n"

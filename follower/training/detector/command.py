@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from follower.command_options import Overrides
+from follower.print_line import print_line
 from follower.training.options import RUNS, Config, Device, Out, Resume
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def train_detector_command(
     run = TrainingRun(settings, folder, find_device(device), console, resume is not None, start)
     exported = run.run()
     for path in (exported.path, exported.card):
-        console.print(str(path), highlight=False)
+        print_line(console, str(path))
 
 
 def _config(path: Path | None, overrides: list[str], data: Path | None) -> DetectorConfig:

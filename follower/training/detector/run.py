@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
+from follower.print_line import print_line
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
 from follower.training.detector.anchors import find_anchors, mean_overlap
 from follower.training.detector.average_precision import Precision
@@ -92,10 +93,10 @@ class TrainingRun:
         write_eight_bit(path, [next(shown) for _ in range(_RANGE_PICTURES)], out)
         trained, eight_bit = measure_files([path, out], held_out)
         kept = is_worth_it(eight_bit, trained)
-        self.console.print(
+        print_line(
+            self.console,
             f"in 8 bits: {_said(eight_bit)}; as trained: {_said(trained)}: "
             + (str(out) if kept else "not kept"),
-            highlight=False,
         )
         if not kept:
             out.unlink()
@@ -133,9 +134,9 @@ class TrainingRun:
         sizes = _sizes(some) / STRIDE
         if anchors is None:
             anchors = self._anchors(sizes)
-        self.console.print(
+        print_line(
+            self.console,
             f"{path}: look at it. Anchors fit the boxes by {mean_overlap(sizes, anchors):.2f}.",
-            highlight=False,
         )
         return anchors
 
@@ -169,7 +170,7 @@ class TrainingRun:
 
     def _say(self, step: int, loss: float, measured: Precision) -> None:
         mean = "-" if measured.mean is None else f"{measured.mean:.3f}"
-        self.console.print(f"step {step}: loss {loss:.2f}, mAP@0.5 {mean}", highlight=False)
+        print_line(self.console, f"step {step}: loss {loss:.2f}, mAP@0.5 {mean}")
 
     def _show_found(self, trainer: DetectorTrainer, pictures: list[LabelledImage]) -> None:
         """Draw what the network finds in held-out pictures."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from follower.command_options import Overrides
+from follower.print_line import print_line
 from follower.training.options import RUNS, Config, Device, Out, Resume
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def train_re3_command(
     console = Console()
     exported = Re3Run(settings, folder, find_device(device), console, resume is not None).run()
     for path in (exported.path, exported.path.with_suffix(".md")):
-        console.print(str(path), highlight=False)
+        print_line(console, str(path))
 
 
 def export_command(

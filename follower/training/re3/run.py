@@ -11,6 +11,7 @@ import torch
 from rich.console import Console
 
 from follower.configs import configs_folder
+from follower.print_line import print_line
 from follower.training.checkpoint import load_checkpoint, save_checkpoint
 from follower.training.progress_bar import progress_bar
 from follower.training.progress_log import ProgressLog
@@ -88,7 +89,7 @@ class Re3Run:
     def _look(self, pictures: Pictures) -> None:
         training, path = self.config.training, self.folder / SAMPLES
         cv2.imwrite(str(path), sample_sheet(SceneMaker(pictures, training.scenes, training.seed)))
-        self.console.print(f"{path}: look at it.", highlight=False)
+        print_line(self.console, f"{path}: look at it.")
 
     def _train(self, trainer: Re3Trainer) -> float:
         """Return the last validation's mean overlap."""
@@ -113,9 +114,8 @@ class Re3Run:
         return overlap if np.isfinite(overlap) else trainer.validate()
 
     def _say(self, step: int, loss: float, overlap: float) -> None:
-        self.console.print(
-            f"step {step}: loss {loss:.3f}, overlap on held-out scenes {overlap:.3f}",
-            highlight=False,
+        print_line(
+            self.console, f"step {step}: loss {loss:.3f}, overlap on held-out scenes {overlap:.3f}"
         )
 
 
