@@ -27,7 +27,7 @@ from follower_control.estimator import EstimatorSettings
 from follower_control.gimbal_servo import GimbalSettings
 from follower_control.search import SearchSettings
 from follower_control.servo_settings import ServoSettings
-from follower_control.strict_yaml import SettingsError, parse, read_mapping
+from follower_control.strict_yaml import SettingsError, load_yaml, parse, read_mapping
 from follower_vision.camera import CameraModel
 from follower_vision.fusion import FusionSettings
 from follower_vision.lineofsight import CameraMount
@@ -74,6 +74,8 @@ class CameraSettings:
             raise ValueError(f"fov_deg lies between 4 and 179 degrees, not {self.fov_deg:g}")
         if self.focal_px is not None and not 1 < self.focal_px < 1e5:
             raise ValueError(f"focal_px is a focal length in pixels, not {self.focal_px}")
+        if not self.focal_width_px > 0:
+            raise ValueError(f"focal_width_px is a width in pixels, not {self.focal_width_px}")
         if self.center_px is not None and not self._is_inside(*self.center_px):
             raise ValueError(
                 f"center_px lies in an image {self.focal_width_px} px wide, not at {self.center_px}"
@@ -111,6 +113,20 @@ class CameraSettings:
         if self.center_px is not None:
             x, y = (place * width / self.focal_width_px for place in self.center_px)
         return CameraModel(width, height, focal, focal, x, y, self.distortion)
+
+    def model_of(self, source: str, width: int, height: int) -> CameraModel:
+        """Return the intrinsics for what comes from a source.
+
+        Raises:
+            SettingsError: the settings are for frames of another size.
+        """
+        if self.frame_size is not None and self.frame_size != (width, height):
+            described = "{}x{}".format(*self.frame_size)
+            raise SettingsError(
+                f"{source}: frames are {width}x{height}, camera.frame_size says {described}: "
+                "give the lens for this size, or leave frame_size out"
+            )
+        return self.model(width, height)
 
     def _is_inside(self, x: float, y: float) -> bool:
         return 0 < x < self.focal_width_px and 0 < y < 2 * self.focal_width_px
@@ -225,7 +241,7 @@ def _override(text: str) -> dict[str, Any]:
     if not separator or not key:
         raise SettingsError(f"--set {text}: write key=value, for example servo.distance_m=12")
     try:
-        value: Any = yaml.safe_load(value_text)
+        value: Any = load_yaml(value_text)
     except yaml.YAMLError:
         raise SettingsError(f"--set {text}: the value is no valid YAML") from None
     for part in reversed(key.split(".")):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -32,6 +32,31 @@ class SettingsError(ValueError):
     """Settings cannot be used; the message is one line that says where and why."""
 
 
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice: the first one's values would be lost without a word."""
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        node = super().compose_mapping_node(anchor)
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in lines:
+                said = f"{key.value!r} stands in line {lines[key.value]} already; put both together"
+                raise yaml.composer.ComposerError(None, None, said, key.start_mark)
+            lines[key.value] = key.start_mark.line + 1
+        return node
+
+
+def load_yaml(text: str) -> Any:
+    """Read YAML of plain values.
+
+    Raises:
+        yaml.YAMLError: it is none, or a key stands in a mapping twice.
+    """
+    return yaml.load(text, _Loader)  # noqa: S506 - it is a safe loader
+
+
 def read_mapping(path: str | Path) -> dict[str, Any]:
     """Read a YAML file whose top level is a mapping.
 
@@ -44,7 +69,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
         raise SettingsError(f"{path}: cannot be read: {reason}") from None
     try:
-        data = yaml.safe_load(text)
+        data = load_yaml(text)
     except yaml.YAMLError as error:
         raise SettingsError(f"{path}: no valid YAML: {_yaml_problem(error)}") from None
     if not isinstance(data, dict):
@@ -60,9 +85,25 @@ def parse(model: type[ModelT], data: dict[str, Any], source: str) -> ModelT:
             right one.
     """
     try:
-        return model.model_validate(data)
+        parsed = model.model_validate(data)
     except ValidationError as error:
         raise SettingsError(f"{source}: {_first_error(model, error)}") from None
+    for where, truth in _truths_as_numbers(data, parsed, ""):
+        raise SettingsError(f"{source}: {_no_number(where, truth)}")
+    return parsed
+
+
+def _truths_as_numbers(given: Any, taken: Any, where: str) -> Iterator[tuple[str, bool]]:
+    """Yield what was given as yes or no and taken as 1 or 0, with its key; pydantic allows it."""
+    if isinstance(given, dict):
+        for key, value in given.items():
+            inside = taken.get(key) if isinstance(taken, dict) else getattr(taken, str(key), None)
+            yield from _truths_as_numbers(value, inside, f"{where}.{key}")
+    elif isinstance(given, list) and isinstance(taken, list | tuple):
+        for number, (value, inside) in enumerate(zip(given, taken, strict=False)):
+            yield from _truths_as_numbers(value, inside, f"{where}[{number}]")
+    elif isinstance(given, bool) and isinstance(taken, int | float) and taken is not given:
+        yield where.removeprefix("."), given
 
 
 def _first_error(model: type[BaseModel], error: ValidationError) -> str:
@@ -74,9 +115,13 @@ def _first_error(model: type[BaseModel], error: ValidationError) -> str:
     if first["type"] in unknown:
         return f"unknown key {where!r}{_suggestion(model, first['loc'])}"
     if first["type"] in _NO_NUMBER:
-        return f"{where}: {first['input']!r} is no number; write one alone{_unit(where)}"
+        return _no_number(where, first["input"])
     message = first["msg"].removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
+
+
+def _no_number(where: str, given: Any) -> str:
+    return f"{where}: {given!r} is no number; write one alone{_unit(where)}"
 
 
 def _unit(key: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from follower_control.strict_yaml import SettingsError
+from follower_control.strict_yaml import SettingsError, load_yaml
 
 
 def overridden(data: dict[str, Any], overrides: Sequence[str], option: str) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def overridden(data: dict[str, Any], overrides: Sequence[str], option: str) -> d
         if not separator or not key:
             raise SettingsError(f"{option} {text}: write key=value, for example wind.mean_m_s=6")
         try:
-            value = yaml.safe_load(value_text)
+            value = load_yaml(value_text)
         except yaml.YAMLError:
             raise SettingsError(f"{option} {text}: the value is no valid YAML") from None
         _put(result, key.split("."), value, f"{option} {text}")
