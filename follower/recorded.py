@@ -12,6 +12,9 @@ from follower.settings import Settings
 from follower_control.vehicle import Attitude, VehicleState
 from follower_vision.frame import Frame
 
+_LONGEST_GAP_S = 10.0
+"""So much of what lies between two frames is stepped through; all answers are old by then."""
+
 TelemetryAt: TypeAlias = Callable[[float], tuple[VehicleState, Sequence[Attitude]]]
 """Returns the newest of everything at a time, and the attitudes since the last call."""
 
@@ -41,15 +44,30 @@ class RecordedControl:
     ) -> None:
         if not has_position:
             settings = recorded_settings(settings)
-        camera = settings.camera.model(first.width, first.height)
+        camera = settings.camera.model_of("the video", first.width, first.height)
+        self._log = log
         self._telemetry = telemetry or _standing_still
         self._control = ControlStage(settings, camera, log, needs_telemetry=has_position)
         self._period_s = 1.0 / settings.control_rate_hz
         self._due_s = first.captured_s
 
     def step(self, newest: TrackRecord, next_frame_s: float | None) -> None:
-        """Step control at its own rate up to the next frame, once more after the last one."""
+        """Step control at its own rate up to the next frame, once more after the last one.
+
+        After a gap of more than ten seconds it goes on at that frame: time stamps may jump by days.
+        """
         end_s = self._due_s + self._period_s / 2 if next_frame_s is None else next_frame_s
+        left_out_s = end_s - self._due_s - _LONGEST_GAP_S
+        if left_out_s > 0:
+            self._step_to(newest, self._due_s + _LONGEST_GAP_S)
+            gap_s = left_out_s + _LONGEST_GAP_S
+            said = f"no frame for {gap_s:.0f} s: setpoints are told for the first 10 s of them"
+            self._log.note(self._due_s, "video", said)
+            self._due_s = end_s
+        else:
+            self._step_to(newest, end_s)
+
+    def _step_to(self, newest: TrackRecord, end_s: float) -> None:
         while self._due_s < end_s:
             vehicle, attitudes = self._telemetry(self._due_s)
             self._control.step(self._due_s, newest, vehicle, attitudes)

@@ -99,6 +99,9 @@ class TrackSession:
             return _INTERRUPTED
         if not found:
             raise SourceError(self._nothing_found())
+        if not self._options.in_real_time:  # what steers needs the lens; nothing is written before
+            first = self._run.first
+            self._settings.camera.model_of(self._options.source, first.width, first.height)
         files = TrackFiles.make(self._options)
         self._tell_choice(files.folder)
         interrupted = self._follow(files)
@@ -130,9 +133,13 @@ class TrackSession:
         with video or nullcontext(), recording as recorder:
             follow = partial(self._run.follow, video, control, recorder)
             _, interrupted = self._watched(follow)
-        remarks = () if recorder is None else recorder.remarks
+        remarks = list(() if recorder is None else recorder.remarks)
         if video is not None and video.remark is not None:
-            remarks = (video.remark, *remarks)
+            remarks.insert(0, video.remark)
+        gaps = [event for event in self._run.logs[0].events if event.source == "video"]
+        if gaps:
+            also = f", and {counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
+            remarks.append(f"At {gaps[0].time_s:.1f} s {gaps[0].text}{also}")
         for remark in remarks:
             self._display.say(remark)
         return interrupted

@@ -114,7 +114,7 @@ def _aligned(
         first = source.read()
         if first is None:
             raise SourceError(f"{options.source}: no frame could be read")
-        camera = settings.camera.model(first.width, first.height)
+        camera = settings.camera.model_of(str(options.source), first.width, first.height)
         found = align(list(corner_flows(source, camera)), log, settings.camera.mount)
     _tell(found, console)
     if found.problems:

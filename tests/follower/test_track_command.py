@@ -254,6 +254,7 @@ def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tel
         (["--select", "1", "--boxes", "{source}"], "this is a folder"),
         (["--select", "1", "--boxes", "{source}/../{name}"], "this is a folder"),
         (["--select", "1", "--rate-hz", "0"], "needs a positive rate"),
+        (["--select", "1", "--set", "camera.frame_size=[64,48]"], "frame_size says 64x48: give"),
         (["--select", "1", "--tracker", "goturn"], "no such tracker"),
         (["--target", "9,9,4,4", "--tracker", "mil"], "cannot be followed: .* a larger box"),
     ],
