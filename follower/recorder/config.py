@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import TypeAdapter, ValidationError
 
 from follower.recorder.mcap_log import FORMAT
 from follower.settings import Settings
@@ -109,10 +110,20 @@ class FlightConfig:
             camera = plain.pop("camera", None)
             if camera is not None:
                 camera = CameraModel(**{**camera, "distortion": tuple(camera["distortion"])})
-            return cls(camera=camera, **plain)
+            config = _WHOLE.validate_python({**plain, "camera": camera})
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_context=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise ValueError(f"not a flight's configuration ({where}: {first['msg']})") from error
         except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise ValueError(f"not a flight's configuration ({reason})") from error
+        if config.format > FORMAT:
+            raise ValueError(f"not a flight's configuration (of format {config.format})")
+        return config
+
+
+_WHOLE = TypeAdapter(FlightConfig)
 
 
 def epoch_now_ns(clock: Clock) -> int:

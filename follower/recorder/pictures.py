@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import av
 import cv2
 import numpy as np
@@ -9,6 +11,23 @@ import numpy as np
 from follower_vision.frame import Image
 
 LOSSLESS_FORMAT, LOSSY_FORMAT = "bgr24", "yuv420p"
+TICK = Fraction(1, 1000)
+"""Seconds. Matroska's own resolution; the exact capture times are in the log."""
+
+
+class PictureTimes:
+    """At which tick of a video each of its pictures stands: the first at 0, no two at one."""
+
+    def __init__(self) -> None:
+        self._origin_s: float | None = None
+        self._tick = -1
+
+    def of(self, captured_s: float) -> int:
+        """Return the next picture's, by the frame's capture time."""
+        if self._origin_s is None:
+            self._origin_s = captured_s
+        self._tick = max(self._tick + 1, round((captured_s - self._origin_s) / TICK))
+        return self._tick
 
 
 def to_picture(image: Image, lossless: bool) -> av.VideoFrame:

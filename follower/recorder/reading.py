@@ -19,6 +19,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from follower.recorder.codec import decode
 from follower.recorder.mcap_log import FORMAT, METADATA, PROFILE
 from follower.recorder.messages import BY_TOPIC
+from follower.recorder.records import StepRecord
 from follower_vision.framesource import SourceError
 
 _BROKEN = (
@@ -100,8 +101,11 @@ def _records(path: Path, content: LogContent) -> Iterator[McapRecord]:
 
 def _cut_off(path: Path, content: LogContent) -> str:
     if not content.messages:
-        return f"{path.name} is cut off before its first message."
-    return f"{path.name} is cut off or damaged after {content.messages[-1][0]:.2f} s."
+        return f"{path.name} is cut off or damaged before its first message."
+    times = [time_s for time_s, message in content.messages if isinstance(message, StepRecord)]
+    # Everything that people see of a flight counts from its first control step.
+    length_s = content.messages[-1][0] - (times or [content.messages[0][0]])[0]
+    return f"{path.name} is cut off or damaged after {length_s:.2f} s."
 
 
 def _foreign(path: Path) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
-from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
@@ -12,13 +11,18 @@ import av
 import av.container
 import av.error
 
-from follower.recorder.pictures import LOSSLESS_FORMAT, LOSSY_FORMAT, lossy_size, to_picture
+from follower.recorder.pictures import (
+    LOSSLESS_FORMAT,
+    LOSSY_FORMAT,
+    TICK,
+    PictureTimes,
+    lossy_size,
+    to_picture,
+)
 from follower.recorder_settings import RecorderSettings, VideoKind
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
 
-_TICK = Fraction(1, 1000)
-"""Matroska's own resolution. The exact capture times are in the log."""
 _LOSSLESS_CODEC, _LOSSY_CODEC = "libx264rgb", "libx264"
 _CLUSTER_MS = "400"
 _KEY_FRAME_EVERY = "30"
@@ -48,8 +52,7 @@ class VideoFile(ClosesItself):
         self._container: av.container.OutputContainer | None = None
         self._stream: av.VideoStream | None = None
         self._descriptor = -1
-        self._origin_s = 0.0
-        self._tick = -1
+        self._times = PictureTimes()
 
     def write(self, frame: Frame) -> None:
         """Encode a frame and hand it to the file."""
@@ -59,8 +62,7 @@ class VideoFile(ClosesItself):
             else:
                 container, stream = self._container, self._stream
             picture = to_picture(frame.image, self._lossless)
-            self._tick = max(self._tick + 1, round((frame.captured_s - self._origin_s) * 1000))
-            picture.pts, picture.time_base = self._tick, _TICK
+            picture.pts, picture.time_base = self._times.of(frame.captured_s), TICK
             container.mux(stream.encode(picture))
         except _FAILURES as error:
             self._give_up()
@@ -97,10 +99,10 @@ class VideoFile(ClosesItself):
         size = frame.width, frame.height
         stream.width, stream.height = size if self._lossless else lossy_size(*size)
         stream.pix_fmt = LOSSLESS_FORMAT if self._lossless else LOSSY_FORMAT
-        stream.codec_context.time_base = _TICK
+        stream.codec_context.time_base = TICK
         stream.codec_context.thread_count = 1
         container.start_encoding()
-        self._stream, self._origin_s = stream, frame.captured_s
+        self._stream = stream
         self._descriptor = os.open(self._path, os.O_RDONLY)
         return container, stream
 

@@ -10,8 +10,9 @@ from rich.console import Console
 
 from follower.outputs import write_boxes, write_setpoints
 from follower.print_line import print_line
-from follower.recorder import RecordedFlight, open_flight
+from follower.recorder import FlightFileError, RecordedFlight, open_flight
 from follower.recorder.video_queue import VIDEO
+from follower.recorder.video_reading import video_problem
 from follower.replay.comparison import Comparison, compare
 from follower.replay.replay import Replay, replay_settings
 from follower.replay.saving import ReplaySaver
@@ -68,14 +69,22 @@ def replay_flight(options: ReplayOptions) -> int:
         control = _control_alone(options, flight, settings)
     print_comparison(console, "Control from the recorded tracks", control.comparison.control)
     whole = None
-    if (flight.folder / VIDEO).is_file():
+    unread = video_problem(flight.folder / VIDEO)
+    if unread is None:
         with console.status("Replaying vision and control"):
             whole = _whole(options, flight, settings, console)
         print_comparison(console, "Vision from the recorded frames", whole.comparison.tracks)
         if any(one.count for one in whole.comparison.tracks):
             print_comparison(console, "Control from those tracks", whole.comparison.control)
+    elif options.save:
+        raise FlightFileError(f"--save needs the video, and {VIDEO} cannot be read: {unread}")
     for remark in flight.remarks:
         print_line(console, remark)
+    if unread is not None:
+        print_line(console, f"{VIDEO} cannot be read ({unread}): vision was not replayed.")
+    if not flight.log.controls and (whole is None or not flight.log.tracks):
+        print_line(console, "There was nothing to compare.", "red")
+        return DIFFERENT
     return _conclude(options, flight, control, whole, console)
 
 
@@ -132,7 +141,7 @@ def _conclude(
 def _caveat(flight: RecordedFlight, whole: _Outcome | None) -> str:
     """Say why vision's answers need not be the recorded ones, "" if they have to be."""
     if whole is None:
-        return " There is no video, so vision was not replayed."
+        return " Vision was not replayed."
     detection = flight.config.run.get("detection", "inline")
     if detection != "inline" and flight.config.settings.get("detector"):
         return f" Vision was not compared strictly: detection was {detection}, with its own time."

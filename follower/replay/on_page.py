@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -23,6 +23,7 @@ from follower.print_line import print_line
 from follower.recorder import RecordedFlight, open_flight
 from follower.recorder.records import FrameRecord, StepRecord
 from follower.recorder.video_queue import VIDEO
+from follower.recorder.video_reading import PictureFinder, video_problem
 from follower.replay.replay import Replay, replay_settings
 from follower.settings import Settings
 from follower.station.station import Station
@@ -67,7 +68,8 @@ def _play_other(player: Player, station: Station, folder: Path, overrides: Seque
     try:
         flight = open_flight(folder)
         player.play(flight, replay_settings(flight, overrides))
-    except ValueError as error:  # the page has no other place to say what is wrong with a file
+    # The page has no other place to say what is wrong with a file.
+    except (ValueError, OSError) as error:
         station.tell_page({"title": " ".join(str(error).split())})
 
 
@@ -143,9 +145,8 @@ class _Showing:
         self.replay: Replay | None = None
         self._station = station
         self._woken = woken
-        self._pictures: Iterator[Frame] = iter(())
-        if (flight.folder / VIDEO).is_file():
-            self._pictures = flight.pictures()
+        readable = video_problem(flight.folder / VIDEO) is None
+        self._pictures = PictureFinder(flight.pictures() if readable else iter(()))
         self._clock = SimulatedClock()
         self._pace: Pace | None = None
         self._begin_s = self._shown_s = 0.0
@@ -156,8 +157,8 @@ class _Showing:
             raise _EndedError
         self._keep_pace(time_s)
         match message:
-            case FrameRecord(video_index=int()):
-                self._frame = next(self._pictures, None)
+            case FrameRecord():
+                self._frame = self._pictures.of(message)
             case TrackRecord():
                 self._show_frame(message)
             case StepRecord() if time_s - self._shown_s >= _SHOW_EVERY_S:

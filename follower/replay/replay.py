@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from follower.control_stage import ControlStage
@@ -11,6 +11,7 @@ from follower.excite.stage import ExcitationStage
 from follower.flightlog import ControlRecord, FlightLog, FlightSink, Selection, TrackRecord
 from follower.recorder import FlightFileError, RecordedFlight
 from follower.recorder.records import FrameRecord, StepRecord
+from follower.recorder.video_reading import PictureFinder
 from follower.settings import Settings, load_settings
 from follower.stopwatch import Stopwatch
 from follower.tracking import make_target_tracker
@@ -74,9 +75,8 @@ class Replay:
         self._on_message = on_message
         self._tracks: dict[int, TrackRecord] = {}
         self._frame: Frame | None = None
-        self._pictures: Iterator[Frame] = iter(())
+        self._pictures = PictureFinder(iter(()) if tracks_recorded else flight.pictures())
         if not tracks_recorded:
-            self._pictures = flight.pictures()
             self._stage = VisionStage(tracker or make_target_tracker(settings))
         camera = _camera(flight, settings, own_camera)
         needs_telemetry = flight.config.needs_telemetry
@@ -106,7 +106,7 @@ class Replay:
 
     def _take(self, message: object) -> None:
         if isinstance(message, FrameRecord):
-            self._frame = self._picture(message)
+            self._frame = self._pictures.of(message)
         elif isinstance(message, Selection) and not self._tracks_recorded:
             self._choose(message.box)
         elif isinstance(message, TrackRecord):
@@ -119,17 +119,6 @@ class Replay:
             self._stage.drop()
         else:
             self._stage.select(_recorded_choice(box))
-
-    def _picture(self, record: FrameRecord) -> Frame | None:
-        if record.video_index is None or self._tracks_recorded:
-            return None
-        picture = next(self._pictures, None)
-        if picture is not None and picture.sequence != record.sequence:
-            raise FlightFileError(
-                f"{self._flight.folder}: the video's picture {record.video_index} is frame "
-                f"{picture.sequence}, the log says {record.sequence}"
-            )
-        return picture
 
     def _track(self, recorded: TrackRecord) -> TrackRecord:
         """Return vision's answer today; times are those of the recording."""

@@ -12,6 +12,9 @@ from mcap.writer import CompressionType, Writer
 from follower.recorder import FlightFileError, open_flight
 from follower.recorder.mcap_log import METADATA, PROFILE
 
+CLUSTER = bytes.fromhex("1f43b675")
+"""Matroska's mark of a cluster: some 400 ms of pictures."""
+
 
 def copied(flight: Any, folder: Path) -> Path:
     shutil.copytree(flight.folder, folder)
@@ -71,6 +74,27 @@ def test_a_cut_video_gives_the_pictures_before_the_cut(small_flight: Any, tmp_pa
     pictures = list(flight.pictures())
     assert 10 < len(pictures) < len(small_flight.frames)
     assert any("video.mkv ends after" in remark for remark in flight.remarks)
+
+
+def test_damage_inside_a_video_costs_the_pictures_there_and_no_other_is_taken_for_them(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    """A cluster of the video is made unreadable; what follows it is what it was."""
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "video.mkv"
+    data = bytearray(path.read_bytes())
+    places = [place for place in range(len(data)) if data[place : place + 4] == CLUSTER]
+    data[places[len(places) // 3]] ^= 0xFF
+    path.write_bytes(data)
+    right = {frame.sequence: frame.image for frame in open_flight(small_flight.folder).pictures()}
+    flight = open_flight(folder)
+    pictures = list(flight.pictures())
+    numbers = [frame.sequence for frame in pictures]
+    assert 20 < len(pictures) < len(right)
+    assert numbers[-1] == max(right)
+    assert all(np.array_equal(frame.image, right[frame.sequence]) for frame in pictures)
+    lost = len(right) - len(pictures)
+    assert f"video.mkv misses {lost} of its {len(right)} pictures." in flight.remarks
 
 
 def test_a_folder_that_is_no_flight_says_what_is_there(small_flight: Any, tmp_path: Path) -> None:
@@ -167,8 +191,24 @@ def test_without_its_configuration_file_the_log_still_knows_it(
     assert open_flight(folder).config == open_flight(small_flight.folder).config
 
 
+GOOD = "kind: simulated\nsettings: {}\n"
+
+
 @pytest.mark.parametrize(
-    "content", [b"", b"format: [1", b"\xff\xfe\x00", b"kind: simulated\nmore: 1"]
+    "content",
+    [
+        b"",
+        b"format: [1",
+        b"\xff\xfe\x00",
+        b"kind: simulated\nmore: 1",
+        *(
+            f"{GOOD}{line}".encode()
+            for line in ("run: 5", "run: null", "versions: 3", "models: [1]", "format: x")
+        ),
+        *(f"{GOOD}{line}".encode() for line in ("epoch_ns: abc", "format: 99", "camera: {fx: 1}")),
+        b"kind: simulated\nsettings: null",
+        b"kind: 7\nsettings: {}",
+    ],
 )
 def test_a_broken_configuration_is_taken_from_the_log(
     small_flight: Any, tmp_path: Path, content: bytes

@@ -4,12 +4,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from follower.flightlog import FlightLog
 from follower.recorder import FlightFileError, RecordedFlight, open_flight
@@ -18,6 +19,7 @@ from follower.replay import Replay, compare, replay_settings
 from follower.replay.command import DIFFERENT, SAME, ReplayOptions, replay_flight
 from follower.replay.comparison import difference
 from follower_control.strict_yaml import SettingsError
+from follower_vision.camera import CameraModel
 
 FlySmall = Callable[..., Any]
 
@@ -162,14 +164,44 @@ def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
         lost = getattr(message, "video_index", None) is not None and message.sequence in gone
         return replace(message, video_index=None) if lost else message
 
-    pictures = [p for p in flight.pictures() if p.sequence not in gone]
     rewritten(flight, drop)
     flight.frames = [drop(frame) for frame in flight.frames]
     replay = Replay(flight, replay_settings(flight))
-    replay._pictures = iter(pictures)
     replay.run()
     assert replay.missed == len(gone)
     assert len(replay.log.controls) == len(flight.log.controls)
+
+
+@pytest.mark.parametrize("content", [b"", b"no video" * 99, None])
+def test_without_a_video_that_can_be_read_control_is_replayed_and_that_is_said(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+) -> None:
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    if content is None:
+        (folder / "video.mkv").unlink()
+    else:
+        (folder / "video.mkv").write_bytes(content)
+    assert replay_flight(ReplayOptions(folder, out=tmp_path)) == SAME
+    out = capsys.readouterr().out
+    assert "video.mkv cannot be read (" in out
+    assert "Control replays bit for bit. Vision was not replayed." in out
+    with pytest.raises(FlightFileError, match="--save needs the video"):
+        replay_flight(ReplayOptions(folder, save=True, out=tmp_path))
+
+
+def test_a_log_with_nothing_in_it_is_no_replay_that_succeeded(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    (folder / "flight.mcap").write_bytes((folder / "flight.mcap").read_bytes()[:100])
+    config, camera = folder / "config.yaml", asdict(CameraModel.from_fov(160, 120, 1.2))
+    known = {
+        **yaml.safe_load(config.read_text("utf-8")),
+        "camera": {**camera, "distortion": [0] * 5},
+    }
+    config.write_text(yaml.safe_dump(known), "utf-8")
+    assert replay_flight(ReplayOptions(folder, out=tmp_path)) == DIFFERENT
+    assert "There was nothing to compare." in capsys.readouterr().out
 
 
 def test_a_log_that_contradicts_itself_is_named(small_flight: Any) -> None:
