@@ -65,8 +65,7 @@ def inspect_recorded(
 
 def prepared(recorded: RecordedFlight) -> Flight:
     """Return a recorded flight, prepared for figures."""
-    servo: Mapping[str, Any] = recorded.config.settings.get("servo") or {}
-    size_m = servo.get("target_size_m")
+    size_m = recorded.config.number("servo", "target_size_m")
     goal = _goal(recorded.config) if recorded.truth else None
     return Flight.of(recorded.log, recorded.truth, goal, size_m)
 
@@ -114,14 +113,14 @@ def _states(spans: Sequence[Span]) -> Table:
 
 def _goal(config: FlightConfig) -> PursuitGoal | None:
     """Return what was wanted, None if the settings do not say it in a form known here."""
-    servo, camera = config.settings.get("servo") or {}, config.settings.get("camera") or {}
-    elevation_deg = servo.get("elevation_deg")
+    elevation_deg = config.number("servo", "elevation_deg")
     if elevation_deg is None:
-        elevation_deg = camera.get("pitch_deg", 0.0)
-    distance_m = None if servo.get("mode") == "watch" else servo.get("distance_m")
+        elevation_deg = config.number("camera", "pitch_deg") or 0.0
+    watching = config.group("servo").get("mode") == "watch"
+    distance_m = None if watching else config.number("servo", "distance_m")
     try:
         return PursuitGoal(distance_m, math.radians(elevation_deg))
-    except (TypeError, ValueError):
+    except ValueError:
         return None
 
 

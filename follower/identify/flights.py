@@ -134,7 +134,7 @@ def _turning(attitudes: Sequence[Attitude]) -> tuple[Array, Array, Array]:
 
 def _camera_delays(flight: RecordedFlight) -> list[float]:
     """Return from each frame's exposure to the first setpoint sent that was made from it."""
-    latency_s = float(flight.config.settings.get("camera", {}).get("latency_s", 0.0))
+    latency_s = flight.config.number("camera", "latency_s") or 0.0
     uses: dict[float, float] = {}
     for record in flight.log.controls:
         if record.track_captured_s is not None:
@@ -148,8 +148,9 @@ def _intervals(times: Sequence[float]) -> list[float]:
 
 def _sizes(flight: RecordedFlight) -> list[SizeSample]:
     """Return how large the target looked from where the line of sight meets level ground."""
-    servo = flight.config.settings.get("servo", {})
-    middle_m = float(servo.get("target_middle_m", ServoSettings().target_middle_m))
+    middle_m = flight.config.number("servo", "target_middle_m")
+    if middle_m is None:
+        middle_m = ServoSettings().target_middle_m
     heights = _fresh(record.vehicle.position for record in flight.log.controls)
     if len(heights) < 2:
         return []

@@ -83,6 +83,16 @@ class FlightConfig:
             model_hashes(settings),
         )
 
+    def group(self, name: str) -> Mapping[str, Any]:
+        """Return a group of the settings; {} if there is none, or something else in its place."""
+        found = self.settings.get(name)
+        return found if isinstance(found, dict) else {}
+
+    def number(self, group: str, name: str) -> float | None:
+        """Return a setting that is a number; None if there is none, or something else."""
+        found = self.group(group).get(name)
+        return found if type(found) in (int, float) else None
+
     def to_yaml(self) -> str:
         """Return the file's text; nothing secret is in it."""
         plain = {

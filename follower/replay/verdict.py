@@ -23,8 +23,7 @@ def pictures_are_exact(flight: RecordedFlight) -> bool:
     """
     if "tracks_from" in flight.config.run:
         return True
-    recorder = flight.config.settings.get("recorder", {})
-    return bool(recorder.get("video") == VideoKind.LOSSLESS)
+    return bool(flight.config.group("recorder").get("video") == VideoKind.LOSSLESS)
 
 
 def changed_versions(flight: RecordedFlight) -> list[str]:

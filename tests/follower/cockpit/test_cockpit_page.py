@@ -169,10 +169,18 @@ def test_after_consent_on_the_page_it_is_followed_again(page: Page, simulation: 
     page.wait_for_selector("#state[data-state=following]")
 
 
-def test_a_phone_watches_and_stops(
-    browser: Browser, page: Page, open_page: Any, simulation: Any, picture: Any
+@pytest.mark.usefixtures("page")
+@pytest.mark.parametrize(
+    ("size", "name"),
+    [
+        ({"width": 412, "height": 839}, "cockpit-phone"),
+        ({"width": 844, "height": 390}, "cockpit-phone-held-sideways"),
+        ({"width": 932, "height": 430}, "cockpit-large-phone-held-sideways"),
+    ],
+)
+def test_a_phone_shows_what_matters_at_once(
+    browser: Browser, open_page: Any, simulation: Any, picture: Any, size: Any, name: str
 ) -> None:
-    size = {"width": 412, "height": 839}
     phone = open_page(
         browser, viewport=size, device_scale_factor=2.0, is_mobile=True, has_touch=True
     )
@@ -180,12 +188,24 @@ def test_a_phone_watches_and_stops(
     phone.wait_for_selector("#control:has-text('watching')")
     phone.wait_for_selector("#stage:not([data-video=none])")
     assert phone.evaluate("document.documentElement.scrollWidth") <= size["width"]
-    for name in ("#stop", "#consent", "#stage"):
-        box = phone.locator(name).bounding_box()
+    for part in ("#stop", "#consent", "#stage", "#state", "#reason"):
+        box = phone.locator(part).bounding_box()
         assert box is not None
-        assert box["y"] + box["height"] <= size["height"]
+        assert box["y"] + box["height"] <= size["height"], part
     phone.wait_for_timeout(1500)
-    picture(phone, "cockpit-phone")
+    picture(phone, name)
+    phone.context.close()
+
+
+def test_a_phone_watches_and_stops(
+    browser: Browser, page: Page, open_page: Any, simulation: Any
+) -> None:
+    size = {"width": 412, "height": 839}
+    phone = open_page(
+        browser, viewport=size, device_scale_factor=2.0, is_mobile=True, has_touch=True
+    )
+    phone.goto(simulation.url)
+    phone.wait_for_selector("#control:has-text('watching')")
     phone.tap("#glass")
     phone.wait_for_selector("#hint.bad:has-text('You watch')")
     phone.tap("#stop")

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
 from follower.cli import app
 from follower.flightlog import FlightLog, TrackRecord
+from follower.identify.flights import read_flight
 from follower.inspection import inspect_flight
 from follower.recorder import FlightFileError
 from follower.report.delays import first_uses
@@ -111,6 +113,28 @@ def test_a_flight_without_its_video_is_reported_without_pictures(
     page, _ = inspected(folder)
     assert not any(target.startswith("data:") for target in page.loads)
     assert "States" in page.headings
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"servo": 3, "camera": None},
+        {"servo": {"target_size_m": "x", "distance_m": [], "elevation_deg": {}}},
+        {"camera": {"pitch_deg": True, "latency_s": "x"}, "recorder": 1},
+    ],
+)
+def test_settings_of_another_form_are_passed_over(
+    small_flight: Any, tmp_path: Path, settings: dict[str, Any]
+) -> None:
+    """As of another version, or edited by hand."""
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    config = yaml.safe_load((folder / "config.yaml").read_text("utf-8"))
+    (folder / "config.yaml").write_text(
+        yaml.safe_dump({**config, "settings": settings}), encoding="utf-8"
+    )
+    assert inspect_flight(folder).is_file()
+    read_flight(folder)
 
 
 @pytest.mark.parametrize(
