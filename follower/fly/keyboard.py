@@ -7,14 +7,13 @@ from typing import TextIO
 
 from follower.situation import Order
 
-_WITHDRAWALS = ("n", "no", "x", "stop")
-
 
 class Keyboard:
     """Looks at a terminal without ever waiting for it.
 
-    Enter consents; "n" and Enter withdraws. What is no terminal gives no orders: a service's input
-    is at its end from the start.
+    Enter alone consents. Whatever else is typed withdraws, be it "n", "stop" or a slip: who types
+    in a hurry wants the vehicle to end what it does. What is no terminal gives no orders: a
+    service's input is at its end from the start.
 
     Args:
         stream: standard input.
@@ -30,7 +29,7 @@ class Keyboard:
             line = self._stream.readline()
             if not line:
                 self._stream = None
-            elif line.strip().lower() in _WITHDRAWALS:
+            elif line.strip():
                 order = Order.WITHDRAW
             elif order is Order.NONE:
                 order = Order.GIVE

@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
 CONSENT_COMMAND = int(mavlink.MAV_CMD_USER_1)
 _SAME_WITHIN_S = 1.0
 _REPEATS_WITHIN_S = 10.0
+_OVERTAKEN_WITHIN_S = 2.0
+_SEQUENCES = 256
 _MOST_WAITING = 16
 _MOST_KNOWN = 64
 _Key: TypeAlias = tuple[int, float, int, int]
+KeyT = TypeVar("KeyT")
+_Heard: TypeAlias = tuple[float, int]
+"""When a packet came, and its sequence number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +31,8 @@ class OperatorCommand:
         value: its first parameter.
         system, component: who sent it and wants an answer.
         is_new: False for one that repeats an earlier one, because its answer got lost or the
-            network doubled it: it is answered and not carried out again.
+            network doubled it, and for one that its sender's withdrawal overtook on the way: it is
+            answered and not carried out.
     """
 
     command: int
@@ -45,15 +51,19 @@ class OperatorCommands:
 
     def __init__(self) -> None:
         self._waiting: list[OperatorCommand] = []
-        self._heard_s: dict[_Key, float] = {}
+        self._heard: dict[_Key, _Heard] = {}
+        self._withdrawn: dict[tuple[int, int], _Heard] = {}
 
     def hear(self, message: Any, now_s: float) -> None:
         """Take a COMMAND_LONG or COMMAND_INT whose target we are."""
         key = (message.command, message.param1, message.get_srcSystem(), message.get_srcComponent())
+        heard = now_s, int(message.get_seq())
         withdraws = key[:2] == (CONSENT_COMMAND, 0.0)
         repeats = getattr(message, "confirmation", 0) > 0
-        is_new = withdraws or not self._is_known(key, repeats, now_s)
-        self._note(key, now_s)
+        is_new = withdraws or not (self._is_known(key, repeats, heard) or self._is_late(key, heard))
+        _note(self._heard, key, heard)
+        if withdraws:
+            _note(self._withdrawn, key[2:], heard)
         if len(self._waiting) < _MOST_WAITING:
             self._waiting.append(OperatorCommand(*key, is_new))
         elif withdraws:
@@ -64,15 +74,24 @@ class OperatorCommands:
         waiting, self._waiting = self._waiting, []
         return waiting
 
-    def _is_known(self, key: _Key, repeats: bool, now_s: float) -> bool:
-        """Whether a command came before: one that says so, among all; else the last one."""
-        if repeats:
-            return now_s - self._heard_s.get(key, -math.inf) <= _REPEATS_WITHIN_S
-        last = next(reversed(self._heard_s), None)
-        return last == key and now_s - self._heard_s[key] <= _SAME_WITHIN_S
+    def _is_known(self, key: _Key, repeats: bool, heard: _Heard) -> bool:
+        """Whether a command came before: one that says so or the same packet; else the last one."""
+        now_s, sequence = heard
+        before_s, known = self._heard.get(key, (-math.inf, sequence))
+        if repeats or known == sequence:
+            return now_s - before_s <= _REPEATS_WITHIN_S
+        return next(reversed(self._heard)) == key and now_s - before_s <= _SAME_WITHIN_S
 
-    def _note(self, key: _Key, now_s: float) -> None:
-        self._heard_s.pop(key, None)
-        self._heard_s[key] = now_s
-        while len(self._heard_s) > _MOST_KNOWN:
-            del self._heard_s[next(iter(self._heard_s))]
+    def _is_late(self, key: _Key, heard: _Heard) -> bool:
+        """Whether its sender withdrew consent after it was sent and before it came."""
+        now_s, sequence = heard
+        withdrawn_s, last = self._withdrawn.get(key[2:], (-math.inf, 0))
+        ago = (last - sequence) % _SEQUENCES
+        return now_s - withdrawn_s <= _OVERTAKEN_WITHIN_S and ago < _SEQUENCES // 2
+
+
+def _note(known: dict[KeyT, _Heard], key: KeyT, heard: _Heard) -> None:
+    known.pop(key, None)
+    known[key] = heard
+    while len(known) > _MOST_KNOWN:
+        del known[next(iter(known))]

@@ -98,15 +98,18 @@ def terminal() -> Iterator[tuple[int, TextIO]]:
         os.close(ours)
 
 
-def test_enter_consents_and_n_withdraws() -> None:
+def test_enter_consents_and_whatever_else_is_typed_withdraws() -> None:
     with terminal() as (typing, stream):
         keyboard = Keyboard(stream)
         assert keyboard.order() is Order.NONE
         os.write(typing, b"\n")
         assert keyboard.order() is Order.GIVE
         assert keyboard.order() is Order.NONE
-        os.write(typing, b"n\n")
-        assert keyboard.order() is Order.WITHDRAW
+        for typed in (b"n\n", b"stop\n", b"STOP NOW\n", b"abort\n", b"y\n", b"\nn\n", b"n\n\n"):
+            os.write(typing, typed)
+            assert keyboard.order() is Order.WITHDRAW, typed
+        os.write(typing, b" \n")
+        assert keyboard.order() is Order.GIVE
 
 
 def test_what_is_no_terminal_gives_no_orders() -> None:
