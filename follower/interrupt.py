@@ -1,4 +1,4 @@
-"""Ctrl-C and a polite kill end a flight in order."""
+"""Ctrl-C, a polite kill and a terminal that goes away end a flight in order."""
 
 from __future__ import annotations
 
@@ -8,7 +8,17 @@ from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_ALWAYS = (signal.SIGINT, signal.SIGTERM)
+_UNLESS_IGNORED = (signal.SIGHUP, signal.SIGQUIT)
+
+
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that end a flight: all that would kill it and can be caught.
+
+    A program that was told to ignore its terminal's end, as by nohup, goes on.
+    """
+    ignored = [one for one in _UNLESS_IGNORED if signal.getsignal(one) == signal.SIG_IGN]
+    return (*_ALWAYS, *(one for one in _UNLESS_IGNORED if one not in ignored))
 
 
 def _nothing() -> None:
@@ -16,7 +26,7 @@ def _nothing() -> None:
 
 
 class StopOnInterrupt:
-    """While entered, the first Ctrl-C or SIGTERM calls `stop`; the second Ctrl-C interrupts.
+    """While entered, the first signal to end calls `stop`; the second Ctrl-C interrupts.
 
     A service manager's SIGTERM may come several times: those after the first change nothing.
     On another thread than the main one, which alone is told of signals, this does nothing.
@@ -33,7 +43,9 @@ class StopOnInterrupt:
 
     def __enter__(self) -> StopOnInterrupt:
         if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._handle) for number in _SIGNALS}
+            self._before = {
+                number: signal.signal(number, self._handle) for number in ending_signals()
+            }
         return self
 
     def __exit__(

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
-from follower.interrupt import StopOnInterrupt
+from follower.interrupt import StopOnInterrupt, ending_signals
 
 ResultT = TypeVar("ResultT")
 
@@ -22,7 +22,7 @@ def run_watched(
 ) -> tuple[ResultT, bool]:
     """Do `work` on a thread of its own and call `look` on this one ten times a second meanwhile.
 
-    After Ctrl-C or SIGTERM `stop` is called, after which the work is to end soon and in order. What
+    After a signal to end `stop` is called, after which the work is to end soon and in order. What
     this thread is doing then is done to its end: an exception thrown into it could leave a lock
     taken that the work waits for. The second Ctrl-C interrupts.
 
@@ -66,13 +66,14 @@ class Pressed:
 
 @contextmanager
 def stop_signals() -> Iterator[Pressed]:
-    """Let Ctrl-C end the work, kept in mind as `Pressed`, and a service manager's kill as well."""
+    """Let Ctrl-C end the work, kept in mind as `Pressed`, and the other signals that end it."""
     pressed = Pressed()
     if threading.current_thread() is not threading.main_thread():
         yield pressed
         return
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before: dict[signal.Signals, Any] = {n: signal.signal(n, pressed.handle) for n in signals}
+    before: dict[signal.Signals, Any] = {
+        number: signal.signal(number, pressed.handle) for number in ending_signals()
+    }
     try:
         yield pressed
     finally:

@@ -15,6 +15,7 @@ from follower.interrupt import StopOnInterrupt
 from follower.outputs import write_boxes
 from follower.simulate import simulate
 from follower.simulation_options import SimulationOptions
+from follower.watched import stop_signals
 
 SCENARIO = """
 name: short
@@ -71,3 +72,25 @@ def test_without_anything_to_stop_the_first_lets_pass_and_the_second_interrupts(
         assert interrupt.interrupted
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_whatever_would_kill_a_flight_ends_it_in_order(number: signal.Signals) -> None:
+    """SIGHUP comes when a terminal is closed or its connection is lost."""
+    stops: list[None] = []
+    with StopOnInterrupt(lambda: stops.append(None)) as interrupt:
+        signal.raise_signal(number)
+        assert interrupt.interrupted
+    assert len(stops) == 1
+    with stop_signals(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+
+
+def test_a_program_that_was_told_to_outlive_its_terminal_does() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with StopOnInterrupt() as interrupt, stop_signals():
+            signal.raise_signal(signal.SIGHUP)
+        assert not interrupt.interrupted
+    finally:
+        signal.signal(signal.SIGHUP, before)
