@@ -129,7 +129,15 @@ def _cross(one: tuple[complex, complex], other: tuple[complex, complex]) -> bool
     """Whether two sides meet other than at a common corner."""
     if set(one) & set(other):
         return False
+    if not _overlap([one[0].real, one[1].real], [other[0].real, other[1].real]):
+        return False
+    if not _overlap([one[0].imag, one[1].imag], [other[0].imag, other[1].imag]):
+        return False
     return _parts(one, *other) and _parts(other, *one)
+
+
+def _overlap(one: list[float], other: list[float]) -> bool:
+    return max(min(one), min(other)) <= min(max(one), max(other))
 
 
 def _parts(side: tuple[complex, complex], a: complex, b: complex) -> bool:

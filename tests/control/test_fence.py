@@ -13,6 +13,12 @@ SQUARE = ((0.0, 0.0), (0.0, 40.0), (40.0, 40.0), (40.0, 0.0))
 NOTCHED = ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (0.0, 0.0), (30.0, -30.0))
 """A square with a notch in its north side, whose deepest point is the origin."""
 
+U_SHAPED = (
+    *((-60.0, -60.0), (-60.0, 60.0), (60.0, 60.0), (60.0, 20.0)),
+    *((20.0, 20.0), (20.0, 10.0), (60.0, 10.0), (60.0, -60.0)),
+)
+"""Two of its sides lie on one line, and do not touch."""
+
 number = st.floats(-60, 60)
 places = st.builds(complex, number, number)
 within = st.builds(complex, st.floats(-29, 29), st.floats(-29, 29))
@@ -25,7 +31,7 @@ def inside_by_angle(corners, place: complex) -> bool:
     return abs(sum(turns)) > math.pi
 
 
-@pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1], NOTCHED, NOTCHED[::-1]])
+@pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1], NOTCHED, NOTCHED[::-1], U_SHAPED])
 @given(place=places)
 def test_inside_is_inside_whichever_way_the_corners_turn(corners, place: complex) -> None:
     fence = Fence(corners)
@@ -84,6 +90,7 @@ def test_corners_by_latitude_and_longitude_are_the_same_fence() -> None:
     [
         (((0, 0), (1, 0)), "at least three"),
         (((0, 0), (0, 10), (10, 0), (10, 10)), "cross"),
+        (((0, 0), (0, 30), (10, 30), (0, 20), (0, 10), (10, 0)), "cross"),
         (((0, 0), (0, 0), (10, 0), (10, 10)), "the same"),
         (((0, 0), (5, 5), (10, 10)), "encloses nothing"),
         (((0, 0), (math.nan, 5), (10, 10)), "finite"),
