@@ -144,6 +144,8 @@ def difference(a: Any, b: Any) -> float:
             return 0.0
         apart = abs(a - b)
         return apart if math.isfinite(apart) else 1.0
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return 1.0  # one of them has none
     return 0.0 if a == b else 1.0
 
 
