@@ -19,7 +19,7 @@ from follower_vision.box import Box
 from follower_vision.camera import Vector
 from follower_vision.lineofsight import CameraMount, rotation
 
-PERIOD_S, SWING_RAD = 4.0, math.radians(15)
+PERIOD_S, SWING_RAD = 4.0, math.radians(17)
 AS_IT_IS, MIRROR, FLIP = np.eye(3), np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
 
 
