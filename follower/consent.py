@@ -73,6 +73,7 @@ class Consent:
 
     Attributes:
         given: the second consent stands; always so for "mode" unless it was withdrawn.
+        withdrawn: an operator took it back; then it has to be given, and nothing else renews it.
         renewed: it was given anew with this step.
         turned_on: that was by the switch.
     """
@@ -83,7 +84,7 @@ class Consent:
         self._own_mode_since_s: float | None = None
         self._released = False
         self.given = self._needs_nothing
-        self.renewed = self.turned_on = False
+        self.renewed = self.turned_on = self.withdrawn = False
 
     def step(self, order: Order, vehicle: VehicleState, state: State, now_s: float) -> None:
         """Take what came since the last step.
@@ -97,16 +98,17 @@ class Consent:
         if state is State.RELEASED and not self._released:
             self._let_go()
         self._released = state is State.RELEASED
-        self.renewed = order in (Order.RENEW, Order.GIVE)
+        if order in (Order.GIVE, Order.WITHDRAW):
+            self.withdrawn = order is Order.WITHDRAW
+        self.renewed = order is Order.GIVE or (order is Order.RENEW and not self.withdrawn)
         if self._settings.kind == "rc":
             self._take_switch(vehicle, now_s)
         elif order is Order.GIVE:
             self.given = True
         if order is Order.WITHDRAW:
             self._let_go()
-            self.given = False
         if self._is_pilots_own(vehicle, now_s) and self._released:
-            self.renewed = True
+            self.renewed = self.renewed or not self.withdrawn
         self.given = self.given or (self.renewed and self._needs_nothing)
 
     @property
@@ -114,13 +116,14 @@ class Consent:
         return self._settings.kind == "mode"
 
     def _let_go(self) -> None:
-        self.given = self._needs_nothing
+        self.given = self._needs_nothing and not self.withdrawn
         self._switch.must_be_turned()
         self._own_mode_since_s = None
 
     def _take_switch(self, vehicle: VehicleState, now_s: float) -> None:
         before, self.given = self.given, self._switch.is_on(vehicle, now_s)
         self.turned_on = self.given and not before
+        self.withdrawn = self.withdrawn and not self.turned_on
         self.renewed = self.renewed or self.turned_on
 
     def _is_pilots_own(self, vehicle: VehicleState, now_s: float) -> bool:

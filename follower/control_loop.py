@@ -52,6 +52,7 @@ class ControlLoop:
         self._release = Release(stage.settings.release)
         self._before = State.IDLE
         self._streams = False
+        self._rests = True
         link.watch_health()
         if stage.settings.gimbal.enabled:
             link.use_gimbal(stage.settings.gimbal.device)
@@ -80,16 +81,31 @@ class ControlLoop:
         if self._on_step is not None:
             self._on_step(record)
 
-    def hold(self) -> None:
+    def let_go(self) -> None:
+        """Brake and let go, in the coming steps; from any thread."""
+        self._stage.request_stop()
+
+    @property
+    def rests(self) -> bool:
+        """Whether the last step let the vehicle stand, or to somebody else."""
+        return self._rests
+
+    def hold(self) -> bool:
         """Send one hold: the last word of a program that ends while the vehicle is in its hands.
 
         It is not once it was handed back, although the autopilot may still be in the same mode.
+
+        Returns:
+            Whether it was sent.
         """
-        if self._before.engaged or (self._streams and self._link.state.obeys_setpoints):
+        held = self._before.engaged or (self._streams and self._link.state.obeys_setpoints)
+        if held:
             self._link.send(HOLD)
+        return held
 
     def _send(self, record: ControlRecord) -> None:
         before, self._before, self._streams = self._before, record.state, record.sent
+        self._rests = not record.state.engaged and (not record.sent or record.allowed == HOLD)
         if self._stood_still_since(record.time_s):
             self._log.note(record.time_s, "control", "the step took too long: nothing was sent")
         elif record.sent:

@@ -81,7 +81,7 @@ class ControlStage:
         self._log = log
         self._needs_telemetry = needs_telemetry
         self._newest: TrackRecord | None = None
-        self._seen_s = -math.inf
+        self._seen_s = self._let_go_s = -math.inf
         self._stream = SetpointStream(settings.supervisor.alone_s)
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
@@ -225,7 +225,9 @@ class ControlStage:
         for attitude in attitudes:
             if self._attitudes.add(attitude):
                 self._liveness.note(attitude, now_s)
-        self._place_liveness.note(vehicle.position, now_s)
+        sent_m = self._steering.sent_m(now_s) if self._stream.held else 0.0
+        self._place_liveness.note(vehicle.position, now_s, sent_m)
+        self._steering.hear(vehicle)
         if self._gimbals is not None and vehicle.gimbal is not None:
             self._gimbals.add(vehicle.gimbal)
 
@@ -275,7 +277,9 @@ class ControlStage:
         vehicle: VehicleState,
         stop_at_once: bool,
     ) -> LimitedSetpoint:
-        if state is State.READY or not self._stream.sent or stop_at_once:
+        brakes = vehicle.obeys_setpoints and not self._steering.stands
+        ready = state is State.READY and not brakes
+        if ready or not self._stream.sent or stop_at_once:
             return self._steering.stand_by(now_s)
         self.servo.nudge(self._humans.nudge)
         return self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
@@ -303,7 +307,7 @@ class ControlStage:
         """Forget the target before this one, which an operator chose, or wanted none."""
         self._estimator.reset()
         self._seen_s = -math.inf
-        if track is not None:
+        if track is not None and track.captured_s > self._let_go_s:
             self._humans.choose()
         self._steering.take_another()
 
@@ -322,6 +326,10 @@ class ControlStage:
         if state.engaged and not before.engaged:
             self._steering.begin(vehicle, now_s)
             self._humans.begin(vehicle)
+        if state is State.RELEASED and before is not state:
+            self._let_go_s = now_s
+            if self._requests is not None:
+                self._requests.let_go()
         if state is State.SEARCHING and before is not state:
             self._steering.begin_search(vehicle)
         return state
@@ -359,6 +367,7 @@ class ControlStage:
             failsafe=vehicle.failsafe,
             sticks_moved=humans.sticks_moved,
             mode_left=self._stream.was_left(vehicle),
+            stream_held=self._stream.held,
             answer_age_s=vehicle.answer_age_s(now_s) if self._asks_often else 0.0,
             order=humans.order,
             battery_low=verdict.battery_low,

@@ -49,7 +49,7 @@ class HumanInput:
         self._entry = 0
         self.stop_requested = self.stop_at_once = False
         self.order = Order.NONE
-        self._withdrawn = self._just_stopped = self._stop_asked = False
+        self._just_stopped = self._stop_asked = False
         self.cockpit = CockpitWatch(cockpit or CockpitSettings())
         self.cockpit_lost = False
         self._cockpit_was_lost: bool | None = None
@@ -91,7 +91,7 @@ class HumanInput:
 
         That renews consent, unless stop was pressed or consent withdrawn: then it has to be given.
         """
-        if not (self.stop_requested or self._withdrawn):
+        if not (self.stop_requested or self._consent.withdrawn):
             self.give(Order.RENEW)
 
     def repeat(self, recorded: Situation) -> None:
@@ -108,13 +108,10 @@ class HumanInput:
             self.stop_requested = self._just_stopped = True
         orders = [self._orders.popleft() for _ in range(len(self._orders))]
         self.order = next((one for one in _STRONGEST_FIRST if one in orders), Order.NONE)
-        if self.order in (Order.GIVE, Order.WITHDRAW):
-            self._withdrawn = self.order is Order.WITHDRAW
         self._consent.step(self.order, vehicle, state, now_s)
         begins_anew = self.order in (Order.RENEW, Order.GIVE) or self._consent.turned_on
         if begins_anew and not self._just_stopped:  # a stop outdoes what came in the same moment
             self.stop_requested = self.stop_at_once = False
-            self._withdrawn = self._withdrawn and self.order is Order.RENEW
         self._just_stopped = False
         self._sticks.step(vehicle, state.engaged, now_s)
         heard_none, recorded = self.cockpit.is_lost(now_s), self._cockpit_was_lost

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 from follower.flightlog import FlightLog, TrackRecord
-from follower.steering import heading_velocity
+from follower_control.present_motion import heading_velocity
 from follower_control.servo_errors import ServoErrors
 from follower_control.setpoint import VelocitySetpoint
 from follower_control.vehicle import VehicleState

@@ -40,6 +40,7 @@ from follower.target_wish import (
 from follower_control.strict_yaml import SettingsError
 
 _MOST_WAITING = 64
+_LET_GO = Outcome(False, "the vehicle was let go meanwhile: choose again")
 _REPLACED = Outcome(False, "another target was asked for before a frame came")
 
 
@@ -76,6 +77,7 @@ class OperatorRequests:
         self._began = self._settings = settings
         self._checking, self._lock = threading.Lock(), threading.Lock()
         self._target: TargetRequest | None = None
+        self._taken: TargetRequest | None = None
         self._stop = False
         self._orders: list[Order] = []
         self._changes: list[SettingChange] = []
@@ -219,7 +221,18 @@ class OperatorRequests:
             return None
         with self._lock:
             target, self._target = self._target, None
+            self._taken = target
             return target
+
+    def let_go(self) -> None:
+        """Refuse the wishes for a target on which nothing has come yet; for control.
+
+        The vehicle was let go: what somebody wished before that is no consent to begin anew.
+        """
+        with self._lock:
+            for request in (self._target, self._taken):
+                if request is not None and not isinstance(request.wish, NoTargetWish):
+                    request.settle(_LET_GO)
 
     def take(self) -> ControlRequests:
         """Return what came since the last call; for control."""

@@ -18,6 +18,9 @@ from follower_vision.framesource import FrameSource
 from follower_vision.mailbox import Mailbox
 
 _PATIENCE_S = 0.2
+_LONGEST_BRAKING_S = 6.0
+_LAST_WORDS = 5
+_BETWEEN_WORDS_S = 0.06
 
 
 class VisionLoop:
@@ -126,9 +129,10 @@ class RealtimeRun:
     def run(self, watch: Callable[[], bool], watch_every_s: float = 0.1) -> None:
         """Run until `watch()`, called on this thread, returns False, or a stage fails.
 
-        However it ends, a hold is sent last. A stage's error is raised here, after control has
+        However it ends, holds are sent last. A stage's error is raised here, after control has
         gone on for as long as `watch` wants: a dead vision thread shows as stale frames, on which
-        the supervisor holds and lets go. One that hangs for ever is left behind.
+        the supervisor holds and lets go. One that hangs for ever is left behind. If `watch` itself
+        fails, control brakes and lets go before its error is raised.
         """
         loops = (self._capture_loop, self._vision_loop, self._control_loop)
         with short_pauses():
@@ -136,17 +140,31 @@ class RealtimeRun:
             try:
                 while watch() and not futures[-1].done():
                     wait(futures[-1:], watch_every_s)
+            except Exception:
+                self._brake(futures[-1])
+                raise
             finally:
                 self._shut_down(futures)
         for future in futures:
             if future.done():
                 future.result()
 
+    def _brake(self, control: Future[None]) -> None:
+        """Let a control loop that is well come to rest."""
+        self._control.let_go()
+        until_s = self._clock.now() + _LONGEST_BRAKING_S
+        wait([control], 2 * self._period_s)
+        while not (control.done() or self._control.rests) and self._clock.now() < until_s:
+            wait([control], self._period_s)
+
     def _shut_down(self, futures: Sequence[Future[None]]) -> None:
         self._stop.set()
         self._frames.close()
         wait(futures[-1:], 10 * _PATIENCE_S)
-        self._control.hold()
+        for _ in range(_LAST_WORDS):  # one alone may get lost
+            if not self._control.hold():
+                break
+            self._clock.sleep_until(self._clock.now() + _BETWEEN_WORDS_S)
         wait(futures, 10 * _PATIENCE_S)
         if not futures[0].done():
             self._source.close()  # its reader waits for a frame that never comes

@@ -27,6 +27,7 @@ class SetpointStream:
         self._streamed_s = self._stalled_s = self._stood_still_s = -math.inf
         self._last_step_s: float | None = None
         self._sent = self._held = False
+        self._entries = 0
 
     def change(self, alone_s: float) -> None:
         """Go on with another time."""
@@ -37,9 +38,15 @@ class SetpointStream:
         """Whether a setpoint was to be sent in the last step."""
         return self._sent
 
+    @property
+    def held(self) -> bool:
+        """Whether the vehicle flew by the stream in the last step, in somebody's chosen mode."""
+        return self._held
+
     def was_left(self, vehicle: VehicleState) -> bool:
-        """Whether a vehicle that flew by the stream no longer does."""
-        return self._held and not vehicle.obeys_setpoints
+        """Whether a vehicle that flew by the stream no longer does, or did not in between."""
+        stays = vehicle.obeys_setpoints and vehicle.entries == self._entries
+        return self._held and not stays
 
     def gap_s(self, now_s: float) -> float:
         """Return how long ago the last step was, 0 before the first."""
@@ -76,6 +83,7 @@ class SetpointStream:
         self._sent = not handed_back and self._sends(state, vehicle, now_s)
         self._streamed_s = now_s if self._sent else self._streamed_s
         self._held = self._sent and vehicle.obeys_setpoints and not vehicle.entered_by_itself
+        self._entries = vehicle.entries
         self._last_step_s = now_s
 
     def _note_stall(self, attitudes: Sequence[Attitude], now_s: float) -> None:

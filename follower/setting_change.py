@@ -35,7 +35,18 @@ _SECTIONS = {
 
 LIMITS = ("envelope", "supervisor")
 """Sections of what bounds the flight: in flight that can be tightened alone."""
-_SMALLER_IS_SAFER = ("max_", "ceiling_", "fence_radius_", "coast_", "search_", "hold_")
+TOLD_RANGE = ("servo.target_size_m", "servo.target_middle_m")
+"""What tells how far away the target is: it may be made to seem nearer, but not farther, or the
+least distance to it would be no limit."""
+_SMALLER_IS_SAFER = (
+    "target_size_",
+    "max_",
+    "ceiling_",
+    "fence_radius_",
+    "coast_",
+    "search_",
+    "hold_",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +125,8 @@ def changed(
         settings: unchanged.
         changes: in their order; they are checked together.
         began: what the flight began with. Given that, a limit of the envelope may be tightened,
-            or one of the supervisor's times, and loosened again no further than it was then.
+            or one of the supervisor's times, and loosened again no further than it was then; nor
+            can the target be made to seem farther away.
 
     Raises:
         SettingsError: a key may not be changed in flight, or a value cannot be used.
@@ -134,14 +146,17 @@ def changed(
 def _check_limits(settings: Settings, began: Settings, keys: Iterable[str]) -> None:
     for key in keys:
         section, _, name = key.partition(".")
-        if section not in LIMITS:
+        if section not in LIMITS and key not in TOLD_RANGE:
             continue
         value, before = value_at(settings, key), value_at(began, key)
         if not _is_as_tight(name, value, before):
-            raise SettingsError(
-                f"{key} was {before:g} at the start; in flight it may be tightened, not loosened "
-                f"beyond that to {'none' if value is None else format(value, 'g')}"
+            told = "none" if value is None else format(value, "g")
+            may = (
+                "a target may be made to seem nearer than that, not farther away by"
+                if key in TOLD_RANGE
+                else "it may be tightened, not loosened beyond that to"
             )
+            raise SettingsError(f"{key} was {before:g} at the start; in flight {may} {told}")
 
 
 def _is_as_tight(name: str, value: float | None, before: float | None) -> bool:

@@ -42,6 +42,7 @@ class Situation:
         sticks_moved: a stick is so far out that the pilot wants the vehicle back.
         mode_left: the autopilot has just left the mode that somebody chose, and flew by our stream
             in it.
+        stream_held: it flew by our stream in that mode in the last step.
         answer_age_s: how long the autopilot has not answered us, though it may talk.
         battery_low: less is left of the battery than is asked, now or to begin.
         navigation_poor: the autopilot does not know well where it is.
@@ -73,3 +74,4 @@ class Situation:
     navigation_poor: bool = False
     stop_at_once: bool = False
     cockpit_lost: bool = False
+    stream_held: bool = False

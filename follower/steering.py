@@ -13,6 +13,7 @@ from follower_control.estimate import TargetEstimate
 from follower_control.estimate_trust import trust_in
 from follower_control.flight_context import FlightContext
 from follower_control.ground_range import range_to_ground
+from follower_control.present_motion import PresentMotion
 from follower_control.search import Search
 from follower_control.servo import VisualServo
 from follower_control.servo_settings import Mode
@@ -38,12 +39,29 @@ class Steering:
         self._settings = settings
         self._envelope = Envelope(settings.envelope)
         self._search = Search(settings.search, settings.camera.view_rad)
+        self._motion = PresentMotion()
         self._allowed = HOLD
+        self._allowed_s = math.inf
         self._believed: TargetEstimate | None = None
+
+    @property
+    def stands(self) -> bool:
+        """Whether the last setpoint was to stand still."""
+        return self._allowed == HOLD
+
+    def sent_m(self, now_s: float) -> float:
+        """Return how far the last setpoint has sent the vehicle until now."""
+        speed_m_s = math.hypot(*self._allowed.values[:3])
+        return speed_m_s * max(0.0, now_s - self._allowed_s)
+
+    def hear(self, vehicle: VehicleState) -> None:
+        """Take the newest telemetry, whoever flies."""
+        self._motion.hear(vehicle)
 
     def begin(self, vehicle: VehicleState, now_s: float) -> None:
         """Begin to steer, from the vehicle's present motion."""
-        present = heading_velocity(vehicle)
+        self.hear(vehicle)
+        present = self._envelope.within_limits(self._motion.present)
         self.servo.start(present)
         self._envelope.start(present, now_s)
         self._allowed = present
@@ -73,7 +91,7 @@ class Steering:
     def stand_by(self, now_s: float) -> LimitedSetpoint:
         """Return a hold for a vehicle that others fly."""
         self._envelope.start(HOLD, now_s)
-        self._allowed = HOLD
+        self._allowed, self._allowed_s = HOLD, now_s
         return LimitedSetpoint(HOLD, HOLD, ())
 
     def step(
@@ -97,7 +115,7 @@ class Steering:
             self._believed = estimate
         asked = self._ask(state, now_s, estimate, vehicle, unseen_s)
         limited = self._envelope.limit(asked, now_s, self._context(now_s, estimate, vehicle))
-        self._allowed = limited.allowed
+        self._allowed, self._allowed_s = limited.allowed, now_s
         return limited
 
     def _ask(
@@ -153,17 +171,3 @@ class Steering:
             return range_m
         above_m = height_m - self._settings.servo.target_middle_m
         return min(range_m, range_to_ground(above_m, elevation))
-
-
-def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
-    """Return the vehicle's present motion as a setpoint; standing still where it is unknown."""
-    position, attitude = vehicle.position, vehicle.attitude
-    if position is None or attitude is None:
-        return HOLD
-    c, s = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
-    return VelocitySetpoint(
-        c * position.north_m_s + s * position.east_m_s,
-        c * position.east_m_s - s * position.north_m_s,
-        position.down_m_s,
-        attitude.yaw_rate_rad_s,
-    )

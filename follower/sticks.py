@@ -75,7 +75,9 @@ class Sticks:
 
     They count from when roll, pitch and yaw were first seen in their middle while we follow: a
     pilot who flies and then turns the mode switch may still hold one. The throttle's middle is
-    where it stands at that moment, because not every throttle springs back.
+    where it stands at that moment, because not every throttle springs back. While channels do not
+    come nothing is shifted; who took over keeps it until roll, pitch and yaw are back in their
+    middle, whoever wants to follow again.
 
     Attributes:
         nudge: by how much to shift what is wanted.
@@ -85,29 +87,30 @@ class Sticks:
     def __init__(self, settings: StickSettings) -> None:
         self._settings = settings
         self._middle: float | None = None
-        self._reset()
+        self.nudge, self.taken_over = NO_NUDGE, False
 
     def step(self, vehicle: VehicleState, engaged: bool, now_s: float) -> None:
-        """Take the newest channels; nothing counts while we do not fly."""
+        """Take the newest channels; while we do not fly only a stick that took over counts."""
+        self.nudge = NO_NUDGE
+        if not engaged:
+            self._middle = None
         rc = vehicle.fresh_rc(now_s, _FRESH_S)
         roll, pitch, yaw = (self._deflection(rc, stick) for stick in ("roll", "pitch", "yaw"))
         throttle = self._deflection(rc, "throttle")
-        if not engaged or roll is None or pitch is None or yaw is None or throttle is None:
-            self._reset()
+        if roll is None or pitch is None or yaw is None or throttle is None:
             return
-        if self._middle is None and max(map(abs, (roll, pitch, yaw))) <= self._settings.deadband:
-            self._middle = throttle
+        most = max(map(abs, (roll, pitch, yaw)))
+        if most <= self._settings.deadband:
+            self.taken_over = False
+            if engaged and self._middle is None:
+                self._middle = throttle
         if self._middle is not None:
             self._take(roll, pitch, yaw, throttle - self._middle)
-
-    def _reset(self) -> None:
-        self._middle = None
-        self.nudge, self.taken_over = NO_NUDGE, False
 
     def _take(self, roll: float, pitch: float, yaw: float, throttle: float) -> None:
         s = self._settings
         most = max(map(abs, (roll, pitch, yaw)))
-        self.taken_over = s.takeover is not None and most >= s.takeover
+        self.taken_over = self.taken_over or (s.takeover is not None and most >= s.takeover)
         if s.nudge:
             self.nudge = Nudge(
                 distance_m=-s.max_distance_m * self._beyond(pitch),

@@ -18,6 +18,9 @@ decides; in RELEASED without that, none does and it stays:
 |---------------------------------------------|------------|---------------------------|
 | stop was asked for                          | RELEASED   | stop requested            |
 | our mode, held by our stream, was left      | RELEASED   | pilot took over           |
+| it may have been: nothing heard, nothing    | RELEASED   | link lost, not heard,     |
+| answered or no control step for `alone_s`   |            | control stalled           |
+| a stick that took over is still held        | RELEASED   | pilot moved the sticks    |
 | no target is chosen                         | IDLE       | no target                 |
 | one of the troubles below                   | TRACKING   | its own                   |
 | the target is not seen, or the estimate bad | TRACKING   | target unseen             |
@@ -198,6 +201,11 @@ def _before_engaged(situation: Situation, settings: SupervisorSettings) -> tuple
         return State.RELEASED, Reason.STOP_REQUESTED
     if situation.mode_left:
         return State.RELEASED, Reason.PILOT_TOOK_OVER
+    alone = _alone(situation, settings)
+    if situation.stream_held and alone is not None:
+        return State.RELEASED, alone
+    if situation.sticks_moved:
+        return State.RELEASED, Reason.STICKS_MOVED
     if not situation.target_chosen:
         return State.IDLE, Reason.NO_TARGET
     trouble = _trouble(situation, settings)
@@ -231,7 +239,6 @@ def _while_engaged(
 
 
 def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | None:
-    silent_s = min(situation.heartbeat_age_s, situation.telemetry_age_s)
     ways = (
         (situation.stop_requested, Reason.STOP_REQUESTED),
         (not situation.mode_allows and situation.failsafe, Reason.AUTOPILOT_FAILSAFE),
@@ -239,12 +246,24 @@ def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | Non
         (situation.sticks_moved, Reason.STICKS_MOVED),
         (not situation.consent_given, Reason.CONSENT_WITHDRAWN),
         (not situation.flying, Reason.NOT_FLYING),
-        (silent_s >= settings.alone_s, Reason.LINK_LOST),
-        (situation.answer_age_s >= settings.alone_s, Reason.NOT_HEARD),
-        (situation.control_gap_s >= settings.alone_s, Reason.CONTROL_STALLED),
-        (situation.battery_low, Reason.BATTERY_LOW),
     )
-    return next((reason for applies, reason in ways if applies), None)
+    way_out = next((reason for applies, reason in ways if applies), None)
+    if way_out is None:
+        way_out = _alone(situation, settings)
+    if way_out is None and situation.battery_low:
+        way_out = Reason.BATTERY_LOW
+    return way_out
+
+
+def _alone(situation: Situation, settings: SupervisorSettings) -> Reason | None:
+    """Return why the autopilot may have flown by itself, and come back, unseen."""
+    silent_s = min(situation.heartbeat_age_s, situation.telemetry_age_s)
+    ways = (
+        (silent_s, Reason.LINK_LOST),
+        (situation.answer_age_s, Reason.NOT_HEARD),
+        (situation.control_gap_s, Reason.CONTROL_STALLED),
+    )
+    return next((reason for time_s, reason in ways if time_s >= settings.alone_s), None)
 
 
 def _wanted_when_engaged(

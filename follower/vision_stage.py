@@ -140,6 +140,8 @@ class VisionStage:
             if self._sought is not None:
                 self._sought.settle(_REPLACED)
             self._sought, self._seek_until_s = fresh, frame.captured_s + _SEEK_S
+        if self._sought is not None and self._sought.outcome is not None:
+            self._sought = None  # control has refused it
         return self._sought
 
     def _followed(self, frame: Frame) -> Track | None:

@@ -134,6 +134,18 @@ class Envelope:
         self._turns_out = False
         self._slower_s, self._slowest_m_s = None, math.inf
 
+    def within_limits(self, velocity: VelocitySetpoint) -> VelocitySetpoint:
+        """Return a velocity cut to the largest ones, whatever else is known of the flight."""
+        s = self._settings
+        speed = math.hypot(velocity.forward_m_s, velocity.right_m_s)
+        share = min(1.0, s.max_speed_m_s / speed) if speed > 0 else 1.0
+        return VelocitySetpoint(
+            share * velocity.forward_m_s,
+            share * velocity.right_m_s,
+            min(max(velocity.down_m_s, -s.max_climb_m_s), s.max_descent_m_s),
+            clip(velocity.yaw_rate_rad_s, self._max_yaw_rate),
+        )
+
     def limit(
         self, asked: VelocitySetpoint, now_s: float, context: FlightContext
     ) -> LimitedSetpoint:

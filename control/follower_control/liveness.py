@@ -7,6 +7,7 @@ import math
 from follower_control.vehicle import Attitude, LocalPosition
 
 _MOVING_M_S = 0.3
+_SENT_M = 2.0
 REPEATS = 5
 """After so many repetitions in a row a sensor is not waited for any longer: it hangs."""
 
@@ -41,21 +42,35 @@ class Liveness:
 class PositionLiveness:
     """How long positions have contradicted themselves.
 
-    One that stays the same to the last bit while it tells of a velocity is fed by nobody. One that
-    tells of standing still may be the same for long: it may be measured coarsely.
+    One that stays the same to the last bit while it tells of a velocity is fed by nobody, and so is
+    one that stays the same while the vehicle is sent metres away; that is believed again when it
+    changes. One that tells of standing still may else be the same for long: it may be measured
+    coarsely.
     """
 
     def __init__(self) -> None:
         self._last: LocalPosition | None = None
         self._moved_s = -math.inf
         self._repeats = 0
+        self._sent_m = 0.0
 
-    def note(self, position: LocalPosition | None, now_s: float) -> None:
-        """Look at the newest position, the same one again if there is no newer."""
+    def note(self, position: LocalPosition | None, now_s: float, sent_m: float = 0.0) -> None:
+        """Look at the newest position, the same one again if there is no newer.
+
+        Args:
+            position: the newest.
+            now_s: the time.
+            sent_m: how far setpoints that are flown have sent the vehicle since the last call.
+        """
         last, self._last = self._last, position
+        self._sent_m += sent_m
         if position is None or position is last:
             return
-        if last is None or not _is_stuck(last, position):
+        if last is None or last.numbers != position.numbers:
+            self._sent_m = 0.0
+        if self._sent_m > _SENT_M:
+            self._repeats = REPEATS
+        elif last is None or not _is_stuck(last, position):
             self._moved_s, self._repeats = now_s, 0
         else:
             self._repeats += 1

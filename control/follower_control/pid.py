@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+_SHORTEST_S = 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class PidSettings:
@@ -38,8 +40,8 @@ class PidSettings:
         if not 0 <= self.cut_tolerance < math.inf:
             raise ValueError(f"cut_tolerance is finite and not negative, not {self.cut_tolerance}")
         times = (self.derivative_filter_s, self.tracking_s, self.bumpless_s)
-        if not all(0 < time < math.inf for time in times):
-            raise ValueError(f"time constants are finite and positive, not {self}")
+        if not all(_SHORTEST_S <= time < math.inf for time in times):
+            raise ValueError(f"time constants are finite and at least {_SHORTEST_S} s, not {self}")
 
 
 class Pid:

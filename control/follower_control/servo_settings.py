@@ -19,6 +19,8 @@ _LARGEST = {
     "max_yaw_rate_deg_s": 720.0,
 }
 """What no pursuit wants more of; a value beyond it is likely to be in another unit."""
+_LEAST_SHARE = 1e-6
+"""Of these, what no pursuit wants less of: the logarithm and the inverse are numbers still."""
 
 
 class Mode(StrEnum):
@@ -153,8 +155,9 @@ class ServoSettings:
     def __post_init__(self) -> None:
         for name, most in _LARGEST.items():
             value = getattr(self, name)
-            if value is not None and not 0 < value <= most:
-                raise ValueError(f"{name} lies above 0 and not above {most:g}, not {value:g}")
+            least = _LEAST_SHARE * most
+            if value is not None and not least <= value <= most:
+                raise ValueError(f"{name} lies between {least:g} and {most:g}, not {value:g}")
         if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
             raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
         if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:

@@ -58,3 +58,25 @@ def test_no_new_position_makes_it_grow_old() -> None:
     liveness.note(position, 0.0)
     liveness.note(position, 5.0)
     assert liveness.age_s(5.0) == 5.0
+
+
+def test_a_place_that_does_not_change_while_the_vehicle_is_sent_away_is_not_believed() -> None:
+    liveness = PositionLiveness()
+    for step in range(30):
+        now_s = 0.1 * step
+        liveness.note(LocalPosition(5, 0, -10, 0, 0, 0, now_s), now_s, sent_m=0.101)
+        assert liveness.age_s(now_s) == (0.0 if step < 20 else math.inf)
+    for step in range(30, 60):
+        now_s = 0.1 * step
+        liveness.note(LocalPosition(5, 0, -10, 0, 0, 0, now_s), now_s, sent_m=0.0)
+        assert liveness.age_s(now_s) == math.inf, "it is held, and says nothing new"
+    liveness.note(LocalPosition(5.001, 0, -10, 0, 0, 0, 6.0), 6.0)
+    assert liveness.age_s(6.0) == 0.0
+
+
+def test_a_place_that_changes_is_believed_however_far_the_vehicle_is_sent() -> None:
+    liveness = PositionLiveness()
+    for step in range(100):
+        now_s = 0.1 * step
+        liveness.note(LocalPosition(1e-3 * (step // 4), 0, -10, 0, 0, 0, now_s), now_s, 0.4)
+        assert liveness.age_s(now_s) == 0.0

@@ -1,5 +1,6 @@
 """Consent, the switch, the sticks, the release's mode and commands, each by itself."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -107,7 +108,24 @@ def test_consent_by_the_mode_alone_can_be_withdrawn_and_given_again() -> None:
     consent.step(Order.WITHDRAW, OURS, State.FOLLOWING, 0.1)
     assert not consent.given
     consent.step(Order.RENEW, OURS, State.READY, 0.2)
+    assert (consent.given, consent.renewed) == (False, False)
+    consent.step(Order.GIVE, OURS, State.READY, 0.3)
     assert consent.given
+
+
+@pytest.mark.parametrize("withdrawn", [False, True])
+def test_the_pilots_modes_renew_consent_but_none_that_was_withdrawn(withdrawn: bool) -> None:
+    consent = Consent(ConsentSettings(again="mode", own_mode_s=1.0))
+    if withdrawn:
+        consent.step(Order.WITHDRAW, OURS, State.READY, 0.0)
+    renewed = False
+    for step in range(60):
+        consent.step(Order.NONE, THEIRS, State.RELEASED, 0.1 + 0.02 * step)
+        renewed = renewed or consent.renewed
+    assert renewed is not withdrawn
+    assert consent.given is not withdrawn
+    consent.step(Order.GIVE, THEIRS, State.RELEASED, 2.0)
+    assert (consent.given, consent.renewed) == (True, True)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +171,26 @@ def test_sticks_count_from_when_they_were_in_their_middle() -> None:
     steps(sticks, 1500, 1500, 1500, 1500)
     steps(sticks, 1500, 1100, 1500, 1500)
     assert sticks.taken_over
-    assert steps(sticks, 1500, 1100, 1500, 1500, engaged=False).taken_over is False
+    assert steps(sticks, 1500, 1100, 1500, 1500, engaged=False).taken_over
+    assert steps(sticks, 1500, 1100, 1500, 1500).taken_over, "it is held still"
+    assert steps(sticks, 1500, 1500, 1500, 1500, engaged=False).taken_over is False
+    assert steps(sticks, 1500, 1100, 1500, 1500).taken_over is False
+
+
+@pytest.mark.parametrize(("every_s", "gap"), [(0.1, (4.9, 5.5)), (0.53, (0, 0)), (1.0, (0, 0))])
+def test_a_stick_takes_over_though_channels_are_rare_or_missed_for_a_moment(
+    every_s: float, gap: tuple[float, float]
+) -> None:
+    sticks, heard_s, taken_s = Sticks(StickSettings()), -1.0, math.inf
+    vehicle = OURS
+    for step in range(400):
+        now_s = 0.02 * step
+        if now_s - heard_s >= every_s and not gap[0] <= now_s < gap[1]:
+            heard_s = now_s
+            vehicle = with_sticks(1900 if now_s >= 5.0 else 1500, 1500, 1500, 1500, at_s=now_s)
+        sticks.step(vehicle, True, now_s)
+        taken_s = min(taken_s, now_s) if sticks.taken_over else taken_s
+    assert 5.0 <= taken_s <= max(5.0, gap[1]) + every_s + 0.02
 
 
 def test_a_throttle_has_its_middle_where_it_stands() -> None:
@@ -202,7 +239,7 @@ def test_channels_that_grew_old_count_no_more() -> None:
     steps(sticks, 1500, 1500, 1500, 1500)
     steps(sticks, 1900, 1500, 1500, 1500)
     sticks.step(with_sticks(1900, 1500, 1500, 1500), True, 0.7)
-    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, True)
 
 
 @pytest.mark.parametrize(
@@ -269,8 +306,14 @@ def test_a_retry_time_that_is_none_is_refused() -> None:
         ReleaseSettings(retry_s=0.0)
 
 
-def command(value: float, confirmation: int = 0) -> mavlink.MAVLink_message:
+SEQUENCES = itertools.count(200)
+
+
+def command(
+    value: float, confirmation: int = 0, sequence: int | None = None
+) -> mavlink.MAVLink_message:
     codec = mavlink.MAVLink(None, 255, 190)
+    codec.seq = (next(SEQUENCES) if sequence is None else sequence) % 256
     packed = mavlink.MAVLink_command_long_message(
         1, 191, mavlink.MAV_CMD_USER_1, confirmation, value, *(0.0,) * 6
     ).pack(codec)
@@ -284,6 +327,26 @@ def test_commands_that_the_network_doubled_or_the_sender_repeats_are_known() -> 
         commands.hear(command(value, confirmation), now_s)
     assert [one.is_new for one in commands.take()] == [True, False, True, True, False, True, True]
     assert commands.take() == []
+
+
+@pytest.mark.parametrize(
+    ("packets", "new"),
+    [
+        ([(0.0, 1.0, 7), (0.4, 0.0, 8), (0.7, 1.0, 7)], [True, True, False]),
+        ([(0.0, 1.0, 7), (8.0, 1.0, 7)], [True, False]),
+        ([(0.0, 0.0, 8), (0.1, 1.0, 7)], [True, False]),
+        ([(0.0, 0.0, 3), (0.1, 1.0, 250)], [True, False]),
+        ([(0.0, 0.0, 250), (0.1, 1.0, 3)], [True, True]),
+        ([(0.0, 0.0, 8), (5.0, 1.0, 7)], [True, True]),
+    ],
+)
+def test_a_consent_that_the_network_doubled_or_delayed_past_a_withdrawal_is_none(
+    packets: list[tuple[float, float, int]], new: list[bool]
+) -> None:
+    commands = OperatorCommands()
+    for now_s, value, sequence in packets:
+        commands.hear(command(value, sequence=sequence), now_s)
+    assert [one.is_new for one in commands.take()] == new
 
 
 def test_commands_that_nobody_takes_do_not_pile_up() -> None:

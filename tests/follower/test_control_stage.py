@@ -1,5 +1,6 @@
 """From a box in the image to a setpoint: signs, and what happens when something is missing."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -10,8 +11,8 @@ from follower.flightlog import ControlRecord, FlightLog, TrackRecord
 from follower.links.vehicle_health import GpsHealth, SensorHealth, VehicleHealth
 from follower.settings import Settings, load_settings
 from follower.situation import Order
-from follower.steering import heading_velocity
 from follower.supervisor import Reason, State
+from follower_control.present_motion import heading_velocity
 from follower_control.servo_settings import Mode
 from follower_control.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
@@ -22,17 +23,18 @@ WIDTH, HEIGHT, STEP_S = 640, 480, 0.02
 DISTANCE_M, SIZE_M = 15.0, 2.0
 
 
-def settings() -> Settings:
+def settings(*overrides: str) -> Settings:
     wanted = {"distance_m": DISTANCE_M, "target_size_m": SIZE_M}
-    return load_settings(base={"camera": {"pitch_deg": -20}, "servo": wanted})
+    return load_settings(base={"camera": {"pitch_deg": -20}, "servo": wanted}, overrides=overrides)
 
 
 class Bench:
     """A control stage with a vehicle that hovers, and a target that stands in the image."""
 
-    def __init__(self, yaw_rad: float = 0.0, telemetry: bool = True) -> None:
+    def __init__(self, yaw_rad: float = 0.0, telemetry: bool = True, *overrides: str) -> None:
         self.log = FlightLog()
-        resolved = settings()
+        resolved = settings(*overrides)
+        self.wishes = 0
         self.camera = resolved.camera.model(WIDTH, HEIGHT)
         self.stage = ControlStage(resolved, self.camera, self.log, telemetry)
         self.yaw_rad = yaw_rad
@@ -41,7 +43,7 @@ class Bench:
         self.vehicle = VehicleState(
             mode="GUIDED", obeys_setpoints=True, armed=True, landed=False, heartbeat_s=0.0
         )
-        self.stale = self.hung = False
+        self.stale = self.hung = self.placed = False
 
     def box(self, right_px: float = 0.0, up_px: float = 0.0, nearness: float = 1.0) -> Box:
         side = nearness * self.camera.fx * SIZE_M / DISTANCE_M
@@ -61,7 +63,8 @@ class Bench:
         now = self.now_s
         noise = 0.0 if self.hung else 1e-6 * math.sin(now)
         attitude = Attitude(noise, 0.0, self.yaw_rad, 0.0, 0.0, 0.0, now - 0.01)
-        position = LocalPosition(3.0, 4.0, -10.0, 0.0, 0.0, 0.0, now - 0.01)
+        north_m = 3.0 if self.placed else 3.0 + 1e-6 * math.sin(now)
+        position = LocalPosition(north_m, 4.0, -10.0, 0.0, 0.0, 0.0, now - 0.01)
         if self.telemetry and not self.stale:
             self.vehicle = replace(
                 self.vehicle, attitude=attitude, position=position, heartbeat_s=now
@@ -69,7 +72,8 @@ class Bench:
         newest = None
         if box is not None:
             track = Track(box, state, 0.9, "test", now - 0.04, round(now / STEP_S))
-            newest = TrackRecord(track, track.sequence, now - 0.04, now, now, 0.001)
+            seen = track.sequence, now - 0.04, now, now, 0.001
+            newest = TrackRecord(track, *seen, self.wishes)
         return self.stage.step(now, newest, self.vehicle, [attitude] if self.telemetry else [])
 
 
@@ -164,6 +168,46 @@ def test_stop_lets_go_at_the_next_step() -> None:
     bench.stage.request_stop()
     record = bench.fly(bench.box(), STEP_S)
     assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+
+
+def test_a_target_chosen_anew_renews_consent_but_not_by_a_frame_from_before() -> None:
+    bench = Bench()
+    bench.fly(bench.box(), 1.0)
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=False, mode="LOITER")
+    assert bench.fly(bench.box(), STEP_S).state is State.RELEASED
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=True, mode="GUIDED")
+    bench.wishes += 1  # the frame is 0.04 s old: it showed what was seen before the release
+    assert bench.fly(bench.box(), 0.5).state is State.RELEASED
+    bench.wishes += 1
+    assert bench.fly(bench.box(), 0.5).state is State.FOLLOWING
+
+
+def test_a_vehicle_that_brakes_goes_on_braking_when_it_gets_ready_meanwhile() -> None:
+    bench = Bench(0.0, True, "consent.kind=command")
+    bench.stage.order(Order.GIVE)
+    fast = bench.fly(bench.box(nearness=0.4), 1.5)
+    assert fast.allowed.forward_m_s > 1.0
+    bench.stage.request_stop()
+    assert bench.fly(bench.box(), 0.1).state is State.RELEASED
+    bench.stage.order(Order.RENEW)
+    speeds = [bench.log.controls[-1].allowed.forward_m_s]
+    for _ in range(100):
+        record = bench.fly(bench.box(), STEP_S)
+        assert (record.state, record.reason) == (State.READY, Reason.WAITING_FOR_CONSENT)
+        speeds.append(record.allowed.forward_m_s)
+    changes = [abs(after - before) for before, after in itertools.pairwise(speeds)]
+    assert max(changes) <= bench.stage.settings.envelope.max_acceleration_m_s2 * STEP_S + 1e-9
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_place_that_stays_the_same_though_the_vehicle_is_sent_away_is_stale() -> None:
+    bench = Bench()
+    bench.placed = True
+    record = bench.fly(bench.box(nearness=0.4), 1.0)
+    assert (record.state, record.allowed.forward_m_s > 0.5) == (State.FOLLOWING, True)
+    record = bench.fly(bench.box(nearness=0.4), 2.0)
+    assert (record.state, record.reason) == (State.HOLDING, Reason.TELEMETRY_STALE)
+    assert bench.fly(bench.box(nearness=0.4), 9.0).state is State.RELEASED
 
 
 @pytest.mark.parametrize("order", [Order.GIVE, Order.RENEW])

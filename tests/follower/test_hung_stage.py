@@ -3,6 +3,8 @@
 import threading
 import time
 
+import pytest
+
 from follower.realtime import RealtimeRun
 from follower_vision.clock import MonotonicClock
 from follower_vision.mailbox import Mailbox
@@ -53,3 +55,48 @@ def test_a_hung_vision_is_left_behind() -> None:
     left = [thread for thread in threading.enumerate() if thread.name == "_vision_loop"]
     assert [thread.daemon for thread in left] == [True]
     hung.forever.set()
+
+
+class Braking(Hung):
+    """A control that comes to rest ten steps after it was told to let go, on a lossy line."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.forever.set()
+        self.asked_at: int | None = None
+        self.rested_before_the_holds = False
+
+    def let_go(self) -> None:
+        self.asked_at = self.steps
+
+    @property
+    def rests(self) -> bool:
+        return self.asked_at is not None and self.steps >= self.asked_at + 10
+
+    def hold(self) -> bool:  # type: ignore[override]
+        self.rested_before_the_holds = self.rests
+        self.holds += 1
+        return True
+
+
+def test_a_watcher_that_fails_leaves_control_the_time_to_brake() -> None:
+    """As a display does whose terminal is gone."""
+    control = Braking()
+    run = RealtimeRun(MonotonicClock(), control, control, control, 50.0)  # type: ignore[arg-type]
+
+    def watch() -> bool:
+        if control.steps > 5:
+            raise OSError(5, "Input/output error")
+        return True
+
+    with pytest.raises(OSError, match="Input/output"):
+        run.run(watch)
+    assert control.asked_at is not None
+    assert control.rested_before_the_holds
+
+
+def test_the_last_hold_is_said_more_than_once() -> None:
+    control = Braking()
+    run = RealtimeRun(MonotonicClock(), control, control, control, 50.0)  # type: ignore[arg-type]
+    run.run(lambda: control.steps < 3)
+    assert control.holds >= 3

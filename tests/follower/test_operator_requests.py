@@ -182,6 +182,28 @@ def test_a_newer_wish_ends_the_search_for_an_object() -> None:
     assert vision.step(frame(2)).requests == 1
 
 
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_wish_from_before_the_vehicle_was_let_go_is_refused_but_for_none(taken: bool) -> None:
+    detector = SeesOne(FAR)
+    requests, vision = rig(detector)
+    request = requests.select_object(*SHOWN, BY)
+    if taken:
+        vision.step(frame(0))
+    requests.let_go()
+    detector.box = Box(84, 50, 30, 24)
+    record = vision.step(frame(1))
+    assert (record.track, record.requests) == (None, 0)
+    assert request.outcome is not None
+    assert "let go meanwhile" in request.outcome.text
+    requests.select_object(*SHOWN, BY)
+    assert vision.step(frame(2)).track is not None
+    none = requests.stop_tracking(BY)
+    requests.let_go()
+    assert vision.step(frame(3)).track is None
+    assert none.outcome is not None
+    assert none.outcome.accepted
+
+
 def test_an_object_without_a_detector_is_what_its_rectangle_shows() -> None:
     requests, vision = rig()
     requests.select_object(*SHOWN, BY)
@@ -423,3 +445,25 @@ def seen(time_s: float) -> TargetEstimate:
 def test_a_change_of_another_program_version_is_refused_in_words() -> None:
     with pytest.raises(SettingsError, match=r"servo\.gone"):
         changed(Settings(), [SettingChange("servo.gone", "1.0")])
+
+
+@pytest.mark.parametrize(
+    ("began", "asked", "taken"),
+    [
+        (1.7, 1.5, True),
+        (1.7, 17.0, False),
+        (1.7, None, False),
+        (None, 1.5, True),
+        (1.7, 5e-324, False),
+    ],
+)
+def test_a_target_can_be_made_to_seem_nearer_in_flight_and_not_farther_away(
+    began: float | None, asked: float | None, taken: bool
+) -> None:
+    """Or the least distance to it, which is kept by that, would be no limit."""
+    requests = OperatorRequests(load_settings(base={"servo": {"target_size_m": began}}))
+    if taken:
+        assert requests.change("servo.target_size_m", asked, BY).servo.target_size_m == asked
+    else:
+        with pytest.raises(RequestRefusedError, match="target_size_m"):
+            requests.change("servo.target_size_m", asked, BY)

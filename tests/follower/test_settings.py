@@ -42,9 +42,9 @@ def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_pat
         ("servo: {max_forward_m_s: 36 km/h}", r"'36 km/h' is no number; .*, in metres a second$"),
         (
             "servo: {distance_m: 1500}",
-            r"servo: distance_m lies above 0 and not above 500, not 1500$",
+            r"servo: distance_m lies between 0.0005 and 500, not 1500$",
         ),
-        ("servo: {max_yaw_rate_deg_s: -3}", r"max_yaw_rate_deg_s lies above 0 .*, not -3$"),
+        ("servo: {max_yaw_rate_deg_s: -3}", r"max_yaw_rate_deg_s lies between .*, not -3$"),
         ("servo: {distance_cm: 1500}", r"'servo.distance_cm'; did you mean 'distance_m'\?"),
         ("camera: {latency_s: 80}", "latency_s is in seconds, not 80"),
         ("control_rate_hz: [50]", "is no number; write one alone, in hertz"),

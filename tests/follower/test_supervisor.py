@@ -120,7 +120,24 @@ ROWS = [
         (State.READY, Reason.WAITING_FOR_CONSENT),
         let_go(Reason.CONSENT_WITHDRAWN),
     ),
-    Row("sticks", {"sticks_moved": True}, FOLLOW, let_go(Reason.STICKS_MOVED)),
+    Row(
+        "sticks",
+        {"sticks_moved": True},
+        let_go(Reason.STICKS_MOVED),
+        let_go(Reason.STICKS_MOVED),
+    ),
+    *(
+        Row(f"{name} while it flew by our stream", changes, let_go(reason), let_go(reason))
+        for name, reason, changes in (
+            (
+                "silence",
+                Reason.LINK_LOST,
+                {"stream_held": True, "heartbeat_age_s": 1.0, "telemetry_age_s": 1.0},
+            ),
+            ("no answer", Reason.NOT_HEARD, {"stream_held": True, "answer_age_s": 1.0}),
+            ("no control", Reason.CONTROL_STALLED, {"stream_held": True, "control_gap_s": 1.0}),
+        )
+    ),
     trouble("poor navigation", Reason.NAVIGATION_POOR, navigation_poor=True),
     trouble("no page in control", Reason.COCKPIT_LOST, cockpit_lost=True),
     Row(
