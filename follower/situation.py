@@ -28,7 +28,8 @@ class Situation:
         estimate_good: the estimator stands by its estimate.
         heartbeat_age_s: since the autopilot's last heartbeat.
         telemetry_age_s: age of the older one of attitude and position; an attitude that only
-            repeats itself grows old.
+            repeats itself grows old, and so does a position that stays the same while the vehicle
+            is sent away.
         frame_age_s: since the capture of the newest frame that vision answered for.
         control_gap_s: since the previous control step.
         mode_allows: the autopilot is in the mode that flies setpoints, because somebody chose it

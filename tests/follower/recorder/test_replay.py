@@ -89,6 +89,7 @@ def test_nan_equals_nan_and_zero_equals_minus_zero_and_none_equals_none_alone() 
     assert difference(nan, 1.0) == difference(infinity, 1.0) == difference(None, 1.0) == 1
     assert difference(np.eye(2), np.eye(2)) == 0
     assert difference(np.eye(2), 3 * np.eye(2)) == 2
+    assert difference(np.eye(2), None) == difference(None, np.eye(2)) == 1
 
 
 def test_control_replays_from_the_recorded_tracks_without_any_video(
