@@ -2,7 +2,8 @@
 
 import json
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -74,23 +75,30 @@ def test_without_anything_to_stop_the_first_lets_pass_and_the_second_interrupts(
             signal.raise_signal(signal.SIGINT)
 
 
+@contextmanager
+def handled(number: signal.Signals, handler: Any) -> Iterator[None]:
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_whatever_would_kill_a_flight_ends_it_in_order(number: signal.Signals) -> None:
     """SIGHUP comes when a terminal is closed or its connection is lost."""
     stops: list[None] = []
-    with StopOnInterrupt(lambda: stops.append(None)) as interrupt:
-        signal.raise_signal(number)
-        assert interrupt.interrupted
-    assert len(stops) == 1
-    with stop_signals(), pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(number)
+    with handled(number, signal.default_int_handler):  # under nohup SIGHUP is ignored
+        with StopOnInterrupt(lambda: stops.append(None)) as interrupt:
+            signal.raise_signal(number)
+            assert interrupt.interrupted
+        assert len(stops) == 1
+        with stop_signals(), pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
 
 
 def test_a_program_that_was_told_to_outlive_its_terminal_does() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
+    with handled(signal.SIGHUP, signal.SIG_IGN):
         with StopOnInterrupt() as interrupt, stop_signals():
             signal.raise_signal(signal.SIGHUP)
         assert not interrupt.interrupted
-    finally:
-        signal.signal(signal.SIGHUP, before)
