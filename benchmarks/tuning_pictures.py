@@ -1,7 +1,7 @@
 """Draws the pictures of docs/tuning.md.
 
-follower excite --autopilot px4 --out /tmp/tuning
-python benchmarks/tuning_pictures.py /tmp/tuning/excite
+follower excite --autopilot px4 --out runs/tuning
+python benchmarks/tuning_pictures.py runs/tuning/excite
 """
 
 from __future__ import annotations

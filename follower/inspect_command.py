@@ -12,7 +12,7 @@ EPILOG = """
 
 `follower inspect runs/fly` – writes runs/fly/inspection.html
 
-`follower inspect runs/demo --out /tmp/demo.html` – somewhere else
+`follower inspect runs/demo --out demo.html` – somewhere else
 """
 
 

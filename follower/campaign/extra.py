@@ -18,5 +18,5 @@ def needed(module: str) -> Any:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise SettingsError(
-            f"{error.name} is not installed: pip install 'drone-target-follower[campaign]'"
+            f"{error.name} is not installed; in the clone: pip install -e '.[campaign]'"
         ) from None

@@ -61,7 +61,7 @@ def _check_installed() -> None:
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise SettingsError(
-            f"--cockpit needs {', '.join(missing)}: pip install 'drone-target-follower[cockpit]'"
+            f"--cockpit needs {', '.join(missing)}; in the clone: pip install -e '.[cockpit]'"
         )
 
 

@@ -67,7 +67,8 @@ def judge(case: Case) -> Verdict:
     end = "" if last is None else f"{last.state} ({last.reason})"
     figures = _figures(case)
     failures = tuple(_failures(case, figures))
-    return Verdict(str(case.planned), case.planned.fault.must, failures, figures, end)
+    must = case.planned.fault.must if case.alone else ""
+    return Verdict(str(case.planned), must, failures, figures, end)
 
 
 def _failures(case: Case, figures: Figures) -> Iterator[str]:

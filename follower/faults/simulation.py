@@ -20,6 +20,8 @@ from follower_vision.clock import Clock, SimulatedClock
 
 Ends = tuple[Transport, Transport]
 
+_NOT_JUDGED = "(Its own sentence is judged only where it comes alone and as long as listed.)"
+
 
 @contextmanager
 def as_faults_want(
@@ -72,8 +74,10 @@ def verdicts(
 
 def said_of(verdict: Verdict) -> str:
     """Return a verdict in a line."""
-    came = "as it must be" if verdict.passed else "; ".join(verdict.failures)
-    return f"Fault {verdict.fault}: {came}. ({verdict.must}) {_measured(verdict.figures)}".rstrip()
+    passed = "as it must be" if verdict.must else "what always holds was kept"
+    came = passed if verdict.passed else "; ".join(verdict.failures)
+    must = f"({verdict.must})" if verdict.must else _NOT_JUDGED
+    return f"Fault {verdict.fault}: {came}. {must} {_measured(verdict.figures)}".rstrip()
 
 
 def _measured(figures: Figures) -> str:

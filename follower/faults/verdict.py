@@ -34,7 +34,7 @@ class Verdict:
 
     Attributes:
         fault: its name, with time and duration if they were chosen.
-        must: the sentence.
+        must: the sentence; "" if the flight was held against what always holds alone.
         failures: what was not so, in sentences; none is a pass.
         figures: what was measured.
         end: the supervisor's last state and reason.

@@ -18,5 +18,5 @@ def check_extra() -> None:
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
         raise SettingsError(
-            f"training needs {' and '.join(missing)}: pip install 'drone-target-follower[train]'"
+            f"training needs {' and '.join(missing)}; in the clone: pip install -e '.[train]'"
         )

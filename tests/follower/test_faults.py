@@ -22,6 +22,7 @@ from follower.faults.page import passed_of, sections
 from follower.faults.planned import PlannedFault
 from follower.faults.results import Result, Results
 from follower.faults.schedule import FaultSchedule
+from follower.faults.simulation import said_of
 from follower.faults.verdict import Figures, Verdict
 from follower.faults.wire_rules import envelope_failures, pilot_failures
 from follower.flightlog import ControlRecord
@@ -200,6 +201,24 @@ def test_a_fault_begins_by_state_or_time_and_ends() -> None:
     assert by_time.active(Kind.LINK_DOWN, 6.9) is None
     by_time.observe(7.0, State.IDLE, 0.0)
     assert by_time.end_of(Kind.LINK_DOWN, 7.5) == 8.0
+
+
+def test_a_sentence_is_told_as_kept_only_where_it_was_judged() -> None:
+    def said(text: str, alone: bool) -> str:
+        evidence = Evidence("px4")
+        evidence.motion = [Motion(12.0, (0, 0, -5), (0, 0, 0), "LAND", False, True)]
+        evidence.setpoints = sent((1.05, 0.0), (9.9, 0.0))
+        controls = [released_at(1.05), released_at(12.0)]
+        planned = PlannedFault.parse(text)
+        return said_of(
+            judge(Case(planned, 1.0, 11.0, evidence, controls, (), EnvelopeSettings(), alone))
+        )
+
+    must = fault_named("release-land").must
+    assert f"as it must be. ({must})" in said("release-land", alone=True)
+    chosen = said("release-land@1:5", alone=False)
+    assert chosen.startswith("Fault release-land@1:5: what always holds was kept. (Its own")
+    assert must not in chosen
 
 
 def sent(*values: tuple[float, float]) -> list[WireSetpoint]:

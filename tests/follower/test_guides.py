@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from follower.cli import app
+from follower.fly import waiting
 from follower.preflight.table import CHECKS
 from follower.supervisor import Reason
 
@@ -64,6 +65,12 @@ def test_checks_and_reasons_of_the_tables_exist() -> None:
     reasons = {name for cell in first_cells(text, "It let go") for name in CODE.findall(cell)}
     assert reasons <= set(map(str, Reason))
     assert len(reasons) > 8
+
+
+def test_every_line_that_the_terminal_waits_with_is_in_the_table() -> None:
+    table = guide("fly.md")
+    lines = [*waiting._TROUBLES.values(), *waiting._CONSENTS.values(), "waiting for the autopilot"]
+    assert [line for line in lines if f'"{line}"' not in table] == []
 
 
 @pytest.mark.parametrize("name", GUIDES)

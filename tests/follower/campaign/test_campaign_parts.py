@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from follower.campaign.campaign import check, judged
 from follower.campaign.campaign_config import campaign_files, load_campaign
 from follower.campaign.cost import cost
+from follower.campaign.extra import needed
 from follower.campaign.figures import Figures
 from follower.campaign.goals import Goals
 from follower.campaign.optimise import present
@@ -348,3 +349,8 @@ def test_what_a_setting_is_now_is_where_a_search_begins() -> None:
     for wrong in ("servo.azimuth.gain", "servo.mode", "servo.hold_height"):
         with pytest.raises(SettingsError, match="no setting with a number"):
             present(settings, wrong)
+
+
+def test_without_the_extra_it_says_what_to_install() -> None:
+    with pytest.raises(SettingsError, match=r"in the clone: pip install -e '\.\[campaign\]'"):
+        needed("follower_has_no_such_module")

@@ -226,7 +226,7 @@ def test_a_flight_without_the_extra_says_what_to_install(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(SettingsError, match=r"pip install 'drone-target-follower\[cockpit\]'"):
+    with pytest.raises(SettingsError, match=r"in the clone: pip install -e '\.\[cockpit\]'"):
         open_station(Settings(), True, {}, tmp_path, print)
 
 

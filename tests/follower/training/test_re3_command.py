@@ -10,6 +10,8 @@ import torch
 from typer.testing import CliRunner
 
 from follower.cli import app
+from follower.training.extra import check_extra
+from follower_control.strict_yaml import SettingsError
 from follower_vision.re3_network import Re3Network
 
 RECIPE = """
@@ -68,3 +70,9 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
 def test_sequences_are_written_where_evaluate_finds_them(tmp_path: Path) -> None:
     follower("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
     assert len(list((tmp_path / "out").glob("generated_*/img/*.jpg"))) == 6
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("follower.training.extra.find_spec", lambda _: None)
+    with pytest.raises(SettingsError, match=r"in the clone: pip install -e '\.\[train\]'"):
+        check_extra()
