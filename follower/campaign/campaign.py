@@ -73,7 +73,7 @@ def run_campaign(options: CampaignOptions) -> int:
         except KeyboardInterrupt:
             console.print("Stopped; what is finished is kept, and the same command goes on.")
             return _INTERRUPTED
-        rows = judged([store.rows[spec.key] for spec in specs], config.goals)
+        rows = judged([in_its_place(store.rows[spec.key], spec) for spec in specs], config.goals)
     return _finish(config, rows, specs, folder, options.videos, console)
 
 
@@ -111,6 +111,14 @@ def fly_missing(
 def _is_whole(row: dict[str, Any] | None) -> bool:
     """Whether a row has every figure; one from before a figure was thought of has not."""
     return row is not None and not row["error"] and set(Figures.__dataclass_fields__) <= set(row)
+
+
+def in_its_place(row: dict[str, Any], spec: RunSpec) -> dict[str, Any]:
+    """Return a row with its place in this campaign, which may have been another when it was flown.
+
+    The same flight can be another run, by parameters of other names, once the file was edited.
+    """
+    return {**row, "number": spec.number, "values": dict(spec.values), "command": spec.command}
 
 
 def judged(rows: Sequence[dict[str, Any]], goals: Goals) -> list[dict[str, Any]]:
@@ -165,8 +173,12 @@ def fly_with_video(spec: RunSpec, folder: Path) -> str:
 def say(summary: Summary, folder: Path, console: Console) -> None:
     """Print the goals, met or not, and where everything lies."""
     for line in summary.lines:
-        mark = "[green]met[/]" if line.met else "[bold red]not met[/]"
-        said = f"{line.name}: {line.value}, wanted {line.wanted}: {mark}"
-        console.print(said, highlight=False, soft_wrap=True)
+        style = "green" if line.met else "bold red"
+        wanted = f", wanted {line.wanted}: [{style}]{line.verdict}[/]" if line.counts else ""
+        console.print(f"{line.name}: {line.value}{wanted}", highlight=False, soft_wrap=True)
+    if summary.errors:
+        error = next(str(row["error"]) for row in summary.worst if row["error"])
+        said = f"{summary.errors} of {summary.runs} runs could not be flown, the first one: {error}"
+        print_line(console, said, "bold red")
     for name in (REPORT, RESULTS):
         print_line(console, f"  {folder / name}")

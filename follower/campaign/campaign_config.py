@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -40,11 +41,24 @@ class Parameter(_Section):
             raise ValueError("a parameter has either `key` or `keys`")
         if (self.values is None) == (self.between is None):
             raise ValueError("a parameter has either `values` or `between`")
-        if self.values is not None and not self.values:
-            raise ValueError("a parameter's `values` are at least one")
+        if self.values is not None:
+            self._check_values(self.values)
         if self.between is not None and not self.between[0] < self.between[1]:
             raise ValueError("a parameter lies `between` a smaller and a larger number")
         return self
+
+    @property
+    def key_names(self) -> tuple[str, ...]:
+        """What is set by it."""
+        return tuple(self.keys) if self.key is None else (self.key,)
+
+    def _check_values(self, values: Sequence[Value]) -> None:
+        if not values:
+            raise ValueError("a parameter's `values` are at least one")
+        if len({str(value) for value in values}) < len(values):
+            raise ValueError("a parameter's `values` differ: the same flights would count twice")
+        if self.keys and not all(type(value) in (int, float) for value in values):
+            raise ValueError("with `keys`, which take them times their factors, values are numbers")
 
     def assignments(self, value: Value) -> list[tuple[str, Value]]:
         """Return each key with the value that it takes."""
@@ -96,7 +110,12 @@ class CampaignConfig(_Section):
 
     @model_validator(mode="after")
     def _can_be_combined(self) -> Self:
+        taken: dict[str, str] = {}
         for name, parameter in self.parameters.items():
+            for key in parameter.key_names:
+                if key in taken:
+                    raise ValueError(f"parameters {taken[key]!r} and {name!r} both set {key}")
+                taken[key] = name
             if self.runs is None and parameter.values is None:
                 raise ValueError(f"parameter {name!r}: every combination needs `values`; or say"
                                  " how many `runs` to draw")  # fmt: skip

@@ -38,6 +38,8 @@ class Goals:
         for field in fields(self):
             if not 0 <= getattr(self, field.name) < math.inf:
                 raise ValueError(f"a goal's {field.name} is not negative")
+            if field.name.endswith("_share") and getattr(self, field.name) > 1:
+                raise ValueError(f"a goal's {field.name} is a share: at most 1")
 
     def failures(self, figures: Figures) -> list[str]:
         """Return which goals a run missed, by the figures' names; none if it reached them all."""

@@ -71,9 +71,15 @@ class LocalEngine:
         return tries[spec.number] < _TRIES
 
     def close(self) -> None:
-        """End the processes after the runs in hand."""
-        if self._pool is not None:
+        """End the processes after the runs in hand; at once when interrupted meanwhile."""
+        if self._pool is None:
+            return
+        try:
             self._pool.shutdown(cancel_futures=True)
+        except KeyboardInterrupt:
+            for child in multiprocessing.active_children():
+                child.kill()
+            raise
 
 
 def end_with_parent() -> None:

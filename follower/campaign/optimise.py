@@ -19,10 +19,13 @@ from follower.campaign.figures import Figures
 from follower.campaign.progress import CampaignProgress
 from follower.campaign.run_spec import RunSpec
 from follower.campaign.store import Store
+from follower.configs import find_scenario
 from follower.print_line import print_line
 from follower.report.writer import write_whole
-from follower.settings import Settings, load_settings
-from follower_control.strict_yaml import SettingsError
+from follower.settings import Settings
+from follower.simulate import simulation_settings
+from follower_control.strict_yaml import SettingsError, read_mapping
+from follower_sim.scenario_file import load_scenario
 
 BEST = "best.yaml"
 TRIALS = "trials.json"
@@ -52,9 +55,9 @@ def optimise(
 ) -> int:
     """Search, write the best settings, and return the exit code.
 
-    The first trial has the settings that the campaign begins with: the defaults, or those of its
-    `config` file. All trials fly the same runs, so that luck does not choose between them. Optuna's
-    sampler is seeded and every run is kept: a search that was stopped goes on where it was.
+    The first trial has the settings that the campaign's first run flies with. All trials fly the
+    same runs, so that luck does not choose between them. Optuna's sampler is seeded and every run
+    is kept: a search that was stopped goes on where it was.
 
     Raises:
         SettingsError: the campaign's file says nothing of what to search.
@@ -63,7 +66,7 @@ def optimise(
     if wanted is None:
         raise SettingsError("--optimise: the campaign's file has no section `optimise`")
     flown = specs[: wanted.runs_per_trial]
-    study = _study(config, wanted)
+    study = _study(flown[0], wanted)
     trials: list[Trial] = []
     with CampaignProgress(console, f"{config.name}: trials", wanted.trials, 0) as progress:
         for _ in range(wanted.trials):
@@ -73,12 +76,12 @@ def optimise(
             trials.append(Trial(values, _mean_cost(flown, values, engine, store)))
             study.tell(asked, trials[-1].cost)
             progress.finished()
-    _write(trials, folder)
+    _write(trials, folder, {} if config.config is None else read_mapping(config.config))
     _say(trials, folder, console)
     return 0
 
 
-def _study(config: CampaignConfig, wanted: OptimiseSettings) -> Any:
+def _study(run: RunSpec, wanted: OptimiseSettings) -> Any:
     """Return a study whose first trial is what there is now.
 
     Raises:
@@ -88,7 +91,8 @@ def _study(config: CampaignConfig, wanted: OptimiseSettings) -> Any:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     sampler = optuna.samplers.TPESampler(seed=wanted.seed)
     study = optuna.create_study(sampler=sampler)
-    now = load_settings(config.config, overrides=config.set)
+    scenario = load_scenario(find_scenario(run.scenario), run.scene)
+    now = simulation_settings(scenario, run.options())
     first = {key: present(now, key) for key in wanted.settings}
     for key, (low, high) in wanted.settings.items():
         if not low <= first[key] <= high:
@@ -127,10 +131,10 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _write(trials: Sequence[Trial], folder: Path) -> None:
+def _write(trials: Sequence[Trial], folder: Path, best: dict[str, Any]) -> None:
+    """Write all trials, and the best one's values among the settings of the campaign's file."""
     listed = [{"cost": trial.cost, **trial.values} for trial in trials]
     write_whole(folder / TRIALS, json.dumps(listed, indent=1) + "\n")
-    best: dict[str, Any] = {}
     for key, value in min(trials, key=lambda trial: trial.cost).values.items():
         *sections, name = key.split(".")
         place = best

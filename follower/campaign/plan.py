@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from follower.campaign.campaign_config import SCENE, CampaignConfig, Parameter
 from follower.campaign.run_spec import RunSpec, Value
+from follower.configs import find_scenario
+from follower_control.strict_yaml import SettingsError
 
 _LARGEST_SEED = 1_000_000
+_MOST_RUNS = 1_000_000
 
 
 def planned(config: CampaignConfig) -> list[RunSpec]:
-    """Return the campaign's runs. The first ones are the same however many are drawn."""
-    return list(_combined(config) if config.runs is None else _drawn(config, config.runs))
+    """Return the campaign's runs. The first ones are the same however many are drawn.
+
+    Raises:
+        SettingsError: there are too many, or a file of theirs cannot be read.
+    """
+    count = _count(config)
+    if count > _MOST_RUNS:
+        raise SettingsError(f"these are {count:,} runs; a campaign has at most {_MOST_RUNS:,}")
+    contents = {one: _contents(config, one) for one in config.scenarios}
+    specs = _combined(config) if config.runs is None else _drawn(config, config.runs)
+    return [replace(spec, contents=contents[spec.scenario]) for spec in specs]
+
+
+def _count(config: CampaignConfig) -> int:
+    if config.runs is not None:
+        return config.runs
+    choices = (len(one.values or []) for one in config.parameters.values())
+    kinds = len(config.scenarios) * len(config.autopilots)
+    return kinds * math.prod(choices) * config.repeats
+
+
+def _contents(config: CampaignConfig, scenario: str) -> str:
+    """Tell the text of a scenario and of the settings from others: changed, they fly otherwise."""
+    digest = hashlib.sha256()
+    for path in (find_scenario(scenario), config.config):
+        try:
+            digest.update(b"" if path is None else hashlib.sha256(path.read_bytes()).digest())
+        except OSError as error:
+            raise SettingsError(f"{path}: it cannot be read: {error.strerror}") from error
+    return digest.hexdigest()[:16]
 
 
 def _combined(config: CampaignConfig) -> Iterator[RunSpec]:

@@ -29,6 +29,7 @@ class RunSpec:
         scene: keys of the scenario likewise.
         values: the campaign's parameters by name, as drawn.
         config: a file of settings, None for none.
+        contents: what tells the scenario's and the settings' text from others.
     """
 
     number: int
@@ -40,6 +41,7 @@ class RunSpec:
     scene: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
     config: str | None = None
+    contents: str = ""
 
     @property
     def key(self) -> str:

@@ -60,7 +60,7 @@ class Store:
 
 
 def read_rows(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the rows of a file by their keys; a line that was cut off is left out."""
+    """Return the rows of a file by their keys; a line that is cut off or no row is left out."""
     rows: dict[str, dict[str, Any]] = {}
     if not path.exists():
         return rows
@@ -69,7 +69,8 @@ def read_rows(path: Path) -> dict[str, dict[str, Any]]:
             row = json.loads(line)
         except ValueError:  # the computer stopped while it was written
             continue
-        rows[row["key"]] = row
+        if isinstance(row, dict) and {"key", "error"} <= set(row):
+            rows[str(row["key"])] = row
     return rows
 
 

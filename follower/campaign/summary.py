@@ -24,6 +24,7 @@ class GoalLine:
         wanted: likewise.
         met: whether the value is what was wanted.
         share: (runs or occlusions that reach it, all of them).
+        counts: whether it is a goal of this campaign; else it is shown beside them.
     """
 
     name: str
@@ -31,6 +32,14 @@ class GoalLine:
     wanted: str
     met: bool
     share: tuple[int, int]
+    counts: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """Return "met", "not met", or "" where there is nothing to meet."""
+        if not self.counts:
+            return ""
+        return "met" if self.met else "not met"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +65,12 @@ class Summary:
     @property
     def reached(self) -> bool:
         """Whether every goal was met."""
-        return self.errors == 0 and all(line.met for line in self.lines)
+        return self.errors == 0 and all(line.met for line in self.goals)
+
+    @property
+    def goals(self) -> tuple[GoalLine, ...]:
+        """The lines that count."""
+        return tuple(line for line in self.lines if line.counts)
 
 
 def summary_of(rows: Sequence[dict[str, Any]], goals: Goals) -> Summary:
@@ -97,11 +111,13 @@ def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
             "The same of the body's middle, not the box's",
             [one.line_of_sight_rms_seen_deg for one in figures],
             goals,
+            counts=False,
         ),
         _line_of_sight(
             "Line-of-sight error, RMS, occlusions and all",
             [one.line_of_sight_rms_deg for one in figures],
             goals,
+            counts=False,
         ),
         _none_of(
             "Envelope violations",
@@ -139,17 +155,19 @@ def _reacquired(figures: Sequence[Figures], goals: Goals) -> GoalLine:
     name = f"Re-acquired within {goals.reacquired_s:g} s, occlusions up to {goals.occlusion_s:g} s"
     wanted = f"≥ {100 * goals.reacquired_share:g} % of them"
     met = count > 0 and good / count >= goals.reacquired_share
-    return GoalLine(name, share_text(good, count), wanted, met, (good, count))
+    return GoalLine(name, share_text(good, count), wanted, met, (good, count), count > 0)
 
 
-def _line_of_sight(name: str, angles: Sequence[float | None], goals: Goals) -> GoalLine:
+def _line_of_sight(
+    name: str, angles: Sequence[float | None], goals: Goals, counts: bool = True
+) -> GoalLine:
     known = [angle for angle in angles if angle is not None]
     limit = goals.max_line_of_sight_rms_deg
     good = sum(angle <= limit for angle in known)
     pooled = math.sqrt(sum(angle * angle for angle in known) / len(known)) if known else math.inf
     angle = f"{pooled:.2f}° over all" if known else "not measured"
     value = f"{angle}; runs: {share_text(good, len(angles))}"
-    return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)))
+    return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)), counts)
 
 
 def _none_of(name: str, broken: Sequence[bool]) -> GoalLine:

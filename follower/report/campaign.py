@@ -78,15 +78,15 @@ def _parts(
 
 def _headline(config: CampaignConfig, summary: Summary, remarks: Sequence[str]) -> str:
     lines = [f"{line.name}: {line.value}, wanted {line.wanted}"
-             for line in summary.lines if not line.met]  # fmt: skip
+             for line in summary.goals if not line.met]  # fmt: skip
     if config.vision is Sight.TRUTH:
         lines.insert(0, f"{LABEL[0].upper()}{LABEL[1:]}: this says nothing about trackers.")
     if summary.errors:
         lines.append(f"{summary.errors} runs could not be flown.")
     items = "".join(f"<li>{escape(line)}</li>" for line in [*lines, *remarks])
     kind = "passed" if summary.reached else "failed"
-    met = sum(line.met for line in summary.lines)
-    headline = f"{met} of {len(summary.lines)} goals met"
+    met = sum(line.met for line in summary.goals)
+    headline = f"{met} of {len(summary.goals)} goals met"
     passed = share_text(summary.passed, summary.runs)
     tiles = html.tiles((("Runs that reached every goal of their own", passed),))
     return (

@@ -11,14 +11,17 @@ from follower.report import html
 from follower.report.html import Cell, Html
 
 _MOST_WORST = 25
-_MET = Html('<b style="color: var(--green); white-space: nowrap">met</b>')
-_NOT_MET = Html('<b style="color: var(--red); white-space: nowrap">not met</b>')
+_VERDICTS = {
+    "met": Html('<b style="color: var(--green); white-space: nowrap">met</b>'),
+    "not met": Html('<b style="color: var(--red); white-space: nowrap">not met</b>'),
+    "": Html(""),
+}
 
 
 def goals_table(summary: Summary) -> str:
     """Return each goal with what was reached."""
     rows = [
-        (line.name, line.value, line.wanted, _MET if line.met else _NOT_MET)
+        (line.name, line.value, line.wanted if line.counts else "", _VERDICTS[line.verdict])
         for line in summary.lines
     ]
     return html.table(("Goal", "Reached", "Wanted", ""), rows)

@@ -10,19 +10,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.campaign.campaign import check, judged
+from follower.campaign.campaign import check, in_its_place, judged
 from follower.campaign.campaign_config import campaign_files, load_campaign
 from follower.campaign.cost import cost
 from follower.campaign.extra import needed
 from follower.campaign.figures import Figures
+from follower.campaign.flying import row_of
 from follower.campaign.goals import Goals
 from follower.campaign.optimise import present
 from follower.campaign.plan import planned
 from follower.campaign.progress import CampaignProgress, in_words
+from follower.campaign.run_spec import RunSpec
 from follower.campaign.store import ROWS, Store, read_rows
 from follower.campaign.summary import summary_of
 from follower.campaign.tables import write_parquet
 from follower.campaign.wilson import wilson
+from follower.configs import find_scenario
 from follower.settings import load_settings
 from follower_control.strict_yaml import SettingsError
 from follower_sim.kinematics import BodyState
@@ -354,3 +357,87 @@ def test_what_a_setting_is_now_is_where_a_search_begins() -> None:
 def test_without_the_extra_it_says_what_to_install() -> None:
     with pytest.raises(SettingsError, match=r"in the clone: pip install -e '\.\[campaign\]'"):
         needed("follower_has_no_such_module")
+
+
+def test_what_is_shown_beside_or_never_happened_is_no_goal() -> None:
+    rows = [row(0, line_of_sight_rms_deg=9.0, occlusion_s=(), reacquired_s=())]
+    summary = summary_of(judged(rows, Goals()), Goals())
+    verdicts = {line.name.partition(",")[0]: line.verdict for line in summary.lines}
+    assert verdicts["Re-acquired within 1 s"] == ""
+    assert [line.verdict for line in summary.lines].count("") == 3
+    assert summary.reached
+
+
+FILED = """
+name: filed
+title: Files of its own.
+scenarios: [own.yaml]
+vision: truth+noise
+config: own-settings.yaml
+parameters: {gain: {key: servo.azimuth.kp, values: [0.2, 1.5]}}
+"""
+
+
+def filed(folder: Path, **texts: str) -> list[RunSpec]:
+    scenario = find_scenario("pursue-person").read_text("utf-8")
+    files = {"own.yaml": scenario, "own-settings.yaml": "", "filed.yaml": FILED}
+    for name, text in (files | {key.replace("_", "."): one for key, one in texts.items()}).items():
+        (folder / name).write_text(text, "utf-8")
+    return planned(load_campaign(str(folder / "filed.yaml")))
+
+
+def test_a_changed_file_of_settings_or_scenario_makes_other_flights(tmp_path: Path) -> None:
+    keys = [spec.key for spec in filed(tmp_path)]
+    assert [spec.key for spec in filed(tmp_path)] == keys
+    other = "servo: {elevation: {kp: 0.4}}"
+    settings = tmp_path / "own-settings.yaml"
+    settings.write_text(other, "utf-8")
+    assert not {one.key for one in planned(load_campaign(str(tmp_path / "filed.yaml")))} & {*keys}
+    settings.write_text("", "utf-8")
+    scenario = tmp_path / "own.yaml"
+    scenario.write_text(scenario.read_text("utf-8") + "# another\n", "utf-8")
+    assert not {one.key for one in planned(load_campaign(str(tmp_path / "filed.yaml")))} & {*keys}
+
+
+def test_a_flight_that_was_another_run_has_its_place_in_this_campaign(tmp_path: Path) -> None:
+    before = filed(tmp_path)
+    edited = FILED.replace("gain: ", "kp: ").replace("[0.2, 1.5]", "[0.1, 0.2, 1.5]")
+    after = filed(tmp_path, filed_yaml=edited)
+    assert [spec.key for spec in after[1:]] == [spec.key for spec in before]
+    rows = {spec.key: row_of(spec) for spec in before} | {after[0].key: row_of(after[0])}
+    shown = [in_its_place(rows[spec.key], spec) for spec in after]
+    assert [one["number"] for one in shown] == [0, 1, 2]
+    assert [one["values"] for one in shown] == [{"kp": 0.1}, {"kp": 0.2}, {"kp": 1.5}]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "says"),
+    [
+        (
+            "{a: {key: servo.azimuth.kp, values: [1]}, b: {key: servo.azimuth.kp, values: [2]}}",
+            "'a' and 'b' both set servo.azimuth.kp",
+        ),
+        ("{a: {key: servo.azimuth.kp, values: [1.5, 1.5]}}", "count twice"),
+        ("{a: {keys: {servo.azimuth.kp: 1.0}, values: [abc]}}", "values are numbers"),
+    ],
+)
+def test_parameters_that_contradict_themselves_are_refused(
+    tmp_path: Path, parameters: str, says: str
+) -> None:
+    text = FILED.replace("{gain: {key: servo.azimuth.kp, values: [0.2, 1.5]}}", parameters)
+    with pytest.raises(SettingsError, match=says):
+        filed(tmp_path, filed_yaml=text)
+
+
+def test_more_runs_than_anybody_flies_and_shares_beyond_one_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="at most 1,000,000"):
+        filed(tmp_path, filed_yaml=FILED + "repeats: 100000000\n")
+    with pytest.raises(SettingsError, match="min_in_frame_share is a share"):
+        filed(tmp_path, filed_yaml=FILED + "goals: {min_in_frame_share: 2}\n")
+
+
+def test_lines_that_are_no_rows_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    good = '{"key":"k","error":""}'
+    path.write_text("\n".join([good, "5", '{"a":1}', "[]", '{"key":"half"']), "utf-8")
+    assert list(read_rows(path)) == ["k"]

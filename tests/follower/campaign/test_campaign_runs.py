@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from rich.console import Console
 
 from follower.campaign.campaign import CampaignOptions, fly_missing, run_campaign
@@ -236,7 +237,7 @@ def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) 
             optimise(campaign, specs, Pretending(), store, tmp_path / "out", quiet)
     assert len(flown) == 8, "the second search finds every run of the first"
     trials = json.loads((tmp_path / "out" / "trials.json").read_text("utf-8"))
-    assert trials[0]["servo.azimuth.kp"] == 1.5
+    assert trials[0]["servo.azimuth.kp"] == 1.25, "the scenario's own, which the campaign flies"
     best = min(trials, key=lambda trial: trial["cost"])
     assert (tmp_path / "out" / "best.yaml").read_text("utf-8").split() == [
         *("servo:", "azimuth:", "kp:", str(best["servo.azimuth.kp"]))
@@ -277,7 +278,59 @@ def test_a_search_that_cannot_begin_is_refused(tmp_path: Path, key: str) -> None
         Store(tmp_path / "out") as store,
         pytest.raises(SettingsError, match=r"optimise\.settings"),
     ):
-        optimise(campaign, [], InlineEngine(), store, tmp_path / "out", Console(quiet=True))
+        optimise(
+            campaign,
+            planned(campaign),
+            InlineEngine(),
+            store,
+            tmp_path / "out",
+            Console(quiet=True),
+        )
+
+
+def test_the_best_settings_stand_among_those_of_the_campaigns_file(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    (tmp_path / "base.yaml").write_text("servo: {elevation: {kp: 0.4}}\n", "utf-8")
+    more = "config: base.yaml\noptimise: {trials: 1, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
+    campaign = load_campaign(config(tmp_path, more))
+
+    class Pretending(InlineEngine):
+        def fly(self, specs: Sequence[RunSpec]) -> Any:
+            figure = {"line_of_sight_box_rms_seen_deg": 2.0}
+            yield from ({**ROW, "key": spec.key} | figure for spec in specs)
+
+    with Store(tmp_path / "out") as store:
+        quiet = Console(quiet=True)
+        optimise(campaign, planned(campaign), Pretending(), store, tmp_path / "out", quiet)
+    best = yaml.safe_load((tmp_path / "out" / "best.yaml").read_text("utf-8"))
+    assert best == {"servo": {"elevation": {"kp": 0.4}, "azimuth": {"kp": 1.25}}}
+
+
+def test_a_second_ctrl_c_ends_a_campaign_at_once(tmp_path: Path) -> None:
+    """It goes to all processes of the terminal; flights in hand are not waited for any longer."""
+    path = config(tmp_path)
+    text = Path(path).read_text("utf-8").replace("runs: 3", "runs: 60")
+    Path(path).write_text(text.replace("duration_s=13", "duration_s=300"), "utf-8")
+    command = [sys.executable, "-c", "from follower.cli import main; main()"]
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [*command, "campaign", path, "--workers", "2", "--out", str(out)],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        deadline_s = time.monotonic() + 60
+        while not (out / "runs.jsonl").exists() and time.monotonic() < deadline_s:
+            time.sleep(0.1)
+        time.sleep(8.0)
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.5)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(20) != 0
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def test_flying_twice_gives_the_same_row(specs: list[RunSpec], rows: dict[str, Any]) -> None:
