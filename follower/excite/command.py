@@ -24,7 +24,7 @@ EPILOG = """
 about 10 m of room on all sides. Nothing moves: the pilot's mode is the consent.
 
 2. The pilot switches to OFFBOARD (PX4) or GUIDED (ArduPilot): the pattern begins, forward and back,
-right and left, up and down, turning. It takes about 90 s. All limits of `envelope` hold.
+right and left, up and down, turning. It takes about 70 s. All limits of `envelope` hold.
 
 3. The pilot takes any other mode, or Ctrl-C: it holds and lets go. After the pattern it does so by
 itself.

@@ -48,6 +48,8 @@ class ExciteOptions:
             raise SettingsError(f"--autopilot {self.autopilot}: choose {' or '.join(FLAVOURS)}")
         if not 0 <= self.wind_m_s <= 20:
             raise SettingsError(f"--wind lies within 0 and 20 m/s, not {self.wind_m_s:g}")
+        if self.seed < 0:
+            raise SettingsError(f"--seed is not negative, not {self.seed}")
 
     @property
     def command(self) -> str:

@@ -24,7 +24,7 @@ from follower_control.tuning.response_data import ResponseData, TooLittleError
 from follower_control.tuning.size_relation import SizeFit, fit_size
 
 VEHICLE_FILE, REPORT = "vehicle.yaml", "identification.html"
-_POOR = 0.5
+_POOR, _DOUBTFUL = 0.5, 0.8
 UNITS = {axis: "rad/s" if axis.is_turn else "m/s" for axis in VehicleAxis}
 
 
@@ -123,12 +123,18 @@ def identification(
         raise SettingsError("nothing can be identified: " + "; ".join(remarks))
     remarks += [
         f"{axis}: the model explains only {100 * fit.held_out_fit:.0f} % of what it was not "
-        "fitted to: do not tune by it without a look at the report"
+        f"fitted to: {_advice(fit.held_out_fit)}"
         for axis, fit in fits.items()
-        if fit.held_out_fit < _POOR
+        if fit.held_out_fit < _DOUBTFUL
     ]
     sources = tuple(one.name for one in recordings)
     return Identification(sources, fits, data, delays, size, tuple(remarks))
+
+
+def _advice(held_out_fit: float) -> str:
+    if held_out_fit < _POOR:
+        return "do not tune by it without a look at the report"
+    return "look at the report before you tune by it"
 
 
 def _chosen(recordings: Sequence[Recording], axis: VehicleAxis) -> list[ResponseData]:

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from follower.identify.recording import VehicleAxis
 from follower_control.strict_yaml import SettingsError, parse, read_mapping
@@ -87,11 +87,11 @@ class IdentifiedTarget(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    size_m: float | None = None
+    size_m: Annotated[float, Field(gt=0, le=200)] | None = None
 
 
 class VehicleFile(BaseModel):
-    """The file, as `tune` takes it; the evidence is for people."""
+    """The file, as `tune` takes it; the evidence is for people, who are told its remarks again."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -99,6 +99,12 @@ class VehicleFile(BaseModel):
     delays: LoopDelays = LoopDelays()
     target: IdentifiedTarget = IdentifiedTarget()
     evidence: dict[str, Any] = {}
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the identification said of itself, in sentences."""
+        said = self.evidence.get("remarks")
+        return tuple(map(str, said)) if isinstance(said, list) else ()
 
     def model(self) -> VehicleModel:
         """Return all four axes; one horizontal axis stands for the other where that is missing.

@@ -13,6 +13,7 @@ from follower_sim.recorded_step import RecordedStep
 
 _WORLD_FRAMES = (1, 7)
 _TURNING_RAD_S = 0.1
+_LONGEST_GAP_S = 0.3
 
 
 def read_steps(path: Path) -> Recording:
@@ -25,14 +26,46 @@ def read_steps(path: Path) -> Recording:
         step = RecordedStep.load(path)
     except KeyError as error:
         raise TooLittleError(
-            f"{path}: no recorded steps: the column {error} is missing; the README of "
+            f"no recorded steps: the column {error} is missing; the README of "
             "autopilot_steps describes the form"
         ) from None
-    except (ValueError, IndexError, OSError) as error:
-        raise TooLittleError(f"{path}: cannot be read as recorded steps: {error}") from None
+    except (ValueError, OSError) as error:
+        raise TooLittleError(f"cannot be read as recorded steps: {error}") from None
+    _check_times(step.time_s)
     if len(step.sent) < 2:
         return Recording(step.name, {}, remarks=(f"{step.name}: no setpoint changes in it",))
     return Recording(step.name, _axes(step), remarks=())
+
+
+def _check_times(time_s: Array) -> None:
+    """Refuse times by which a fit would be wrong without showing it.
+
+    Raises:
+        TooLittleError: a time is missing, in another unit, or follows on a gap.
+    """
+    missing = np.flatnonzero(~np.isfinite(time_s))
+    if len(missing):
+        raise TooLittleError(f"the time is missing in row {_row(int(missing[0]))}")
+    if len(time_s) < 2:
+        raise TooLittleError("there is one row alone")
+    steps_s = np.diff(time_s)
+    usual_s = float(np.median(steps_s))
+    if usual_s > _LONGEST_GAP_S:
+        raise TooLittleError(
+            f"there are {usual_s:g} s from row to row: t_boot is in seconds, and the fit "
+            f"needs at least a row each {_LONGEST_GAP_S:g} s"
+        )
+    longest = int(np.argmax(steps_s))
+    if steps_s[longest] > _LONGEST_GAP_S:
+        raise TooLittleError(
+            f"{steps_s[longest]:.2f} s are missing before row {_row(longest + 1)}: cut the "
+            "file in two there"
+        )
+
+
+def _row(index: int) -> int:
+    """Return a row's number as a spreadsheet counts, with the heading as the first one."""
+    return index + 2
 
 
 def _axes(step: RecordedStep) -> dict[VehicleAxis, list[ResponseData]]:

@@ -67,10 +67,11 @@ def nyquist(one: AxisAnalysis) -> Figure:
 def responses(one: AxisAnalysis) -> Figure:
     """Draw the answers to a new wish and to a target that begins to move."""
     figure, (step, pushed) = _panels(1, 2, 2.6)
-    slowest = min(loop.bandwidth_rad_s() for _, loop, _ in curves(one) if loop.is_stable())
-    until_s = min(_LONGEST_S, max(4.0, 14.0 / slowest))
+    stable = [loop.bandwidth_rad_s() for _, loop, _ in curves(one) if loop.is_stable()]
+    until_s = min(_LONGEST_S, max(4.0, 14.0 / min(stable, default=math.inf)))
     for name, loop, colour in curves(one):
         if not loop.is_stable():
+            step.plot([], [], color=colour.light, label=f"{name}: unstable")
             continue
         step.plot(*loop.step_response(until_s), color=colour.light, label=name)
         pushed.plot(*loop.disturbance_response(until_s), color=colour.light)
@@ -108,7 +109,9 @@ def curves(one: AxisAnalysis) -> Iterator[tuple[str, AxisLoop, Colour]]:
 
 
 def _mark(gain: Axes, phase: Axes, loop: AxisLoop, colour: Colour) -> None:
-    """Draw the margins as short vertical lines where they are read."""
+    """Draw the margins as short vertical lines where they are read; an unstable loop has none."""
+    if not loop.is_stable():
+        return
     margins = loop.margins()
     if math.isfinite(margins.gain):
         ends = [1 / margins.gain, 1.0]

@@ -52,9 +52,13 @@ _PLOTS: tuple[tuple[str, Callable[[AxisAnalysis], Figure], str], ...] = (
 
 
 def write_tuning(
-    path: Path, found: Sequence[AxisAnalysis], conditions: Conditions, command: str
+    path: Path,
+    found: Sequence[AxisAnalysis],
+    conditions: Conditions,
+    command: str,
+    remarks: Sequence[str] = (),
 ) -> Path:
-    """Write the page and return its path."""
+    """Write the page and return its path; `remarks` are those of the vehicle's identification."""
     meta = ReportMeta(
         "Follow gains",
         f"at {conditions.range_m:g} m and {math.degrees(conditions.elevation_rad):.0f} degrees of "
@@ -63,11 +67,17 @@ def write_tuning(
         files=(("tuned.yaml", "the settings with the new gains, for `-c`"),),
     )
     with style.plot_style():
-        return write_whole(path, sections.filled(meta, _parts(found, conditions, meta)))
+        return write_whole(path, sections.filled(meta, _parts(found, conditions, meta, remarks)))
 
 
-def _parts(found: Sequence[AxisAnalysis], conditions: Conditions, meta: ReportMeta) -> list[str]:
+def _parts(
+    found: Sequence[AxisAnalysis],
+    conditions: Conditions,
+    meta: ReportMeta,
+    remarks: Sequence[str],
+) -> list[str]:
     said = [f"{one.axis}: {one.tuned.because}" for one in found if one.tuned is not None]
+    said += [f"The vehicle's identification said: {remark}" for remark in remarks]
     others = what_if_rows(found)
     return [
         sections.verdict_box("", "What the gains end at", said),

@@ -106,23 +106,25 @@ def tune_follower(options: TuneOptions) -> int:
     found = analyse(settings, model, conditions, wishes, what_ifs, show)
     data, _ = settings_data(options.config, None, options.overrides)
     folder = new_run_folder(options.out, "tune")
+    from follower.report.tuning import write_tuning
+
+    report = write_tuning(folder / REPORT, found, conditions, options.command, vehicle.remarks)
     path = folder / TUNED_FILE
     path.write_text(tuned_yaml(data, found, options.command), "utf-8")
     load_settings(path)  # what is written can be read
-
-    from follower.report.tuning import write_tuning
-
-    report = write_tuning(folder / REPORT, found, conditions, options.command)
     console.print(before_after(found))
     for one in found:
         if one.tuned is not None:
             print_line(console, f"{one.axis}: {one.tuned.because}")
     if what_ifs:
         console.print(what_if_table(found))
+    for remark in vehicle.remarks:
+        print_line(console, f"The vehicle's identification said: {remark}", "yellow")
     for file in (path, report):
         print_line(console, str(file))
     # Settings of a real vehicle have another lens, and leave taking off to a pilot.
-    program = "sim winding --lockstep" if options.config is None else "fly ..."
+    flown = f"sim {shlex.quote(options.scenario or 'winding')} --lockstep"
+    program = flown if options.config is None else "fly ..."
     print_line(console, f"Next: follower {program} -c {shlex.quote(str(path))}")
     return 0
 

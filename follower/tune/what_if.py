@@ -45,7 +45,7 @@ def _parsed(text: str, conditions: Conditions) -> WhatIf:
             gain = value
         try:
             conditions = _changed(conditions, key, value)
-        except (ValueError, ZeroDivisionError) as error:
+        except ValueError as error:
             raise SettingsError(f"--what-if {text}: {error}") from None
     if not 0 < gain < 100:
         raise SettingsError(f"--what-if {text}: a gain's factor is above 0 and below 100")
@@ -61,6 +61,8 @@ def _pair(text: str, part: str) -> tuple[str, float]:
         value = float(value_text)
     except ValueError:
         raise SettingsError(f"--what-if {text}: {value_text!r} is no number") from None
+    if key == "camera_rate" and value <= 0:
+        raise SettingsError(f"--what-if {text}: a camera takes more than {value:g} frames a second")
     if not math.isfinite(value):
         raise SettingsError(f"--what-if {text}: {value_text} is no finite number")
     return key, value

@@ -71,9 +71,12 @@ class RecordedStep:
         Raises:
             OSError: it cannot be read.
             KeyError: a column is missing.
+            ValueError: there is no row, or something that is no number.
         """
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a mark first
             rows = list(csv.DictReader(file))
+        if not rows:
+            raise ValueError("there are no rows under the heading")
         columns = {key: np.array([float(row[key] or "nan") for row in rows]) for key in rows[0]}
         return cls(
             path.stem,

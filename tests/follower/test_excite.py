@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from follower.excite.excite import ExciteOptions
 from follower.excite.flight import ExcitationFlight, fly_simulated, run_of
 from follower.excite.pattern import ExcitationSettings, Pattern, PatternKind
 from follower.excite.stage import ExcitationStage, excitation_settings
@@ -18,6 +19,7 @@ from follower.replay.replay import Replay, replay_settings
 from follower.settings import load_settings
 from follower.supervisor import Reason, State
 from follower_control.setpoint import HOLD
+from follower_control.strict_yaml import SettingsError
 from follower_control.vehicle import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
 
@@ -158,3 +160,8 @@ def test_its_recording_tells_how_the_vehicle_answers(
     assert fit.model.gain == pytest.approx(1.0, abs=0.06)
     assert 0.03 < fit.model.dead_time_s < 0.4
     assert any("down: nothing moved this axis" in remark for remark in found.remarks)
+
+
+def test_a_seed_below_zero_is_refused_before_anything_is_flown() -> None:
+    with pytest.raises(SettingsError, match="--seed"):
+        ExciteOptions(ExcitationSettings(), seed=-1, wind_m_s=3.0)

@@ -1,9 +1,12 @@
 """Identification from files: the recorded steps of real autopilots, and what is refused."""
 
+import csv
 import math
 import os
 import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,13 +61,45 @@ def test_what_is_no_recording_is_refused_in_plain_words(tmp_path: Path) -> None:
     other.write_text("x")
     with pytest.raises(SettingsError, match="folders, PX4 logs"):
         read_recording(other)
-    csv = tmp_path / "a.csv"
-    csv.write_text("time,value\n1,2\n")
+    table = tmp_path / "a.csv"
+    table.write_text("time,value\n1,2\n")
     with pytest.raises(SettingsError, match="column 't_boot' is missing"):
-        read_recording(csv)
-    csv.write_text("")
+        read_recording(table)
+    table.write_text("")
     with pytest.raises(SettingsError, match="recorded steps"):
-        read_recording(csv)
+        read_recording(table)
+
+
+@needs_steps
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda rows: rows[:60] + rows[131:], r"1\.4\d s are missing before row 62: cut"),
+        (lambda rows: rows[:9] + [("", *row[1:]) for row in rows[9:12]] + rows[12:], "in row 11"),
+        (lambda rows: [(str(1e3 * float(a)), *b) for a, *b in rows], "t_boot is in seconds"),
+        (lambda rows: [(str(1e6 * float(a)), *b) for a, *b in rows], "t_boot is in seconds"),
+        (lambda rows: rows[:1], "one row alone"),
+        (lambda rows: rows[:0], "no rows under the heading"),
+    ],
+)
+def test_times_that_would_make_the_fit_wrong_are_refused(
+    tmp_path: Path, change: Callable[[list[Any]], list[Any]], says: str
+) -> None:
+    with (STEPS / "px_vx8_f8.csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head[0] == "t_boot"
+    path = tmp_path / "steps.csv"
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([head, *change(rows)])
+    with pytest.raises(SettingsError, match=says):
+        read_recording(path)
+
+
+@needs_steps
+def test_a_table_that_a_spreadsheet_saved_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "steps.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + (STEPS / "px_vx8_f8.csv").read_bytes())
+    assert read_recording(path).axes
 
 
 def write_ulog(path: Path, answer: ResponseModel) -> Path:

@@ -2,10 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
+from follower.configs import configs_folder
 from follower.identify.result import load_vehicle
+from follower.report.loop_plots import responses
 from follower.settings import load_settings
 from follower.tune.analysis import analyse, conditions_of
 from follower.tune.run import TuneOptions, find_vehicle, tune_follower, worth
@@ -119,3 +123,37 @@ def test_an_unstable_loop_is_called_so_and_given_no_margins() -> None:
     here = conditions_of(settings, vehicle, -20.0)
     found = analyse(settings, vehicle.model(), here, None, parse_what_ifs(["gain=20"], here))
     assert all(worth(one.what_ifs[0][1])[0] == "unstable" for one in found)
+    figure = responses(found[0])
+    assert any("unstable" in text.get_text() for text in figure.axes[0].get_legend().get_texts())
+
+
+def changed_vehicle(folder: Path, **changes: Any) -> Path:
+    """That of PX4, with other parts."""
+    path = folder / "vehicle.yaml"
+    data = yaml.safe_load((configs_folder() / "vehicles" / "px4.yaml").read_text("utf-8"))
+    path.write_text(yaml.safe_dump(data | changes), "utf-8")
+    return path
+
+
+def test_what_the_identification_doubted_is_told_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doubt = "down: the model explains only 33 %: do not tune by it"
+    vehicle = changed_vehicle(tmp_path, evidence={"remarks": [doubt]})
+    assert tune_follower(TuneOptions(str(vehicle), out=tmp_path)) == 0
+    assert doubt in " ".join(capsys.readouterr().out.split())
+    assert doubt in (tmp_path / "tune" / "tuning.html").read_text("utf-8")
+
+
+def test_a_vehicle_that_no_gains_can_hold_is_reported_as_that(tmp_path: Path) -> None:
+    slow = yaml.safe_load((configs_folder() / "vehicles" / "px4.yaml").read_text("utf-8"))
+    slow["vehicle"]["yaw_rate"]["dead_time_s"] = 20
+    vehicle = changed_vehicle(tmp_path, vehicle=slow["vehicle"])
+    assert tune_follower(TuneOptions(str(vehicle), out=tmp_path)) == 0
+    assert "unstable" in (tmp_path / "tune" / "tuning.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("size_m", [-1, 0, float("nan"), 1e6])
+def test_a_target_of_no_size_is_refused(tmp_path: Path, size_m: float) -> None:
+    with pytest.raises(SettingsError, match=r"target\.size_m"):
+        load_vehicle(changed_vehicle(tmp_path, target={"size_m": size_m}))
