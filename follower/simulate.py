@@ -288,6 +288,7 @@ def _recorder(order: _Order, settings: Settings, clock: Clock) -> Iterator[Recor
             "autopilot": options.autopilot,
             "seed": world.seed,
             "lockstep": options.lockstep,
+            "detection": "inline" if options.lockstep else "background",
             "command": options.command,
         },
         camera=world.scenario.camera.model,
