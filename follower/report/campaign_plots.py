@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,7 @@ def heat_map(rows: Sequence[Row]) -> str:
         ]
         for which in down
     ]
-    return _shaded_table([f"{s}, {a}" for s, a in down], across, cells, name)
+    return _shaded_table([f"{_label(s)}, {a}" for s, a in down], across, cells, name)
 
 
 def _shaded_table(
@@ -147,7 +148,7 @@ def _pass_rates(axes: Axes, name: str, rows: Sequence[Row]) -> None:
         share = good / count if count else 0.0
         axes.plot([place, place], [low, high], color=style.BLUE.light, linewidth=1.5)
         axes.plot([place], [share], "o", color=style.BLUE.light, markersize=4)
-    labels = [label.removeprefix("pursue-") for label, _ in groups]
+    labels = [label for label, _ in groups]
     crowded = sum(len(label.split("\n")[0]) for label in labels) > _LETTERS
     axes.set_xticks(range(len(groups)), labels, fontsize=6.5 if crowded else 7.5)
     axes.set_xlim(-0.5, len(groups) - 0.5)
@@ -161,9 +162,9 @@ def _groups(name: str, rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
         (lambda row: row[name]) if name in ("scenario", "autopilot") else
         (lambda row: row["values"][name])
     )  # fmt: skip
-    values = sorted({value(row) for row in rows}, key=str)
+    values = sorted({value(row) for row in rows}, key=_in_order)
     if len(values) <= 2 * _BINS or not all(isinstance(one, int | float) for one in values):
-        return [(str(one), [row for row in rows if value(row) == one]) for one in values]
+        return [(_label(one), [row for row in rows if value(row) == one]) for one in values]
     edges = np.linspace(min(values), max(values), _BINS + 1)
     places = np.clip(np.digitize([value(row) for row in rows], edges) - 1, 0, _BINS - 1)
     return [
@@ -184,7 +185,9 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     shown = list(rows[:_MOST_LINES])
     if not shown:
         return ""
-    columns = [("scenario", [row["scenario"].removeprefix("pursue-") for row in shown])]
+    columns: list[tuple[str, list[Any]]] = [
+        ("scenario", [_label(row["scenario"]) for row in shown])
+    ]
     columns += [(name, [row["values"][name] for row in shown]) for name in _parameters(rows)]
     columns += [
         ("line of sight [deg]", [row["line_of_sight_box_rms_seen_deg"] for row in shown]),
@@ -216,15 +219,30 @@ def parallel_coordinates(rows: Sequence[Row]) -> str:
     )
 
 
+def _in_order(value: Any) -> tuple[bool, float, str]:
+    """Put numbers by their size, and texts by the alphabet after them."""
+    is_number = isinstance(value, int | float)
+    return not is_number, float(value) if is_number else 0.0, str(value)
+
+
+def _label(value: Any) -> str:
+    """Return a value as axes show it: of a scenario of one's own, the name of its file."""
+    text = str(value)
+    name = Path(text).stem if text.endswith((".yaml", ".yml")) else text
+    return name.removeprefix("pursue-")
+
+
 def _heights(axes: Axes, place: int, values: Sequence[Any]) -> list[float]:
     """Return where on its axis each value lies, 0 to 1, and write the ends beside it."""
     if all(isinstance(one, int | float) or one is None for one in values):
         known = [float(one) for one in values if one is not None] or [0.0]
         low, high = min(known), max(known)
+        if low == high:  # at the bottom lies what was not measured
+            axes.text(place + 0.03, 0.525, f"{low:.3g}", fontsize=6.5)
+            return [0.0 if one is None else 0.5 for one in values]
         for height, text in ((0.0, f"{low:.3g}"), (1.0, f"{high:.3g}")):
             axes.text(place + 0.03, height + 0.025, text, fontsize=6.5)
-        width = (high - low) or 1.0
-        return [0.0 if one is None else (one - low) / width for one in values]
+        return [0.0 if one is None else (one - low) / (high - low) for one in values]
     names = sorted({str(one) for one in values})
     spread = max(1, len(names) - 1)
     for number, name in enumerate(names):

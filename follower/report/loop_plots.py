@@ -17,8 +17,9 @@ from follower_control.tuning.axis_loop import AxisLoop
 from follower_control.tuning.margins import frequencies
 
 _GRID = frequencies(0.03, 30.0)
-_LIMIT_MS = 1.6
 _OTHERS = (RED, PURPLE, GREEN, SKY)
+MOST_DRAWN = len(_OTHERS)
+"""How many what-ifs are drawn."""
 _LONGEST_S = 40.0
 
 
@@ -47,7 +48,7 @@ def bode(one: AxisAnalysis) -> Figure:
 def nyquist(one: AxisAnalysis) -> Figure:
     """Draw the open loop in the complex plane, with the disc that Ms keeps it out of."""
     figure, (plane,) = _panels(1, 1, 4.6, width=0.62)
-    disc = Circle((-1, 0), 1 / _LIMIT_MS, facecolor=PALE.light, alpha=0.45, lw=0)
+    disc = Circle((-1, 0), 1 / one.max_sensitivity, facecolor=PALE.light, alpha=0.45, lw=0)
     plane.add_patch(disc)
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 200))
     plane.plot(circle.real, circle.imag, color=MUTED.light, lw=0.8, ls=":")
@@ -91,7 +92,7 @@ def sensitivities(one: AxisAnalysis) -> Figure:
     figure, (panel,) = _panels(1, 1, 2.4)
     for name, loop, colour in curves(one):
         panel.loglog(_GRID, np.abs(loop.sensitivity(_GRID)), color=colour.light, label=name)
-    panel.axhline(_LIMIT_MS, color=MUTED.light, lw=0.9, ls="--")
+    panel.axhline(one.max_sensitivity, color=MUTED.light, lw=0.9, ls="--")
     panel.set_ylim(0.02, 5)
     panel.set_ylabel("sensitivity")
     panel.set_xlabel("frequency [rad/s]")

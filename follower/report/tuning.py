@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from follower.report import html, sections, style
-from follower.report.loop_plots import bode, nyquist, responses, sensitivities
+from follower.report.loop_plots import MOST_DRAWN, bode, nyquist, responses, sensitivities
 from follower.report.meta import ReportMeta
 from follower.report.writer import write_whole
 from follower.tune.analysis import AxisAnalysis
@@ -34,7 +34,7 @@ _PLOTS: tuple[tuple[str, Callable[[AxisAnalysis], Figure], str], ...] = (
         "Nyquist",
         nyquist,
         "The same as one curve. It must not go round the cross at -1, and stays out of the disc "
-        "into which it would come with Ms at 1.6.",
+        "into which it would come with a larger Ms than wanted.",
     ),
     (
         "Responses",
@@ -49,6 +49,9 @@ _PLOTS: tuple[tuple[str, Callable[[AxisAnalysis], Figure], str], ...] = (
         "frequency. The peak is Ms.",
     ),
 )
+
+
+_NOT_ALL = f"The plots show the first {MOST_DRAWN} of them."
 
 
 def write_tuning(
@@ -93,6 +96,7 @@ def _parts(
         html.section(
             "What if",
             html.table(("Loop", "What if", *HEAD[5:]), others) if others else "",
+            *([html.paragraph(_NOT_ALL)] if len(found[0].what_ifs) > MOST_DRAWN else []),
         ),
         *(_axis(one) for one in found),
         html.section("What was assumed", html.table(("What", "Value"), _assumed(conditions))),

@@ -28,6 +28,7 @@ class AxisAnalysis:
         now: the loop with them.
         tuned: what was found, None if nothing was looked for.
         what_ifs: the loop that counts (tuned, else now) under each other circumstance.
+        max_sensitivity: what Ms is wanted to stay below.
     """
 
     axis: Axis
@@ -35,6 +36,7 @@ class AxisAnalysis:
     now: AxisLoop
     tuned: Tuned | None
     what_ifs: tuple[tuple[str, AxisLoop], ...] = ()
+    max_sensitivity: float = Wish().max_sensitivity
 
     @property
     def chosen(self) -> PidSettings:
@@ -80,7 +82,8 @@ def analyse(
             )
             for one in what_ifs
         )
-        found.append(AxisAnalysis(axis, gains, now, tuned, others))
+        wish = Wish() if wishes is None else wishes[axis]
+        found.append(AxisAnalysis(axis, gains, now, tuned, others, wish.max_sensitivity))
     return found
 
 

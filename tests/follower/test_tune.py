@@ -9,7 +9,7 @@ import yaml
 
 from follower.configs import configs_folder
 from follower.identify.result import load_vehicle
-from follower.report.loop_plots import responses
+from follower.report.loop_plots import responses, sensitivities
 from follower.settings import load_settings
 from follower.tune.analysis import analyse, conditions_of
 from follower.tune.run import TuneOptions, find_vehicle, tune_follower, worth
@@ -157,3 +157,15 @@ def test_a_vehicle_that_no_gains_can_hold_is_reported_as_that(tmp_path: Path) ->
 def test_a_target_of_no_size_is_refused(tmp_path: Path, size_m: float) -> None:
     with pytest.raises(SettingsError, match=r"target\.size_m"):
         load_vehicle(changed_vehicle(tmp_path, target={"size_m": size_m}))
+
+
+def test_the_plots_go_by_the_ms_that_is_wanted_and_say_what_they_leave_out(tmp_path: Path) -> None:
+    what_ifs = tuple(f"gain={factor}" for factor in (0.5, 0.6, 0.7, 0.8, 0.9))
+    options = TuneOptions("px4", max_sensitivity=2.0, what_ifs=what_ifs, out=tmp_path)
+    assert tune_follower(options) == 0
+    assert "The plots show the first 4 of them." in (tmp_path / "tune" / "tuning.html").read_text()
+    settings, vehicle = load_settings(), find_vehicle("px4")
+    here = conditions_of(settings, vehicle, -20.0)
+    found = analyse(settings, vehicle.model(), here, options.wishes())
+    (panel,) = sensitivities(found[0]).axes
+    assert 2.0 in [line.get_ydata()[0] for line in panel.lines if len(set(line.get_ydata())) == 1]

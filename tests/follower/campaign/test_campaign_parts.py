@@ -26,6 +26,7 @@ from follower.campaign.summary import summary_of
 from follower.campaign.tables import write_parquet
 from follower.campaign.wilson import wilson
 from follower.configs import find_scenario
+from follower.report.campaign_plots import _groups
 from follower.settings import load_settings
 from follower_control.strict_yaml import SettingsError
 from follower_sim.kinematics import BodyState
@@ -441,3 +442,10 @@ def test_lines_that_are_no_rows_are_left_out(tmp_path: Path) -> None:
     good = '{"key":"k","error":""}'
     path.write_text("\n".join([good, "5", '{"a":1}', "[]", '{"key":"half"']), "utf-8")
     assert list(read_rows(path)) == ["k"]
+
+
+def test_a_parameters_values_are_shown_in_their_order() -> None:
+    rows = [row(number) | {"values": {"gain": value}} for number, value in enumerate((10, 0, 5))]
+    assert [label for label, _ in _groups("gain", rows)] == ["0", "5", "10"]
+    own = [row(0) | {"scenario": "/somewhere/far/own.yaml"}, row(1)]
+    assert [label for label, _ in _groups("scenario", own)] == ["own", "car"]
