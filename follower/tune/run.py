@@ -182,10 +182,7 @@ HEAD = ("Loop", "Gains", "kp", "ki", "kd", "Bandwidth", "Ms", "Gain m.", "Phase 
 
 def before_after(found: Sequence[AxisAnalysis]) -> Table:
     """Return the table of now and after."""
-    table = Table(*HEAD)
-    for row in rows(found):
-        table.add_row(*row)
-    return table
+    return _table(HEAD, rows(found))
 
 
 def rows(found: Sequence[AxisAnalysis]) -> list[tuple[str, ...]]:
@@ -202,8 +199,15 @@ def rows(found: Sequence[AxisAnalysis]) -> list[tuple[str, ...]]:
 
 def what_if_table(found: Sequence[AxisAnalysis]) -> Table:
     """Return what the chosen gains survive."""
-    table = Table("Loop", "What if", *HEAD[5:])
-    for row in what_if_rows(found):
+    return _table(("Loop", "What if", *HEAD[5:]), what_if_rows(found))
+
+
+def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> Table:
+    """Return a table of which nothing is cut on a terminal of 80 columns."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
+    for name in head:
+        table.add_column(name, overflow="fold", no_wrap=name != "What if")
+    for row in body:
         table.add_row(*row)
     return table
 

@@ -169,3 +169,14 @@ def test_the_plots_go_by_the_ms_that_is_wanted_and_say_what_they_leave_out(tmp_p
     found = analyse(settings, vehicle.model(), here, options.wishes())
     (panel,) = sensitivities(found[0]).axes
     assert 2.0 in [line.get_ydata()[0] for line in panel.lines if len(set(line.get_ydata())) == 1]
+
+
+def test_on_80_columns_nothing_of_the_tables_is_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    what_ifs = ("dead_time=0.25", "dead_time=0.3,stamp_error=0.08,camera_rate=15,gain=1.25")
+    assert tune_follower(TuneOptions("px4", what_ifs=what_ifs, out=tmp_path)) == 0
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert {"azimuth", "elevation", "dead_time=0.25", "0.148"} <= set(out.split())
