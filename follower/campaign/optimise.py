@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from follower_sim.scenario_file import load_scenario
 
 BEST = "best.yaml"
 TRIALS = "trials.json"
+_INTERRUPTED = 130
 _NOT_FLOWN = 20.0
 
 
@@ -68,7 +70,9 @@ def optimise(
     flown = specs[: wanted.runs_per_trial]
     study = _study(flown[0], wanted)
     trials: list[Trial] = []
-    with CampaignProgress(console, f"{config.name}: trials", wanted.trials, 0) as progress:
+    stopped = suppress(KeyboardInterrupt)
+    title = f"{config.name}: trials"
+    with stopped, CampaignProgress(console, title, wanted.trials, 0) as progress:
         for _ in range(wanted.trials):
             asked = study.ask()
             values = {key: _rounded(asked.suggest_float(key, *wanted.settings[key]))
@@ -76,9 +80,13 @@ def optimise(
             trials.append(Trial(values, _mean_cost(flown, values, engine, store)))
             study.tell(asked, trials[-1].cost)
             progress.finished()
-    _write(trials, folder, {} if config.config is None else read_mapping(config.config))
-    _say(trials, folder, console)
-    return 0
+    if trials:
+        _write(trials, folder, {} if config.config is None else read_mapping(config.config))
+        _say(trials, folder, console)
+    if len(trials) == wanted.trials:
+        return 0
+    console.print("Stopped; what is finished is kept, and the same command goes on.")
+    return _INTERRUPTED
 
 
 def _study(run: RunSpec, wanted: OptimiseSettings) -> Any:

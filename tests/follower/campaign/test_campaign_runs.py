@@ -306,6 +306,29 @@ def test_the_best_settings_stand_among_those_of_the_campaigns_file(tmp_path: Pat
     assert best == {"servo": {"elevation": {"kp": 0.4}, "azimuth": {"kp": 1.25}}}
 
 
+def test_a_search_that_is_stopped_writes_what_it_has_found(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    more = "optimise: {trials: 5, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
+    campaign = load_campaign(config(tmp_path, more))
+
+    class Stopped(InlineEngine):
+        asked = 0
+
+        def fly(self, specs: Sequence[RunSpec]) -> Any:
+            self.asked += 1
+            if self.asked == 3:
+                raise KeyboardInterrupt
+            figure = {"line_of_sight_box_rms_seen_deg": 2.0}
+            yield from ({**ROW, "key": spec.key} | figure for spec in specs)
+
+    with Store(tmp_path / "out") as store:
+        quiet = Console(quiet=True)
+        code = optimise(campaign, planned(campaign), Stopped(), store, tmp_path / "out", quiet)
+    assert code == 130
+    assert len(json.loads((tmp_path / "out" / "trials.json").read_text("utf-8"))) == 2
+    assert (tmp_path / "out" / "best.yaml").is_file()
+
+
 def test_a_second_ctrl_c_ends_a_campaign_at_once(tmp_path: Path) -> None:
     """It goes to all processes of the terminal; flights in hand are not waited for any longer."""
     path = config(tmp_path)
