@@ -164,6 +164,27 @@ def test_a_wanted_bandwidth_is_met_or_said_to_be_out_of_reach() -> None:
     assert fast.loop.margins().max_sensitivity <= 1.6
 
 
+def test_what_no_gains_can_do_is_told_by_its_own_reason() -> None:
+    """A bandwidth below the slowest loop that is tried has nothing to do with the margins."""
+    below = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=0.01))
+    assert not below.reached
+    assert below.gains == FOLLOWER.gains(Axis.AZIMUTH)
+    assert "0.01 rad/s" in below.because
+    assert "Ms" not in below.because
+    late = Conditions(delays=LoopDelays(camera_s=4.0, extra_s=4.0))
+    robust = tune(Axis.ELEVATION, VEHICLE, FOLLOWER, late, Wish(max_sensitivity=1.1))
+    assert not robust.reached
+    assert "Ms reaches 1.1" in robust.because
+
+
+def test_gains_of_zero_are_a_beginning_like_any_other() -> None:
+    """They shake nothing, so that no gains would shake little enough beside them."""
+    servo = replace(ServoSettings(), azimuth=PidSettings(kp=0.0))
+    found = tune(Axis.AZIMUTH, VEHICLE, replace(FOLLOWER, servo=servo), HERE, Wish())
+    assert found.reached, found.because
+    assert found.gains.kp > 0.1
+
+
 def test_an_envelope_that_allows_little_keeps_the_gains_low() -> None:
     tight = replace(FOLLOWER, envelope=EnvelopeSettings(max_yaw_rate_deg_s=5.0))
     found = tune(Axis.AZIMUTH, VEHICLE, tight, HERE, Wish())

@@ -8,7 +8,7 @@ Control", ch. 4 and 7: Ms ≤ 1.6 leaves a gain margin of at least 2.7 and a pha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -103,8 +103,7 @@ def tune(
     if not found:
         present = follower.gains(axis)
         loop = axis_loop(axis, present, vehicle, follower, conditions)
-        because = f"no gains keep Ms below {wish.max_sensitivity:g}: kept as they are"
-        return Tuned(present, loop, False, because)
+        return Tuned(present, loop, False, f"{search.why_none(ends)}: kept as they are")
     best = max(found, key=lambda one: one.bandwidth_rad_s)
     wanted = wish.bandwidth_rad_s
     reached = wanted is None or best.bandwidth_rad_s >= 0.97 * wanted
@@ -127,7 +126,9 @@ class _Search:
         self._axis, self._vehicle, self._follower = axis, vehicle, follower
         self._conditions, self._wish = conditions, wish
         self._present = follower.gains(axis)
-        self._most_jitter = wish.jitter_factor * self._loop(self._present).jitter()
+        jitter = self._loop(self._present).jitter()
+        # Gains of zero do not shake: nothing to compare others with.
+        self._most_jitter = wish.jitter_factor * jitter if jitter > 0 else math.inf
 
     def starts(self) -> Iterator[PidSettings]:
         """Yield gains of almost nothing with each ratio between them."""
@@ -162,6 +163,13 @@ class _Search:
             else:
                 holds = middle
         return replace(holds, because=fails.because)
+
+    def why_none(self, ends: Sequence[_Candidate]) -> str:
+        """Return why none of the ends, if any, will do."""
+        if ends:
+            return "no gains make a stable loop"
+        whys = {self._judged(start).because for start in self.starts()}
+        return f"even with the weakest gains tried, {' or '.join(sorted(whys))}"
 
     def settles(self, gains: PidSettings) -> bool:
         """Whether the closed loop is stable, by its poles."""
