@@ -47,7 +47,7 @@ def bode(one: AxisAnalysis) -> Figure:
 
 def nyquist(one: AxisAnalysis) -> Figure:
     """Draw the open loop in the complex plane, with the disc that Ms keeps it out of."""
-    figure, (plane,) = _panels(1, 1, 4.6, width=0.62)
+    figure, (plane,) = _panels(1, 1, 4.0)
     disc = Circle((-1, 0), 1 / one.max_sensitivity, facecolor=PALE.light, alpha=0.45, lw=0)
     plane.add_patch(disc)
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 200))
@@ -58,7 +58,7 @@ def nyquist(one: AxisAnalysis) -> Figure:
     plane.plot([-1], [0], marker="+", color=RED.light, ms=11, mew=2)
     plane.set_xlim(-2.4, 1.2)
     plane.set_ylim(-1.9, 1.2)
-    plane.set_aspect("equal")
+    plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel("real part")
     plane.set_ylabel("imaginary part")
     style.legend(plane)
@@ -83,7 +83,9 @@ def responses(one: AxisAnalysis) -> Figure:
     for panel in (step, pushed):
         panel.set_xlabel("time [s]")
         panel.set_xlim(0, until_s)
-    style.legend(step)
+    # Above both panels: of one of them it would take the other's room.
+    names = step.get_legend_handles_labels()
+    figure.legend(*names, loc="outside upper left", ncols=len(names[0]), columnspacing=1.4)
     return figure
 
 
@@ -122,9 +124,7 @@ def _mark(gain: Axes, phase: Axes, loop: AxisLoop, colour: Colour) -> None:
         phase.plot([margins.crossover_rad_s] * 2, ends, color=colour.light, lw=2.4, alpha=0.5)
 
 
-def _panels(
-    rows: int, columns: int, height_in: float, width: float = 1.0
-) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(style.WIDTH_IN * width, height_in), layout="constrained")
+def _panels(rows: int, columns: int, height_in: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(style.WIDTH_IN, height_in), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     return figure, list(axes.ravel())
