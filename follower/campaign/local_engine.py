@@ -32,11 +32,12 @@ class LocalEngine:
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._flying: _Flights = {}
 
     def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
         """Yield a row for each run as it is finished."""
         waiting, tries = deque(specs), Counter[int]()
-        flying: _Flights = {}
+        flying = self._flying = {}
         while waiting or flying:
             # Little more is handed out than is flown: what a dead pool had in hand is tried again.
             while waiting and len(flying) < self.workers + 1:
@@ -57,37 +58,43 @@ class LocalEngine:
         """Hand out a run; to a new pool if the last one is broken."""
         if self._pool is not None:
             try:
-                return self._pool.submit(fly_run, spec)
+                return _submitted(self._pool, spec)
             except BrokenProcessPool:
                 self._pool.shutdown(wait=False)
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(
             self.workers, mp_context=context, initializer=end_with_parent
         )
-        return self._pool.submit(fly_run, spec)
+        return _submitted(self._pool, spec)
 
     def _is_worth_another(self, spec: RunSpec, tries: Counter[int]) -> bool:
         tries[spec.number] += 1
         return tries[spec.number] < _TRIES
 
     def close(self) -> None:
-        """End the processes after the runs in hand; at once when interrupted meanwhile."""
+        """End the processes; what they still have in hand, nobody waits for."""
         if self._pool is None:
             return
-        try:
-            self._pool.shutdown(cancel_futures=True)
-        except KeyboardInterrupt:
-            for child in multiprocessing.active_children():
-                child.kill()
-            raise
+        self._pool.shutdown(wait=not self._flying, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            child.kill()
+
+
+def _submitted(pool: ProcessPoolExecutor, spec: RunSpec) -> Future[dict[str, Any]]:
+    """Hand out a run, for which the pool may begin a process.
+
+    Ctrl-C goes to all processes of a terminal; what comes of it is for this one to say. So the
+    others begin with it blocked, before there is anything in them that could say something.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return pool.submit(fly_run, spec)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with_parent() -> None:
-    """Let this process end when the one that began it is gone, however that ended.
-
-    Ctrl-C goes to all processes of a terminal; what comes of it is for the first one to say.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let this process end when the one that began it is gone, however that ended."""
     parent = multiprocessing.parent_process()
 
     def wait_for_it() -> None:
