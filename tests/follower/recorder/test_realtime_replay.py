@@ -15,7 +15,7 @@ from follower.replay import Replay, compare, replay_settings
 from follower.selecting import box_selector
 from follower.settings import Settings
 from follower.situation import Order
-from follower.supervisor import Reason
+from follower.supervisor import Reason, State
 from follower.tracking import make_target_tracker
 from follower.vision_stage import VisionStage
 from follower_control.servo_settings import Mode
@@ -32,7 +32,9 @@ from follower_vision.clock import MonotonicClock
 from follower_vision.frame import Frame
 from follower_vision.framesource import ClosesItself
 
-SECONDS = 2.5
+AT_MOST_S = 40.0
+PAUSE_S = 0.3
+"""Between two acts of the operator."""
 
 
 class Camera(ClosesItself):
@@ -51,7 +53,7 @@ class Camera(ClosesItself):
         self._number += 1
         self._clock.sleep_until(self._number / 60)
         image = self._rng.integers(60, 120, (120, 160, 3), dtype=np.uint8)
-        x = 60 + self._number // 3
+        x = 60 + abs((self._number // 3 + 20) % 40 - 20)
         image[50:70, x : x + 24] = (40, 40, 230)
         image[50:70:4, x : x + 24] = (230, 230, 40)
         return Frame(image, self._clock.now() - 0.01, self._number)
@@ -115,20 +117,26 @@ class Link:
 
 
 class Operator:
-    """Does each of a few things once, from a thread of their own."""
+    """Does each of a few things once, in the state for it, however busy the machine is."""
 
     def __init__(self, stage: ControlStage) -> None:
+        self._stage, self._acted_s = stage, 0.0
         self._plan = [
-            (0.5, lambda: stage.order(Order.GIVE)),
-            (0.9, lambda: stage.change_mode(Mode.WATCH)),
-            (1.2, lambda: stage.order(Order.WITHDRAW)),
-            (1.5, lambda: stage.order(Order.GIVE)),
-            (SECONDS - 0.5, stage.request_stop),
+            (State.READY, lambda: stage.order(Order.GIVE)),
+            (State.FOLLOWING, lambda: stage.change_mode(Mode.WATCH)),
+            (State.FOLLOWING, lambda: stage.order(Order.WITHDRAW)),
+            (State.RELEASED, lambda: stage.order(Order.GIVE)),
+            (State.FOLLOWING, stage.request_stop),
         ]
 
-    def act(self, now_s: float) -> None:
-        while self._plan and now_s >= self._plan[0][0]:
+    def goes_on(self, now_s: float) -> bool:
+        """Act if it is time; return whether there is more to come."""
+        if now_s < self._acted_s + PAUSE_S:
+            return True
+        if self._plan and self._stage.supervisor.state is self._plan[0][0]:
+            self._acted_s = now_s
             self._plan.pop(0)[1]()
+        return bool(self._plan) or now_s < self._acted_s + PAUSE_S
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -154,8 +162,8 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
         operator = Operator(control)
 
         def watch() -> bool:
-            operator.act(clock.now())
-            return clock.now() < SECONDS
+            now_s = clock.now()
+            return operator.goes_on(now_s) and now_s < AT_MOST_S
 
         run.run(watch)
     assert recorder.remarks == ()
