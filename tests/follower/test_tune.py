@@ -124,7 +124,7 @@ def test_an_unstable_loop_is_called_so_and_given_no_margins() -> None:
     found = analyse(settings, vehicle.model(), here, None, parse_what_ifs(["gain=20"], here))
     assert all(worth(one.what_ifs[0][1])[0] == "unstable" for one in found)
     figure = responses(found[0])
-    assert any("unstable" in text.get_text() for text in figure.axes[0].get_legend().get_texts())
+    assert any("unstable" in text.get_text() for text in figure.legends[0].get_texts())
 
 
 def changed_vehicle(folder: Path, **changes: Any) -> Path:

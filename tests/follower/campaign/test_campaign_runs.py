@@ -335,7 +335,9 @@ def test_ctrl_c_ends_a_campaign_at_once_and_without_noise(tmp_path: Path, after_
     path = config(tmp_path)
     text = Path(path).read_text("utf-8").replace("runs: 3", "runs: 60")
     Path(path).write_text(text.replace("duration_s=13", "duration_s=300"), "utf-8")
-    command = [sys.executable, "-c", "from follower.cli import main; main()"]
+    # As from a terminal, wherever the tests run: what a script begins with `&` is deaf to Ctrl-C.
+    hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{hears}; from follower.cli import main; main()"]
     out = tmp_path / "out"
     process = subprocess.Popen(
         [*command, "campaign", path, "--workers", "2", "--out", str(out)],
@@ -354,6 +356,7 @@ def test_ctrl_c_ends_a_campaign_at_once_and_without_noise(tmp_path: Path, after_
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
     assert process.returncode == 130
     assert "Traceback" not in said
     assert "Stopped" in said
