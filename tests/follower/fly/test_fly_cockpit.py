@@ -101,7 +101,7 @@ def test_choose_follow_and_lose_the_page(
         box = {"left": 0.58, "top": 0.4, "right": 0.73, "bottom": 0.6}
         client.send(json.dumps({"kind": "select_box", "id": 1, **box}))
         flight.wait(lambda: state(client)["state"] == "ready")
-        there.autopilot.switch_mode(there.setpoint_mode)
+        flight.wait(lambda: there.autopilot.switch_mode(there.setpoint_mode))
         flight.wait(lambda: state(client)["state"] == "following")
         kill_station(flight.process.pid)
     flight.wait(lambda: "The station ended during the flight" in flight.said)
