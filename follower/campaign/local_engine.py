@@ -10,6 +10,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
 from follower.campaign.flying import fly_run, row_of
@@ -17,6 +18,25 @@ from follower.campaign.run_spec import RunSpec
 
 _TRIES = 3
 _Flights = dict[Future[dict[str, Any]], RunSpec]
+
+
+class _Worker(SpawnProcess):
+    """A process of the pool.
+
+    Ctrl-C goes to all processes of a terminal; what comes of it is for the first one to say. So the
+    others begin with it blocked, before there is anything in them that could say something.
+    """
+
+    def start(self) -> None:
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+class _Context(SpawnContext):
+    Process = _Worker
 
 
 class LocalEngine:
@@ -58,14 +78,13 @@ class LocalEngine:
         """Hand out a run; to a new pool if the last one is broken."""
         if self._pool is not None:
             try:
-                return _submitted(self._pool, spec)
+                return self._pool.submit(fly_run, spec)
             except BrokenProcessPool:
                 self._pool.shutdown(wait=False)
-        context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(
-            self.workers, mp_context=context, initializer=end_with_parent
+            self.workers, mp_context=_Context(), initializer=end_with_parent
         )
-        return _submitted(self._pool, spec)
+        return self._pool.submit(fly_run, spec)
 
     def _is_worth_another(self, spec: RunSpec, tries: Counter[int]) -> bool:
         tries[spec.number] += 1
@@ -77,20 +96,8 @@ class LocalEngine:
             return
         self._pool.shutdown(wait=not self._flying, cancel_futures=True)
         for child in multiprocessing.active_children():
-            child.kill()
-
-
-def _submitted(pool: ProcessPoolExecutor, spec: RunSpec) -> Future[dict[str, Any]]:
-    """Hand out a run, for which the pool may begin a process.
-
-    Ctrl-C goes to all processes of a terminal; what comes of it is for this one to say. So the
-    others begin with it blocked, before there is anything in them that could say something.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        return pool.submit(fly_run, spec)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            if isinstance(child, _Worker):
+                child.kill()
 
 
 def end_with_parent() -> None:

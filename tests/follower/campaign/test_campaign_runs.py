@@ -1,6 +1,7 @@
 """Campaigns that fly: the same rows however they are flown, and none lost when workers die."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -121,6 +122,20 @@ def test_workers_end_with_the_campaign_that_was_killed(tmp_path: Path) -> None:
         campaign.kill()
         campaign.wait()
     assert waited_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20.0)
+
+
+def test_an_engine_that_ends_kills_what_it_flies_and_nothing_else(specs: list[RunSpec]) -> None:
+    other = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(120.0,))
+    other.start()
+    engine = LocalEngine(1)
+    try:
+        next(engine.fly(specs))
+        assert len(multiprocessing.active_children()) == 2
+        engine.close()
+        assert waited_for(lambda: multiprocessing.active_children() == [other], 20.0)
+    finally:
+        other.kill()
+        other.join()
 
 
 def children(pid: int) -> list[int]:
