@@ -19,12 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from follower.campaign.campaign_config import load_campaign
-from follower.campaign.dask_engine import DaskEngine
-from follower.campaign.engine import Engine
-from follower.campaign.local_engine import LocalEngine
-from follower.campaign.plan import planned
-from follower.campaign.run_spec import RunSpec
+from follower.simulation.campaign.config import RunSpec, load_campaign, planned
+from follower.simulation.campaign.dask_engine import DaskEngine
+from follower.simulation.campaign.fly_run import RunEngine
+from follower.simulation.campaign.process_engine import LocalEngine
 
 WANTED = 1.8
 
@@ -56,7 +54,7 @@ class Spent:
     processor_s: float
 
 
-def timed(name: str, engine: Engine, specs: Sequence[RunSpec]) -> Spent:
+def timed(name: str, engine: RunEngine, specs: Sequence[RunSpec]) -> Spent:
     """Return what an engine takes for the runs."""
     warm = [replace(specs[0], number=-1 - n, scene=("duration_s=3",)) for n in range(2)]
     list(engine.fly(warm))

@@ -25,25 +25,23 @@ import cv2
 import numpy as np
 import yaml
 
-from follower.flight_extras import FlightExtras
-from follower.flying import fly_lockstep
-from follower.scenario_start import base_settings
-from follower.settings import Settings, load_settings
-from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight
-from follower.supervisor import State
-from follower.tune.analysis import follower_of
-from follower.tune.run import find_vehicle
-from follower_control.pid import PidSettings
-from follower_control.reference import Reference
-from follower_control.transport import MemoryTransport
-from follower_control.tuning.axes import Axis, Follower, axis_loop
-from follower_control.tuning.axis_loop import AxisLoop
-from follower_control.tuning.conditions import Conditions
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.settings import Settings, load_settings
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.simulation.runners import fly_lockstep
+from follower.tuning.tune.run import find_vehicle
+from follower_control.common.transport import MemoryTransport
+from follower_control.servo.pid import PidSettings
+from follower_control.servo.pursuit_state import Reference
+from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
+from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.rational import Array
 from follower_control.tuning.response_model import VehicleModel
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 SETTLE_S = 8.0
@@ -80,7 +78,11 @@ class Answer:
 
 
 def fly(
-    flavour: str, sight: Sight, gains: dict[Axis, PidSettings], wobble: Wobble, length_s: float
+    flavour: str,
+    sight: VisionSource,
+    gains: dict[Axis, PidSettings],
+    wobble: Wobble,
+    length_s: float,
 ):
     """Fly once; `wobble` says by how much what is wanted is off, so long after settling."""
     scenario = Scenario.model_validate(yaml.safe_load(STANDING))
@@ -89,13 +91,13 @@ def fly(
     servo = replace(settings.servo, **{axis.value: one for axis, one in gains.items()})
     settings = settings.model_copy(update={"servo": servo})
     clock = SimulatedClock()
-    ends, extras = MemoryTransport.pair(), FlightExtras(sight=sight)
+    ends, extras = MemoryTransport.pair(), FlightOptions(vision=sight)
     flight = SimulatedFlight(World(scenario, 5), settings, flavour, clock, ends, extras)
     began: list[float] = []
     shake(flight, clock, began, wobble)
 
     def watch() -> None:
-        following = flight.stage.supervisor.state is State.FOLLOWING
+        following = flight.stage.supervisor.state is SupervisorState.FOLLOWING
         if following and not began:
             began.append(clock.now() + SETTLE_S)
         if began and clock.now() > began[0] + length_s:
@@ -137,13 +139,13 @@ def answer_of(flight: SimulatedFlight, from_s: float, length_s: float) -> Answer
         },
         float(np.exp(log_range.mean())),
         float(np.mean([one.elevation_rad for one in samples])),
-        all(state is State.FOLLOWING for state in states),
+        all(state is SupervisorState.FOLLOWING for state in states),
     )
 
 
 def loops(flavour: str, settings: Settings, conditions: Conditions, gains) -> dict[Axis, AxisLoop]:
     """Return the predictions."""
-    model, follower = find_vehicle(flavour).model(), follower_of(settings)
+    model, follower = find_vehicle(flavour).model(), _loop_settings(settings)
     return {axis: axis_loop(axis, gains[axis], model, follower, conditions) for axis in Axis}
 
 
@@ -153,7 +155,7 @@ def scaled(gains: PidSettings, factor: float) -> PidSettings:
 
 
 def bandwidth(
-    flavour: str, sight: Sight, gains, conditions: Conditions, settings: Settings, axis: Axis
+    flavour: str, sight: VisionSource, gains, conditions: Conditions, settings: Settings, axis: Axis
 ) -> tuple[float, float]:
     """Shake one loop, print predicted and measured responses, and return both bandwidths."""
     tones = loops(flavour, settings, conditions, gains)[axis].bandwidth_rad_s() * np.array(SHARES)
@@ -196,7 +198,7 @@ def raised_loop(
     axis: Axis,
     gains: PidSettings,
     model: VehicleModel,
-    follower: Follower,
+    follower: LoopSettings,
     conditions: Conditions,
     factor: float,
 ) -> AxisLoop:
@@ -213,7 +215,7 @@ def onset(loop_of: Callable[[float], AxisLoop]) -> float:
     return low
 
 
-def swings(flavour: str, sight: Sight, gains, axis: Axis, factor: float) -> bool:
+def swings(flavour: str, sight: VisionSource, gains, axis: Axis, factor: float) -> bool:
     """Whether the loop goes on swinging long after a kick."""
     used = {**gains, axis: scaled(gains[axis], factor)}
 
@@ -228,10 +230,10 @@ def swings(flavour: str, sight: Sight, gains, axis: Axis, factor: float) -> bool
     return size > QUIET[axis] and size > 0.5 * before
 
 
-def check_onset(flavour: str, sight: Sight, gains, axis: Axis, predicted: float) -> None:
+def check_onset(flavour: str, sight: VisionSource, gains, axis: Axis, predicted: float) -> None:
     """Look for the onset, or with pixels ask beside the prediction alone."""
     print(f"  {axis}: predicted to begin at x{predicted:.2f}")
-    if sight is Sight.PIXELS:
+    if sight is VisionSource.PIXELS:
         below, above = (swings(flavour, sight, gains, axis, x * predicted) for x in (0.75, 1.25))
         verdict = "within 25 %" if above and not below else "NOT within 25 %"
         print(f"  {axis}: swings 25 % below: {below}, above: {above}: {verdict}")
@@ -249,7 +251,7 @@ def usual(flavour: str) -> tuple[Settings, Conditions, dict[Axis, PidSettings]]:
     """Return the settings, where the loops are looked at, and the gains."""
     scenario = Scenario.model_validate(yaml.safe_load(STANDING))
     settings = load_settings(base=base_settings(scenario))
-    delays, follower = find_vehicle(flavour).delays, follower_of(settings)
+    delays, follower = find_vehicle(flavour).delays, _loop_settings(settings)
     here = Conditions(delays, 14.0, math.radians(-24), size_m=2.5, acceleration_m_s2=0.3)
     return settings, here, {axis: follower.gains(axis) for axis in Axis}
 
@@ -259,22 +261,26 @@ def predicted_onset(flavour: str, axis: Axis) -> float:
     settings, here, gains = usual(flavour)
     # The kick asks for all the acceleration that there is.
     harder = replace(here, acceleration_m_s2=settings.envelope.max_acceleration_m_s2)
-    model, follower = find_vehicle(flavour).model(), follower_of(settings)
+    model, follower = find_vehicle(flavour).model(), _loop_settings(settings)
     return onset(partial(raised_loop, axis, gains[axis], model, follower, harder))
+
+
+def _loop_settings(settings: Settings) -> LoopSettings:
+    return LoopSettings(settings.servo, settings.estimator, settings.envelope)
 
 
 def main() -> None:
     """Fly what the command line asks for, and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("flavour", nargs="?", default="px4", choices=("px4", "ardupilot"))
-    parser.add_argument("--vision", default="pixels", choices=list(Sight))
+    parser.add_argument("--vision", default="pixels", choices=list(VisionSource))
     parser.add_argument("--axis", action="append", choices=list(Axis))
     parser.add_argument("--no-bandwidth", action="store_true")
     parser.add_argument("--no-onset", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     settings, conditions, gains = usual(options.flavour)
-    sight = Sight(options.vision)
+    sight = VisionSource(options.vision)
     print(f"{options.flavour}, {sight}", flush=True)
     for axis in [Axis(one) for one in options.axis or list(Axis)]:
         if not options.no_bandwidth:

@@ -36,27 +36,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower.cockpit.opening import open_station
-from follower.cockpit.showing import FlightShow, first_page
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
-from follower.flightlog import FlightLog
-from follower.links.connection import open_connection
-from follower.links.mavlink import MavlinkLink
-from follower.live_status import LiveStatus
-from follower.operator_requests import OperatorRequests
-from follower.realtime import RealtimeRun, VisionLoop
-from follower.selecting import box_selector
-from follower.settings import Settings, load_settings
-from follower.station.station import Station
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.status import LiveStatus
+from follower.flight.target.selectors import box_selector
+from follower.flight.threads import RealtimeRun, VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.links.connections import open_connection
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.settings import Settings, load_settings
+from follower.ui.cockpit.publisher import FlightPublisher, initial_state
+from follower.ui.cockpit.start import open_station
+from follower.ui.ipc.server_client import UiProcessClient
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
-from follower_vision.box import Box
 from follower_vision.clock import Clock, MonotonicClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 WIDTH, HEIGHT, CAMERA_HZ = 640, 480, 30.0
 ADDRESS = "127.0.0.1:14594"
@@ -98,7 +98,7 @@ class Camera(ClosesItself):
         """Nothing is held."""
 
 
-def fly(seconds: float, settings: Settings, station: Station | None) -> FlightLog:
+def fly(seconds: float, settings: Settings, station: UiProcessClient | None) -> FlightLog:
     """Fly for some seconds and return what was noted."""
     log, clock = FlightLog(), MonotonicClock()
     requests = OperatorRequests(settings)
@@ -117,7 +117,7 @@ def fly(seconds: float, settings: Settings, station: Station | None) -> FlightLo
         model = settings.camera.model(WIDTH, HEIGHT)
         stage = ControlStage(settings, model, log, requests=requests)
         control = ControlLoop(MavlinkLink(ours), stage, lambda: vision.tracks.newest, log)
-        page = None if station is None else FlightShow(station, _Shown(requests, stage, log))
+        page = None if station is None else FlightPublisher(station, _Shown(requests, stage, log))
         run = RealtimeRun(clock, Camera(clock), vision, control, settings.control_rate_hz)
         begin_s, changed_s = clock.now(), clock.now()
 
@@ -183,11 +183,11 @@ def fly_watched(
     return log, " ".join((f"{rate:.1f}", *words[2:]))
 
 
-def open_watched(stack: ExitStack, row: str, settings: Settings) -> tuple[Station, str]:
+def open_watched(stack: ExitStack, row: str, settings: Settings) -> tuple[UiProcessClient, str]:
     """Open a row's station, and return it with where it is to be watched."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     said: list[str] = []
-    page = first_page("fly", "cost", settings)
+    page = initial_state("fly", "cost", settings)
     station = open_station(settings, row != "RTSP", page, folder, said.append)
     assert station is not None
     stack.enter_context(station)

@@ -17,22 +17,22 @@ from contextlib import closing
 import cv2
 import numpy as np
 
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
-from follower.flightlog import FlightLog
-from follower.links.connection import open_connection
-from follower.links.mavlink import MavlinkLink
-from follower.realtime import RealtimeRun, VisionLoop
-from follower.selecting import box_selector
-from follower.settings import Settings
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog
+from follower.flight.target.selectors import box_selector
+from follower.flight.threads import RealtimeRun, VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.links.connections import open_connection
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.settings import Settings
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
-from follower_vision.box import Box
 from follower_vision.clock import Clock, MonotonicClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 WIDTH, HEIGHT, CAMERA_HZ = 1280, 720, 400.0
 ADDRESS = "127.0.0.1:14593"

@@ -27,9 +27,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from follower_vision.box import Box
-from follower_vision.metrics import OpeScore, mean_score, ope_score
-from follower_vision.ope import Sequence, load_sequence
+from follower_vision.evaluation.datasets import load_dataset
+from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
+from follower_vision.evaluation.one_pass import Sequence
+from follower_vision.geometry.box import Box
 
 WORKER = Path(__file__).with_name("csrt_worker.py")
 PACKAGE = "opencv-contrib-python-headless>=5.0,<6"
@@ -163,7 +164,7 @@ def main() -> None:
         folders = [folder for folder in folders if folder.name in arguments.only]
     if not folders:
         parser.error(f"no sequence in {arguments.sequences}")
-    sequences = [load_sequence(folder) for folder in folders]
+    sequences = [one for folder in folders for one in load_dataset(folder)[0]]
     compare(sequences, csrt_python(arguments.environment), arguments.threads)
 
 

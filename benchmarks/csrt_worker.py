@@ -35,8 +35,8 @@ class Correlation:
 
     def __init__(self, image, box):
         """Start on an image from x, y, w, h."""
-        from follower_vision.box import Box
-        from follower_vision.correlation import CorrelationTracker
+        from follower_vision.geometry.box import Box
+        from follower_vision.trackers.correlation import CorrelationTracker
 
         self._tracker = CorrelationTracker()
         self._tracker.start(image, Box.from_xywh(*box))

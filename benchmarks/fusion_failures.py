@@ -1,10 +1,10 @@
 """Where Fusion fails: success and honesty on sequences made harder by a program.
 
     python benchmarks/fusion_failures.py [DATA] [--only NAME,NAME] [--variants NAME,NAME]
-        [--without IMPROVEMENT] [--record FOLDER]
+        [--record FOLDER]
 
-DATA holds `sequences` and `weights`, see docs/fusion.md; without it, patches move over a
-generated ground, followed by the correlation tracker without a detector. Each sequence is cut to
+DATA holds `sequences` and `weights`, see docs/explanation/fusion.md; without it, patches move over
+a generated ground, followed by the correlation tracker without a detector. Each sequence is cut to
 150 frames and changed: played backwards, shaken, occluded, joined by look-alikes and so on (see
 failures/variants.py). A row a variant, for the motion tracker alone and for Fusion:
 
@@ -27,12 +27,12 @@ from failures.clip import SYNTHETIC, Clip, read_clip, synthetic_clip
 from failures.scoring import Outcome, outcome
 from failures.variants import VARIANTS, vary
 
-from follower_vision.box import Box
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.fusion import FusionSettings, FusionTracker
-from follower_vision.motion import MotionTracker
-from follower_vision.track import TrackState
-from follower_vision.trackers import make_tracker
+from follower_vision.fusion import FusionTracker
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.registry import make_tracker
+from follower_vision.trackers.track import TrackState
 
 SOON_S = 0.5
 
@@ -60,7 +60,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("data", nargs="?", type=Path)
     parser.add_argument("--only", default="", help="parts of the sequences' names")
     parser.add_argument("--variants", default=",".join(VARIANTS))
-    parser.add_argument("--without", default="", help="an improvement that is switched off")
     parser.add_argument("--record", type=Path, help="where each frame's box and state are kept")
     return parser.parse_args()
 
@@ -74,16 +73,13 @@ def _clips(options: argparse.Namespace) -> list[Clip]:
 
 
 def _trackers(options: argparse.Namespace) -> tuple[Follow, Follow]:
-    settings = FusionSettings()
-    if options.without:
-        settings = settings.without(options.without)
     if options.data is None:
         motion = make_tracker("correlation", Path)
-        return _following(motion), _fusing(FusionTracker(motion, None, settings))
+        return _following(motion), _fusing(FusionTracker(motion))
     weights = options.data / "weights"
     motion = make_tracker("nanotrack-v3", lambda name: weights / name)
     detector = OnnxDetector(weights / "yolox_nano_bi.onnx")
-    return _following(motion), _fusing(FusionTracker(motion, detector, settings))
+    return _following(motion), _fusing(FusionTracker(motion, detector))
 
 
 def _following(motion: MotionTracker) -> Follow:

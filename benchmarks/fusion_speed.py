@@ -24,14 +24,14 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from follower_vision.box import Box
 from follower_vision.detection.detection import Detection, Detector
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.frame import Frame, Image
 from follower_vision.fusion import BackgroundDetection, FusionTracker
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
 from follower_vision.models import ModelStore
-from follower_vision.motion import MotionTracker
-from follower_vision.trackers import make_tracker
+from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.registry import make_tracker
 
 Answer = TypeVar("Answer")
 

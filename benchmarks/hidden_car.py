@@ -17,16 +17,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from follower.configs import find_scenario
-from follower.flying import fly_lockstep
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower_control.transport import MemoryTransport
-from follower_sim.identity_score import IdentityScore
-from follower_sim.scenario import Scenario
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
+from follower.settings.bundled import find_scenario
+from follower.settings.settings import load_settings
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
+from follower_sim.scoring.identity_score import IdentityScore
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 SOON_S = 1.0

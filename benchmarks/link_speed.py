@@ -14,12 +14,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.link_settings import LinkSettings
-from follower.links.opening import open_link
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.transport import Transport
-from follower_control.udp import UdpTransport
-from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower.links.open import open_link
+from follower.settings.link import LinkSettings
+from follower_control.common.transport import Transport, UdpTransport
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 

@@ -1,4 +1,6 @@
-"""Draws flights from above, for docs/modes.md: paths, lines of sight, where the nose points.
+"""Draws flights from above: paths, lines of sight, where the nose points.
+
+For docs/reference/follow-modes.md.
 
 follower sim orbit --lockstep --no-video
 python benchmarks/mode_pictures.py runs/orbit --out docs/pictures
@@ -14,9 +16,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from follower.recorder import RecordedFlight, open_flight
-from follower.supervisor import State
-from follower_sim.truth_sample import TruthSample
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.recording import RecordedFlight, open_flight
+from follower_sim.kinematics import TruthSample
 
 EVERY_S = 3.0
 _VEHICLE, _TARGET, _SIGHT = "#0072b2", "#d55e00", "#98a2b0"
@@ -40,7 +42,7 @@ def main() -> None:
 
 def draw(flight: RecordedFlight, name: str) -> Figure:
     """Return the map of what happened from the first moment of following on."""
-    following = [c.time_s for c in flight.log.controls if c.state is State.FOLLOWING]
+    following = [c.time_s for c in flight.log.controls if c.state is SupervisorState.FOLLOWING]
     truth = [t for t in flight.truth if following[0] <= t.time_s <= following[-1]]
     figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN))
     axes = figure.add_subplot()

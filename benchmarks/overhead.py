@@ -16,16 +16,16 @@ import time
 import cv2
 import numpy as np
 
-from follower.control_stage import ControlStage
-from follower.flightlog import FlightLog, TrackRecord
-from follower.settings import Settings
-from follower.vision_stage import VisionStage
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_vision.box import Box
-from follower_vision.correlation import CorrelationTracker
-from follower_vision.frame import Frame, Image
-from follower_vision.longterm import LongTermTracker
-from follower_vision.motion import MotionEstimate
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog, TrackRecord
+from follower.flight.vision.stage import VisionStage
+from follower.settings.settings import Settings
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.longterm.tracker import LongTermTracker
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.motion_tracker import MotionEstimate
 
 WIDTH, HEIGHT, FRAMES, RATE_HZ = 1280, 720, 600, 30.0
 TARGET_PX = 60

@@ -17,13 +17,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower_vision.acquire import find_by_colour
-from follower_vision.box import Box
-from follower_vision.frame import Image
+from follower_vision.drawing.video_writer import VideoWriter
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.longterm.search import TargetSearch
 from follower_vision.models.store import ModelStore, default_folder
-from follower_vision.targetsearch import TargetSearch
-from follower_vision.trackers import make_tracker
-from follower_vision.video_writer import VideoWriter
+from follower_vision.selection import find_by_colour
+from follower_vision.trackers.registry import make_tracker
 
 WIDTH, HEIGHT, ROUNDS = 640, 480, 60
 COLOUR, BOX = (30, 90, 255), Box(300.0, 200.0, 50.0, 40.0)

@@ -9,20 +9,26 @@ part left out is missed by the others, so that a network trained without it migh
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from follower_vision.box import Box
-from follower_vision.datasets import load_dataset
-from follower_vision.frame import Image
-from follower_vision.motion import IdentityTracker, MotionTracker
-from follower_vision.ope import Sequence, run_ope
-from follower_vision.re3 import Re3Tracker
-from follower_vision.re3_network import Re3Memory, Re3Network, Re3Output, Re3State
-from follower_vision.re3_settings import Re3Settings
+from follower_vision.evaluation.datasets import load_dataset
+from follower_vision.evaluation.one_pass import Sequence
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
+from follower_vision.trackers.re3 import (
+    Re3Memory,
+    Re3Network,
+    Re3Output,
+    Re3Settings,
+    Re3State,
+    Re3Tracker,
+)
 
 NEVER = 1_000_000
 
@@ -30,7 +36,7 @@ NEVER = 1_000_000
 class WithoutMemory(Re3Network):
     """Knows the target from the frame before alone, as the paper's network (and GOTURN) does."""
 
-    def look(
+    def predict(
         self,
         view: Image,
         image: Image,
@@ -40,15 +46,15 @@ class WithoutMemory(Re3Network):
         state: Re3State,
     ) -> Re3Output:
         """Look with the features of the frame before as memory."""
-        seen = super().look(view, image, box, fill, memory, state).features
+        seen = super().predict(view, image, box, fill, memory, state).features
         ratios = np.array([[box.width / box.scale, box.height / box.scale]], np.float32)
-        return super().look(view, image, box, fill, Re3Memory(seen, ratios), state)
+        return super().predict(view, image, box, fill, Re3Memory(seen, ratios), state)
 
 
 class WithoutRecurrence(Re3Network):
     """Both LSTM layers stay as they were before the first frame."""
 
-    def look(
+    def predict(
         self,
         view: Image,
         image: Image,
@@ -58,13 +64,13 @@ class WithoutRecurrence(Re3Network):
         state: Re3State,  # noqa: ARG002  part of the interface
     ) -> Re3Output:
         """Look with no state."""
-        return super().look(view, image, box, fill, memory, self.first_state)
+        return super().predict(view, image, box, fill, memory, self.first_state)
 
 
 class ConstantSize(Re3Network):
     """Its box never grows: a tracker that only finds places, as the first SiamFC's one scale."""
 
-    def look(
+    def predict(
         self,
         view: Image,
         image: Image,
@@ -74,7 +80,7 @@ class ConstantSize(Re3Network):
         state: Re3State,
     ) -> Re3Output:
         """Look, and leave the size alone."""
-        output = super().look(view, image, box, fill, memory, state)
+        output = super().predict(view, image, box, fill, memory, state)
         kept = output.box * np.array([1, 1, 0, 0], np.float32)
         return replace(output, box=kept)
 
@@ -112,10 +118,15 @@ def main() -> None:
 
 
 def _measured(tracker: MotionTracker, sequence: Sequence) -> tuple[float, float, float]:
-    run = run_ope(tracker, sequence)
-    pairs = zip(run.boxes[1:], sequence.truth[1:], strict=True)
+    frames, boxes, update_s = sequence.frames(), [], []
+    tracker.start(next(frames), sequence.initial)
+    for image in frames:
+        begin_s = time.perf_counter()
+        boxes.append(tracker.update(image).box)
+        update_s.append(time.perf_counter() - begin_s)
+    pairs = zip(boxes, sequence.truth[1:], strict=True)
     overlaps = np.array([box.iou(truth) for box, truth in pairs if truth is not None])
-    ms = 1000 * float(np.median(run.update_s))
+    ms = 1000 * float(np.median(update_s))
     return float((overlaps > 0.5).mean()), float(overlaps.mean()), ms
 
 

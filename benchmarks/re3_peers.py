@@ -1,19 +1,25 @@
-"""The paper's peers out of our network's parts: a two-frame regression and a siamese tracker."""
+"""Trains networks of GOTURN's and SiamFC's kind out of our Re3's parts, to compare with it.
+
+    python benchmarks/re3_peers.py goturn --pictures pictures/
+    python benchmarks/re3_peers.py siamfc --pictures pictures/
+
+Writes runs/train/KIND/KIND.onnx, which runs wherever a tracker is named.
+"""
 
 from __future__ import annotations
+
+import argparse
+from pathlib import Path
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from follower.training.re3.network import (
-    Re3Answer,
-    Re3Network,
-    Re3NetworkSettings,
-    Re3State,
-    centred,
-)
-from follower_vision.re3_geometry import PLACES, SEARCH_PX
+from follower.training.re3.network import Re3Answer, Re3Module, Re3ModuleState, centred
+from follower.training.re3.run import train_re3
+from follower.training.re3.settings import Re3Config, Re3TrainingSettings, TrainingStage
+from follower.training.settings import RUNS
+from follower_vision.trackers.re3 import PLACES, SEARCH_PX
 
 _STRETCHES_PX = (0, -3, 3)
 """By how much each side of the crop is moved out to look for a target that has grown."""
@@ -22,45 +28,45 @@ _SCALE_RATE = 0.59
 _GAIN = 4.0
 
 
-class TwoFrameNetwork(Re3Network):
+class TwoFrameNetwork(Re3Module):
     """Knows the target from the frame before alone, and carries nothing on.
 
     What Held, Thrun and Savarese's GOTURN (ECCV 2016) does, but with cells compared in the place of
     fully connected layers.
     """
 
-    def compared(
+    def forward(
         self,
         last: Tensor,
         present: Tensor,
         size: Tensor,
         memory: Tensor,
         memory_size: Tensor,
-        state: Re3State,
+        state: Re3ModuleState,
     ) -> Re3Answer:
-        """See `Re3Network`; the first frame's features and the state are not looked at."""
-        blank = Re3State(torch.zeros_like(state.hidden), torch.zeros_like(state.cell))
-        answer = super().compared(last, present, size, last, size, blank)
+        """See `Re3Module`; the first frame's features and the state are not looked at."""
+        blank = Re3ModuleState(torch.zeros_like(state.hidden), torch.zeros_like(state.cell))
+        answer = super().forward(last, present, size, last, size, blank)
         return answer._replace(box=_tied(answer.box, memory, memory_size), state=state)
 
 
-class SiameseNetwork(Re3Network):
+class SiameseNetwork(Re3Module):
     """Slides the first frame's features over the new crop: the likeness itself is the score.
 
     After Bertinetto, Valmadre, Henriques, Vedaldi and Torr's SiamFC (ECCV 2016 workshops), with a
     normalised correlation. The box keeps its shape; its size follows the best of three scales.
     """
 
-    def compared(
+    def forward(
         self,
         last: Tensor,  # noqa: ARG002  part of the interface
         present: Tensor,
         size: Tensor,
         memory: Tensor,
         memory_size: Tensor,
-        state: Re3State,
+        state: Re3ModuleState,
     ) -> Re3Answer:
-        """See `Re3Network`; the frame before and the state are not looked at."""
+        """See `Re3Module`; the frame before and the state are not looked at."""
         same = self._at(0, present, memory, memory_size, state)
         if self.training:
             return same[0]
@@ -74,7 +80,12 @@ class SiameseNetwork(Re3Network):
         return same[0]._replace(box=_tied((boxes * best).sum(dim=0), size))
 
     def _at(
-        self, stretch_px: int, present: Tensor, memory: Tensor, memory_size: Tensor, state: Re3State
+        self,
+        stretch_px: int,
+        present: Tensor,
+        memory: Tensor,
+        memory_size: Tensor,
+        state: Re3ModuleState,
     ) -> tuple[Re3Answer, Tensor]:
         """Return the answer at one scale, and how like the target the best place is, (N,)."""
         factor = 1.0 + 2.0 * stretch_px / SEARCH_PX
@@ -91,18 +102,6 @@ class SiameseNetwork(Re3Network):
         return Re3Answer(box, seen, scores, shapes, state), peak
 
 
-KINDS: dict[str, type[Re3Network]] = {
-    "re3": Re3Network,
-    "goturn": TwoFrameNetwork,
-    "siamfc": SiameseNetwork,
-}
-
-
-def make_network(settings: Re3NetworkSettings) -> Re3Network:
-    """Return an untrained network of the kind that the settings name."""
-    return KINDS[settings.kind](settings)
-
-
 def _tied(box: Tensor, *unused: Tensor) -> Tensor:
     """Return the box, seemingly made of inputs too that an exporter would leave out otherwise."""
     return box + 0.0 * torch.stack([tensor.mean() for tensor in unused]).sum()
@@ -117,3 +116,32 @@ def _stretched(present: Tensor, stretch_px: int) -> Tensor:
     return functional.interpolate(
         wider, size=(SEARCH_PX, SEARCH_PX), mode="bilinear", align_corners=False
     )
+
+
+PEERS: dict[str, tuple[type[Re3Module], int]] = {
+    "goturn": (TwoFrameNetwork, 1250),
+    "siamfc": (SiameseNetwork, 2000),
+}
+"""Networks, and the steps of their training."""
+
+
+def main() -> None:
+    """Train one of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kind", choices=PEERS)
+    parser.add_argument("--pictures", type=Path, help="as for `follower train re3`")
+    arguments = parser.parse_args()
+    network_type, steps = PEERS[arguments.kind]
+    stages = (TrainingStage(steps=steps, batch=24, rate=0.0015),)
+    config = Re3Config(
+        name=arguments.kind,
+        licence="Apache-2.0",
+        pictures=arguments.pictures,
+        training=Re3TrainingSettings(stages=stages, validate_every=500),
+    )
+    folder = RUNS / config.name
+    train_re3(config, folder, torch.device("cpu"), network_type=network_type)
+
+
+if __name__ == "__main__":
+    main()

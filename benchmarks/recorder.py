@@ -32,27 +32,26 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
-from follower.flightlog import ControlRecord, FlightLog
-from follower.links.connection import open_connection
-from follower.links.mavlink import MavlinkLink
-from follower.realtime import RealtimeRun, VisionLoop
-from follower.recorder import FlightConfig, Recorder, epoch_now_ns, recorder, video_queue
-from follower.recorder.pictures import to_picture
-from follower.recorder.video_file import VideoFile
-from follower.recorder_settings import RecorderSettings
-from follower.selecting import box_selector
-from follower.settings import Settings
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_control.transport import Transport
-from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.target.selectors import box_selector
+from follower.flight.threads import RealtimeRun, VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.links.connections import open_connection
+from follower.links.pymavlink_link import MavlinkLink
+from follower.recording import FlightConfig, Recorder, epoch_now_ns, recorder, video_writer
+from follower.recording.video_writer import MatroskaWriter, to_picture
+from follower.settings.recorder import RecorderSettings
+from follower.settings.settings import Settings
+from follower_control.common.transport import Transport
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
-from follower_vision.box import Box
 from follower_vision.clock import Clock, MonotonicClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 WIDTH, HEIGHT, CAMERA_HZ = 1280, 720, 30.0
 ADDRESS = "127.0.0.1:14595"
@@ -157,7 +156,7 @@ def encoder_share(images: list[npt.NDArray[np.uint8]]) -> float:
 
 def whole_video_share(images: list[npt.NDArray[np.uint8]], folder: Path) -> float:
     """Return the share of a core of conversion, x264 and writing together."""
-    with VideoFile(folder / "alone.mkv", RecorderSettings()) as video:
+    with MatroskaWriter(folder / "alone.mkv", RecorderSettings()) as video:
         began = time.thread_time()
         for number in range(150):
             video.write(Frame(images[number % len(images)], number / CAMERA_HZ, number))
@@ -172,7 +171,7 @@ def handing_over_share(recorded: list[ControlRecord]) -> float:
         with Recorder(Path(name), config, MonotonicClock()) as recording:
             began = time.thread_time()
             for record in recorded[:100]:
-                recording.add_control(record)
+                recording.add(record, record.time_s)
             for _ in range(20):
                 recording.add_frame(frame, 0.0)
             spent = time.thread_time() - began
@@ -188,7 +187,7 @@ def give_way_to_the_flight_alone() -> None:
 def main() -> None:
     """Measure and print."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
-        for module in (recorder, video_queue):
+        for module in (recorder, video_writer):
             module.give_way = give_way_to_the_flight_alone
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 5
     seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0

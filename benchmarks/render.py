@@ -15,8 +15,8 @@ import numpy as np
 
 from follower_sim.camera import SimCamera
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
+from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.world.world import World
 
 WINDING = Path(__file__).parent.parent / "configs" / "scenarios" / "winding.yaml"
 FRAMES = 600

@@ -21,18 +21,17 @@ from dataclasses import dataclass
 
 import cv2
 
-from follower.configs import find_scenario
-from follower.faults.campaign.flight import STEP_S, fly_random
-from follower.flight_extras import FlightExtras
-from follower.flying import fly_lockstep
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario import Scenario
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
+from follower.settings.bundled import find_scenario
+from follower.settings.settings import load_settings
+from follower.simulation.components import FlightOptions
+from follower.simulation.fault_tests.random_flight import STEP_S, fly_random
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 SECONDS = 40.0
@@ -74,13 +73,13 @@ def timed(name: str, prepare: Callable[[], Callable[[], tuple[float, int]]]) -> 
     return min(speeds, key=lambda speed: speed.processor_s)
 
 
-def flight_in(scenario: Scenario, sight: Sight) -> Callable[[], tuple[float, int]]:
+def flight_in(scenario: Scenario, sight: VisionSource) -> Callable[[], tuple[float, int]]:
     """Build a world and a follower in it, and return what flies it."""
     world, clock = World(scenario), SimulatedClock()
-    if sight is Sight.PIXELS:
+    if sight is VisionSource.PIXELS:
         _ = world.ground, world.sky, world.scenery_batch
     settings = load_settings(base=base_settings(scenario))
-    ends, extras = MemoryTransport.pair(), FlightExtras(sight=sight)
+    ends, extras = MemoryTransport.pair(), FlightOptions(vision=sight)
     flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
 
     def fly() -> tuple[float, int]:
@@ -110,8 +109,8 @@ def main() -> None:
         + "".join(f"{head:>{w}}" for head, w in zip(heads, (9, 9, 11, 10, 10), strict=True))
     )
     pixels = f"{camera.width}x{camera.height} pixels at {camera.rate_hz:g} Hz"
-    print(timed(pixels, lambda: flight_in(scenario, Sight.PIXELS)).line())
-    print(timed("truth + noise, no pixels", lambda: flight_in(scenario, Sight.TRUTH)).line())
+    print(timed(pixels, lambda: flight_in(scenario, VisionSource.PIXELS)).line())
+    print(timed("truth + noise, no pixels", lambda: flight_in(scenario, VisionSource.TRUTH)).line())
     print(timed("random flights, no pixels", lambda: random_flights).line())
 
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/tuning.md.
+"""Draws the pictures of docs/explanation/tuning.md.
 
 follower excite --autopilot px4 --out runs/tuning
 python benchmarks/tuning_pictures.py runs/tuning/excite
@@ -12,18 +12,17 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from follower.identify.identify import read_recording
-from follower.identify.recording import VehicleAxis
 from follower.report import style
-from follower.report.identification import axis_figure
-from follower.report.loop_plots import bode, nyquist, responses
-from follower.settings import load_settings
-from follower.tune.analysis import AxisAnalysis, analyse, conditions_of
-from follower.tune.run import find_vehicle
-from follower.tune.what_if import parse_what_ifs
+from follower.settings.settings import load_settings
+from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.result import axis_figure
+from follower.tuning.identify.run import read_recording
+from follower.tuning.tune.analysis import AxisAnalysis, analyse, conditions_of, parse_what_ifs
+from follower.tuning.tune.report import bode, nyquist, responses
+from follower.tuning.tune.run import find_vehicle
 from follower_control.tuning.axes import Axis
 from follower_control.tuning.fit import fit_response
-from follower_control.tuning.synthesis import Wish
+from follower_control.tuning.synthesis import TuningGoal
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 
@@ -32,7 +31,7 @@ def azimuth(what_ifs: list[str], tuned: bool = False) -> AxisAnalysis:
     """Return the azimuth loop with the default gains and under other circumstances."""
     settings, vehicle = load_settings(), find_vehicle("ardupilot")
     here = conditions_of(settings, vehicle, -20.0)
-    wishes = {axis: Wish() for axis in Axis} if tuned else None
+    wishes = {axis: TuningGoal() for axis in Axis} if tuned else None
     others = parse_what_ifs(what_ifs, here)
     found = analyse(settings, vehicle.model(), here, wishes, others)
     return next(one for one in found if one.axis is Axis.AZIMUTH)

@@ -25,11 +25,11 @@ import av
 import cv2
 import numpy as np
 
-from follower.cockpit.opening import open_station
-from follower.cockpit.showing import first_page
-from follower.settings import load_settings
-from follower.station.station import Station
-from follower_vision.frame import Frame, Image
+from follower.settings.settings import load_settings
+from follower.ui.cockpit.publisher import initial_state
+from follower.ui.cockpit.start import open_station
+from follower.ui.ipc.server_client import UiProcessClient
+from follower_vision.images.frame import Frame, Image
 
 WIDTH, HEIGHT, RATE_HZ = 640, 480, 30.0
 BITS, BLOCK_PX = 20, 24
@@ -85,7 +85,7 @@ def now_code() -> int:
 class Source:
     """Gives a station pictures with the time in them."""
 
-    def __init__(self, station: Station) -> None:
+    def __init__(self, station: UiProcessClient) -> None:
         self._station = station
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -166,7 +166,7 @@ def main() -> None:
     settings = load_settings(None, None, ("cockpit.port=0", *video))
     said: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
-        page = first_page("fly", "delay", settings)
+        page = initial_state("fly", "delay", settings)
         station = open_station(settings, True, page, Path(folder), said.append)
         assert station is not None
         sdp = Path(folder) / "stream.sdp"

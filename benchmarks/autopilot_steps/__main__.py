@@ -3,7 +3,7 @@
 "yes" means within 15 % of the recording; what is farther off, but within the recording's own noise
 (see `StepMetrics`), is named.
 
-Run from the repository's root: python benchmarks/autopilot_steps.py RECORDINGS [OUT]
+Run from the repository's root: python benchmarks/autopilot_steps RECORDINGS [OUT]
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from step_metrics import StepMetrics, asked_velocity_m_s, fall, rise, stepped_signals
+from step_replay import fly_again
 
-from follower_sim.recorded_step import RecordedStep
-from follower_sim.step_metrics import StepMetrics, fall, rise
-from follower_sim.step_replay import fly_again
+from follower_sim.scoring.recorded_step import RecordedStep
 
 _PREFIXES = {"ardupilot": "ap_", "px4": "px_"}
 _TITLES = {
@@ -70,7 +70,7 @@ def _is_other(name: str) -> bool:
 
 
 def _print_rows(real: RecordedStep, flown: RecordedStep) -> None:
-    for true, ours in zip(real.stepped, flown.stepped, strict=True):
+    for true, ours in zip(stepped_signals(real), stepped_signals(flown), strict=True):
         for step, measure in (("up", rise), ("stop", fall)):
             a, b = measure(real, true), measure(flown, ours)
             print(f"{real.name:22} {true.name:9} {step:5} {_cells(a, b)}  {_verdict(a, b)}")
@@ -115,7 +115,7 @@ def _plot(flavour: str, pairs: list[tuple[RecordedStep, RecordedStep]], path: Pa
 
 def _plot_velocity(axes: Axes, real: RecordedStep, flown: RecordedStep) -> None:
     names = ("forward (north)", "right (east)", "down")
-    rows = zip(names, real.asked_velocity_m_s, flown.asked_velocity_m_s, strict=True)
+    rows = zip(names, asked_velocity_m_s(real), asked_velocity_m_s(flown), strict=True)
     for number, (name, a, b) in enumerate(rows):
         axes.plot(real.time_s, a, f"C{number}", lw=0.9, label=name)
         axes.plot(flown.time_s, b, f"C{number}--")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from follower_sim.recorded_step import RecordedStep, Series, SteppedSignal
+from follower_sim.scoring.recorded_step import RecordedStep, Series
 
 _STEADY_S = 2.0
 _AGREEMENT = 0.15
@@ -15,6 +15,52 @@ _REPEATABILITY = 0.02
 _ROW_S = 0.02
 _SEND_S = 0.05
 _PEAK_SIGMAS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class SteppedSignal:
+    """A signal that was asked to step.
+
+    Attributes:
+        name: "forward", "right", "down" (m/s) or "yaw rate" (deg/s); in a world frame, north and
+            east stand for the first two.
+        values: shape (N,).
+        target: what was asked for.
+        error: RMS of what is read before the step, where 0 was asked for; level axes share theirs.
+    """
+
+    name: str
+    values: Series
+    target: float
+    error: float
+
+
+def asked_velocity_m_s(step: RecordedStep) -> Series:
+    """Return the velocity in the frame of the setpoints, world or heading: shape (3, N)."""
+    in_world = step.sent[1].frame in (1, 7)
+    return step.velocity_m_s if in_world else step.heading_velocity_m_s
+
+
+def stepped_signals(step: RecordedStep) -> list[SteppedSignal]:
+    """Return the signals that the second setpoint asked to step."""
+    asked = step.sent[1]
+    signals = [*asked_velocity_m_s(step), np.degrees(step.yaw_rate_rad_s)]
+    targets = [*asked.velocity_m_s, math.degrees(asked.yaw_rate_rad_s)]
+    errors = [_rms(signal[step.time_s <= asked.time_s]) for signal in signals]
+    errors[:2] = [math.hypot(*errors[:2]) / math.sqrt(2.0)] * 2
+    names = ("forward", "right", "down", "yaw rate")
+    rows = zip(names, signals, targets, errors, strict=True)
+    return [SteppedSignal(*row) for row in rows if row[2] != 0]
+
+
+def max_tilt_deg(step: RecordedStep) -> float:
+    """Return the largest angle between the body's down axis and gravity."""
+    roll, pitch, _ = step.attitude_rad
+    return math.degrees(np.arccos(np.cos(roll) * np.cos(pitch)).max())
+
+
+def _rms(values: Series) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +117,13 @@ def _allowed(value: float, noise: float) -> float:
 
 
 def rise(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
-    """Return the metrics of a recording's step up, its second set-point."""
+    """Return the metrics of a recording's step up, its second setpoint."""
     _, up, down = (sent.time_s for sent in step.sent[:3])
     return _measured(step.time_s, signal.values / signal.target, (up, down), _error(signal))
 
 
 def fall(step: RecordedStep, signal: SteppedSignal) -> StepMetrics:
-    """Return the metrics of a recording's step back to zero, its third set-point."""
+    """Return the metrics of a recording's step back to zero, its third setpoint."""
     level = 1.0 - signal.values / signal.target
     return _measured(step.time_s, level, (step.sent[2].time_s, math.inf), _error(signal))
 

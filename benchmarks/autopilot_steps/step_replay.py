@@ -1,4 +1,4 @@
-"""Flies the set-points of a recording again, on a simulated autopilot, through MAVLink."""
+"""Flies the setpoints of a recording again, on a simulated autopilot, through MAVLink."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_control.transport import MemoryTransport
-from follower_sim.autopilot import SimAutopilot
+from follower_control.common.transport import MemoryTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
-from follower_sim.recorded_step import RecordedStep, SentSetpoint
+from follower_sim.scoring.recorded_step import RecordedStep, SentSetpoint
 
 _HEIGHT_M = 30.0
 _SEND_S = 0.05
@@ -19,7 +19,7 @@ _LEAD_S = 1.0
 
 
 class Companion:
-    """A bare sender of set-points and mode changes, for steps and tests."""
+    """A bare sender of setpoints and mode changes, for steps and tests."""
 
     def __init__(self, transport: MemoryTransport) -> None:
         self._transport = transport
@@ -54,7 +54,7 @@ class Companion:
 
 
 def fly_again(flavour: str, recorded: RecordedStep) -> RecordedStep:
-    """Return what the simulated autopilot does with a recording's set-points, at its times."""
+    """Return what the simulated autopilot does with a recording's setpoints, at its times."""
     ours, theirs = MemoryTransport.pair()
     yaw = float(recorded.attitude_rad[2, 0])
     start = BodyState(-_LEAD_S, (0.0, 0.0, -_HEIGHT_M), attitude_rad=(0.0, 0.0, yaw))

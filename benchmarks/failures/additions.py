@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from failures.clip import Clip
 from failures.windows import picked
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.frame import Image
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
+from follower_vision.images.frame import Image
 
 _POST_EVERY, _POST_FIRST, _POST_REACH, _HIDDEN_FRAMES = 45, 25, 40, 10
 _TWIN_PERIOD = 70

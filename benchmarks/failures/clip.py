@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower_vision.box import Box
-from follower_vision.frame import Frame, Image
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
 
 RATE_HZ = 30.0
 SYNTHETIC = ("synthetic_walk", "synthetic_run", "synthetic_small")

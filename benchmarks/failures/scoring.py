@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from failures.clip import Clip
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
 
 _HIT = 0.5
 _FOUND = 0.3

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from failures.clip import Clip
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.frame import Image
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
+from follower_vision.images.frame import Image
 
 MOST_FRAMES = 150
 _LEAST_VISIBLE = 0.3

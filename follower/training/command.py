@@ -1,21 +1,266 @@
-"""`follower train`: our own networks, from scratch or on the user's data."""
+"""`follower train` and `follower export`: the package's own networks, or one for your target."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
 import typer
 
-from follower.training.detector.command import EPILOG as DETECTOR_EPILOG
-from follower.training.detector.command import train_detector_command
-from follower.training.re3.command import EPILOG as RE3_EPILOG
-from follower.training.re3.command import train_re3_command
-from follower.training.scenes.command import EPILOG as SEQUENCES_EPILOG
-from follower.training.scenes.command import sequences_command
+from follower.settings.bundled import configs_folder
+from follower.settings.settings import settings_data
+from follower.training.settings import RUNS, TrainingConfig, find_device
+from follower.ui.terminal.cli_options import Overrides
+from follower.ui.terminal.console import check_extra
+from follower_control.common.strict_config import parse
+
+if TYPE_CHECKING:
+    from follower.training.onnx_export import ExportedNetwork
+
+_DETECTOR_EPILOG = """
+**Examples**
+
+`follower train detector` – one like the detector that comes along, from the simulator's scenes
+
+`follower train detector --set training.steps=9000` – with more steps
+
+`follower train detector --data my-drone/ --set name=my-drone` – your own target, from a folder in
+YOLO's or COCO's form; then `follower fly … --set detector=runs/train/my-drone/my-drone.onnx`
+
+`follower train detector --resume runs/train/my-drone` – go on where it was stopped
+
+Look at samples.png before you wait for the rest, and at detections.png after it.
+"""
+_RE3_EPILOG = """
+**Examples**
+
+`follower train re3 --pictures pictures/` – the tracker that comes along; the head of
+configs/train/pictures.yaml says how to get the pictures, and what licences they have
+
+`follower train re3` – from procedural pictures alone: nothing to fetch, a weaker tracker
+
+`follower train re3 --resume runs/train/follower-re3` – go on where it was stopped
+
+Look at samples.png before you wait for the rest.
+"""
+EXPORT_EPILOG = """
+**Example**
+
+`follower export runs/train/follower-re3` – the network of its last checkpoint, as it stands
+"""
+_FUSION_EPILOG = """
+**Examples**
+
+`follower train fusion --sequences footage/` – each folder in it is one annotated sequence (any
+layout that `follower evaluate` reads); then `follower track … --set
+fusion.model=runs/train/fusion-nanotrack/fitted.json`
+
+`follower train fusion --sequences otb/ --sequences mine/ --set fit.hidden=24` – a larger model
+
+`follower train fusion -c configs/train/fusion-others.yaml --sequences footage/` – for the trackers
+that come along
+"""
+_SEQUENCES_EPILOG = """
+**Example**
+
+`follower train sequences generated/ --stock runs/train/follower-re3/stock --count 100`, then
+`follower evaluate generated/ --trackers re3,correlation`
+"""
+
+_Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        "-c",
+        help="The recipe (YAML); otherwise the one named like the command in configs/train/.",
+    ),
+]
+_Out = Annotated[Path, typer.Option(help="Folder in which each training gets its own.")]
+_Resume = Annotated[
+    Path | None, typer.Option(help="Go on with a training's folder, with its own recipe.")
+]
+_Device = Annotated[
+    str, typer.Option(help="**auto** takes a GPU if there is one.", metavar="auto|cpu|cuda")
+]
+
+ConfigT = TypeVar("ConfigT", bound=TrainingConfig)
 
 train_app = typer.Typer(
     help="Train the networks that come along, or one for your own target; needs the extra `train`.",
     no_args_is_help=True,
     rich_markup_mode="markdown",
 )
-train_app.command("detector", epilog=DETECTOR_EPILOG)(train_detector_command)
-train_app.command("re3", epilog=RE3_EPILOG)(train_re3_command)
-train_app.command("sequences", epilog=SEQUENCES_EPILOG)(sequences_command)
+
+
+@train_app.command("detector", epilog=_DETECTOR_EPILOG)
+def _train_detector(
+    config: _Config = None,
+    overrides: Overrides = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Pictures of your own, in YOLO's form (a text file each) or COCO's."),
+    ] = None,
+    out: _Out = RUNS,
+    resume: _Resume = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="Begin with the weights in another training's folder, or of a network that one "
+            "has written (.onnx), of the same classes."
+        ),
+    ] = None,
+    device: _Device = "auto",
+) -> None:
+    """Train a small detector (YOLO v2's family) and write it as an ONNX file.
+
+    Gives the network, its card with the quality on held-out pictures (mAP at an overlap of 0.5),
+    the log, and pictures of what was learnt from and what is found. Half an hour on one core.
+    """
+    check_extra("training", "train", "torch", "onnx")
+    from follower.training.detector.run import train_detector
+    from follower.training.detector.settings import DetectorConfig
+
+    given = {} if data is None else {"data": str(data), "licence": "that of its pictures"}
+    recipe = config or configs_folder() / "train/detector.yaml"
+    settings, folder = _read_recipe(DetectorConfig, recipe, overrides, given, out, resume)
+    _print_files(train_detector(settings, folder, find_device(device), resume is not None, start))
+
+
+@train_app.command("re3", epilog=_RE3_EPILOG)
+def _train_re3(
+    config: _Config = None,
+    overrides: Overrides = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(help="Folder into which the packages of pictures.yaml were unpacked."),
+    ] = None,
+    out: _Out = RUNS,
+    resume: _Resume = None,
+    device: _Device = "auto",
+) -> None:
+    """Train the motion tracker Re3 on generated sequences and write it as an ONNX file.
+
+    Gives the network, its card, the log and a picture of what it learns from. About an hour on one
+    core.
+    """
+    check_extra("training", "train", "torch", "onnx")
+    from follower.training.re3.run import train_re3
+    from follower.training.re3.settings import Re3Config
+
+    given = {} if pictures is None else {"pictures": str(pictures)}
+    recipe = config or configs_folder() / "train/re3.yaml"
+    settings, folder = _read_recipe(Re3Config, recipe, overrides, given, out, resume)
+    _print_files(train_re3(settings, folder, find_device(device), resume is not None))
+
+
+@train_app.command("fusion", epilog=_FUSION_EPILOG)
+def _train_fusion(
+    sequences: Annotated[
+        list[Path], typer.Option(help="Folder of annotated sequences; may be given several times.")
+    ],
+    config: _Config = None,
+    overrides: Overrides = None,
+    folds: Annotated[
+        Path | None,
+        typer.Option(help="JSON file with each sequence's fold; otherwise they are dealt by name."),
+    ] = None,
+    out: _Out = RUNS,
+) -> None:
+    """Fit the probability by which Fusion chooses to annotated footage.
+
+    Gives fitted.json, a model per fold, and how well targets are followed that the model had not
+    seen. 50 sequences of 330 frames take three quarters of an hour on two cores.
+    """
+    check_extra("training", "train", "torch")
+    from follower.training.fusion.settings import FusionConfig
+    from follower.training.fusion.trainer import FusionTrainer, read_folds, sequence_folders
+
+    recipe = config or configs_folder() / "train/fusion.yaml"
+    settings, folder = _read_recipe(FusionConfig, recipe, overrides, {}, out, None)
+    places = sequence_folders(sequences)
+    known = None if folds is None else read_folds(folds)
+    fitted = FusionTrainer(settings, places, folder, known).train()
+    for setup in settings.setups:
+        figures = fitted.figures(setup)
+        typer.echo(
+            f"{setup.tracker} with {setup.detector or 'no detector'}, {len(places)} sequences out "
+            f"of fold: success {figures['success']:.3f}, precision {figures['precision']:.3f}"
+        )
+    typer.echo(fitted.path)
+
+
+def export_command(
+    folder: Annotated[Path, typer.Argument(help="Of a training of Re3, with its checkpoint.")],
+) -> None:
+    """Write a training's network as it stands: NAME.onnx and its card; checks both agree."""
+    check_extra("training", "train", "torch", "onnx")
+    import torch
+
+    from follower.training.re3.run import finish, image_source
+    from follower.training.re3.settings import Re3Config
+    from follower.training.re3.trainer import Re3Trainer
+    from follower.training.trainer import load_checkpoint
+
+    config, _ = _read_recipe(Re3Config, folder / "config.yaml", [], {}, RUNS, folder)
+    state = load_checkpoint(folder, torch.device("cpu"))
+    torch.set_num_threads(config.training.threads)
+    trainer = Re3Trainer(config.training, image_source(config, folder))
+    trainer.restore(state)
+    exported = finish(trainer, config, folder)
+    typer.echo(f"{exported.path}\nsha256 {exported.sha256}")
+
+
+@train_app.command("sequences", epilog=_SEQUENCES_EPILOG)
+def _write_sequences(
+    out: Annotated[Path, typer.Argument(help="Folder in which each sequence gets its own.")],
+    stock: Annotated[
+        Path | None,
+        typer.Option(help="Pictures prepared by a training; procedural ones otherwise."),
+    ] = None,
+    worlds: Annotated[
+        int, typer.Option(min=0, help="Simulated worlds whose views and bodies join the pictures.")
+    ] = 0,
+    count: Annotated[int, typer.Option(min=1, help="How many sequences.")] = 100,
+    frames: Annotated[int, typer.Option(min=2, help="How long each is.")] = 60,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of the scenes; trainings use small numbers.")
+    ] = 777,
+) -> None:
+    """Write generated sequences to measure trackers on: images and true boxes."""
+    import numpy as np
+    from rich.progress import track
+
+    from follower.training.scenes.generator import SceneMaker, SceneSettings, write_sequence
+    from follower.training.scenes.image_pool import load, rendered
+    from follower.training.scenes.image_source import procedural
+
+    pictures = procedural(np.random.default_rng(seed)) if stock is None else load(stock, seed)
+    pictures = pictures.joined(rendered(np.random.default_rng(seed), worlds))
+    maker = SceneMaker(pictures, SceneSettings(), seed)
+    for index in track(range(count), "sequences", transient=True):
+        write_sequence(maker.scene(index, frames), out / f"generated_{index:03}")
+    typer.echo(out)
+
+
+def _read_recipe(
+    model: type[ConfigT],
+    recipe: Path,
+    overrides: Sequence[str] | None,
+    given: Mapping[str, str],
+    out: Path,
+    resume: Path | None,
+) -> tuple[ConfigT, Path]:
+    """Return a training's configuration and folder; a resumed one has its own recipe.
+
+    Raises:
+        SettingsError: names the file and the first wrong key.
+    """
+    path = resume / "config.yaml" if resume else recipe
+    data, source = settings_data(path, overrides=overrides or [])
+    settings = parse(model, data | dict(given), source)
+    return settings, resume or out / settings.name
+
+
+def _print_files(exported: ExportedNetwork) -> None:
+    typer.echo(f"{exported.path}\n{exported.card}")

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.blur import BlurDetector, BlurSettings, sharpness
-from follower_vision.box import Box
+from follower_vision.appearance.blur import BlurDetector, BlurSettings, sharpness
+from follower_vision.geometry.box import Box
 
 BOX = Box(160, 120, 60, 40)
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import (
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import (
     CAMERA_TO_BODY,
     CameraMount,
     LineOfSight,

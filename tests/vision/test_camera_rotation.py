@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower_vision.camera import CameraModel
-from follower_vision.frame import Frame
-from follower_vision.imagerotation import CornerFollower, fit_rotation
-from follower_vision.lineofsight import rotation
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import rotation
+from follower_vision.images.camera_rotation import CornerFollower, fit_rotation
+from follower_vision.images.frame import Frame
 
 CAMERA = CameraModel.from_fov(320, 240, math.radians(70))
 SMALL = st.floats(-0.05, 0.05)

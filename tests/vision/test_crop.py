@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.box import Box
-from follower_vision.crop import crop
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
 
 
 def blob(cx: float, cy: float) -> np.ndarray:

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.datasets import DatasetError, load_dataset
-from follower_vision.ope import Sequence
+from follower_vision.evaluation.datasets import DatasetError, load_dataset
+from follower_vision.evaluation.one_pass import Sequence
+from follower_vision.geometry.box import Box
 
 
 def pictures(folder: Path, number: int = 3) -> None:

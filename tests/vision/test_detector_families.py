@@ -9,10 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.detection.candidates import Candidates, sigmoid, softmax
-from follower_vision.detection.families import FAMILIES, make_decoder
-from follower_vision.detection.layout import NetworkLayout
-from follower_vision.detection.yolov2 import COCO_ANCHORS, VOC_ANCHORS, YoloV2Decoder
+from follower_vision.detection.detection import Candidates, NetworkLayout, sigmoid, softmax
+from follower_vision.detection.families import (
+    COCO_ANCHORS,
+    FAMILIES,
+    VOC_ANCHORS,
+    YoloV2Decoder,
+    make_decoder,
+)
 
 HEIGHT, WIDTH, CLASSES = 256, 320, 7
 cxs, cys = st.floats(24, WIDTH - 24), st.floats(24, HEIGHT - 24)

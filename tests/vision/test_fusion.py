@@ -1,514 +1,547 @@
-"""Fusion on generated sequences: a detector that thresholds colour, a real motion tracker."""
+"""What Fusion promises as a target tracker, with a motion tracker and a judge that are written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
 
-import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from follower_vision.box import Box
-from follower_vision.correlation import CorrelationTracker
 from follower_vision.detection.detection import Detection
-from follower_vision.frame import Frame, Image
 from follower_vision.fusion import FusionSettings, FusionTracker
-from follower_vision.motion import MotionEstimate, MotionTracker
-from follower_vision.prospect import Prospect
-from follower_vision.track import Track, TrackState
+from follower_vision.fusion.candidates import corners_of
+from follower_vision.fusion.detection_service import (
+    DetectionAnswer,
+    DetectionRequest,
+    DetectionUrgency,
+)
+from follower_vision.fusion.model import CandidateModel
+from follower_vision.fusion.tracker import Choice
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
+from follower_vision.trackers.target_tracker import TargetPrediction
+from follower_vision.trackers.track import Track, TrackState
 
-WIDTH, HEIGHT, FPS = 480, 360, 30.0
-SIDE = 36
+RATE_HZ = 30.0
+BOX = Box(100, 120, 20, 30)
+NOISE = np.random.default_rng(1).integers(40, 215, (80, 240, 320, 3), np.uint8)
+Sight = tuple[Box, float]
+Trackers = Callable[..., FusionTracker]
 
-Scene = Callable[[int], tuple[Image, tuple[float, float]]]
-"""Draws a frame by its number, and tells where the target is in it."""
 
+class ToldMotion:
+    """Finds what the test says, wherever it searches: boxes with their likeness."""
 
-class ColourDetector:
-    """Finds patches by their hue: red ones are "ball", blue ones "cone"."""
-
-    class_names = ("ball", "cone")
+    name = "told"
 
     def __init__(self) -> None:
-        self.regions: list[Box | None] = []
-
-    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
-        self.regions.append(region)
-        blue, green, red = (image[..., channel].astype(int) for channel in range(3))
-        masks = [(red > green + 60) & (red > blue + 60), (blue > green + 60) & (blue > red + 60)]
-        found = [
-            one for number, mask in enumerate(masks) for one in self._blobs(number, mask, region)
-        ]
-        return sorted(found, key=lambda one: -one.score)
-
-    def _blobs(self, number: int, mask: np.ndarray, region: Box | None) -> list[Detection]:
-        count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-        boxes = [Box.from_xywh(*(float(v) for v in stats[i, :4])) for i in range(1, count)]
-        return [
-            Detection(box, number, self.class_names[number], 0.9)
-            for box in boxes
-            if box.area > 80 and (region is None or _within(box, region))
-        ]
-
-
-class TemplateTracker:
-    """Finds the first image of the target again, by normalised cross-correlation nearby."""
-
-    name = "template"
+        self.sights: list[Sight] = [(BOX, 1.0)]
+        self.searched: list[Box] = []
+        self.learnt: list[Box] = []
 
     def start(self, image: Image, box: Box) -> None:
-        self._box = box
-        left, top = round(box.left), round(box.top)
-        self._template = image[top : top + round(box.height), left : left + round(box.width)].copy()
+        """There is nothing to learn."""
 
-    def move_to(self, box: Box) -> None:
-        self._box = box
+    def update(self, image: Image) -> MotionEstimate:  # noqa: ARG002  part of the interface
+        return MotionEstimate(*self.sights[0])
 
-    def update(self, image: Image) -> MotionEstimate:
-        left = max(0, round(self._box.cx - 1.5 * self._box.width))
-        top = max(0, round(self._box.cy - 1.5 * self._box.height))
-        place = image[top : top + 3 * SIDE, left : left + 3 * SIDE]
-        height, width = self._template.shape[:2]
-        if place.shape[0] < height or place.shape[1] < width:
-            return MotionEstimate(self._box, 0.0)
-        found = cv2.matchTemplate(place, self._template, cv2.TM_CCOEFF_NORMED)
-        _, confidence, _, (x, y) = cv2.minMaxLoc(found)
-        self._box = Box.from_xywh(left + x, top + y, width, height)
-        return MotionEstimate(self._box, max(0.0, min(1.0, confidence)))
+    def search(self, image: Image, box: Box) -> ResponseMap:  # noqa: ARG002
+        self.searched.append(box)
+        scores = np.array([score for _, score in self.sights])
+        corners = corners_of([one for one, _ in self.sights])
+        return ResponseMap(corners, scores, scores, np.ones(len(scores)), box.scaled(4.0))
 
+    def learn(self, image: Image, box: Box, probability: float) -> None:  # noqa: ARG002
+        self.learnt.append(box)
 
-def _within(box: Box, region: Box) -> bool:
-    return region.left <= box.cx <= region.right and region.top <= box.cy <= region.bottom
 
+class ToldDetector:
+    """Sees what the test says."""
 
-def _texture(seed: int, height: int, width: int) -> Image:
-    noise = np.random.default_rng(seed).uniform(40, 215, (height // 6, width // 6))
-    grey = cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC).clip(0, 255)
-    return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+    class_names = ("thing",)
 
+    def __init__(self) -> None:
+        self.sees: list[Detection] = []
+        self.regions: list[Box | None] = []
 
-GROUND = _texture(1, 900, 1600)
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:  # noqa: ARG002
+        self.regions.append(region)
+        return self.sees
 
 
-def _paint(image: Image, x: float, y: float, seed: int, blue: bool = False) -> None:
-    """Draw a textured patch of one hue, its middle at (x, y)."""
-    patch = _texture(seed, SIDE, SIDE) // 3
-    patch[..., 0 if blue else 2] += 160
-    left, top = round(x - SIDE / 2), round(y - SIDE / 2)
-    right, bottom = min(WIDTH, left + SIDE), min(HEIGHT, top + SIDE)
-    if right > max(0, left) and bottom > max(0, top):
-        cut = patch[max(0, -top) : bottom - top, max(0, -left) : right - left]
-        image[max(0, top) : bottom, max(0, left) : right] = cut
+class HeldDetection:
+    """Holds each request until the test says what its answer is."""
 
+    def __init__(self) -> None:
+        self.requests: list[DetectionRequest] = []
+        self.answers: list[DetectionAnswer] = []
 
-def _ground(pan: float = 0.0) -> Image:
-    left = round(400 + pan)
-    return GROUND[200 : 200 + HEIGHT, left : left + WIDTH].copy()
+    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:  # noqa: ARG002
+        return True
 
+    def submit(self, request: DetectionRequest) -> None:
+        self.requests.append(request)
 
-def _frame(image: Image, number: int) -> Frame:
-    return Frame(image, number / FPS, number)
+    def take(self, owner: object) -> list[DetectionAnswer]:
+        mine = [one for one in self.answers if one.request.owner is owner]
+        self.answers = []
+        return mine
 
+    def forget(self, owner: object) -> None:
+        """The test itself holds the requests."""
 
-def _box(x: float, y: float) -> Box:
-    return Box(x, y, SIDE, SIDE)
+    def close(self) -> None:
+        """There is nothing to release."""
 
 
-def _fusion(detector: ColourDetector | None = None, **settings: object) -> FusionTracker:
-    return FusionTracker(
-        TemplateTracker(), detector or ColourDetector(), FusionSettings(**settings)
-    )
+@pytest.fixture
+def motion() -> ToldMotion:
+    return ToldMotion()
 
 
-def _crossing(number: int) -> tuple[Image, tuple[float, float]]:
-    """Two identical balls run into each other and on."""
-    image = _ground()
-    x = 100 + 3.0 * number
-    _paint(image, 400 - 3.0 * number, 190, 7)
-    _paint(image, x, 180, 7)
-    return image, (x, 180.0)
+@pytest.fixture
+def fusion(motion: ToldMotion, judge: CandidateModel) -> Trackers:
+    """Make a tracker of the told motion tracker, unless other parts are given."""
 
+    def make(detector: ToldDetector | None = None, **parts: object) -> FusionTracker:
+        return FusionTracker(motion, detector, **{"model": judge, **parts})  # type: ignore[arg-type]
 
-def _behind_wall(number: int) -> tuple[Image, tuple[float, float]]:
-    """A ball runs behind a wall of 110 pixels and comes out again."""
-    image = _ground()
-    x = 90 + 3.0 * number
-    _paint(image, x, 180, 7)
-    image[100:260, 220:330] = 90
-    return image, (x, 180.0)
+    return make
 
 
-def _ball_that_leaves(number: int) -> tuple[Image, tuple[float, float]]:
-    """A ball lies there for a second, and then no more."""
-    image = _ground()
-    if number < 30:
-        _paint(image, 200.0, 180.0, 7)
-    return image, (200.0, 180.0)
+def frame(number: int, time_s: float | None = None) -> Frame:
+    return Frame(NOISE[number], number / RATE_HZ if time_s is None else time_s, number)
 
 
-def _run(tracker: FusionTracker, scene: Scene, count: int) -> list[tuple[Track, float]]:
-    """Follow a scene; return each track with its overlap with the truth."""
-    image, place = scene(0)
-    tracker.start(_frame(image, 0), _box(*place))
-    answers = []
-    for number in range(1, count):
-        image, place = scene(number)
-        track = tracker.step(_frame(image, number))
-        answers.append((track, track.box.iou(_box(*place))))
-    return answers
+def seen(box: Box, score: float = 0.9) -> Detection:
+    return Detection(box, 0, "thing", score)
 
 
-def test_follows_a_target_that_the_detector_knows() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        place = (150 + 2.0 * number, 150 + 1.0 * number)
-        _paint(image, *place, 7)
-        return image, place
+def follow(
+    tracker: FusionTracker, motion: ToldMotion, sights: Iterable[Sequence[Sight]], first: int = 1
+) -> list[Track]:
+    """Step through frames in which the motion tracker finds these."""
+    tracks = []
+    for number, told in enumerate(sights, first):
+        motion.sights = list(told)
+        tracks.append(tracker.step(frame(number)))
+    return tracks
 
-    answers = _run(_fusion(), scene, 60)
-    assert min(overlap for _, overlap in answers) > 0.6
-    assert {track.state for track, _ in answers} == {TrackState.TRACKING}
-    assert "detector" in {track.produced_by for track, _ in answers}
 
+def going_right(frames: int, px: float = 3.0) -> list[list[Sight]]:
+    return [[(BOX.moved_to(BOX.cx + px * k, BOX.cy), 1.0)] for k in range(1, frames + 1)]
 
-def test_keeps_identity_when_a_twin_crosses() -> None:
-    answers = _run(_fusion(), _crossing, 95)
-    assert np.mean([overlap > 0.5 for _, overlap in answers[-20:]]) == 1.0
-
-
-def test_finds_the_target_again_behind_a_wall() -> None:
-    answers = _run(_fusion(), _behind_wall, 120)
-    hidden = [track.state for track, _ in answers[60:70]]
-    assert TrackState.TRACKING not in hidden
-    assert min(overlap for _, overlap in answers[-15:]) > 0.5
 
+def unseen(frames: int) -> list[list[Sight]]:
+    return [[(BOX, 0.0)]] * frames
 
-def test_wrong_box_is_never_called_tracking_after_the_target_has_left() -> None:
-    answers = _run(_fusion(), _ball_that_leaves, 90)
-    assert {track.state for track, _ in answers[60:]} == {TrackState.LOST}
-
-
-def test_returns_to_a_target_that_reappears_elsewhere() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        place = (120.0, 120.0) if number < 40 else (350.0, 250.0)
-        if number < 30 or number >= 70:
-            _paint(image, *place, 7)
-        return image, place
 
-    answers = _run(_fusion(), scene, 100)
-    assert min(overlap for _, overlap in answers[-15:]) > 0.5
-    assert any(track.produced_by == "reacquired" for track, _ in answers)
-
-
-@pytest.mark.parametrize(("motion", "frames"), [(TemplateTracker, 75), (CorrelationTracker, 47)])
-@pytest.mark.parametrize("before", [_crossing, _behind_wall, _ball_that_leaves])
-def test_a_tracker_that_begins_anew_is_like_a_new_one(
-    motion: Callable[[], MotionTracker], before: Scene, frames: int
-) -> None:
-    """Whatever it went through: lost, in doubt, with a look-alike, or in the middle of that."""
-    used, new = (FusionTracker(motion(), ColourDetector()) for _ in range(2))
-    _run(used, before, frames)
-    assert _run(used, _behind_wall, 100) == _run(new, _behind_wall, 100)
-
-
-class LooseDetector(ColourDetector):
-    """A small network: in the whole image, reduced to its size, its boxes are far off."""
-
-    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
-        found = super().detect(image, region)
-        if region is not None and region.width <= 10 * SIDE:
-            return found
-        return [replace(one, box=_loose(one.box)) for one in found]
-
-
-def _loose(box: Box) -> Box:
-    return Box(box.cx + 0.3 * box.width, box.cy - 0.5 * box.height, 1.3 * box.width, box.height)
-
-
-def test_looks_closer_at_what_may_be_the_lost_target() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        place = (120.0, 120.0) if number < 40 else (350.0, 250.0)
-        if number < 30 or number >= 90:
-            _paint(image, *place, 7)
-        return image, place
-
-    detector = LooseDetector()
-    answers = _run(_fusion(detector), scene, 110)
-    assert all(overlap > 0.5 for _, overlap in answers[98:])
-    closer = [region for region in detector.regions[-12:] if region is not None]
-    assert any(region.distance(_box(350.0, 250.0)) < SIDE for region in closer)
-
-
-class NearsightedDetector(ColourDetector):
-    """A small network that sees a small target in an enlarged region only."""
-
-    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
-        found = super().detect(image, region)
-        return found if region is not None and region.width <= 5 * SIDE else []
-
-
-@pytest.mark.parametrize("stands_out", [True, False])
-def test_a_small_target_is_found_far_from_where_it_was_lost_long_ago(
-    stands_out: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground() + np.random.default_rng(number).integers(
-            0, 9, (HEIGHT, WIDTH, 1), np.uint8
-        )
-        place = (90.0, 90.0) if number < 100 else (400.0, 290.0)
-        if number < 30 or number >= 170:
-            _paint(image, *place, 7)
-        return image, place
-
-    if not stands_out:
-        monkeypatch.setattr("follower_vision.fusion.looks.Looks.proposals", lambda *_: [])
-    answers = _run(_fusion(NearsightedDetector()), scene, 270)
-    assert {track.state for track, _ in answers[60:165]} == {TrackState.LOST}
-    within_s = 1.0 if stands_out else 3.0
-    assert all(overlap > 0.5 for _, overlap in answers[170 + round(within_s * FPS) :])
-
-
-def test_does_not_take_another_class_for_the_target() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        if number < 30:
-            _paint(image, 200.0, 180.0, 7)
-        _paint(image, 300.0, 180.0, 7, blue=True)
-        return image, (200.0, 180.0)
-
-    answers = _run(_fusion(), scene, 90)
-    assert {track.state for track, _ in answers[60:]} == {TrackState.LOST}
-
-
-def test_validation_looks_at_a_zoomed_crop_and_the_paper_at_the_whole_image() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        _paint(image, 200.0 + number, 180.0, 7)
-        return image, (200.0 + number, 180.0)
-
-    detector, whole = ColourDetector(), ColourDetector()
-    _run(_fusion(detector), scene, 30)
-    _run(FusionTracker(TemplateTracker(), whole, FusionSettings.paper()), scene, 30)
-    assert all(region is not None and region.width >= 128 for region in detector.regions[:3])
-    assert set(whole.regions) == {None}
-
-
-def _foreseen(place: tuple[float, float], likely_px: float = 60.0) -> Prospect:
-    region = Box(*place, likely_px, likely_px)
-    return Prospect(*place, region, region.scaled(2.0))
-
-
-def _hidden_beside_a_twin(number: int) -> tuple[Image, tuple[float, float]]:
-    """A ball is hidden for a second and a half; its twin walks by, 110 pixels away, meanwhile."""
-    image = _ground()
-    place = (150.0 + number, 180.0)
-    _paint(image, *place, 7)
-    if 40 <= number < 85:
-        image[120:240, 140:270] = 90
-    if number >= 45:
-        _paint(image, 400 - 3.0 * (number - 45), 290, 7)
-    return image, place
-
-
-@pytest.mark.parametrize("told", [True, False])
-def test_a_twin_is_not_taken_where_the_target_cannot_be(told: bool) -> None:
-    """Who knows where the target is to come out waits for it there."""
-    tracker, wrong, last = _fusion(), 0, 0.0
-    tracker.start(_frame(_hidden_beside_a_twin(0)[0], 0), _box(*_hidden_beside_a_twin(0)[1]))
-    for number in range(1, 110):
-        image, place = _hidden_beside_a_twin(number)
-        tracker.expect(_foreseen(place) if told else None)
-        track = tracker.step(_frame(image, number))
-        last = track.box.iou(_box(*place))
-        wrong += track.confidence > 0.5 and last == 0
-    if told:
-        assert wrong == 0
+def test_it_starts_inside_the_image_and_steps_after_that(fusion: Trackers) -> None:
+    tracker = fusion()
+    for premature in (tracker.step, tracker.advance, tracker.conclude):
+        with pytest.raises(RuntimeError, match="not started"):
+            premature(frame(0))
+    with pytest.raises(RuntimeError, match="not started"):
+        tracker.put_back(BOX)
+    with pytest.raises(ValueError, match="outside the image of 320 x 240"):
+        tracker.start(frame(0), Box(-100, -100, 20, 20))
+    track = tracker.start(frame(0), Box(0, 100, 20, 20))
+    assert (track.state, track.confidence) == (TrackState.TRACKING, 1.0)
+    assert track.box == Box(0, 100, 20, 20)
+
+
+def test_it_follows_what_is_seen(fusion: Trackers, motion: ToldMotion) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    sights = going_right(20)
+    tracks = follow(tracker, motion, sights)
+    for number, (track, ((box, _),)) in enumerate(zip(tracks, sights, strict=True), 1):
         assert track.state is TrackState.TRACKING
-        assert last > 0.6
-    else:
-        assert wrong > 0  # nothing in the picture tells them apart
+        assert track.produced_by == "peak"
+        assert track.box.distance(box) < 1e-9
+        assert (track.captured_s, track.sequence) == (number / RATE_HZ, number)
 
 
-class LeapingTracker(TemplateTracker):
-    """Goes over to a place far away in one image, as sure as ever."""
+@settings(max_examples=30)
+@given(likeness=st.lists(st.floats(0, 1), min_size=1, max_size=25))
+def test_who_tracks_believes_it_and_who_is_lost_does_not(
+    judge: CandidateModel, likeness: list[float]
+) -> None:
+    motion = ToldMotion()
+    tracker = FusionTracker(motion, model=judge)
+    tracker.start(frame(0), BOX)
+    for track in follow(tracker, motion, [[(BOX, one)] for one in likeness]):
+        if track.state is TrackState.TRACKING:
+            assert track.confidence >= 0.5
+            assert track.produced_by == "peak"
+        if track.state is TrackState.LOST:
+            assert track.confidence < 0.5
+        assert 0 <= track.confidence <= 1
 
-    def __init__(self, leaps: int) -> None:
-        super().__init__()
-        self._left = leaps
 
-    def update(self, image: Image) -> MotionEstimate:
-        self._left -= 1
-        if self._left == 0:
-            self.move_to(_box(430, 300))
-        return super().update(image)
+def test_a_target_unseen_is_lost_after_0_4_s_and_found_again(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    tracks = follow(tracker, motion, [*going_right(10), *unseen(20), *going_right(2)])
+    states = [track.state for track in tracks]
+    coasting = round(0.4 * RATE_HZ)
+    assert states == [
+        *[TrackState.TRACKING] * 10,
+        *[TrackState.COASTING] * coasting,
+        *[TrackState.LOST] * (20 - coasting),
+        *[TrackState.TRACKING] * 2,
+    ]
+    assert {track.produced_by for track in tracks[10:30]} == {"prediction"}
 
 
-def test_a_tracker_that_leaps_to_a_twin_is_called_back_at_once() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image, place = _ground(), (200.0 + number, 180.0)
-        _paint(image, *place, 7)
-        _paint(image, 430, 300, 7)
-        return image, place
+def test_a_target_unseen_goes_on_as_it_went_for_a_while(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    seen_last = follow(tracker, motion, going_right(20))[-1].box
+    coasting = [track.box.cx - seen_last.cx for track in follow(tracker, motion, unseen(20), 21)]
+    steps = np.diff([0.0, *coasting])
+    assert steps[0] == pytest.approx(3.0, abs=0.5)
+    assert all(0 < later < earlier for earlier, later in itertools.pairwise(steps))
 
-    tracker = FusionTracker(LeapingTracker(25))
-    tracker.start(_frame(scene(0)[0], 0), _box(*scene(0)[1]))
-    for number in range(1, 60):
-        image, place = scene(number)
-        tracker.expect(_foreseen(place))
-        track = tracker.step(_frame(image, number))
-        assert track.state is not TrackState.TRACKING or track.box.iou(_box(*place)) > 0.5
+
+@pytest.mark.parametrize("kind", ["frozen", "blank"])
+def test_frames_that_show_nothing_are_not_searched(
+    fusion: Trackers, motion: ToldMotion, kind: str
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, going_right(10))
+    image = NOISE[10] if kind == "frozen" else np.zeros_like(NOISE[10])
+    tracks = [tracker.step(Frame(image, k / RATE_HZ, k)) for k in range(11, 40)]
+    searched = len(motion.searched)
+    told = [track for track in tracks if track.produced_by == kind]
+    assert len(told) >= len(tracks) - 4
+    assert told[0].state is TrackState.COASTING
+    assert told[-1].state is TrackState.LOST
+    assert told[-1].confidence < 0.5
+    assert searched == 1 + 10 + len(tracks) - len(told)
+    assert follow(tracker, motion, going_right(1), 40)[0].state is TrackState.TRACKING
+
+
+def test_of_several_the_one_that_is_believed_most_is_taken(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    other = BOX.moved_to(160, 120)
+    (track,) = follow(tracker, motion, [[(other, 0.7), (BOX, 0.8)]])
+    assert track.box.distance(BOX) < 1e-9
+    (track,) = follow(tracker, motion, [[(other, 0.8), (BOX, 0.45)]], 2)
+    assert track.box.distance(other) < 1e-9
+
+
+def test_what_is_doubtful_is_followed_but_neither_called_seen_nor_learnt(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    (track,) = follow(tracker, motion, [[(BOX, 0.49)]])
+    assert (track.state, track.produced_by) == (TrackState.COASTING, "peak")
+    assert motion.learnt == []
+    follow(tracker, motion, [[(BOX, 0.9)]], 2)
+    assert len(motion.learnt) == 1
+
+
+def test_the_detector_looks_about_the_target_every_fourth_frame(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    detector = ToldDetector()
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, going_right(12))
+    assert len(detector.regions) == 1 + 3
+    for region in detector.regions:
+        assert region is not None
+        assert region.width >= FusionSettings().crop_least_px
+        assert region.distance(BOX) < region.width / 4 + 12 * 3
+
+
+def test_in_doubt_it_looks_every_second_frame(fusion: Trackers, motion: ToldMotion) -> None:
+    detector = ToldDetector()
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, [[(BOX, 0.52)]] * 8)
+    assert len(detector.regions) == 1 + 4
+
+
+def test_a_lost_target_is_searched_for_where_something_like_it_was_detected(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    detector, elsewhere = ToldDetector(), Box(250, 60, 20, 30)
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    detector.sees = [seen(elsewhere, 0.3)]
+    follow(tracker, motion, unseen(30))
+    assert min(place.distance(elsewhere) for place in motion.searched[-2:]) < 1e-9
+    assert min(place.distance(elsewhere) for place in motion.searched[:12]) > 100
+
+
+def test_a_detection_far_away_finds_the_lost_target_again(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    detector, elsewhere = ToldDetector(), Box(250, 60, 20, 30)
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, unseen(20))
+    detector.sees = [seen(elsewhere)]
+    tracks = follow(tracker, motion, unseen(3), 21)
+    found = [track for track in tracks if track.state is TrackState.TRACKING]
+    assert {track.produced_by for track in found} == {"detection"}
+    assert found[0].box.distance(elsewhere) < 1e-9
+
+
+def detected(tracker: FusionTracker) -> list[np.ndarray]:
+    """The corners of the detections among the candidates, as they come."""
+    found: list[np.ndarray] = []
+
+    def note(choice: Choice) -> None:
+        places = [k for k, source in enumerate(choice.sources) if source == "detection"]
+        found.extend(choice.corners[places])
+
+    tracker.listener = note
+    return found
+
+
+def test_an_answer_that_comes_late_is_moved_along_with_the_target(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    service = HeldDetection()
+    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    found = detected(tracker)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, going_right(4))
+    asked = service.requests[-1]
+    assert asked.index == 4
+    follow(tracker, motion, going_right(10)[4:], 5)
+    then = BOX.moved_to(BOX.cx + 4 * 3, BOX.cy)
+    service.answers = [DetectionAnswer(asked, [seen(then)])]
+    motion.sights = going_right(11)[-1]
+    now = tracker.step(frame(11)).box
+    ((left, _, right, _),) = found
+    assert (left + right) / 2 == pytest.approx(now.cx, abs=1.0)
+    assert now.cx == pytest.approx(BOX.cx + 11 * 3)
+
+
+def test_an_answer_for_an_earlier_target_is_ignored(fusion: Trackers, motion: ToldMotion) -> None:
+    service = HeldDetection()
+    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    found = detected(tracker)
+    tracker.start(frame(0), BOX)
+    tracker.start(frame(1), Box(200, 100, 20, 30))
+    service.answers = [DetectionAnswer(service.requests[0], [seen(BOX)])]
+    follow(tracker, motion, unseen(1), 2)
+    assert found == []
+
+
+def test_what_the_detector_saw_at_the_start_tells_how_its_boxes_differ(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    """The user chose the upper half of what the detector takes for one thing."""
+    detector = ToldDetector()
+    whole = Box(BOX.cx, BOX.bottom, BOX.width, 2 * BOX.height)
+    detector.sees = [seen(whole)]
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    found = detected(tracker)
+    follow(tracker, motion, unseen(4))
+    assert found[0] == pytest.approx(corners_of([BOX])[0])
+
+
+def foreseen(place: Box, side_px: float = 60.0) -> TargetPrediction:
+    likely = Box(place.cx, place.cy, side_px, side_px)
+    return TargetPrediction(place.cx, place.cy, likely, likely.scaled(2.0))
+
+
+def test_nothing_is_taken_where_the_target_cannot_be(fusion: Trackers, motion: ToldMotion) -> None:
+    far, tracker = BOX.moved_to(260, 120), fusion()
+    tracker.start(frame(0), BOX)
+    tracker.expect(foreseen(BOX))
+    (track,) = follow(tracker, motion, [[(far, 1.0)]])
+    assert track.state is TrackState.COASTING
+    assert track.box.distance(BOX) < 5
+    (track,) = follow(tracker, motion, [[(far, 1.0)]], 2)
+    assert track.box.distance(far) < 1e-9, "it holds for one frame"
+
+
+def test_a_lost_target_is_expected_where_control_says(fusion: Trackers, motion: ToldMotion) -> None:
+    told, untold = Box(220, 180, 20, 30), fusion(settings=FusionSettings(target_prediction=False))
+    tracker = fusion()
+    for one in (tracker, untold):
+        one.start(frame(0), BOX)
+        follow(one, motion, unseen(20))
+        one.expect(foreseen(told, 20.0))
+        one.step(frame(21))
+    searched, not_told = motion.searched[20 + 1], motion.searched[-1]
+    assert searched.distance(told) < 0.2 * BOX.distance(told)
+    assert not_told.distance(BOX) < 5
+
+
+def test_another_trackers_target_is_left_to_it(motion: ToldMotion, judge: CandidateModel) -> None:
+    theirs, motion_of_other = BOX.moved_to(130, 120), ToldMotion()
+    mine, other = FusionTracker(motion, model=judge), FusionTracker(motion_of_other, model=judge)
+    motion_of_other.sights = [(theirs, 1.0)]
+    mine.start(frame(0), BOX)
+    other.start(frame(0), theirs)
+    assert other.sure_box == theirs
+    mine.beside([other])
+    (track,) = follow(mine, motion, [[(theirs, 1.0)]])
+    assert track.state is TrackState.COASTING
+    motion_of_other.sights = [(theirs, 0.0)]
+    other.step(frame(1))
+    assert other.sure_box is None
+    (track,) = follow(mine, motion, [[(theirs, 1.0)]], 2)
+    assert track.box.distance(theirs) < 1e-9, "nobody says that it sees it"
+
+
+def test_two_targets_that_overlap_keep_both_their_boxes(
+    motion: ToldMotion, judge: CandidateModel
+) -> None:
+    theirs, motion_of_other = BOX.moved_to(BOX.cx + 4, BOX.cy), ToldMotion()
+    mine, other = FusionTracker(motion, model=judge), FusionTracker(motion_of_other, model=judge)
+    mine.start(frame(0), BOX)
+    other.start(frame(0), theirs)
+    mine.beside([other])
+    (track,) = follow(mine, motion, [[(BOX, 1.0)]])
     assert track.state is TrackState.TRACKING
 
 
-def test_prospects_can_be_switched_off_and_hold_for_one_frame() -> None:
-    far = _foreseen((500.0, 330.0))
-    for settings, frames in (({"prospects": False}, range(1, 20)), ({}, [])):
-        tracker = _fusion(**settings)
-        tracker.start(_frame(_steady(0)[0], 0), _box(*_steady(0)[1]))
-        for number in range(1, 20):
-            image, place = _steady(number)
-            if number in frames or number == 5:
-                tracker.expect(far)
-            track = tracker.step(_frame(image, number))
-        assert track.state is TrackState.TRACKING
-        assert track.box.iou(_box(*place)) > 0.6
+def test_put_back_it_goes_on_from_there(fusion: Trackers, motion: ToldMotion) -> None:
+    place, tracker = Box(220, 60, 24, 24), fusion()
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, unseen(20))
+    tracker.put_back(place)
+    assert tracker.sure_box == place
+    (track,) = follow(tracker, motion, unseen(1), 21)
+    assert track.state is TrackState.COASTING
+    assert motion.searched[-1].distance(place) < 1e-9
 
 
-def test_is_the_same_every_time() -> None:
-    first = [track for track, _ in _run(_fusion(), _crossing, 60)]
-    second = [track for track, _ in _run(_fusion(), _crossing, 60)]
-    assert first == second
+@pytest.mark.parametrize("interval_s", [1 / 120, 1 / 30, 1 / 8])
+def test_the_way_gone_unseen_depends_on_the_time_not_on_the_frames(
+    fusion: Trackers, motion: ToldMotion, interval_s: float
+) -> None:
+    tracker, speed_px_s, time_s = fusion(), 30.0, 0.0
+    tracker.start(frame(0), BOX)
+    for number in range(1, 41):
+        time_s = number * interval_s
+        motion.sights = [(BOX.moved_to(BOX.cx + speed_px_s * time_s, BOX.cy), 1.0)]
+        before = tracker.step(frame(number, time_s)).box
+    motion.sights = [(BOX, 0.0)]
+    for number, share in enumerate((0.2, 0.7, 1.0), 41):
+        after = tracker.step(frame(number, time_s + 0.3 * share)).box
+    gone = after.cx - before.cx
+    assert gone == pytest.approx(speed_px_s * 0.7 * (1 - math.exp(-0.3 / 0.7)), rel=0.1)
 
 
-def test_a_swinging_camera_does_not_lose_a_standing_target() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        pan = 120 * np.sin(number / 6)
-        image = _ground(pan)
-        _paint(image, 240 - pan, 180.0, 7)
-        return image, (float(240 - pan), 180.0)
-
-    answers = _run(_fusion(), scene, 90)
-    assert np.mean([overlap > 0.5 for _, overlap in answers]) > 0.95
-
-
-def test_needs_a_start_within_the_image() -> None:
-    tracker = _fusion()
-    with pytest.raises(RuntimeError):
-        tracker.step(_frame(_ground(), 0))
-    with pytest.raises(ValueError, match="outside"):
-        tracker.start(_frame(_ground(), 0), Box(-100, -100, 20, 20))
+def test_a_frame_with_the_time_of_the_last_one_is_answered(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, going_right(3))
+    for number, time_s in enumerate((3 / RATE_HZ, 2 / RATE_HZ), 4):
+        assert tracker.step(frame(number, time_s)).state is TrackState.TRACKING
 
 
-def test_unfamiliar_target_is_followed_by_the_motion_tracker_alone() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        x, y = 150 + 2 * number, 170
-        image[y - 18 : y + 18, x - 18 : x + 18] = _texture(99, 36, 36) // 2 + 90
-        return image, (float(x), float(y))
-
-    answers = _run(_fusion(), scene, 60)
-    assert min(overlap for _, overlap in answers) > 0.5
-    assert {track.produced_by for track, _ in answers} == {"template"}
+NONE = (math.nan, math.inf, -math.inf)
 
 
-def _steady(number: int) -> tuple[Image, tuple[float, float]]:
-    image, place = _ground(), (150.0 + number, 180.0)
-    _paint(image, *place, 7)
-    return image, place
+@pytest.mark.parametrize("score", NONE)
+def test_a_detection_that_is_no_number_never_reaches_a_track(
+    fusion: Trackers, motion: ToldMotion, score: float
+) -> None:
+    detector = ToldDetector()
+    tracker = fusion(detector)
+    tracker.start(frame(0), BOX)
+    detector.sees = [seen(Box(140, 120, 20, 30), score), seen(BOX, 0.9)]
+    for track in follow(tracker, motion, [[(BOX, 1.0)]] * 9):
+        assert math.isfinite(track.confidence)
+        assert track.box.distance(BOX) < 1
 
 
-def test_a_steady_target_is_validated_less_often() -> None:
-    often, steady = ColourDetector(), ColourDetector()
-    _run(_fusion(often, validate_steady_every=4), _steady, 120)
-    _run(_fusion(steady, validate_steady_every=12), _steady, 120)
-    assert len(often.regions) == 30
-    assert len(steady.regions) <= 14
+@pytest.mark.parametrize("score", NONE)
+def test_an_answer_of_the_motion_tracker_that_is_no_number_is_no_sight(
+    fusion: Trackers, motion: ToldMotion, score: float
+) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    tracks = follow(tracker, motion, [[(BOX, score), (BOX.moved_to(150, 120), 0.3)]] * 3)
+    assert all(math.isfinite(track.confidence) for track in tracks)
+    assert tracks[-1].box.distance(BOX) < 1
 
 
-def test_a_target_that_the_detector_never_knew_is_not_asked_for_again() -> None:
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image = _ground()
-        image[160:196, 132 + number : 168 + number] = _texture(99, 36, 36) // 2 + 90
-        return image, (150.0 + number, 178.0)
-
-    detector = ColourDetector()
-    _run(_fusion(detector), scene, 120)
-    assert len(detector.regions) < 12
+def test_the_box_stays_on_the_image(fusion: Trackers, motion: ToldMotion) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    leaving = [[(BOX.moved_to(BOX.cx + 40 * k, BOX.cy), 1.0)] for k in range(1, 6)]
+    for track in follow(tracker, motion, [*leaving, *unseen(30)])[5:]:
+        assert 0 <= track.box.cx <= 320
 
 
-def test_a_sure_tracker_is_not_believed_where_the_detector_sees_nothing() -> None:
-    """From frame 60 on a grey thing of the same pattern stands for the ball."""
+def with_a_detector() -> FusionTracker:
+    detector = ToldDetector()
+    detector.sees = [seen(BOX), seen(Box(160, 120, 20, 30), 0.6)]
+    return FusionTracker(CorrelationTracker(), detector)
 
-    def scene(number: int) -> tuple[Image, tuple[float, float]]:
-        image, place = _steady(number)
-        if number >= 60:
-            image = np.repeat(image.max(axis=2, keepdims=True), 3, axis=2)
-        return image, place
 
-    answers = _run(_fusion(), scene, 110)
-    assert {track.state for track, _ in answers[:55]} == {TrackState.TRACKING}
-    assert TrackState.TRACKING not in {track.state for track, _ in answers[64:]}
+def textured(number: int) -> Frame:
+    """A patch of noise that goes right over other noise."""
+    image = NOISE[0].copy()
+    image[100:140, 80 + 2 * number : 120 + 2 * number] = NOISE[1][:40, :40]
+    image[0, 0] = number
+    return Frame(image, number / RATE_HZ, number)
+
+
+def run(tracker: FusionTracker, frames: int = 12) -> list[Track]:
+    first = tracker.start(textured(0), Box(100, 120, 40, 40))
+    return [first, *(tracker.step(textured(number)) for number in range(1, frames))]
+
+
+def test_the_same_frames_give_the_same_tracks_bit_for_bit() -> None:
+    assert run(with_a_detector()) == run(with_a_detector())
+
+
+def test_begun_anew_it_is_like_a_new_one() -> None:
+    used = with_a_detector()
+    run(used)
+    assert run(used) == run(with_a_detector())
+
+
+def test_the_listener_is_told_what_there_was_to_choose_from(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    choices: list[Choice] = []
+    tracker = fusion()
+    tracker.listener = choices.append
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, [[(BOX, 0.9), (BOX.moved_to(160, 120), 0.6)]])
+    (choice,) = choices
+    assert choice.sources[:2] == ("peak", "peak")
+    assert choice.sources[-1] == "prediction"
+    assert choice.corners[:2] == pytest.approx(corners_of([BOX, BOX.moved_to(160, 120)]))
+    assert choice.chosen == 0
+    assert len(choice.features) == len(choice.probabilities) == len(choice.sources)
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [
-        {"validate_every": 0},
-        {"validate_steady_every": 0},
-        {"match_iou": 1.5},
-        {"coast_s": 0.0},
-        {"size_least": 1.5},
-        {"size_change_found": 0.5},
-    ],
+    [{"validate_every": 0}, {"doubt_every": 0}, {"crop_sizes": 0.0}, {"crop_least_px": math.inf}],
 )
 def test_settings_refuse_nonsense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="fusion"):
-        FusionSettings(**wrong)
-
-
-def test_every_improvement_can_be_switched_off() -> None:
-    paper = FusionSettings.paper()
-    assert paper.reidentify.max_recent == 0
-    assert FusionSettings().without("camera_motion").camera_motion is False
-    with pytest.raises(ValueError, match="camera_motion"):
-        FusionSettings().without("luck")
-
-
-class HesitantGuide:
-    """Knows where the target is, and is less sure of it from its twentieth image on."""
-
-    name = "guide"
-
-    def __init__(self) -> None:
-        self.updates = 0
-
-    def start(self, image: Image, box: Box) -> None:
-        """Nothing to learn."""
-
-    def move_to(self, box: Box) -> None:
-        """Nowhere to be sent."""
-
-    def update(self, _image: Image) -> MotionEstimate:
-        self.updates += 1
-        return MotionEstimate(_box(100 + 3 * self.updates, 150), 1.0 if self.updates < 20 else 0.9)
-
-
-def test_a_confident_tracker_is_followed_though_nobody_knows_its_box_any_more() -> None:
-    """Where the looks changed for good there is no better guess; but it is not called seen."""
-    tracker = FusionTracker(HesitantGuide())
-    states = []
-    for number in range(120):
-        image = _ground()
-        _paint(image, 100 + 3 * number, 150, 3 if number < 20 else 9, blue=number >= 20)
-        if number == 0:
-            tracker.start(_frame(image, number), _box(100, 150))
-        else:
-            track = tracker.step(_frame(image, number))
-            states.append(track.state)
-            assert track.box.iou(_box(100 + 3 * number, 150)) > 0.9
-    tracker.close()
-    assert TrackState.TRACKING not in states[25:]
-    assert states[-1] is TrackState.LOST
+        FusionSettings(**wrong)  # type: ignore[arg-type]

@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import pytest
 
-from follower_vision.box import Box
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.frame import Frame
 from follower_vision.fusion import FusionTracker, MultiFusion
-from follower_vision.track import Track, TrackState
-from follower_vision.trackers import make_tracker
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.registry import make_tracker
+from follower_vision.trackers.track import Track, TrackState
 
 DATA = Path(
     os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
@@ -22,7 +22,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
         not (DATA / "weights").is_dir() or not (DATA / "sequences").is_dir(),
-        reason="the real networks and sequences in shared/data are missing",
+        reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
     ),
 ]
 

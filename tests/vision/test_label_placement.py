@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.box import Box
-from follower_vision.labels import place_labels
+from follower_vision.drawing.overlay import place_labels
+from follower_vision.geometry.box import Box
 
 SIZE = (100.0, 20.0)
 

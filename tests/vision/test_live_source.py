@@ -1,6 +1,5 @@
 """Live sources: the newest frame, its time, and coming back after a break."""
 
-import socket
 import threading
 import time
 from fractions import Fraction
@@ -11,9 +10,9 @@ import numpy as np
 import pytest
 
 from follower_vision.clock import MonotonicClock
-from follower_vision.framesource import SourceError
-from follower_vision.live import LiveSettings, LiveSource
-from follower_vision.sources import is_live, open_source
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.live_source import LiveSettings, LiveSource
+from follower_vision.sources.open import is_live, open_source
 
 QUICK = LiveSettings(first_frame_s=8.0, retry_s=0.02, longest_retry_s=0.1)
 
@@ -72,13 +71,8 @@ class UdpSender:
                 number += 1
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time():
+@pytest.mark.slow
+def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time(free_port, late_s):
     port, clock = free_port(), MonotonicClock()
     with UdpSender(port), open_source(f"udp://127.0.0.1:{port}", live=QUICK) as source:
         frames = [source.read() for _ in range(20)]
@@ -87,18 +81,19 @@ def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time():
     assert frames[0].image.shape == (48, 64, 3)
     assert all(a.captured_s < b.captured_s for a, b in pairwise(frames))
     assert all(a.sequence < b.sequence for a, b in pairwise(frames))
-    assert 0 <= age_s < 1
+    assert 0 <= age_s < 1 + late_s()
     assert rate_hz == pytest.approx(30, rel=0.1)
 
 
-def test_a_sender_that_stops_and_starts_again_is_found_again():
+@pytest.mark.slow
+def test_a_sender_that_stops_and_starts_again_is_found_again(free_port):
     port = free_port()
     with UdpSender(port):
         source = open_source(f"udp://127.0.0.1:{port}", live=QUICK)
         last = source.read()
     time.sleep(2.5)
     with source, UdpSender(port):
-        end = time.monotonic() + 10
+        end = time.monotonic() + 30
         while source.connections < 2 and time.monotonic() < end:
             frame = source.read()
         frame = source.read()
@@ -107,14 +102,14 @@ def test_a_sender_that_stops_and_starts_again_is_found_again():
     assert frame.sequence > last.sequence
 
 
-def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows():
+def test_a_slow_reader_gets_the_newest_frame_and_the_gap_shows(late_s):
     with LiveSource(lambda: FakeCamera(400), MonotonicClock(), QUICK) as source:
         first = source.read()
         time.sleep(0.3)
         before = MonotonicClock().now()
         late = source.read()
     assert late.sequence - first.sequence > 5
-    assert before - late.captured_s < 0.25
+    assert before - late.captured_s < 0.25 + late_s()
     assert source.skipped >= late.sequence - first.sequence - 1
 
 
@@ -133,6 +128,7 @@ def test_it_connects_again_after_a_break_and_numbers_go_on():
     assert made[1].closed
 
 
+@pytest.mark.slow
 def test_the_pauses_between_attempts_grow():
     attempts = []
 
@@ -175,7 +171,8 @@ def test_closing_lets_a_waiting_reader_go():
     assert source.read() is None
 
 
-def test_a_stream_that_nobody_sends_is_a_clear_error():
+@pytest.mark.slow
+def test_a_stream_that_nobody_sends_is_a_clear_error(free_port):
     settings = LiveSettings(first_frame_s=0.5, retry_s=0.05)
     with pytest.raises(SourceError, match=r"is it sending|is the camera sending"):
         open_source(f"udp://127.0.0.1:{free_port()}", live=settings)

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.correlation import CorrelationTracker
-from follower_vision.frame import Frame
-from follower_vision.longterm import LongTermSettings, LongTermTracker
-from follower_vision.motion import IdentityTracker, MotionEstimate
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.longterm.tracker import LongTermSettings, LongTermTracker
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.motion_tracker import IdentityTracker, MotionEstimate
+from follower_vision.trackers.track import Track, TrackState
 
 RATE_HZ = 30.0
 SIZE = (36, 24)
@@ -110,6 +110,7 @@ def is_tracking(track: Track) -> bool:
     return track.state is TrackState.TRACKING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_a_target_that_stays_in_view_is_tracked_all_the_time(tracker):
     tracks = follow(tracker(), 3.0, driving)
@@ -118,6 +119,7 @@ def test_a_target_that_stays_in_view_is_tracked_all_the_time(tracker):
     assert min(t.confidence for t in tracks) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", [*TRACKERS, IdentityTracker])
 def test_a_target_that_vanishes_is_given_up_within_half_a_second(tracker):
     def path(time_s):
@@ -130,6 +132,7 @@ def test_a_target_that_vanishes_is_given_up_within_half_a_second(tracker):
     assert tracks[-1].confidence == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_it_is_found_again_elsewhere_and_not_its_look_alike(tracker, seed):
@@ -147,6 +150,7 @@ def test_it_is_found_again_elsewhere_and_not_its_look_alike(tracker, seed):
     assert not any(is_tracking(t) for t in tracks if 2.0 < t.captured_s < 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_it_leaves_the_image_and_returns(tracker):
     def path(time_s):
@@ -160,6 +164,7 @@ def test_it_leaves_the_image_and_returns(tracker):
     assert tracks[-1].box.iou(box_at(path(tracks[-1].captured_s))) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_it_passes_behind_a_pillar(tracker):
     scene, long_term = Scene(), LongTermTracker(tracker())
@@ -245,6 +250,7 @@ def test_choosing_again_forgets_the_first_target():
     assert (track.captured_s, track.sequence) == (3 / RATE_HZ, 3)
 
 
+@pytest.mark.slow
 def test_the_same_frames_give_the_same_tracks():
     def path(time_s):
         return driving(time_s) if time_s < 1 else None if time_s < 1.8 else (300.0, 60.0)

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -22,14 +22,14 @@ from follower_vision.models import (
     MODELS,
     DownloadError,
     FileState,
-    Model,
     ModelFile,
     ModelStore,
     Purpose,
+    VisionModel,
     default_folder,
     download,
 )
-from follower_vision.network import ModelError
+from follower_vision.onnx_network import ModelError
 
 CONTENT = bytes(range(256)) * 2000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -95,15 +95,15 @@ def server() -> Iterator[Server]:
         thread.join()
 
 
-def model_of(*files: ModelFile, name: str = "tiny") -> Model:
-    return Model(name, Purpose.TRACKER, "a test", "CC0-1.0", "nobody", files)
+def model_of(*files: ModelFile, name: str = "tiny") -> VisionModel:
+    return VisionModel(name, Purpose.TRACKER, "a test", "CC0-1.0", "nobody", files)
 
 
-def tiny(*addresses: str, sha256: str = SHA256) -> Model:
+def tiny(*addresses: str, sha256: str = SHA256) -> VisionModel:
     return model_of(ModelFile("network.onnx", len(CONTENT), sha256, addresses))
 
 
-def store_of(folder: Path, *models: Model) -> ModelStore:
+def store_of(folder: Path, *models: VisionModel) -> ModelStore:
     return ModelStore(folder / "models", models)
 
 
@@ -250,15 +250,19 @@ def test_an_http_error_is_named(server: Server, tmp_path: Path) -> None:
         store_of(tmp_path, model).pull(model)
 
 
-def test_the_next_address_is_tried(server: Server, tmp_path: Path) -> None:
-    nobody = f"http://127.0.0.1:{unused_port()}/network.onnx"
+def test_the_next_address_is_tried(
+    server: Server, tmp_path: Path, free_port: Callable[[], int]
+) -> None:
+    nobody = f"http://127.0.0.1:{free_port()}/network.onnx"
     model = tiny(nobody, "ftp://127.0.0.1/network.onnx", server.address)
     store_of(tmp_path, model).pull(model)
     assert only_file(tmp_path).read_bytes() == CONTENT
 
 
-def test_no_network_is_one_line_that_says_what_to_do(tmp_path: Path) -> None:
-    model = tiny(f"http://127.0.0.1:{unused_port()}/network.onnx")
+def test_no_network_is_one_line_that_says_what_to_do(
+    tmp_path: Path, free_port: Callable[[], int]
+) -> None:
+    model = tiny(f"http://127.0.0.1:{free_port()}/network.onnx")
     with pytest.raises(DownloadError) as caught:
         store_of(tmp_path, model).pull(model)
     said = str(caught.value)
@@ -298,11 +302,11 @@ def test_too_little_room_is_told_before_the_transfer(
 PULL_WITH_LITTLE_ROOM = """
 import resource, sys
 from pathlib import Path
-from follower_vision.models import Model, ModelFile, ModelStore, Purpose, DownloadError
+from follower_vision.models import VisionModel, ModelFile, ModelStore, Purpose, DownloadError
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 address, folder, size, sha256 = sys.argv[1:]
 file = ModelFile("network.onnx", int(size), sha256, (address,))
-model = Model("tiny", Purpose.TRACKER, "", "", "", (file,))
+model = VisionModel("tiny", Purpose.TRACKER, "", "", "", (file,))
 try:
     ModelStore(Path(folder), [model]).pull(model)
 except DownloadError as error:
@@ -401,7 +405,10 @@ WEIGHTS = (
 )
 
 
-@pytest.mark.skipif(not WEIGHTS.is_dir(), reason="shared/data/weights is missing")
+@pytest.mark.skipif(
+    not WEIGHTS.is_dir(),
+    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
+)
 def test_the_table_describes_the_real_files() -> None:
     store = ModelStore(WEIGHTS)
     present = [model for model in store.models if store.is_present(model)]
@@ -410,8 +417,3 @@ def test_the_table_describes_the_real_files() -> None:
         assert set(store.verify(model).values()) == {FileState.GOOD}
         if model.purpose is Purpose.DETECTOR:
             assert make_detector(model.name, store).class_names[0] == "person"
-
-
-def unused_port() -> int:
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as closed:
-        return closed.server_port

@@ -9,11 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.nanotrack import NanoTracker
-from follower_vision.nanotrack_network import NanoTrackNetwork
-from follower_vision.nanotrack_settings import NANOTRACK_SETTINGS, NanoTrackSettings
-from follower_vision.network import ModelError
+from follower_vision.geometry.box import Box
+from follower_vision.onnx_network import ModelError
+from follower_vision.trackers.motion_tracker import ResponseMap
+from follower_vision.trackers.nanotrack import (
+    NANOTRACK_SETTINGS,
+    NanoTracker,
+    NanoTrackNetwork,
+    NanoTrackSettings,
+)
 
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper
@@ -23,7 +27,8 @@ DATA = Path(
 )
 HALF_SIDE = 32.0
 needs_data = pytest.mark.skipif(
-    not (DATA / "weights").is_dir(), reason="the real networks in shared/data/weights are missing"
+    not (DATA / "weights").is_dir(),
+    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
 )
 
 
@@ -135,72 +140,81 @@ def test_nothing_there_is_low_confidence(network: NanoTrackNetwork) -> None:
     nano = tracker(network)
     nano.start(scene((300, 200)), Box(300, 200, 40, 40))
     assert nano.update(scene()).confidence < 0.1
-    assert nano.candidates() == []
+    assert nano.search(scene(), Box(300, 200, 40, 40)).first.max() < 0.1
 
 
-def test_candidates_show_the_look_alike(network: NanoTrackNetwork) -> None:
-    nano = tracker(network)
-    nano.start(scene((300, 200)), Box(300, 200, 40, 40))
-    assert nano.candidates() == []
-    nano.update(scene((300, 200), (355, 200)))
-    centres = [place.box.cx for place in nano.candidates()]
-    assert min(abs(cx - 300) for cx in centres) < 8
-    assert min(abs(cx - 355) for cx in centres) < 8
+def best(response: ResponseMap) -> tuple[float, float]:
+    """The centre of the place with the highest likeness, in pixels."""
+    left, top, right, bottom = response.corners[int(response.first.argmax())]
+    return (left + right) / 2, (top + bottom) / 2
 
 
-def test_candidates_respect_their_limits(network: NanoTrackNetwork) -> None:
-    nano = tracker(network, candidates=1)
-    nano.start(scene((300, 200)), Box(300, 200, 40, 40))
-    estimate = nano.update(scene((300, 200), (355, 200)))
-    (only,) = nano.candidates()
-    assert only.confidence >= estimate.confidence
+def test_a_search_shows_the_look_alike(network: NanoTrackNetwork) -> None:
+    nano, box = tracker(network), Box(300, 200, 40, 40)
+    nano.start(scene((300, 200)), box)
+    response = nano.search(scene((300, 200), (355, 200)), box)
+    likely = response.corners[response.first > 0.5]
+    centres = (likely[:, 0] + likely[:, 2]) / 2
+    assert np.abs(centres - 300).min() < 8
+    assert np.abs(centres - 355).min() < 8
+    assert np.all((response.penalty > 0) & (response.penalty <= 1))
 
 
-def test_move_to_finds_a_target_that_jumped_out_of_the_window(network: NanoTrackNetwork) -> None:
-    nano = tracker(network, window_influence=0.0)
-    nano.start(scene((100, 100)), Box(100, 100, 40, 40))
-    jumped = scene((500, 400))
-    assert nano.update(jumped).confidence < 0.1
-    nano.move_to(Box(490, 390, 40, 40))
-    estimate = nano.update(jumped)
-    assert estimate.confidence > 0.9
-    assert estimate.box.distance(Box(500, 400, 40, 40)) < 8
-
-
-def test_probe_looks_elsewhere_and_changes_nothing(network: NanoTrackNetwork) -> None:
+def test_a_search_elsewhere_changes_nothing(network: NanoTrackNetwork) -> None:
     nano, undisturbed = tracker(network), tracker(network)
     image = scene((300, 200), (500, 400))
     for each in (nano, undisturbed):
         each.start(image, Box(300, 200, 40, 40))
-        each.update(image)
-    before = nano.candidates()
-    places = nano.probe(image, Box(495, 395, 40, 40))
-    assert places[0].box.distance(Box(500, 400, 40, 40)) < 8
-    assert nano.probe(image, Box(100, 400, 40, 40)) == []
-    assert nano.candidates() == before
+    response = nano.search(image, Box(495, 395, 40, 40))
+    assert best(response) == pytest.approx((500, 400), abs=8)
+    assert response.region.distance(Box(495, 395, 1, 1)) == 0
     assert nano.update(image) == undisturbed.update(image)
 
 
-def test_probe_of_what_was_seen_anyway_asks_the_network_nothing(
-    network: NanoTrackNetwork, monkeypatch: pytest.MonkeyPatch
+def test_a_search_gives_the_features_of_the_region_it_searched(network: NanoTrackNetwork) -> None:
+    """The tiny network's features are the mean colours of 16 x 16 pixels of the crop."""
+    nano, box = tracker(network), Box(300, 200, 40, 40)
+    nano.start(scene((300, 200)), box)
+    features = nano.search(scene((300, 200)), box).image_features
+    assert features is not None
+    assert features.shape == (16, 16, 3)
+    assert features[8, 8] == pytest.approx((30, 30, 250), abs=2)
+    assert features[1, 1] == pytest.approx((100, 100, 100), abs=2)
+
+
+def learnt(network: NanoTrackNetwork, probability: float, times: int) -> NanoTracker:
+    """A tracker that was told so often that the target turned blue."""
+    nano, box = tracker(network), Box(300, 200, 40, 40)
+    nano.start(scene((300, 200)), box)
+    blue = np.ascontiguousarray(scene((300, 200))[..., ::-1])
+    for _ in range(times):
+        nano.learn(blue, box, probability)
+    return nano
+
+
+@pytest.mark.parametrize(
+    ("probability", "times", "templates"), [(0.79, 40, 0), (0.8, 11, 0), (0.8, 24, 2)]
+)
+def test_a_recent_look_is_learnt_now_and_then_if_it_is_probable(
+    network: NanoTrackNetwork,
+    monkeypatch: pytest.MonkeyPatch,
+    probability: float,
+    times: int,
+    templates: int,
 ) -> None:
-    nano, image = tracker(network), scene((300, 200), (330, 215))
-    nano.start(image, Box(300, 200, 40, 40))
-    nano.update(image)
-    monkeypatch.setattr(network, "compare", lambda *_: pytest.fail("the network was asked"))
-    assert nano.probe(image, Box(325, 210, 44, 38)) == nano.candidates()
-    for other, box in ((image.copy(), Box(325, 210, 44, 38)), (image, Box(345, 200, 40, 40))):
-        with pytest.raises(pytest.fail.Exception):
-            nano.probe(other, box)
+    taken: list[object] = []
+    first = network.template
+    monkeypatch.setattr(network, "template", lambda cut: taken.append(cut) or first(cut))
+    learnt(network, probability, times)
+    assert len(taken) == 1 + templates
 
 
-def test_candidates_may_be_asked_for_by_confidence(network: NanoTrackNetwork) -> None:
-    nano = tracker(network)
-    nano.start(scene((300, 200)), Box(300, 200, 40, 40))
-    nano.update(scene((300, 200), (355, 200)))
-    every = nano.candidates()
-    assert nano.candidates(every[0].confidence) == every[:1]
-    assert nano.candidates(1.0) == []
+def test_the_first_look_stays_when_another_is_learnt(network: NanoTrackNetwork) -> None:
+    image, box = scene((300, 200)), Box(300, 200, 40, 40)
+    before = learnt(network, 1.0, 0).search(image, box)
+    after = learnt(network, 1.0, 12).search(image, box)
+    assert np.array_equal(after.first, before.first)
+    assert np.array_equal(before.recent, before.first)
 
 
 def test_starting_again_forgets(network: NanoTrackNetwork) -> None:
@@ -209,7 +223,6 @@ def test_starting_again_forgets(network: NanoTrackNetwork) -> None:
     nano.update(scene((110, 100)))
     for each in (nano, fresh):
         each.start(scene((300, 200)), Box(300, 200, 40, 40))
-    assert nano.candidates() == []
     assert nano.update(scene((310, 205))) == fresh.update(scene((310, 205)))
 
 
@@ -228,12 +241,12 @@ def test_small_boxes_stop_at_the_smallest_side(network: NanoTrackNetwork) -> Non
     assert nano.update(scene((300, 200), side=4)).box.width >= 7.0
 
 
-@pytest.mark.parametrize("call", ["update", "move_to", "probe"])
-def test_not_started_is_an_error(network: NanoTrackNetwork, call: str) -> None:
-    box, nano = Box(1, 1, 2, 2), tracker(network)
-    arguments = {"update": (scene(),), "move_to": (box,), "probe": (scene(), box)}
+def test_not_started_is_an_error(network: NanoTrackNetwork) -> None:
+    nano = tracker(network)
     with pytest.raises(RuntimeError, match="not started"):
-        getattr(nano, call)(*arguments[call])
+        nano.update(scene())
+    with pytest.raises(RuntimeError, match="not started"):
+        nano.search(scene(), Box(1, 1, 2, 2))
 
 
 def test_a_head_is_no_backbone_nor_the_other_way_round(tmp_path: Path) -> None:
@@ -242,21 +255,6 @@ def test_a_head_is_no_backbone_nor_the_other_way_round(tmp_path: Path) -> None:
         NanoTrackNetwork(head, head)
     with pytest.raises(ModelError, match=r"backbone\.onnx: not a NanoTrack head"):
         NanoTrackNetwork(backbone, backbone)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"window_influence": 1.5},
-        {"learning_rate": -0.1},
-        {"penalty_k": float("nan")},
-        {"smallest_side_px": 0.0},
-        {"candidates": 0},
-    ],
-)
-def test_nonsense_settings_are_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(changes))):
-        NanoTrackSettings(**changes)
 
 
 @needs_data

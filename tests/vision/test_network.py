@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from follower_vision.network import ModelError, Network, onnx_session
-from follower_vision.onnxresize import with_input_size
+from follower_vision.onnx_network import ModelError, Network, onnx_session, with_input_size
 
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.clock import SimulatedClock
-from follower_vision.metrics import OpeScore, mean_score, ope_score
-from follower_vision.motion import IdentityTracker, MotionEstimate
-from follower_vision.ope import jittered, load_sequence, parse_box, run_ope
+from follower_vision.evaluation.datasets import DatasetError, load_dataset
+from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
+from follower_vision.geometry.box import Box
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT.parent / "shared" / "tools" / "ope_reference.py"
@@ -28,7 +26,7 @@ def random_boxes(rng, count):
     return boxes
 
 
-@pytest.mark.skipif(not REFERENCE.exists(), reason="no reference score in ../shared/tools")
+@pytest.mark.skipif(not REFERENCE.exists(), reason="no reference scores in ../shared/tools")
 @pytest.mark.parametrize("seed", range(20))
 def test_measures_agree_with_the_independent_reference(seed):
     spec = importlib.util.spec_from_file_location("ope_reference", REFERENCE)
@@ -78,29 +76,11 @@ def test_what_cannot_be_scored_is_refused():
         ope_score([SQUARE, SQUARE], [SQUARE])
     with pytest.raises(ValueError, match="no frame"):
         ope_score([SQUARE, SQUARE], [SQUARE, None])
-    with pytest.raises(ValueError, match="no score"):
-        mean_score([])
 
 
 def test_sequences_weigh_the_same_in_the_mean_whatever_their_length():
     mean = mean_score([OpeScore(1.0, 1.0, 0.8, 10), OpeScore(0.0, 0.5, 0.2, 990)])
     assert mean == OpeScore(0.5, 0.75, pytest.approx(0.5), 1000)
-
-
-@pytest.mark.parametrize("line", ["1,2,3,4", "1 2 3 4", "1\t2\t3\t4", " 1, 2, 3, 4 "])
-def test_boxes_are_read_with_any_usual_separator(line):
-    assert parse_box(line) == Box.from_xywh(1, 2, 3, 4)
-
-
-@pytest.mark.parametrize("line", ["0,0,0,0", "5,5,0,7", "nan,nan,nan,nan", "1,2,-3,4"])
-def test_empty_boxes_mean_that_the_target_is_absent(line):
-    assert parse_box(line) is None
-
-
-@pytest.mark.parametrize("line", ["1,2,3", "1,2,3,4,5", "a,b,c,d"])
-def test_lines_that_are_no_box_are_refused(line):
-    with pytest.raises(ValueError, match=r"x, y, w, h|could not convert"):
-        parse_box(line)
 
 
 def make_sequence(folder, lines, images=3):
@@ -114,69 +94,23 @@ def make_sequence(folder, lines, images=3):
 
 def test_a_folder_is_loaded_in_order_with_absent_frames(tmp_path):
     folder = make_sequence(tmp_path / "walk", ["1,2,3,4", "0,0,0,0", "3,2,3,4"])
-    sequence = load_sequence(folder)
+    (sequence,), _ = load_dataset(folder)
     assert sequence.name == "walk"
     assert sequence.truth == (Box.from_xywh(1, 2, 3, 4), None, Box.from_xywh(3, 2, 3, 4))
     assert [int(image[0, 0, 0]) for image in sequence.frames()] == [0, 1, 2]
 
 
 def test_unusable_folders_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="3 images, 2 boxes"):
-        load_sequence(make_sequence(tmp_path / "short", ["1,2,3,4", "1,2,3,4"]))
-    with pytest.raises(ValueError, match="first frame has no box"):
-        load_sequence(make_sequence(tmp_path / "absent", ["0,0,0,0"] * 3))
-    with pytest.raises(OSError, match="nowhere"):
-        load_sequence(tmp_path / "nowhere")
+    _, short = load_dataset(make_sequence(tmp_path / "short", ["1,2,3,4", "1,2,3,4"]))
+    assert "2 boxes for 3 images" in short[0]
+    _, absent = load_dataset(make_sequence(tmp_path / "absent", ["0,0,0,0"] * 3))
+    assert "a box in the first" in absent[0]
+    with pytest.raises(DatasetError, match="nowhere"):
+        load_dataset(tmp_path / "nowhere")
 
 
 def test_a_broken_image_is_an_error_that_names_it(tmp_path):
     folder = make_sequence(tmp_path / "walk", ["1,2,3,4"] * 3)
     (folder / "img" / "000002.png").write_bytes(b"not an image")
     with pytest.raises(OSError, match=r"000002\.png"):
-        run_ope(IdentityTracker(), load_sequence(folder))
-
-
-class Pacer:
-    """Answers a box that moves 1 px a frame, and takes 0.25 s on the clock given."""
-
-    name = "pacer"
-
-    def __init__(self, clock):
-        self.clock = clock
-        self.seen = []
-
-    def start(self, image, box):
-        self.box = box
-        self.seen.append(int(image[0, 0, 0]))
-
-    def update(self, image):
-        self.seen.append(int(image[0, 0, 0]))
-        self.clock.sleep_until(self.clock.now() + 0.25)
-        self.box = self.box.moved_to(self.box.cx + 1, self.box.cy)
-        return MotionEstimate(self.box, 0.5)
-
-
-def test_a_run_feeds_every_frame_once_and_keeps_boxes_and_times(tmp_path):
-    folder = make_sequence(tmp_path / "walk", ["1,2,3,4", "2,2,3,4", "3,2,3,4"])
-    clock = SimulatedClock()
-    tracker = Pacer(clock)
-    run = run_ope(tracker, load_sequence(folder), clock=clock)
-    assert tracker.seen == [0, 1, 2]
-    assert [box.left for box in run.boxes] == [1, 2, 3]
-    assert run.confidences == (1.0, 0.5, 0.5)
-    assert run.update_s == pytest.approx((0.25, 0.25))
-    assert run.score.success == 1.0
-
-
-def test_a_run_can_start_from_another_box(tmp_path):
-    folder = make_sequence(tmp_path / "walk", ["1,2,3,4"] * 3)
-    run = run_ope(IdentityTracker(), load_sequence(folder), initial=SQUARE)
-    assert run.boxes == (SQUARE, SQUARE, SQUARE)
-
-
-def test_jitter_stays_within_its_share_and_repeats_with_its_seed():
-    boxes = [jittered(SQUARE, np.random.default_rng(seed)) for seed in range(100)]
-    assert boxes[3] == jittered(SQUARE, np.random.default_rng(3))
-    assert max(abs(box.cx - SQUARE.cx) for box in boxes) <= 0.5
-    assert max(abs(box.width / SQUARE.width - 1) for box in boxes) <= 0.05
-    assert len({box.cx for box in boxes}) == 100
+        list(load_dataset(folder)[0][0].frames())

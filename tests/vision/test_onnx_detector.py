@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.box import Box
 from follower_vision.detection import DetectorSettings, OnnxDetector
-from follower_vision.detection.classes import COCO_CLASSES, VOC_CLASSES, choose_class_names
-from follower_vision.detection.pixels import InputFormat, Placement
-from follower_vision.network import ModelError
+from follower_vision.detection.detection import InputFormat, Placement
+from follower_vision.detection.onnx_detector import COCO_CLASSES, VOC_CLASSES, choose_class_names
+from follower_vision.geometry.box import Box
+from follower_vision.onnx_network import ModelError
 
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper
@@ -26,7 +26,8 @@ DATA = Path(
 SIDE = 64
 BOX_SHARE = 0.25
 needs_data = pytest.mark.skipif(
-    not (DATA / "weights").is_dir(), reason="the real networks in shared/data/weights are missing"
+    not (DATA / "weights").is_dir(),
+    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
 )
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.overlay import STATE_COLOURS, draw_track, draw_tracks, target_colour
-from follower_vision.track import Track, TrackState
+from follower_vision.drawing.overlay import STATE_COLOURS, draw_tracks, target_colour
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import Track, TrackState
 
 
 def grey(width: int, height: int) -> np.ndarray:
@@ -24,7 +24,7 @@ def near(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
 @pytest.mark.parametrize(("width", "height"), [(320, 240), (640, 480), (1280, 720)])
 def test_the_box_is_drawn_in_its_states_colour_where_it_is(width, height, state):
     box = Box.from_xywh(0.3 * width, 0.4 * height, 0.2 * width, 0.25 * height)
-    drawn = draw_track(grey(width, height), track(box, state))
+    drawn = draw_tracks(grey(width, height), [track(box, state)])
     columns = np.flatnonzero(near(drawn, STATE_COLOURS[state])[round(box.cy) + 12])
     assert abs(columns.min() + 0.5 - box.left) < 3
     assert abs(columns.max() + 0.5 - box.right) < 3
@@ -32,12 +32,12 @@ def test_the_box_is_drawn_in_its_states_colour_where_it_is(width, height, state)
 
 def test_the_frame_itself_is_left_alone():
     image = grey(320, 240)
-    draw_track(image, track(Box(100, 100, 40, 30)), ["a line"])
+    draw_tracks(image, [track(Box(100, 100, 40, 30))], ["a line"])
     assert (image == 110).all()
 
 
 def test_without_a_track_only_the_centre_and_the_text_are_drawn():
-    drawn = draw_track(grey(320, 240), None, ["IDLE"])
+    drawn = draw_tracks(grey(320, 240), [], ["IDLE"])
     changed = np.argwhere((drawn != 110).any(axis=2))
     in_text = (changed[:, 0] < 40) & (changed[:, 1] < 100)
     in_centre = (abs(changed[:, 0] - 120) < 20) & (abs(changed[:, 1] - 160) < 20)
@@ -59,12 +59,12 @@ def test_without_a_track_only_the_centre_and_the_text_are_drawn():
     ],
 )
 def test_boxes_anywhere_and_of_any_size_do_no_harm(box):
-    drawn = draw_track(grey(320, 240), track(box), ["x" * 200])
+    drawn = draw_tracks(grey(320, 240), [track(box)], ["x" * 200])
     assert drawn.shape == (240, 320, 3)
 
 
 def test_tiny_images_do_no_harm():
-    assert draw_track(grey(16, 8), track(Box(8, 4, 4, 2)), ["line", "line"]).shape == (8, 16, 3)
+    assert draw_tracks(grey(16, 8), [track(Box(8, 4, 4, 2))], ["line", "line"]).shape == (8, 16, 3)
 
 
 def test_several_targets_have_a_colour_each_and_the_unseen_show_their_corners_alone():
@@ -77,8 +77,3 @@ def test_several_targets_have_a_colour_each_and_the_unseen_show_their_corners_al
         left = coloured[:, round(box.left) - 1 : round(box.left) + 2].any(axis=1)
         assert left[round(box.top) + 5]
         assert left[round(box.cy)] == (state is TrackState.TRACKING)
-
-
-def test_one_of_several_is_drawn_like_one_alone():
-    only = track(Box(100, 100, 40, 30))
-    assert (draw_tracks(grey(320, 240), [only]) == draw_track(grey(320, 240), only)).all()

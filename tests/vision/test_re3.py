@@ -9,19 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.box import Box
-from follower_vision.re3 import Re3Tracker
-from follower_vision.re3_geometry import (
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.re3 import (
     SEARCH_PX,
     TARGET_PX,
+    Re3Memory,
+    Re3Output,
+    Re3Settings,
+    Re3State,
+    Re3Tracker,
     absolute_box,
     relative_box,
     relative_size,
     search_region,
     template_region,
 )
-from follower_vision.re3_network import Re3Memory, Re3Output, Re3State
-from follower_vision.re3_settings import Re3Settings
 
 SIDES = st.floats(4, 400)
 PLACES = st.floats(-200, 800)
@@ -49,7 +51,7 @@ class CountingNetwork:
         features = np.zeros((1, 4, 8, 8), np.float32)
         return Re3Memory(features, np.array([relative_size(box)], np.float32)), state(1.0)
 
-    def look(self, view, _image, box, _fill, memory, before):
+    def predict(self, view, _image, box, _fill, memory, before):
         count = float(before.hidden[0, 0, 0])
         self.states.append(count)
         self.boxes.append(box)
@@ -126,41 +128,30 @@ def test_the_box_stays_on_the_image_and_does_not_vanish() -> None:
     assert box.height == 480
 
 
-def test_it_can_be_sent_elsewhere_without_forgetting_what_it_saw() -> None:
-    network = CountingNetwork((0, 0, 0, 0))
-    tracker = Re3Tracker(network)
-    tracker.start(image(), Box(100, 100, 40, 40))
-    tracker.update(image(1))
-    tracker.move_to(Box(300, 200, 50, 50))
-    assert tracker.update(image(2)).box == Box(300, 200, 50, 50)
-    assert network.boxes[-1] == Box(300, 200, 50, 50)
-    assert network.seen == [100, 101]
-    assert network.states == [1.0, 2.0]
-
-
-def test_two_looks_at_one_image_are_one_frame() -> None:
+def test_a_search_goes_nowhere_until_it_is_told_what_was_right() -> None:
     network = CountingNetwork((0, 0, 0, 0))
     tracker, second = Re3Tracker(network), image(2)
     tracker.start(image(), Box(100, 100, 40, 40))
-    tracker.update(image(1))
     for place in (200, 300):
-        tracker.move_to(Box(place, 100, 40, 40))
-        tracker.update(second)
-    assert tracker.probe(second, Box(400, 100, 40, 40))[0].box == Box(400, 100, 40, 40)
-    tracker.update(image(3))
-    assert network.seen == [100, 101, 101, 101, 302]
-    assert network.states == [1.0, 2.0, 2.0, 2.0, 3.0]
+        response = tracker.search(second, Box(place, 100, 40, 40))
+        assert response.corners.tolist() == [[place - 20, 80, place + 20, 120]]
+        assert response.first == response.recent == 0.75 ** Re3Settings().confidence_power
+        assert response.penalty == 1
+        assert response.region.width == pytest.approx(40 * SEARCH_PX / TARGET_PX)
+    tracker.learn(second, Box(250, 100, 40, 40), 0.9)
+    tracker.search(image(3), Box(250, 100, 40, 40))
+    assert network.seen == [100, 100, 252]
+    assert network.states == [1.0, 1.0, 2.0]
 
 
-def test_corrected_it_goes_on_from_there_and_still_knows_the_first_image() -> None:
+def test_what_nobody_confirmed_is_not_remembered() -> None:
     network = CountingNetwork((0, 0, 0, 0))
     tracker = Re3Tracker(network)
     tracker.start(image(), Box(100, 100, 40, 40))
-    tracker.update(image(1))
-    tracker.correct(image(2), Box(300, 200, 50, 50))
-    assert tracker.frames_since_reset == 0
-    assert tracker.update(image(3)).box == Box(300, 200, 50, 50)
-    assert network.seen == [100, 302]
+    tracker.search(image(1), Box(200, 100, 40, 40))
+    tracker.learn(image(2), Box(200, 100, 40, 40), 0.9)  # another image than the one searched
+    tracker.search(image(3), Box(200, 100, 40, 40))
+    assert network.seen == [100, 100]
     assert network.states == [1.0, 1.0]
 
 
@@ -168,17 +159,9 @@ def test_corrected_it_goes_on_from_there_and_still_knows_the_first_image() -> No
     "ask",
     [
         lambda tracker: tracker.update(image()),
-        lambda tracker: tracker.move_to(Box(1, 1, 2, 2)),
-        lambda tracker: tracker.correct(image(), Box(1, 1, 2, 2)),
-        lambda tracker: tracker.probe(image(), Box(1, 1, 2, 2)),
+        lambda tracker: tracker.search(image(), Box(1, 1, 2, 2)),
     ],
 )
 def test_without_a_start_it_says_so(ask) -> None:
     with pytest.raises(RuntimeError, match="not started"):
         ask(Re3Tracker(CountingNetwork((0, 0, 0, 0))))
-
-
-@pytest.mark.parametrize("settings", [{"reset_frames": 0}, {"smallest_side_px": 0.0}])
-def test_nonsense_is_refused(settings: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="must be"):
-        Re3Settings(**settings)

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
 from follower_vision.models import MODELS, ModelStore
 from follower_vision.models.store import EMBEDDED_FOLDER
-from follower_vision.motion import MotionTracker
-from follower_vision.re3_network import Re3Network
-from follower_vision.trackers import RE3_FILE, make_tracker
+from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.re3 import Re3Network
+from follower_vision.trackers.registry import RE3_FILE, make_tracker
 
 _MOST_BYTES = 8_000_000
 GROUND = cv2.resize(
@@ -62,8 +62,8 @@ def test_what_it_remembers_matters(tmp_path: Path) -> None:
     assert np.abs(state.hidden).mean(axis=(1, 2)).min() > 1e-4  # no layer is shut
     moved = scene(Box(306, 203, 50, 40))
     view = network.view(scene(box), box, fill)
-    known = network.look(view, moved, box, fill, memory, state)
-    unknown = network.look(view, moved, box, fill, memory, network.first_state)
+    known = network.predict(view, moved, box, fill, memory, state)
+    unknown = network.predict(view, moved, box, fill, memory, network.first_state)
     assert np.abs(known.box - unknown.box).max() > 1e-6
 
 

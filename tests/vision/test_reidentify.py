@@ -6,9 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower_vision.appearance import colour_histogram, correlations, intersections
-from follower_vision.box import Box
-from follower_vision.reidentify import Reidentifier, ReidentifySettings
+from follower_vision.appearance.appearance import (
+    Appearance,
+    AppearanceGallery,
+    colour_histogram,
+    intersections,
+)
+from follower_vision.appearance.reidentify import Reidentifier, ReidentifySettings
+from follower_vision.geometry.box import Box
 
 
 def patch(seed: int, colour: tuple[int, int, int], side: int = 40) -> np.ndarray:
@@ -115,12 +120,18 @@ def test_a_new_start_forgets_the_old_target():
     assert known.score(scene((THERE, patch(1, RED))), THERE) < 1.2
 
 
+def correlation(template: np.ndarray, picture: np.ndarray) -> float:
+    """Return the likeness of two grey pictures without a colour in common."""
+    one, other = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    return AppearanceGallery([Appearance(template, one)]).likeness(Appearance(picture, other))
+
+
 def test_what_has_no_structure_correlates_with_nothing():
     flat, ramp = np.full((10, 10), 90, np.uint8), np.arange(100, dtype=np.uint8).reshape(10, 10)
-    assert correlations([flat], np.full((12, 12), 90, np.uint8)) == [0]
-    assert correlations([flat], np.pad(ramp, 1)) == [0]
-    assert correlations([ramp], np.pad(ramp, 2, "edge"))[0] == pytest.approx(1, abs=1e-5)
-    assert correlations([ramp[::-1, ::-1]], ramp)[0] == pytest.approx(-1, abs=1e-5)
+    assert correlation(flat, np.full((12, 12), 90, np.uint8)) == 0
+    assert correlation(flat, np.pad(ramp, 1)) == 0
+    assert correlation(ramp, np.pad(ramp, 2, "edge")) == pytest.approx(1, abs=1e-5)
+    assert correlation(ramp[::-1, ::-1], ramp) == pytest.approx(-1, abs=1e-5)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 30), st.integers(4, 30))

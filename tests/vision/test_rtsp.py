@@ -11,9 +11,9 @@ import av
 import numpy as np
 import pytest
 
-from follower_vision.framesource import SourceError
-from follower_vision.live import LiveSettings
-from follower_vision.sources import open_source
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.live_source import LiveSettings
+from follower_vision.sources.open import open_source
 
 QUICK = LiveSettings(first_frame_s=10.0, retry_s=0.05, longest_retry_s=0.2)
 RATE, WIDTH, HEIGHT = 25, 96, 64
@@ -135,6 +135,7 @@ def camera():
     camera.close()
 
 
+@pytest.mark.slow
 def test_pictures_come_by_rtsp_over_tcp_with_their_times(camera):
     with open_source(f"rtsp://127.0.0.1:{camera.port}/live", live=QUICK) as source:
         frames = [source.read() for _ in range(15)]
@@ -144,6 +145,7 @@ def test_pictures_come_by_rtsp_over_tcp_with_their_times(camera):
     assert "RTP/AVP/TCP" in setups[0]
 
 
+@pytest.mark.slow
 def test_a_cut_connection_is_made_again(camera):
     with open_source(f"rtsp://127.0.0.1:{camera.port}/live", live=QUICK) as source:
         last = source.read()
@@ -157,10 +159,8 @@ def test_a_cut_connection_is_made_again(camera):
     assert sum(request.startswith("PLAY") for request in camera.requests) == source.connections
 
 
-def test_a_password_is_used_but_never_shown():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+def test_a_password_is_used_but_never_shown(free_port):
+    port = free_port()
     settings = LiveSettings(first_frame_s=0.5, retry_s=0.05)
     with pytest.raises(SourceError) as caught:
         open_source(f"rtsp://pilot:secret@127.0.0.1:{port}/live", live=settings)

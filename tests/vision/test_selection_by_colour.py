@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.acquire import ColourSearchSettings, colour_from_hex, find_by_colour
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
+from follower_vision.selection import ColourSearchSettings, colour_from_hex, find_by_colour
 
 ORANGE = (30, 90, 255)
 

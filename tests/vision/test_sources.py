@@ -9,8 +9,14 @@ import numpy as np
 import pytest
 
 from follower_vision.clock import SimulatedClock
-from follower_vision.imagefolder import natural_key
-from follower_vision.sources import ImageFolder, Paced, SourceError, VideoFile, open_source
+from follower_vision.sources.open import (
+    ImageFolder,
+    RealtimePlayback,
+    SourceError,
+    VideoFile,
+    natural_key,
+    open_source,
+)
 
 
 def picture(number: int, width: int = 64, height: int = 48) -> np.ndarray:
@@ -214,14 +220,18 @@ def test_closed_sources_give_nothing_more(tmp_path):
 
 def test_paced_playback_keeps_the_recordings_times(tmp_path):
     clock = SimulatedClock(100.0)
-    frames = everything(Paced(VideoFile(write_video(tmp_path / "a.mp4", [0, 0.1, 0.4])), clock))
+    frames = everything(
+        RealtimePlayback(VideoFile(write_video(tmp_path / "a.mp4", [0, 0.1, 0.4])), clock)
+    )
     assert [f.captured_s for f in frames] == pytest.approx([100.0, 100.1, 100.4], abs=1e-3)
     assert clock.now() == pytest.approx(100.4, abs=1e-3)
 
 
 def test_paced_playback_skips_what_a_late_reader_missed(tmp_path):
     clock = SimulatedClock(5.0)
-    source = Paced(ImageFolder(write_images(tmp_path, [f"{i}.png" for i in range(10)]), 10), clock)
+    source = RealtimePlayback(
+        ImageFolder(write_images(tmp_path, [f"{i}.png" for i in range(10)]), 10), clock
+    )
     assert source.read().sequence == 0
     clock.sleep_until(5.45)
     late = source.read()

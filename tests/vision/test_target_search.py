@@ -6,16 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.acceptance import Acceptance
-from follower_vision.box import Box
-from follower_vision.coasting import Coasting
-from follower_vision.coloursearch import ColourSearch
-from follower_vision.frame import Frame
-from follower_vision.framecheck import FrameCheck, FrameCheckSettings, FrameHealth
-from follower_vision.longterm_settings import LongTermSettings
-from follower_vision.refine import refined
-from follower_vision.targetsearch import TargetSearch
-from follower_vision.templatesearch import TemplateSearch, tiles
+from follower_vision.appearance.frame_check import FrameCheck, FrameCheckSettings, FrameHealth
+from follower_vision.appearance.template_search import ColourSearch, TemplateSearch, tiles
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.longterm.box_check import AcceptanceThreshold, LongTermSettings, refined
+from follower_vision.longterm.search import TargetSearch
+from follower_vision.longterm.tracker import Extrapolation
 
 HERE, THERE = Box(100, 120, 30, 24), Box(510, 390, 30, 24)
 
@@ -39,7 +36,6 @@ def best_iou(candidates: list[Box], truth: Box) -> float:
 def test_a_coloured_target_is_proposed_wherever_it_is():
     search = ColourSearch()
     search.learn(scene(HERE), HERE)
-    assert search.distinctive
     assert best_iou(search.candidates(scene(THERE, seed=1)), THERE) > 0.6
     assert search.candidates(scene(None, seed=1)) == []
 
@@ -47,7 +43,6 @@ def test_a_coloured_target_is_proposed_wherever_it_is():
 def test_a_target_in_the_backgrounds_colours_is_not_searched_by_colour():
     image, search = scene(None), ColourSearch()
     search.learn(image, HERE)
-    assert not search.distinctive
     assert search.candidates(image) == []
 
 
@@ -89,7 +84,7 @@ def test_the_whole_image_is_searched_within_a_few_frames():
 
 
 def test_coasting_follows_a_constant_velocity_and_fades():
-    coasting = Coasting()
+    coasting = Extrapolation()
     for index in range(12):
         coasting.add(index / 30, Box(100 + 4 * index, 50 - 2 * index, 20, 10))
     last_s, last = coasting.last
@@ -101,7 +96,7 @@ def test_coasting_follows_a_constant_velocity_and_fades():
 
 
 def test_coasting_stands_still_without_a_past():
-    coasting = Coasting()
+    coasting = Extrapolation()
     with pytest.raises(RuntimeError, match="no box"):
         coasting.predict(1.0)
     coasting.add(0.0, HERE)
@@ -152,7 +147,7 @@ def test_fitting_is_bounded_and_never_worse():
 @given(st.one_of(st.none(), st.floats(-1, 2)), st.integers(0, 30), st.floats(0, 100))
 def test_acceptance_never_asks_less_than_epsilon_nor_more_than_can_be_reached(level, fails, wait_s):
     settings = LongTermSettings()
-    acceptance = Acceptance(settings)
+    acceptance = AcceptanceThreshold(settings)
     for _ in range(fails):
         acceptance.fail(10.0)
     asked = acceptance.epsilon(level, 10.0 + wait_s)
@@ -160,7 +155,7 @@ def test_acceptance_never_asks_less_than_epsilon_nor_more_than_can_be_reached(le
 
 
 def test_acceptance_rises_with_look_alikes_and_failures_and_forgives():
-    acceptance = Acceptance(LongTermSettings())
+    acceptance = AcceptanceThreshold(LongTermSettings())
     plain = acceptance.epsilon(None, 0.0)
     assert acceptance.epsilon(1.3, 0.0) > plain
     acceptance.fail(0.0)

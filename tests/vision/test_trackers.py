@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.box import Box
-from follower_vision.network import ModelError
-from follower_vision.opencv_trackers import OPENCV_KINDS, opencv_tracker_names
-from follower_vision.trackers import make_tracker, tracker_names
+from follower_vision.geometry.box import Box
+from follower_vision.onnx_network import ModelError
+from follower_vision.trackers.opencv import OPENCV_KINDS, opencv_tracker_names
+from follower_vision.trackers.registry import make_tracker, tracker_names
 
 NETLESS = [name for name in opencv_tracker_names() if not OPENCV_KINDS[name].files]
 

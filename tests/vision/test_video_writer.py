@@ -7,8 +7,8 @@ import av
 import numpy as np
 import pytest
 
-from follower_vision.video_writer import VideoWriteError, VideoWriter
-from follower_vision.videofile import VideoFile
+from follower_vision.drawing.video_writer import VideoWriteError, VideoWriter
+from follower_vision.sources.video_file import VideoFile
 
 
 def picture(number: int, width: int = 64, height: int = 48) -> np.ndarray:
@@ -76,11 +76,12 @@ def test_an_exception_leaves_a_playable_file(tmp_path):
     assert len(played(tmp_path / "a.mp4")) == 10
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_playable_file(tmp_path):
     path = tmp_path / "a.mp4"
     script = (
         "import os, numpy as np\n"
-        "from follower_vision.video_writer import VideoWriter\n"
+        "from follower_vision.drawing.video_writer import VideoWriter\n"
         f"video = VideoWriter({str(path)!r})\n"
         "for i in range(120):\n"
         "    video.write(np.random.default_rng(i).integers(0, 255, (96, 128, 3), np.uint8), i/30)\n"

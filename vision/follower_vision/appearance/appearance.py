@@ -1,6 +1,4 @@
-"""What a target looks like: a small grey picture and a histogram of its colours."""
-
-from __future__ import annotations
+"""The appearance of a target: a small grey picture and a histogram of its colours."""
 
 import math
 from collections.abc import Sequence
@@ -11,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.frame import Image
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
+from follower_vision.images.frame import Image
 
 _HUES = 16
 _SATURATIONS = 3
@@ -51,7 +49,7 @@ def standard_size(box: Box, side_px: float) -> tuple[int, int]:
     return max(4, round(side_px * across)), max(4, round(side_px / across))
 
 
-def look(image: Image, box: Box, size: tuple[int, int], margin: float = 0.0) -> Appearance:
+def appearance_of(image: Image, box: Box, size: tuple[int, int], margin: float = 0.0) -> Appearance:
     """Return what the box shows, resized to `size`.
 
     Args:
@@ -70,7 +68,7 @@ def look(image: Image, box: Box, size: tuple[int, int], margin: float = 0.0) -> 
     return Appearance(grey, colour_histogram(inner))
 
 
-class Gallery:
+class AppearanceGallery:
     """Several views of one target, ready to be compared with what is seen."""
 
     def __init__(self, views: Sequence[Appearance]) -> None:
@@ -83,21 +81,6 @@ class Gallery:
         """Return the largest likeness to a view, -1 to 2: correlation plus common colours."""
         alike = _correlations(self._patterns, self._size, seen.grey)
         return float((alike + intersections(self._histograms, seen.histogram)).max())
-
-
-def correlations(templates: Sequence[Grey], picture: Grey) -> npt.NDArray[np.float64]:
-    """Return, for each template, its best normalised cross-correlation within a picture.
-
-    A template, or a place in the picture, without structure correlates with nothing: 0.
-
-    Args:
-        templates: (h, w) uint8 each, all of one size.
-        picture: (H, W) uint8, at least as large; every second shift is tried.
-
-    Returns:
-        Shape (number of templates,), -1 to 1.
-    """
-    return _correlations(_patterns(templates), templates[0].shape, picture)
 
 
 def intersections(

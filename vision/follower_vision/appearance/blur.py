@@ -1,4 +1,4 @@
-"""Tells when the target's neighbourhood is blurred.
+"""Detects blur in the target's neighbourhood.
 
 After Panda and Barczyk, "Blending of Learning-based Tracking and Object Detection for Monocular
 Camera-based Target Following" (IFAC 2019): the variance of the Laplacian on a region of twice the
@@ -8,20 +8,17 @@ and it is compared with what the same target's neighbourhood had lately, because
 plain wall has less of it than a blurred image of a forest.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 
-from follower_vision.box import Box
-from follower_vision.frame import Image
-from follower_vision.reduce import halved
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import halved
+from follower_vision.images.frame import Image
 
 _REGION = 2.0
 _MOST_PIXELS = 160.0 * 160.0
@@ -40,8 +37,6 @@ class BlurSettings:
     ratio: float = 0.4
     window_s: float = 1.0
     least_history_s: float = 0.15
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
         if not 0 < self.ratio < 1:

@@ -1,16 +1,13 @@
-"""Tells when a camera shows nothing, or the same picture again and again."""
-
-from __future__ import annotations
+"""Detects blank frames and a frozen camera."""
 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 _ABOUT_BYTES = 1 << 16
 
@@ -38,8 +35,6 @@ class FrameCheckSettings:
     frozen_after_s: float = 0.1
     blank_deviation: float = 4.0
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     def __post_init__(self) -> None:
         if not self.frozen_after_s > 0:
             raise ValueError("frame check: frozen_after_s has to be positive")
@@ -48,7 +43,7 @@ class FrameCheckSettings:
 
 
 class FrameCheck:
-    """Looks at a sample of every frame's pixels."""
+    """Checks a sample of every frame's pixels."""
 
     def __init__(self, settings: FrameCheckSettings | None = None) -> None:
         self._settings = settings or FrameCheckSettings()

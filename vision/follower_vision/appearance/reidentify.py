@@ -10,17 +10,19 @@ between candidate and template is searched, because detections are never that ex
 because a target seen from behind at first may have turned since.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from follower_vision.appearance import Appearance, Gallery, look, standard_size
-from follower_vision.box import Box
-from follower_vision.frame import Image
+from follower_vision.appearance.appearance import (
+    Appearance,
+    AppearanceGallery,
+    appearance_of,
+    standard_size,
+)
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +45,6 @@ class ReidentifySettings:
     template_side_px: float = 24.0
     shift_ratio: float = 0.15
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     def __post_init__(self) -> None:
         if not 0 < self.epsilon < 2:
             raise ValueError(f"re-identification: epsilon lies between 0 and 2, not {self.epsilon}")
@@ -59,15 +59,19 @@ class ReidentifySettings:
 
 
 class Reidentifier:
-    """Remembers a target's first second and scores candidates against it."""
+    """Remembers a target's first second and scores candidates against it.
+
+    Attributes:
+        size: (width, height) of the templates in pixels.
+    """
 
     def __init__(self, settings: ReidentifySettings | None = None) -> None:
         self._settings = settings or ReidentifySettings()
         self._templates: list[Appearance] = []
         self._recent: deque[Appearance] = deque(maxlen=self._settings.max_recent)
-        self._all: Gallery | None = None
-        self._first: Gallery | None = None
-        self._size = (0, 0)
+        self._all: AppearanceGallery | None = None
+        self._first: AppearanceGallery | None = None
+        self.size = (0, 0)
         self._started_s = 0.0
         self._taken_s = -math.inf
 
@@ -77,19 +81,14 @@ class Reidentifier:
         return (*self._templates, *self._recent)
 
     @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the templates in pixels."""
-        return self._size
-
-    @property
     def epsilon(self) -> float:
         """The least score of the target."""
         return self._settings.epsilon
 
     def start(self, image: Image, box: Box, captured_s: float) -> None:
         """Forget everything and take the first template, (H, W, 3) uint8 BGR."""
-        self._size = standard_size(box, self._settings.template_side_px)
-        self._templates = [look(image, box, self._size)]
+        self.size = standard_size(box, self._settings.template_side_px)
+        self._templates = [appearance_of(image, box, self.size)]
         self._recent.clear()
         self._collect()
         self._started_s = self._taken_s = captured_s
@@ -106,14 +105,14 @@ class Reidentifier:
             return False
         if len(self._templates) >= settings.max_templates or captured_s < self._taken_s + pause_s:
             return False
-        self._templates.append(look(image, box, self._size))
+        self._templates.append(appearance_of(image, box, self.size))
         self._collect()
         self._taken_s = captured_s
         return True
 
     def refresh(self, image: Image, box: Box) -> None:
         """Remember a later view, in place of the oldest such; only one that was recognised."""
-        self._recent.append(look(image, box, self._size))
+        self._recent.append(appearance_of(image, box, self.size))
         self._collect()
 
     def score(self, image: Image, box: Box) -> float:
@@ -133,12 +132,17 @@ class Reidentifier:
         return self._compare(image, box, self._first, 0.0)
 
     def _collect(self) -> None:
-        self._all, self._first = Gallery(self.templates), Gallery(self._templates)
+        self._all, self._first = (
+            AppearanceGallery(self.templates),
+            AppearanceGallery(self._templates),
+        )
 
-    def _compare(self, image: Image, box: Box, known: Gallery | None, shift_ratio: float) -> float:
+    def _compare(
+        self, image: Image, box: Box, known: AppearanceGallery | None, shift_ratio: float
+    ) -> float:
         if known is None:
             raise RuntimeError("nothing was learnt yet")
-        return known.likeness(look(image, box, self._size, shift_ratio))
+        return known.likeness(appearance_of(image, box, self.size, shift_ratio))
 
     def best(self, image: Image, candidates: Sequence[Box]) -> tuple[Box, float] | None:
         """Return the candidate with the highest score if it reaches epsilon, with that score."""

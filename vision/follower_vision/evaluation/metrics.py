@@ -1,6 +1,10 @@
-"""Whether a tracker says what is true: its states held against the truth."""
+"""The measures of one-pass evaluation: overlap, distance, and how true a tracker's states are.
 
-from __future__ import annotations
+Success, precision and the starts of the robustness tests after Wu, Lim and Yang, "Object Tracking
+Benchmark" (PAMI 2015): the tracker starts from the first frame's true box and is never helped
+again. The first frame is not scored, nor are frames in which the target is absent. Normalised
+precision after Müller et al., "TrackingNet" (ECCV 2018).
+"""
 
 import math
 import statistics
@@ -10,16 +14,161 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from follower_vision.box import Box
-from follower_vision.metrics import SUCCESS_IOU
-from follower_vision.track import TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import TrackState
 
+SUCCESS_IOU = 0.5
+PRECISION_PX = 20.0
+SUCCESS_AT = np.linspace(0, 1, 21)
+PRECISION_AT = np.arange(51.0)
+NORMALISED_AT = np.linspace(0, 0.5, 51)
 SOON_S = 0.5
 _Flags = NDArray[np.bool_]
+_Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Honesty:
+class OpeScore:
+    """How well boxes agree with the truth over one sequence.
+
+    Attributes:
+        success: share of scored frames whose intersection over union exceeds 0.5.
+        precision: share of scored frames whose centre is within 20 px of the true one.
+        auc: mean, over the thresholds 0, 0.05 to 1, of the share of frames that exceed them.
+        frames: number of scored frames.
+    """
+
+    success: float
+    precision: float
+    auc: float
+    frames: int
+
+
+def ope_score(boxes: Sequence[Box | None], truth: Sequence[Box | None]) -> OpeScore:
+    """Score one sequence.
+
+    Args:
+        boxes: the tracker's, one a frame, the initial one first, in pixels; None is a miss.
+        truth: one a frame, in pixels; None where the target is absent.
+
+    Raises:
+        ValueError: the lengths differ, or no frame can be scored.
+    """
+    pairs = _scored(boxes, truth)
+    iou, distance = _overlaps_and_distances(pairs)
+    return OpeScore(
+        success=float(np.mean(iou > SUCCESS_IOU)),
+        precision=float(np.mean(distance <= PRECISION_PX)),
+        auc=float(np.mean(iou[:, None] > SUCCESS_AT)),
+        frames=len(pairs),
+    )
+
+
+def _scored(
+    boxes: Sequence[Box | None], truth: Sequence[Box | None]
+) -> list[tuple[Box | None, Box]]:
+    """Return the tracker's and the true box of every frame that is scored."""
+    if len(boxes) != len(truth):
+        raise ValueError(f"{len(boxes)} boxes for {len(truth)} frames of truth")
+    later = zip(boxes[1:], truth[1:], strict=True)
+    pairs = [(box, true) for box, true in later if true is not None]
+    if not pairs:
+        raise ValueError("no frame after the first one has a true box")
+    return pairs
+
+
+def _overlaps_and_distances(pairs: Sequence[tuple[Box | None, Box]]) -> tuple[_Floats, _Floats]:
+    """Return intersection over union, and the distance of the centres in pixels."""
+    iou = np.array([box.iou(true) if box else 0.0 for box, true in pairs])
+    return iou, np.array([box.distance(true) if box else math.inf for box, true in pairs])
+
+
+def mean_score(scores: Sequence[OpeScore]) -> OpeScore:
+    """Average over sequences, each with the same weight; the frames are summed.
+
+    Raises:
+        ValueError: there is none.
+    """
+    return OpeScore(
+        success=float(np.mean([score.success for score in scores])),
+        precision=float(np.mean([score.precision for score in scores])),
+        auc=float(np.mean([score.auc for score in scores])),
+        frames=sum(score.frames for score in scores),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class OpeCurves:
+    """Shares of the scored frames, one value a threshold.
+
+    Attributes:
+        success: intersection over union above SUCCESS_AT.
+        precision: centre within PRECISION_AT pixels.
+        normalised: centre within NORMALISED_AT of the true box's sides.
+    """
+
+    success: tuple[float, ...]
+    precision: tuple[float, ...]
+    normalised: tuple[float, ...]
+
+    @property
+    def normalised_precision(self) -> float:
+        """The mean of the normalised curve: the area under it over its width."""
+        return float(np.mean(self.normalised))
+
+
+def ope_curves(boxes: Sequence[Box | None], truth: Sequence[Box | None]) -> OpeCurves:
+    """Score one sequence as `ope_score` does, at all thresholds.
+
+    Raises:
+        ValueError: the lengths differ, or no frame can be scored.
+    """
+    pairs = _scored(boxes, truth)
+    iou, off = _overlaps_and_distances(pairs)
+    relative = np.array([_relative(box, true) for box, true in pairs])
+    return OpeCurves(
+        tuple(np.mean(iou[:, None] > SUCCESS_AT, axis=0).tolist()),
+        tuple(np.mean(off[:, None] <= PRECISION_AT, axis=0).tolist()),
+        tuple(np.mean(relative[:, None] <= NORMALISED_AT, axis=0).tolist()),
+    )
+
+
+def _relative(box: Box | None, true: Box) -> float:
+    if box is None:
+        return math.inf
+    return math.hypot((box.cx - true.cx) / true.width, (box.cy - true.cy) / true.height)
+
+
+def mean_curves(curves: Sequence[OpeCurves]) -> OpeCurves:
+    """Average curves, each with the same weight.
+
+    Raises:
+        ValueError: there is none.
+    """
+    means = [
+        tuple(np.mean([getattr(c, name) for c in curves], axis=0).tolist())
+        for name in ("success", "precision", "normalised")
+    ]
+    return OpeCurves(*means)
+
+
+def temporal_starts(truth: Sequence[Box | None], number: int) -> list[int]:
+    """Return up to `number` frames, evenly apart, to start from: each has a box and a successor."""
+    wanted = [len(truth) * index // number for index in range(number)]
+    present = [k for k, box in enumerate(truth) if box and any(truth[k + 1 :])]
+    later = (next((k for k in present if k >= frame), None) for frame in wanted)
+    return sorted({frame for frame in later if frame is not None})
+
+
+def spatial_starts(box: Box) -> list[Box]:
+    """Return the twelve disturbed start boxes: eight shifts by a tenth, four scales."""
+    steps = [(x, y) for x in (-0.1, 0, 0.1) for y in (-0.1, 0, 0.1) if (x, y) != (0, 0)]
+    shifts = [box.moved_to(box.cx + x * box.width, box.cy + y * box.height) for x, y in steps]
+    return [*shifts, *(box.scaled(factor) for factor in (0.8, 0.9, 1.1, 1.2))]
+
+
+@dataclass(frozen=True, slots=True)
+class StateAccuracy:
     """How far a tracker's states can be believed. A box is right above an overlap of 0.5.
 
     Attributes:
@@ -41,12 +190,12 @@ class Honesty:
     losses_s: tuple[float, ...]
 
 
-def honesty(
+def state_accuracy(
     boxes: Sequence[Box | None],
     states: Sequence[TrackState],
     truth: Sequence[Box | None],
     interval_s: float,
-) -> Honesty:
+) -> StateAccuracy:
     """Hold states against the truth. The first frame is given and not scored.
 
     Args:
@@ -73,7 +222,7 @@ def honesty(
         for frames in _losses(found, lost | (overlap == 0), stay, len(rows))
     ]
     scored = present[1:]
-    return Honesty(
+    return StateAccuracy(
         _share(tracking[1:] & (overlap[1:] == 0), scored) or 0.0,
         _share(tracking[1:], ~scored),
         _share(~tracking[1:], right[1:]),
@@ -82,15 +231,13 @@ def honesty(
     )
 
 
-def mean_honesty(parts: Sequence[Honesty]) -> Honesty:
+def mean_state_accuracy(parts: Sequence[StateAccuracy]) -> StateAccuracy:
     """Average the shares, each part with the same weight, and gather the times.
 
     Raises:
         ValueError: there is none.
     """
-    if not parts:
-        raise ValueError("there is no honesty to average")
-    return Honesty(
+    return StateAccuracy(
         float(np.mean([part.false_tracking for part in parts])),
         _mean([part.absent_tracking for part in parts]),
         _mean([part.doubted for part in parts]),

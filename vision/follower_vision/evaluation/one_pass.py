@@ -1,17 +1,78 @@
-"""Reads text files of data sets: a region a line, a box around each."""
-
-from __future__ import annotations
+"""Sequences for one-pass evaluation: images in order, and the true boxes from their text files."""
 
 import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+
+IMAGES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
+"""Suffixes of image files."""
 
 
 class DatasetError(ValueError):
     """A folder or file is no data set; the message is one line that says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """Images in order and the target's true box in each.
+
+    Attributes:
+        name: for tables.
+        images: files, one a frame.
+        truth: one a frame; None where the target is absent. The first is a box.
+        attributes: by name, e.g. "occlusion", the frames in which each holds.
+        rate_hz: frames a second, None if unknown.
+    """
+
+    name: str
+    images: tuple[Path, ...]
+    truth: tuple[Box | None, ...]
+    attributes: Mapping[str, tuple[bool, ...]] = field(default_factory=dict)
+    rate_hz: float | None = None
+
+    @property
+    def initial(self) -> Box:
+        """The true box in the first frame."""
+        first = self.truth[0]
+        if first is None:
+            raise ValueError(f"{self.name}: the first frame has no box")
+        return first
+
+    def frames(self) -> Iterator[Image]:
+        """Read the images one after the other.
+
+        Raises:
+            OSError: one cannot be read.
+        """
+        for path in self.images:
+            yield read_image(path)
+
+
+@dataclass(frozen=True, slots=True)
+class SequencePlace:
+    """A sequence as it was found, not yet read.
+
+    Attributes:
+        name: for tables.
+        folder: the images, or the folder above them.
+        truth: the file of boxes.
+        first: number of the image that the first box belongs to, from 1; used only where the
+            folder has more images than the file has boxes.
+        rate_hz: frames a second, None if the layout does not state it.
+    """
+
+    name: str
+    folder: Path
+    truth: Path
+    first: int = 1
+    rate_hz: float | None = None
 
 
 def read_boxes(path: Path) -> list[Box | None]:
@@ -70,3 +131,15 @@ def _around(values: list[float]) -> Box | None:
     points = np.reshape(values, (-1, 2))
     low, high = points.min(axis=0), points.max(axis=0)
     return _rectangle([float(v) for v in (*low, *(high - low))])
+
+
+def read_image(path: Path) -> Image:
+    """Read an image file as (H, W, 3) uint8 BGR.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise OSError(f"cannot read the image {path}")
+    return np.asarray(image, np.uint8)

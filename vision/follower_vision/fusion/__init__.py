@@ -1,7 +1,12 @@
-"""Fusion: a motion tracker, an object detector and re-identification, joined."""
+"""The Fusion tracker: a motion tracker, an object detector and re-identification.
+
+Uses: `appearance`, `detection`, `trackers`.
+Start at: `tracker.FusionTracker.step`, then `candidates`, `features`, `model`.
+"""
 
 from follower_vision.fusion.detection_service import BackgroundDetection, InlineDetection
 from follower_vision.fusion.multi import MultiFusion
+from follower_vision.fusion.paper import PaperFusion
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.tracker import FusionTracker
 
@@ -11,4 +16,5 @@ __all__ = [
     "FusionTracker",
     "InlineDetection",
     "MultiFusion",
+    "PaperFusion",
 ]

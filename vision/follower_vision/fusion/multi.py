@@ -1,29 +1,36 @@
-"""Fusion for several targets at once."""
+"""Several targets, one detector."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from follower_vision.box import Box
 from follower_vision.detection.detection import Detector
-from follower_vision.embedding import Embedder
-from follower_vision.frame import Frame
-from follower_vision.fusion.camera_motion import CameraMotion
-from follower_vision.fusion.detection_service import DetectionMode, InlineDetection
+from follower_vision.fusion.detection_service import (
+    DetectionMode,
+    InlineDetection,
+    SharedDetection,
+)
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.shared_detection import SharedDetection
 from follower_vision.fusion.tracker import FusionTracker
-from follower_vision.motion import MotionTracker
-from follower_vision.track import Track
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.track import Track
 
 MOST_TARGETS = 4
 """As many as Panda and Barczyk's tracker follows."""
 
 
 class MultiFusion:
-    """Follows up to four targets with one detector and one measurement of the camera's motion.
+    """Follows up to four targets with one detector.
 
-    Each target is a look-alike to the others: a detection that is one's is left to it.
+    A candidate that is one's target is left to it by the others.
+
+    Args:
+        make_motion: gives each target its motion tracker; they may share a network.
+        detector: one pass serves all targets that lie together.
+        settings: for all targets.
+        mode: `InlineDetection` or `BackgroundDetection`.
     """
 
     def __init__(
@@ -32,25 +39,12 @@ class MultiFusion:
         detector: Detector,
         settings: FusionSettings | None = None,
         mode: DetectionMode = InlineDetection,
-        embedder: Embedder | None = None,
     ) -> None:
-        """Make a tracker that waits for `start`.
-
-        Args:
-            make_motion: gives each target its motion tracker; they may share a network.
-            detector: one pass serves all targets that lie together.
-            settings: for all targets.
-            mode: `InlineDetection` or `BackgroundDetection`.
-            embedder: an appearance network that helps to find a target among its kind.
-        """
-        self._embedder = embedder
         self._make_motion = make_motion
         self._detector = detector
         self._settings = settings or FusionSettings()
         self._detection = SharedDetection(mode(detector))
-        self._camera = CameraMotion()
         self._trackers: list[FusionTracker] = []
-        self._tracks: list[Track] = []
 
     @property
     def passes(self) -> int:
@@ -58,9 +52,7 @@ class MultiFusion:
         return self._detection.passes
 
     def close(self) -> None:
-        """Let go of the threads."""
-        for tracker in self._trackers:
-            tracker.close()
+        """Release the threads."""
         self._detection.close()
 
     def start(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
@@ -86,22 +78,15 @@ class MultiFusion:
         """
         if not self._trackers:
             raise RuntimeError("the tracker was not started")
-        self._camera.update(frame.image, [track.box for track in self._tracks])
         for tracker in self._trackers:
             tracker.advance(frame)
         return self._concluded(frame)
 
     def _concluded(self, frame: Frame) -> list[Track]:
         self._detection.flush()
-        self._tracks = [tracker.conclude(frame) for tracker in self._trackers]
-        return self._tracks
+        return [tracker.conclude(frame) for tracker in self._trackers]
 
     def _tracker(self) -> FusionTracker:
         return FusionTracker(
-            self._make_motion(),
-            self._detector,
-            self._settings,
-            mode=lambda _: self._detection,
-            camera=self._camera,
-            embedder=self._embedder,
+            self._make_motion(), self._detector, self._settings, lambda _: self._detection
         )

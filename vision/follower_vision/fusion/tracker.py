@@ -1,49 +1,113 @@
-"""Fusion: follows one target by a motion tracker that a detector validates."""
+"""Fusion: one fitted probability chooses among what motion tracker and detector propose.
+
+The parts are those of Panda and Barczyk, "Blending of Learning-based Tracking and Object Detection
+for Monocular Camera-based Target Following" (IFAC 2019): a motion tracker, a detector every n-th
+frame and on blurred frames, re-identification by correlation and colours. `paper.PaperFusion` is
+their algorithm. Here their rules are replaced by a model that is fitted to many runs
+(`follower train fusion`): it says of each candidate how probably it overlaps the target.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from follower_vision.box import Box
-from follower_vision.detection.detection import Detector
-from follower_vision.embedding import Embedder
-from follower_vision.frame import Frame
-from follower_vision.framecheck import FrameHealth
-from follower_vision.fusion.belief import Belief
-from follower_vision.fusion.camera_motion import CameraMotion
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.appearance.blur import BlurDetector
+from follower_vision.appearance.frame_check import FrameCheck, FrameHealth
+from follower_vision.detection.detection import Detection, Detector
+from follower_vision.fusion.box_filter import BoxFilter
+from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
+from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.detection_service import (
     DetectionAnswer,
     DetectionMode,
     DetectionRequest,
     DetectionService,
+    DetectionUrgency,
     InlineDetection,
-    Need,
 )
-from follower_vision.fusion.evidence import CERTAIN
-from follower_vision.fusion.finding import Finding
-from follower_vision.fusion.following import Following
-from follower_vision.fusion.history import Moment
-from follower_vision.fusion.identity import Identity
-from follower_vision.fusion.looks import Looks
-from follower_vision.fusion.preparation import Preparation
-from follower_vision.fusion.regions import Regions
+from follower_vision.fusion.features import Situation, measure
+from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.validation import Validation
-from follower_vision.motion import MotionTracker
-from follower_vision.prospect import Prospect, has_middle
-from follower_vision.track import Track, TrackState
+from follower_vision.fusion.target import Target, log_sides
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.trackers.motion_tracker import (
+    MotionTracker,
+    OnePlaceResponse,
+    ResponseMap,
+    ResponseTracker,
+)
+from follower_vision.trackers.target_tracker import TargetPrediction, has_middle
+from follower_vision.trackers.track import Track, TrackState
+
+Floats = npt.NDArray[np.floating]
 
 _LEAST_VISIBLE = 0.1
+_BELIEVED = 0.4
+"""The prediction is taken only where nothing observed is as probable as this."""
+_SURE = 0.7
+_FIRST_LESSONS = 3
+"""The user's box counts as so many observations for what the detector sees of the target."""
+_OTHERS_IOU = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """What was chosen from in a frame; `follower train fusion` learns from it.
+
+    Attributes:
+        features: (N, F) of the candidates; see `FEATURES`.
+        corners: (N, 4) left, top, right, bottom of them, in pixels.
+        sources: where each is from.
+        probabilities: (N, 3), see `ProbabilityModel`.
+        chosen: index of the one that was taken.
+    """
+
+    features: Floats
+    corners: Floats
+    sources: tuple[str, ...]
+    probabilities: Floats
+    chosen: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """A frame that was searched, before the choice.
+
+    Attributes:
+        frame: the frame.
+        response: the motion tracker's.
+        possible: where the target can be at all, None if unknown.
+    """
+
+    frame: Frame
+    response: ResponseMap
+    possible: Box | None
 
 
 class FusionTracker:
     """Follows one target through look-alikes, occlusion and absence; see `TargetTracker`.
 
-    After Panda and Barczyk, "Blending of Learning-based Tracking and Object Detection for
-    Monocular Camera-based Target Following" (IFAC 2019), with the improvements of `FusionSettings`.
+    A track's confidence is P(IoU > 0.5), and its state follows from it. `produced_by` is the
+    chosen candidate's source ("peak", "detection", "mean"), or why the target was not observed:
+    "prediction", "frozen", "blank".
 
-    `produced_by` is the motion tracker's name, "detector" (validated in this frame),
-    "reacquired", or why the target was not seen: "coasting", "frozen", "blank", "lost".
+    Args:
+        motion: searches each frame.
+        detector: proposes candidates too; None does without.
+        settings: see there.
+        mode: `InlineDetection` or `BackgroundDetection`.
+        model: None takes the settings' one.
+
+    Attributes:
+        listener: is told each choice; None is nobody.
+
+    Raises:
+        ValueError: the settings' model cannot be used.
     """
 
     def __init__(
@@ -52,48 +116,32 @@ class FusionTracker:
         detector: Detector | None = None,
         settings: FusionSettings | None = None,
         mode: DetectionMode = InlineDetection,
-        camera: CameraMotion | None = None,
-        embedder: Embedder | None = None,
+        model: ProbabilityModel | None = None,
     ) -> None:
-        """Make a tracker that waits for `start`.
-
-        Args:
-            motion: follows the box between validations.
-            detector: validates and finds again; without one every target is unfamiliar.
-            settings: see there.
-            mode: `InlineDetection` or `BackgroundDetection`.
-            camera: measures the camera's motion; trackers of one video may share it.
-            embedder: an appearance network that helps to find the target among its kind.
-        """
+        self._motion = motion
+        self._response = motion if isinstance(motion, ResponseTracker) else OnePlaceResponse(motion)
         self._settings = settings or FusionSettings()
+        self._model = model or model_for(motion.name, self._settings.model)
         self._service: DetectionService | None = None if detector is None else mode(detector)
-        self._name = motion.name
-        self._looks = Looks(self._settings.reidentify, embedder)
-        self._following = Following(motion, self._settings, self._looks)
-        self._validation = Validation(self._settings, self._following, self._looks)
-        self._finding = Finding(self._settings, self._following, self._validation, self._looks)
-        self._identity = Identity(self._settings)
-        self._preparation = Preparation(self._settings, self._following, camera)
-        self._belief: Belief | None = None
-        self._regions = Regions(self._settings, self._finding, self._looks)
-        self._asked = self._looks_taken = 0
-        self._prospect: Prospect | None = None
-        self._pursuit = object()
+        self._target: Target | None = None
+        self._search: _Search | None = None
+        self._prediction: TargetPrediction | None = None
+        self._owner = object()
         self._companions: Sequence[FusionTracker] = ()
+        self.listener: Callable[[Choice], None] | None = None
 
     def beside(self, companions: Sequence[FusionTracker]) -> None:
         """Leave other targets to the trackers that follow them through the same frames."""
         self._companions = companions
 
     def close(self) -> None:
-        """Let go of the threads."""
-        self._preparation.close()
+        """Release the threads."""
         if self._service is not None:
             self._service.close()
 
-    def expect(self, prospect: Prospect | None) -> None:
-        """Take where the target can be in the next frame; see `Foresighted`."""
-        self._prospect = prospect if self._settings.prospects else None
+    def expect(self, prospect: TargetPrediction | None) -> None:
+        """Take where the target can be in the next frame; see `AcceptsPrediction`."""
+        self._prediction = prospect if self._settings.target_prediction else None
 
     def start(self, frame: Frame, box: Box) -> Track:
         """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
@@ -106,12 +154,20 @@ class FusionTracker:
                 f"the target's box (x {box.left:.0f}, y {box.top:.0f}, {box.width:.0f} x "
                 f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
             )
-        self._forget()
-        self._preparation.start(frame)
-        self._looks.start(frame, box)
-        self._following.start(frame, box)
-        self._belief = Belief(frame, box, self._name)
-        self._ask(frame, self._belief)
+        if self._service is not None:
+            self._service.forget(self._owner)  # answers under way belong to another target
+        self._owner, self._prediction, self._search = object(), None, None
+        self._health, self._blur = FrameCheck(), BlurDetector()
+        self._health.update(frame)
+        self._motion.start(frame.image, box)
+        memory = AppearanceMemory(
+            describe(frame.image, [box], self._response.search(frame.image, box))
+        )
+        size, now_s = log_sides(box), frame.captured_s
+        filter_ = BoxFilter(self._model.noise, box)
+        self._target = Target(filter_, size, size, memory, box, now_s, now_s)
+        self._target.remember_box()
+        self._ask(frame.image, self._target)
         return self.conclude(frame)
 
     def step(self, frame: Frame) -> Track:
@@ -124,124 +180,154 @@ class FusionTracker:
         return self.conclude(frame)
 
     def advance(self, frame: Frame) -> None:
-        """Do the first half of a step: follow, and ask for a detection if it is time for one.
+        """Do the first half of a step: predict, search, and ask the detector if it is due.
 
         Raises:
             RuntimeError: `start` was not called.
         """
-        belief = self._started()
-        held = [one._held() for one in self._companions]
-        belief.taken = [box for box in held if box is not None]
-        interval_s = frame.captured_s - belief.now.captured_s
-        belief.expect(self._prospect, frame.captured_s)
-        self._prospect = None
-        seen = self._preparation.prepare(frame, belief)
-        expected = belief.advance(frame.captured_s, seen.warp, self._settings.camera_motion)
-        if not self._following.doubting:
-            expected = belief.foresee(expected)
-        if seen.health is not FrameHealth.GOOD:
-            self._following.coast(frame, belief, expected, seen.health.value)
-        else:
-            self._follow(frame, belief, expected, interval_s, seen.blurred)
-        belief.now.box = belief.box
+        target = self._started()
+        target.advance(frame.captured_s)
+        possible = self._take_prediction(target)
+        target.filter.keep_within(frame.width, frame.height)
+        health = self._health.update(frame)
+        if health is not FrameHealth.GOOD:
+            self._search = None
+            target.coast(health.value)
+            return
+        expected = target.filter.box
+        blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
+        place = expected
+        if target.lost and target.index % 2 and target.other_place is not None:
+            place = target.other_place
+        self._search = _Search(frame, self._response.search(frame.image, place), possible)
+        pause = self._settings.validate_every
+        if blurred or target.probability < _SURE:
+            pause = self._settings.doubt_every
+        if target.index - target.asked >= pause:
+            self._ask(frame.image, target)
 
     def conclude(self, frame: Frame) -> Track:
-        """Do the second half of a step: take in what the detector has answered.
+        """Do the second half of a step: take the detector's answers, and choose.
 
         Raises:
             RuntimeError: `start` was not called.
         """
-        belief = self._started()
-        for answer in [] if self._service is None else self._service.take(self._pursuit):
-            moment = belief.history.at(answer.request.index)
-            if moment is not None:
-                self._consider(frame, belief, answer, moment)
-        belief.now.box = belief.box
-        return belief.track(frame)
+        target = self._started()
+        search, self._search = self._search, None
+        answers = [] if self._service is None else self._service.take(self._owner)
+        if search is not None:
+            self._choose(search, target, answers)
+        for answer in answers:
+            if answer.request.index == 0:
+                for _ in range(_FIRST_LESSONS):
+                    target.detector.learn(answer.detections, target.history[0], 1.0)
+        target.remember_box()
+        return target.track(frame)
 
-    def _held(self) -> Box | None:
-        """Where the target is; None if that is not sure."""
-        belief = self._started()
-        return belief.box if belief.state is TrackState.TRACKING else None
+    def put_back(self, box: Box) -> None:
+        """Say for certain where the target was in the last frame, in pixels.
 
-    def _started(self) -> Belief:
-        if self._belief is None:
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        self._started().place_at(box)
+
+    @property
+    def sure_box(self) -> Box | None:
+        """Where the target is, in pixels; None if it was not observed."""
+        target = self._target
+        return target.box if target and target.state is TrackState.TRACKING else None
+
+    def _started(self) -> Target:
+        if self._target is None:
             raise RuntimeError("the tracker was not started")
-        return self._belief
+        return self._target
 
-    def _forget(self) -> None:
-        self._validation.start()
-        self._finding.forget()
-        self._identity = Identity(self._settings)
-        self._regions.start()
-        self._asked = self._looks_taken = 0
-        self._prospect = None
-        # Answers that are still under way belong to another pursuit.
-        if self._service is not None:
-            self._service.forget(self._pursuit)
-        self._pursuit = object()
+    def _take_prediction(self, target: Target) -> Box | None:
+        """Take what control foretold for this frame; return where the target can be at all."""
+        known, self._prediction = self._prediction, None
+        if known is None:
+            return None
+        spread_px = max(known.likely.width, known.likely.height) / 4
+        target.filter.expect(known.cx, known.cy, spread_px)
+        return known.possible
 
-    def _follow(
-        self, frame: Frame, belief: Belief, expected: Box, interval_s: float, blurred: bool
-    ) -> None:
-        self._following.follow(frame, belief, expected, interval_s, blurred)
-        lost = belief.state is TrackState.LOST and not self._following.doubting
-        if lost and not belief.familiar:
-            self._finding.unaided(frame, belief, expected)
-        need = self._need(belief, blurred)
-        if self._is_due(belief, need, blurred):
-            self._ask(frame, belief, need)
-
-    def _is_due(self, belief: Belief, need: Need, blurred: bool) -> bool:
-        if self._identity.strange:
-            return False
-        return belief.now.index - self._asked >= self._pause(belief, need, blurred)
-
-    def _need(self, belief: Belief, blurred: bool) -> Need:
-        if belief.state is not TrackState.TRACKING:
-            return Need.URGENT if belief.state is TrackState.LOST else Need.DOUBTFUL
-        settings = self._settings
-        low = settings.score_coasting and belief.confidence < settings.resume_ratio
-        odd = settings.appearance_check and belief.witness.wonders
-        if blurred or low or odd or self._validation.suspects(belief):
-            return Need.DOUBTFUL
-        steady = belief.confidence >= CERTAIN and self._validation.steady
-        return Need.STEADY if steady else Need.USUAL
-
-    def _pause(self, belief: Belief, need: Need, blurred: bool) -> int:
-        """How many frames lie between two looks."""
-        settings = self._settings
-        if blurred and belief.state is TrackState.TRACKING:
-            return settings.validate_blurred_every
-        if need is Need.STEADY:
-            return settings.validate_steady_every
-        return settings.validate_every if need is Need.USUAL else settings.search_every
-
-    def _ask(self, frame: Frame, belief: Belief, need: Need = Need.USUAL) -> None:
-        if self._service is None or not self._service.ready(need):
+    def _ask(self, image: Image, target: Target) -> None:
+        urgency = DetectionUrgency.URGENT if target.lost else DetectionUrgency.USUAL
+        if self._service is None or not self._service.ready(urgency):
             return
-        self._asked = belief.now.index
-        self._looks_taken += 1
-        elsewhere = self._validation.elsewhere(belief, self._looks_taken)
-        region = self._regions.next(frame, belief, elsewhere)
-        self._service.submit(DetectionRequest(self._pursuit, self._asked, frame.image, region))
+        target.asked = target.index
+        height, width = image.shape[:2]
+        region = target.detection_region(self._settings, width, height)
+        self._service.submit(DetectionRequest(self._owner, target.index, image, region))
 
-    def _consider(
-        self, frame: Frame, belief: Belief, answer: DetectionAnswer, moment: Moment
-    ) -> None:
-        certain = belief.state is TrackState.TRACKING and belief.confidence > 0.9
-        region = answer.request.region
-        covered = region is None or has_middle(region, moment.box)
-        if certain and covered:
-            self._identity.meet(answer.detections, moment)
-            belief.familiar = self._identity.familiar
-        if not belief.familiar:
-            return
-        sight = self._identity.sight(answer.detections, moment)
-        seen = any(box.iou(moment.box) >= self._settings.match_iou for box in sight.boxes)
-        if covered:
-            belief.witness.testify(seen, certain)
-        if belief.state is TrackState.LOST:
-            self._finding.among(frame, belief, sight, answer.request.image)
+    def _choose(self, search: _Search, target: Target, answers: list[DetectionAnswer]) -> None:
+        frame = search.frame
+        detections = [one for answer in answers for one in _present(answer, target)]
+        every = propose(search.response, detections, target.detector, target.filter.box)
+        candidates = self._possible(every, target, search.possible)
+        boxes = [one.box for one in candidates]
+        seen = describe(frame.image, boxes, search.response)
+        situation = Situation(
+            target, search.response, bool(answers), detections, frame.width, frame.height
+        )
+        features = measure(candidates, seen, situation)
+        probabilities = self._model.probabilities(features)
+        chosen = best_candidate(candidates, probabilities)
+        if self.listener is not None:
+            sources = tuple(one.source for one in candidates)
+            self.listener(Choice(features, corners_of(boxes), sources, probabilities, chosen))
+        probability = float(probabilities[chosen, 1])
+        target.believe(probability)
+        if candidates[chosen].source == PREDICTION:
+            target.coast(PREDICTION)
         else:
-            self._validation.validate(frame, belief, sight, answer.request.image, covered)
+            target.observe(candidates[chosen], probability)
+        target.filter.keep_within(frame.width, frame.height)
+        if target.state is TrackState.TRACKING:
+            target.learn_appearance(seen, chosen, probability)
+            self._response.learn(frame.image, target.box, probability)
+        if answers:
+            target.learn_detections(detections, probability)
+        target.distractors.update(target.box, boxes[:-1], probabilities[:, 1], seen.features)
+
+    def _possible(
+        self, candidates: list[Candidate], target: Target, possible: Box | None
+    ) -> list[Candidate]:
+        """Leave out what cannot be the target: where it cannot be, or another target."""
+        observed = candidates[:-1]
+        if possible is not None:
+            observed = [one for one in observed if has_middle(possible, one.box, one.box.scale / 2)]
+        others = [box for box in (one.sure_box for one in self._companions) if box is not None]
+        expected = target.filter.box
+        for other in others:
+            observed = [
+                one
+                for one in observed
+                if one.box.iou(other) < max(_OTHERS_IOU, one.box.iou(expected))
+            ]
+        return [*observed, candidates[-1]]
+
+
+def best_candidate(candidates: Sequence[Candidate], probabilities: Floats) -> int:
+    """Return the index of the candidate to take, by the sum of its (N, 3) probabilities.
+
+    The prediction is taken only where nothing observed is probable: it is mostly right for a
+    moment, and a track that follows it never sees its target again.
+    """
+    merit = probabilities.sum(axis=1)
+    observed = [k for k, one in enumerate(candidates) if one.source != PREDICTION]
+    best = max(observed, key=lambda k: float(merit[k]), default=None)
+    if best is not None and probabilities[best, 1] >= _BELIEVED:
+        return best
+    return int(np.argmax(merit))
+
+
+def _present(answer: DetectionAnswer, target: Target) -> list[Detection]:
+    """Return an answer's detections, moved along with the target if they are of an older frame."""
+    then = target.history.get(answer.request.index)
+    if answer.request.index == target.index or then is None:
+        return answer.detections
+    now = target.filter.box
+    right, down = now.cx - then.cx, now.cy - then.cy
+    return [one.moved(right, down) for one in answer.detections]

@@ -1,14 +1,11 @@
 """Where a lost target might be."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 
-from follower_vision.box import Box
-from follower_vision.coloursearch import ColourSearch
-from follower_vision.frame import Image
-from follower_vision.templatesearch import TemplateSearch, tiles
+from follower_vision.appearance.template_search import ColourSearch, TemplateSearch, tiles
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
 
 _NEAR_SCALES = ((1.0, 0.8), (1.0, 1.25))
 _FAR_SCALES = (1.0, 0.75, 1.33)

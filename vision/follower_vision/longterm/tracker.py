@@ -3,32 +3,39 @@
 The "unfamiliar target" of Panda and Barczyk, "Blending of Learning-based Tracking and Object
 Detection for Monocular Camera-based Target Following" (IFAC 2019), with their re-identification.
 A motion tracker follows the box; it is believed only while its confidence, the box and what the
-box shows make sense. Otherwise the track coasts for a moment and then is lost, and the target is
-searched for and recognised by its looks.
+box shows make sense. Otherwise the track coasts briefly and then is lost, and the target is
+searched for and recognised by its appearance.
 """
 
-from __future__ import annotations
-
 import math
+from collections import deque
 from dataclasses import replace
 
-from follower_vision.acceptance import Acceptance
-from follower_vision.blur import BlurDetector
-from follower_vision.box import Box
-from follower_vision.coasting import Coasting
-from follower_vision.frame import Frame
-from follower_vision.framecheck import FrameCheck, FrameHealth
-from follower_vision.longterm_settings import LongTermSettings
-from follower_vision.motion import MotionEstimate, MotionTracker
-from follower_vision.refine import refined
-from follower_vision.reidentify import Reidentifier
-from follower_vision.sighting import Looks, Sighting, SightingJudge
-from follower_vision.surroundings import Surroundings
-from follower_vision.targetsearch import TargetSearch
-from follower_vision.track import Track, TrackState
+import numpy as np
+
+from follower_vision.appearance.blur import BlurDetector
+from follower_vision.appearance.frame_check import FrameCheck, FrameHealth
+from follower_vision.appearance.reidentify import Reidentifier
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.longterm.box_check import (
+    AcceptanceThreshold,
+    BackgroundSimilarity,
+    BoxAppearance,
+    BoxCheck,
+    BoxChecker,
+    LongTermSettings,
+    refined,
+)
+from follower_vision.longterm.search import TargetSearch
+from follower_vision.trackers.motion_tracker import MotionEstimate, MotionTracker
+from follower_vision.trackers.track import Track, TrackState
 
 __all__ = ["LongTermSettings", "LongTermTracker"]
 
+_MEMORY_S = 0.4
+_LEAST_SPAN_S = 0.06
+_FADE_S = 0.5
 _SLACK = 0.05
 _NEARNESS_FADES_S = 1.0
 _FAR = 4.0
@@ -39,8 +46,57 @@ _BETTER_SCORE = 0.15
 _BETTER_FIT = 0.1
 
 
+class Extrapolation:
+    """Extrapolates a box by its velocity in the image over the last 0.4 s; the size stays.
+
+    The velocity fades (time constant 0.5 s), because a guess gets worse with time and a drone
+    that has stopped seeing its target stops turning with it.
+    """
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, Box]] = deque()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._seen.clear()
+
+    def add(self, captured_s: float, box: Box) -> None:
+        """Remember a box that was really seen, at a time later than the last one's."""
+        self._seen.append((captured_s, box))
+        while self._seen[0][0] < captured_s - _MEMORY_S:
+            self._seen.popleft()
+
+    @property
+    def last(self) -> tuple[float, Box]:
+        """When the target was last seen, and where.
+
+        Raises:
+            RuntimeError: it was never seen.
+        """
+        if not self._seen:
+            raise RuntimeError("no box was seen yet")
+        return self._seen[-1]
+
+    def predict(self, time_s: float) -> Box:
+        """Return the box expected at `time_s`."""
+        last_s, box = self.last
+        right, down = self._velocity()
+        reach_s = _FADE_S * (1 - math.exp(-max(0.0, time_s - last_s) / _FADE_S))
+        return box.moved_to(box.cx + right * reach_s, box.cy + down * reach_s)
+
+    def _velocity(self) -> tuple[float, float]:
+        """Least-squares velocity in pixels a second; none while the memory is too short."""
+        times = np.array([time_s for time_s, _ in self._seen])
+        if times[-1] - times[0] < _LEAST_SPAN_S:
+            return 0.0, 0.0
+        centred = times - times.mean()
+        places = np.array([(box.cx, box.cy) for _, box in self._seen])
+        slope = centred @ places / (centred @ centred)
+        return float(slope[0]), float(slope[1])
+
+
 class LongTermTracker:
-    """A motion tracker with honest states and re-identification; see `TargetTracker`.
+    """A motion tracker with track states and re-identification; see `TargetTracker`.
 
     `produced_by` is the motion tracker's name, "reacquired", or why the target was not seen:
     "coasting", "frozen", "blank", "lost". What a frame teaches is learnt after it is answered; see
@@ -50,22 +106,22 @@ class LongTermTracker:
     def __init__(self, motion: MotionTracker, settings: LongTermSettings | None = None) -> None:
         self._settings = settings or LongTermSettings()
         self._motion = motion
-        self._judge = SightingJudge(self._settings)
+        self._judge = BoxChecker(self._settings)
         self._reidentifier = Reidentifier(self._settings.reidentify)
         self._check = FrameCheck(self._settings.frame_check)
         self._blur = BlurDetector(self._settings.blur)
-        self._acceptance = Acceptance(self._settings)
+        self._acceptance = AcceptanceThreshold(self._settings)
         self._search = TargetSearch()
-        self._surroundings = Surroundings(self._reidentifier, self._search)
-        self._coasting = Coasting()
+        self._surroundings = BackgroundSimilarity(self._reidentifier, self._search)
+        self._coasting = Extrapolation()
         self._state = TrackState.LOST
         self._probation_ends_s: float | None = None
         self._settles_s: float | None = None
         self._refreshed_s = -math.inf
         self._score = 0.0
-        self._looked_s = -math.inf
+        self._compared_s = -math.inf
         self._started = False
-        self._lesson: tuple[Frame, Sighting] | None = None
+        self._lesson: tuple[Frame, BoxCheck] | None = None
 
     def start(self, frame: Frame, box: Box) -> Track:
         """Choose the target: what `box` shows in `frame`. Everything earlier is forgotten.
@@ -88,7 +144,7 @@ class LongTermTracker:
         self._reidentifier.start(frame.image, box, frame.captured_s)
         self._search.learn(frame.image, box)
         self._settles_s = None
-        self._looked_s = -math.inf
+        self._compared_s = -math.inf
         self._started, self._refreshed_s = True, frame.captured_s
         return self._restart(frame, box, 1.0, TrackState.TRACKING, self._motion.name)
 
@@ -106,96 +162,96 @@ class LongTermTracker:
             return self._unseen(frame, health.value)
         if self._state is TrackState.LOST:
             return self._reacquired(frame) or self._unseen(frame, "lost")
-        sighting = self._sighting(frame)
-        rival = self._rival(frame, sighting)
+        check = self._checked(frame)
+        rival = self._rival(frame, check)
         if rival is not None:
             return rival
         if self._probation_ends_s is not None:
-            return self._probed(frame, sighting, self._probation_ends_s)
-        if sighting.seen:
-            return self._seen(frame, sighting)
+            return self._probed(frame, check, self._probation_ends_s)
+        if check.seen:
+            return self._seen(frame, check)
         return self._reacquired(frame) or self._unseen(frame, "coasting")
 
     def learn(self) -> None:
         """Learn what the last frame taught: see `Learner`."""
         if self._lesson is None:
             return
-        frame, sighting = self._lesson
+        frame, check = self._lesson
         self._lesson = None
-        self._surroundings.update(frame.image, sighting.box, frame.captured_s)
-        self._keep(frame, sighting)
+        self._surroundings.update(frame.image, check.box, frame.captured_s)
+        self._keep(frame, check)
 
-    def _sighting(self, frame: Frame) -> Sighting:
-        """Ask the motion tracker, and judge what it says."""
+    def _checked(self, frame: Frame) -> BoxCheck:
+        """Ask the motion tracker, and check its box."""
         estimate = self._motion.update(frame.image)
         strict = self._state is not TrackState.TRACKING
-        looks = self._look(frame, estimate, strict)
-        return self._judge.judge(frame, estimate, looks, self._coasting.last, strict)
+        appearance = self._appearance(frame, estimate, strict)
+        return self._judge.judge(frame, estimate, appearance, self._coasting.last, strict)
 
-    def _look(self, frame: Frame, estimate: MotionEstimate, strict: bool) -> Looks:
+    def _appearance(self, frame: Frame, estimate: MotionEstimate, strict: bool) -> BoxAppearance:
         """Compare what the box shows; comparing costs more than all else here."""
         blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
         sure = not strict and estimate.confidence >= self._settings.sure_confidence
-        if not sure or frame.captured_s >= self._looked_s + self._settings.look_every_s:
-            self._looked_s = frame.captured_s
+        if not sure or frame.captured_s >= self._compared_s + self._settings.look_every_s:
+            self._compared_s = frame.captured_s
             self._score = self._reidentifier.score(frame.image, estimate.box)
-        return Looks(self._score, self._surroundings.level, blurred)
+        return BoxAppearance(self._score, self._surroundings.level, blurred)
 
-    def _probed(self, frame: Frame, sighting: Sighting, ends_s: float) -> Track:
-        """Found, but only just: it has to go on scoring as a found target for a moment."""
-        if sighting.score < self._epsilon(frame.captured_s) - _SLACK:
+    def _probed(self, frame: Frame, check: BoxCheck, ends_s: float) -> Track:
+        """Found, but only just: for `probation_s` it has to go on scoring as a found target."""
+        if check.score < self._epsilon(frame.captured_s) - _SLACK:
             self._acceptance.fail(frame.captured_s)
             return self._lost(frame, "lost")
         if frame.captured_s >= ends_s:
-            return self._seen(frame, sighting)
-        self._coasting.add(frame.captured_s, sighting.box)
-        return self._track(frame, sighting.box, sighting.confidence, "reacquired")
+            return self._seen(frame, check)
+        self._coasting.add(frame.captured_s, check.box)
+        return self._track(frame, check.box, check.confidence, "reacquired")
 
-    def _seen(self, frame: Frame, sighting: Sighting) -> Track:
+    def _seen(self, frame: Frame, check: BoxCheck) -> Track:
         self._state = TrackState.TRACKING
         self._probation_ends_s = None
-        if sighting.believed:
-            sighting = self._settled(frame, sighting)
-            self._coasting.add(frame.captured_s, sighting.box)
-            self._lesson = frame, sighting
-        return self._track(frame, sighting.box, sighting.confidence, self._motion.name)
+        if check.believed:
+            check = self._settled(frame, check)
+            self._coasting.add(frame.captured_s, check.box)
+            self._lesson = frame, check
+        return self._track(frame, check.box, check.confidence, self._motion.name)
 
-    def _settled(self, frame: Frame, sighting: Sighting) -> Sighting:
-        """A moment after a find, fit the box once more: it may have been found half in view."""
+    def _settled(self, frame: Frame, check: BoxCheck) -> BoxCheck:
+        """Shortly after a find, fit the box once more: it may have been found half in view."""
         if self._settles_s is None or frame.captured_s < self._settles_s:
-            return sighting
+            return check
         self._settles_s = None
-        box, fit = self._refined(frame, sighting.box)
-        if fit < self._reidentifier.fit(frame.image, sighting.box) + _BETTER_FIT:
-            return sighting
+        box, fit = self._refined(frame, check.box)
+        if fit < self._reidentifier.fit(frame.image, check.box) + _BETTER_FIT:
+            return check
         self._motion.start(frame.image, box)
         self._coasting.reset()
-        return replace(sighting, box=box)
+        return replace(check, box=box)
 
-    def _rival(self, frame: Frame, sighting: Sighting) -> Track | None:
-        """While a find is young, change over to what looks clearly more like the target nearby."""
+    def _rival(self, frame: Frame, check: BoxCheck) -> Track | None:
+        """While a find is young, change over to a clearly better match nearby."""
         if self._settles_s is None:
             return None
-        near = self._search.near(frame.image, sighting.box, _RIVAL_REACH * sighting.box.scale)
+        near = self._search.near(frame.image, check.box, _RIVAL_REACH * check.box.scale)
         found = self._reidentifier.best(
-            frame.image, [box for box in near if box.iou(sighting.box) < _OTHER_IOU]
+            frame.image, [box for box in near if box.iou(check.box) < _OTHER_IOU]
         )
-        if found is None or found[1] < sighting.score + _BETTER_SCORE:
+        if found is None or found[1] < check.score + _BETTER_SCORE:
             return None
         return self._take(frame, *found, sure=False)
 
     def _refined(self, frame: Frame, box: Box) -> tuple[Box, float]:
         return refined(box, lambda near: self._reidentifier.fit(frame.image, near))
 
-    def _keep(self, frame: Frame, sighting: Sighting) -> None:
+    def _keep(self, frame: Frame, check: BoxCheck) -> None:
         """Keep good views: the first second's for good, later ones for a while."""
-        if not sighting.good_view or self._settles_s is not None:
+        if not check.good_view or self._settles_s is not None:
             return
-        self._reidentifier.learn(frame.image, sighting.box, frame.captured_s)
+        self._reidentifier.learn(frame.image, check.box, frame.captured_s)
         if frame.captured_s >= self._refreshed_s + self._settings.refresh_s:
             self._refreshed_s = frame.captured_s
-            self._reidentifier.refresh(frame.image, sighting.box)
-            self._search.learn(frame.image, sighting.box)
+            self._reidentifier.refresh(frame.image, check.box)
+            self._search.learn(frame.image, check.box)
 
     def _unseen(self, frame: Frame, why: str) -> Track:
         """Coast for a while; then, or where the target has left the image, it is lost."""
@@ -241,7 +297,7 @@ class LongTermTracker:
         return self._search.near(frame.image, expected, reach)
 
     def _best(self, frame: Frame, candidates: list[Box]) -> tuple[Box, float] | None:
-        """The likeliest candidate by its looks and, soon after the loss, its place."""
+        """The most likely candidate by appearance and, soon after the loss, by position."""
         expected = self._coasting.predict(frame.captured_s)
         away_s = frame.captured_s - self._coasting.last[0]
         weight = self._settings.nearness * math.exp(-away_s / _NEARNESS_FADES_S)

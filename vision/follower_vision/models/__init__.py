@@ -1,17 +1,20 @@
-"""The networks that are known to run, and the folder that they are kept in."""
+"""The networks that are known to run, the folder they are kept in, and their download.
+
+Uses: The standard library alone.
+Start at: `table.MODELS`, `store.ModelStore`.
+"""
 
 from follower_vision.models.download import DownloadError
-from follower_vision.models.model import Model, ModelFile, Purpose
 from follower_vision.models.store import FileState, ModelStore, default_folder
-from follower_vision.models.table import MODELS
+from follower_vision.models.table import MODELS, ModelFile, Purpose, VisionModel
 
 __all__ = [
     "MODELS",
     "DownloadError",
     "FileState",
-    "Model",
     "ModelFile",
     "ModelStore",
     "Purpose",
+    "VisionModel",
     "default_folder",
 ]

@@ -1,7 +1,5 @@
 """Fetch one file over HTTP: resumed, verified, and there as a whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib
@@ -15,8 +13,8 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 from urllib.parse import urlsplit
 
-from follower_vision.models.model import ModelFile
-from follower_vision.network import ModelError
+from follower_vision.models.table import ModelFile
+from follower_vision.onnx_network import ModelError
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the bytes that are there and those wanted."""

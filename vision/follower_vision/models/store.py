@@ -1,15 +1,12 @@
 """The folder that networks are kept in."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 
 from follower_vision.models.download import DownloadError, Progress, fetch, sha256_of
-from follower_vision.models.model import Model, ModelFile
-from follower_vision.models.table import MODELS
-from follower_vision.network import ModelError
+from follower_vision.models.table import MODELS, ModelFile, VisionModel
+from follower_vision.onnx_network import ModelError
 
 EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
 """Where the networks lie that are part of this package."""
@@ -41,9 +38,9 @@ class ModelStore:
     """
 
     def __init__(
-        self, folder: Path, models: Sequence[Model] = MODELS, embedded: Path = EMBEDDED_FOLDER
+        self, folder: Path, models: Sequence[VisionModel] = MODELS, embedded: Path = EMBEDDED_FOLDER
     ) -> None:
-        """Look after a folder, which need not exist yet.
+        """Manage a folder, which need not exist yet.
 
         Args:
             folder: where the files lie, under the names in the table.
@@ -54,7 +51,7 @@ class ModelStore:
         self.models = tuple(models)
         self._embedded = embedded
 
-    def model(self, name: str) -> Model:
+    def model(self, name: str) -> VisionModel:
         """Return a network's entry.
 
         Raises:
@@ -77,7 +74,7 @@ class ModelStore:
             raise ModelError(f"{path}: no such network; {self._advice(name)}")
         return path
 
-    def paths(self, model: Model) -> list[Path]:
+    def paths(self, model: VisionModel) -> list[Path]:
         """Return the paths of all files of a network that is there.
 
         Raises:
@@ -85,15 +82,15 @@ class ModelStore:
         """
         return [self.file(file.name) for file in model.files]
 
-    def is_present(self, model: Model) -> bool:
-        """Tell whether all files are there, without reading them."""
+    def is_present(self, model: VisionModel) -> bool:
+        """Return whether all files are there, without reading them."""
         return all(self._path(file.name).is_file() for file in model.files)
 
-    def verify(self, model: Model) -> dict[str, FileState]:
-        """Read all files of a network and tell, by name, whether they are the right ones."""
+    def verify(self, model: VisionModel) -> dict[str, FileState]:
+        """Read all files of a network and return, by name, whether they are the right ones."""
         return {file.name: self._state(file) for file in model.files}
 
-    def pull(self, model: Model, progress: Progress | None = None) -> list[Path]:
+    def pull(self, model: VisionModel, progress: Progress | None = None) -> list[Path]:
         """Fetch those files of a network that are not there or not right.
 
         Of an embedded network nothing is fetched.
@@ -117,10 +114,10 @@ class ModelStore:
             raise DownloadError(f"cannot make {self.folder}: {error.strerror}") from error
         before = 0
         for file in model.files:
-            tell = _shifted(progress, before, model.size_bytes)
+            report = _shifted(progress, before, model.size_bytes)
             if self._state(file) is not FileState.GOOD:
-                fetch(file, self.folder / file.name, tell)
-            tell(file.size_bytes, file.size_bytes)
+                fetch(file, self.folder / file.name, report)
+            report(file.size_bytes, file.size_bytes)
             before += file.size_bytes
         return self.paths(model)
 
@@ -149,8 +146,8 @@ class ModelStore:
 def _shifted(progress: Progress | None, before: int, wanted: int) -> Progress:
     """Turn one file's progress into that of all files."""
 
-    def tell(done: int, _: int) -> None:
+    def report(done: int, _: int) -> None:
         if progress is not None:
             progress(before + done, wanted)
 
-    return tell
+    return report

@@ -1,40 +1,150 @@
 """NanoTrack: a light Siamese network that finds the first frame's target again."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.frame import Image
-from follower_vision.motion import MotionEstimate
-from follower_vision.nanotrack_network import TEMPLATE_SIDE, NanoTrackNetwork, NanoTrackResponse
-from follower_vision.nanotrack_settings import NanoTrackSettings
-from follower_vision.network import Tensor
-from follower_vision.nms import keep_best
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
+from follower_vision.images.frame import Image
+from follower_vision.onnx_network import ModelError, Network, Tensor, read_model, with_input_size
+from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
+TEMPLATE_SIDE = 127
+STRIDE = 16
 _SAME_SIZE = 1.5
+_SURE = 0.8
+_TEMPLATE_FRAMES = 12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answer:
-    """What the network said.
+@dataclass(frozen=True, slots=True)
+class NanoTrackResponse:
+    """What the head says about each of N cells of the search crop, in the crop's own pixels.
 
     Attributes:
-        image: in which.
-        box: about which it looked.
-        response: its answer, in the crop's pixels.
-        zoom: crop pixels per image pixel.
+        scores: (N,) likeness to the template, 0 to 1.
+        corners: (N, 4) left, top, right, bottom, from the crop's middle.
     """
 
-    image: Image
-    box: Box
-    response: NanoTrackResponse
-    zoom: float
+    scores: Tensor
+    corners: Tensor
+
+
+class NanoTrackNetwork:
+    """Compares a template with a search crop by two ONNX networks.
+
+    The networks are those of HonglinChu's SiamTrackers, versions 1 to 3.
+
+    Attributes:
+        search_side: side of the search crop in pixels.
+        cells: side of the square of cells that the head answers.
+    """
+
+    def __init__(self, backbone: Path, head: Path, threads: int = 1) -> None:
+        """Load both networks.
+
+        Raises:
+            ModelError: a file is missing, broken or no part of a NanoTrack network.
+        """
+        self._backbone = Network(backbone, threads)
+        self.search_side = _search_side(self._backbone)
+        self._template_backbone = _backbone_of_side(backbone, TEMPLATE_SIDE, threads)
+        self._head = Network(head, threads)
+        self.cells = _cells(self._head)
+        self._points = _points(self.cells)
+        self._search = np.empty((1, 3, self.search_side, self.search_side), np.float32)
+
+    def template(self, crop: Image) -> Tensor:
+        """Return the features of a template crop of (127, 127, 3) pixels."""
+        tensor = np.ascontiguousarray(crop.transpose(2, 0, 1)[None], dtype=np.float32)
+        return self._template_backbone.run(tensor)[0]
+
+    def compare(self, template: Tensor, crop: Image) -> NanoTrackResponse:
+        """Search for a template in a search crop of (search_side, search_side, 3) pixels."""
+        return self.match(template, self.features(crop))
+
+    def features(self, crop: Image) -> Tensor:
+        """Return the features, (1, C, H, W), of a search crop of (search_side, search_side, 3)."""
+        np.copyto(self._search[0], crop.transpose(2, 0, 1))
+        return self._backbone.run(self._search)[0]
+
+    def match(self, template: Tensor, features: Tensor) -> NanoTrackResponse:
+        """Search for a template among a search crop's features."""
+        classes, distances = self._head.run(template, features)
+        return NanoTrackResponse(_target_share(classes), self._corners(distances))
+
+    def _corners(self, distances: Tensor) -> Tensor:
+        """Turn distances to the left, top, right and bottom side, (1, 4, n, n), into corners."""
+        to_sides = distances.reshape(4, -1).T
+        return np.hstack([self._points - to_sides[:, :2], self._points + to_sides[:, 2:]])
+
+
+def _search_side(backbone: Network) -> int:
+    shapes = list(backbone.inputs.values())
+    if len(shapes) != 1 or len(shapes[0]) != 4 or shapes[0][1] != 3 or shapes[0][2] <= 0:
+        raise ModelError(f"{backbone.path}: not a NanoTrack backbone: its inputs are {shapes}")
+    return shapes[0][2]
+
+
+def _backbone_of_side(path: Path, side: int, threads: int) -> Network:
+    """Load the backbone for a smaller crop than its file states."""
+    try:
+        resized = with_input_size(read_model(path), (1, 3, side, side))
+    except ValueError as error:
+        raise ModelError(f"{path}: not a NanoTrack backbone: {error}") from error
+    return Network(path, threads, resized)
+
+
+def _cells(head: Network) -> int:
+    shapes = list(head.outputs.values())
+    channels = [shape[1] for shape in shapes if len(shape) == 4]
+    if len(head.inputs) != 2 or channels != [2, 4] or shapes[0][2] <= 0:
+        raise ModelError(f"{head.path}: not a NanoTrack head: its outputs are {shapes}")
+    return shapes[0][2]
+
+
+def _points(cells: int) -> npt.NDArray[np.float32]:
+    """Return the cells' places from the crop's middle, (cells * cells, 2), row by row."""
+    along = (np.arange(cells, dtype=np.float32) - cells // 2) * STRIDE
+    across, down = np.meshgrid(along, along)
+    return np.stack([across.ravel(), down.ravel()], axis=1)
+
+
+def _target_share(classes: Tensor) -> Tensor:
+    """Return the second channel's share under a softmax of (1, 2, n, n), flat."""
+    background, target = cv2.split(classes[0].transpose(1, 2, 0))
+    return np.asarray(1.0 / (1.0 + np.exp(background - target)), dtype=np.float32).ravel()
+
+
+@dataclass(frozen=True, slots=True)
+class NanoTrackSettings:
+    """The constants of SiamTrackers' NanoTrack, as its author tuned them for version 2.
+
+    Attributes:
+        window_influence: weight of nearness to the last place against likeness, 0 to 1.
+        penalty_k: how much a change of size or shape costs.
+        learning_rate: how fast the size follows what is seen, 0 to 1.
+        context: margin about the target, as a share of width plus height.
+        smallest_side_px: a box's sides never become shorter.
+    """
+
+    window_influence: float = 0.490
+    penalty_k: float = 0.150
+    learning_rate: float = 0.385
+    context: float = 0.5
+    smallest_side_px: float = 3.0
+
+
+NANOTRACK_SETTINGS = {
+    1: NanoTrackSettings(window_influence=0.462, penalty_k=0.148, learning_rate=0.390),
+    2: NanoTrackSettings(window_influence=0.490, penalty_k=0.150, learning_rate=0.385),
+    3: NanoTrackSettings(window_influence=0.455, penalty_k=0.138, learning_rate=0.348),
+}
+"""The published settings of each version, from SiamTrackers' configuration files."""
 
 
 class NanoTracker:
@@ -42,6 +152,9 @@ class NanoTracker:
 
     Differs from the reference in that crops and boxes are real-valued (no rounding to whole
     pixels) and in that boxes may shrink below 10 pixels.
+
+    Attributes:
+        name: a short name for tables and logs.
     """
 
     def __init__(
@@ -56,36 +169,47 @@ class NanoTracker:
         """
         self._network = network
         self._settings = settings
-        self._name = name
+        self.name = name
         self._window = _cosine_window(network.cells)
         self._template: Tensor | None = None
+        self._recent: Tensor | None = None
+        self._since_learnt = 0
         self._fill: tuple[float, ...] = ()
         self._box: Box | None = None
-        self._answer: _Answer | None = None
-
-    @property
-    def name(self) -> str:
-        """A short name for tables and logs."""
-        return self._name
 
     def start(self, image: Image, box: Box) -> None:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR."""
         self._fill = tuple(cv2.mean(image)[:3])
-        side = self._context_side(box)
-        region = Box(box.cx, box.cy, side, side)
-        cut = crop(image, region, TEMPLATE_SIDE, TEMPLATE_SIDE, self._fill)
-        self._template = self._network.template(cut)
+        self._template = self._learnt(image, box)
+        self._recent, self._since_learnt = None, 0
         self._box = box
-        self._answer = None
 
-    def move_to(self, box: Box) -> None:
-        """Search about `box` next time, without learning the target anew.
+    def learn(self, image: Image, box: Box, probability: float) -> None:
+        """See `ResponseTracker`; a new template now and then, the first one stays."""
+        self._since_learnt += 1
+        if probability >= _SURE and self._since_learnt >= _TEMPLATE_FRAMES:
+            self._recent, self._since_learnt = self._learnt(image, box), 0
 
-        Raises:
-            RuntimeError: `start` was not called.
-        """
-        self._started()
-        self._box = box
+    def search(self, image: Image, box: Box) -> ResponseMap:
+        """See `ResponseTracker`."""
+        if self._template is None:
+            raise RuntimeError("the tracker was not started")
+        side = self._network.search_side
+        zoom = TEMPLATE_SIDE / self._context_side(box)
+        region = Box(box.cx, box.cy, side / zoom, side / zoom)
+        features = self._network.features(crop(image, region, side, side, self._fill))
+        response = self._network.match(self._template, features)
+        recent = response
+        if self._recent is not None:
+            recent = self._network.match(self._recent, features)
+        return ResponseMap(
+            response.corners / zoom + np.array([box.cx, box.cy] * 2, np.float32),
+            response.scores,
+            recent.scores,
+            self._penalty(response, box.width * zoom, box.height * zoom),
+            region,
+            features[0].transpose(1, 2, 0),
+        )
 
     def update(self, image: Image) -> MotionEstimate:
         """Find the target in the next image, (H, W, 3) uint8 BGR.
@@ -94,62 +218,30 @@ class NanoTracker:
             RuntimeError: `start` was not called.
         """
         box = self._started()
-        response, zoom = self._look(image, box)
-        self._answer = _Answer(image, box, response, zoom)
+        response, zoom = self._search_about(image, box)
         penalty = self._penalty(response, box.width * zoom, box.height * zoom)
         best = self._best(penalty * response.scores)
         trust = float(penalty[best] * response.scores[best])
         self._box = self._bounded(self._smoothed(box, response, best, zoom, trust), image)
         return MotionEstimate(self._box, float(response.scores[best]))
 
-    def candidates(self, least: float = 0.0) -> list[MotionEstimate]:
-        """Return every place like the target that the last `update` saw, the likest first.
-
-        The boxes are as the network sees them, not smoothed over time, and nearness to the last
-        place does not count: a look-alike beside the target is among them.
-
-        Args:
-            least: only those with this confidence, 0 to 1.
-        """
-        if self._answer is None:
-            return []
-        return self._places(self._answer, least)
-
-    def probe(self, image: Image, box: Box) -> list[MotionEstimate]:
-        """Look for the target about another box, and tell the places without going there.
-
-        The window is about four times the box's size; the likest place comes first, and the list
-        is empty where nothing is like the target. Where the last `update` saw the same place in
-        the same image, its answer serves.
-
-        Raises:
-            RuntimeError: `start` was not called.
-        """
-        self._started()
-        answer = self._answer
-        if answer is None or answer.image is not image or not self._covers(answer, box):
-            response, zoom = self._look(image, box)
-            answer = _Answer(image, box, response, zoom)
-        return self._places(answer)
-
-    def _covers(self, answer: _Answer, box: Box) -> bool:
-        """Whether a box, as large as the one looked for, lies in the inner half of the window."""
-        reach = self._network.search_side / answer.zoom / 4
-        across, down = abs(box.cx - answer.box.cx), abs(box.cy - answer.box.cy)
-        alike = 1 / _SAME_SIZE < box.scale / answer.box.scale < _SAME_SIZE
-        return alike and max(across, down) <= reach
-
     def _started(self) -> Box:
         if self._box is None:
             raise RuntimeError("the tracker was not started")
         return self._box
+
+    def _learnt(self, image: Image, box: Box) -> Tensor:
+        side = self._context_side(box)
+        region = Box(box.cx, box.cy, side, side)
+        cut = crop(image, region, TEMPLATE_SIDE, TEMPLATE_SIDE, self._fill)
+        return self._network.template(cut)
 
     def _context_side(self, box: Box) -> float:
         """Return the side of the square about a target, margin included, in image pixels."""
         margin = self._settings.context * (box.width + box.height)
         return math.sqrt((box.width + margin) * (box.height + margin))
 
-    def _look(self, image: Image, box: Box) -> tuple[NanoTrackResponse, float]:
+    def _search_about(self, image: Image, box: Box) -> tuple[NanoTrackResponse, float]:
         """Return the network's answer about `box`, and crop pixels per image pixel."""
         if self._template is None:
             raise RuntimeError("the tracker was not started")
@@ -193,21 +285,6 @@ class NanoTracker:
             min(box.width, width),
             min(box.height, height),
         )
-
-    def _places(self, answer: _Answer, least: float = 0.0) -> list[MotionEstimate]:
-        settings, response = self._settings, answer.response
-        likely = np.flatnonzero(response.scores >= max(settings.candidate_score, least))
-        corners, scores = response.corners[likely] / answer.zoom, response.scores[likely]
-        kept = keep_best(corners, scores, settings.candidate_overlap, settings.candidates)
-        return [
-            MotionEstimate(_box_about(answer.box, corners[index]), float(scores[index]))
-            for index in kept
-        ]
-
-
-def _box_about(box: Box, corners: Tensor) -> Box:
-    left, top, right, bottom = (float(edge) for edge in corners)
-    return Box(box.cx + (left + right) / 2, box.cy + (top + bottom) / 2, right - left, bottom - top)
 
 
 def _cosine_window(cells: int) -> Tensor:

@@ -1,7 +1,5 @@
 """OpenCV's own trackers behind the motion-tracker seam, as far as this OpenCV has them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
@@ -10,10 +8,12 @@ from typing import Any
 
 import cv2
 
-from follower_vision.box import Box
-from follower_vision.frame import Image
-from follower_vision.motion import MotionEstimate
-from follower_vision.network import check_model
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.onnx_network import check_model
+from follower_vision.trackers.motion_tracker import MotionEstimate
+
+_LEAST_MIL_AREA = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +54,17 @@ OPENCV_KINDS: Mapping[str, OpenCvKind] = {
 }
 
 
-_LEAST_MIL_AREA = 25
-
-
 def opencv_tracker_names() -> list[str]:
     """Return the names of those that this OpenCV was built with."""
     return [name for name, kind in OPENCV_KINDS.items() if _find_class(kind) is not None]
 
 
 class OpenCvTracker:
-    """One of OpenCV's trackers. The start is rounded to whole pixels, because OpenCV wants that."""
+    """One of OpenCV's trackers. The start is rounded to whole pixels, because OpenCV wants that.
+
+    Attributes:
+        name: a short name for tables and logs.
+    """
 
     def __init__(self, name: str, find_file: Callable[[str], Path]) -> None:
         """Prepare a tracker; OpenCV loads its networks at `start`.
@@ -85,14 +86,9 @@ class OpenCvTracker:
             )
         self._class = tracker_class
         self._files = {part: _existing(find_file(file)) for part, file in kind.files.items()}
-        self._name = name
+        self.name = name
         self._tracker: Any = None
         self._box: Box | None = None
-
-    @property
-    def name(self) -> str:
-        """A short name for tables and logs."""
-        return self._name
 
     def start(self, image: Image, box: Box) -> None:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR.
@@ -101,7 +97,7 @@ class OpenCvTracker:
             ValueError: OpenCV refuses the box or a network's file.
         """
         start = _whole_pixels(box, image)
-        if self._name == "mil":
+        if self.name == "mil":
             _check_for_mil(start, image)
         try:
             self._tracker = _create(self._class, self._files)
@@ -109,7 +105,7 @@ class OpenCvTracker:
         except (cv2.error, SystemError) as error:
             self._tracker = None
             reason = str(error).splitlines()[0]
-            raise ValueError(f"OpenCV's {self._name} tracker cannot start: {reason}") from error
+            raise ValueError(f"OpenCV's {self.name} tracker cannot start: {reason}") from error
         self._box = box
 
     def update(self, image: Image) -> MotionEstimate:

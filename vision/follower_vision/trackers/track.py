@@ -1,11 +1,9 @@
 """What the vision side says about the target after each frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
 
 
 class TrackState(StrEnum):
@@ -16,7 +14,7 @@ class TrackState(StrEnum):
     COASTING = "coasting"
     """The target was not clearly seen; the box is a short extrapolation."""
     LOST = "lost"
-    """Nobody knows where the target is; the box is the last one seen."""
+    """The position of the target is unknown; the box is the last one seen."""
 
 
 @dataclass(frozen=True, slots=True)

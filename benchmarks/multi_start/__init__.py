@@ -1,0 +1,1 @@
+"""Many starts a sequence, folds that are fixed, and the history of what was scored."""

@@ -1,0 +1,28 @@
+"""A judge for Fusion that is no fit: what it believes is written here."""
+
+import numpy as np
+import pytest
+
+from follower_vision.fusion.box_filter import FilterNoise
+from follower_vision.fusion.candidates import SOURCES
+from follower_vision.fusion.features import FEATURES
+from follower_vision.fusion.model import CandidateModel
+
+
+@pytest.fixture(scope="session")
+def noise() -> FilterNoise:
+    """The same for every source."""
+    return FilterNoise(6.0, 0.2, dict.fromkeys(SOURCES, 0.05), dict.fromkeys(SOURCES, 0.08))
+
+
+@pytest.fixture(scope="session")
+def judge(noise: FilterNoise) -> CandidateModel:
+    """Believes what motion tracker or detector is more than half sure of, else the prediction."""
+    hidden = np.zeros((len(FEATURES) + 1, 1))
+    for name in ("support_first", "detected_score"):
+        hidden[FEATURES.index(name)] = 4.0
+    hidden[FEATURES.index("is_prediction")] = 1.5
+    hidden[-1] = -2.0
+    output = np.array([[8.0, 8.0, 8.0], [0.0, 0.0, 0.0]])
+    count = len(FEATURES)
+    return CandidateModel(np.zeros(count), np.ones(count), hidden, output, noise)

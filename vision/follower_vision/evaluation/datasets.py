@@ -1,0 +1,303 @@
+"""Finds and loads sequences of the field's data sets: OTB, UAV123, VOT, GOT-10k and our own.
+
+Boxes are taken as the data set writes them; no origin is shifted.
+
+UAV123, UAV20L and UAV123@10fps: Mueller, Smith and Ghanem, "A Benchmark and Simulator for UAV
+Tracking" (ECCV 2016). The images lie in `data_seq/`, the boxes in `anno/`; several sequences are
+cut out of one film.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from follower_vision.evaluation.one_pass import (
+    IMAGES,
+    DatasetError,
+    Sequence,
+    SequencePlace,
+    read_boxes,
+    read_lines,
+)
+from follower_vision.geometry.box import Box
+
+__all__ = ["DatasetError", "load_dataset", "read_boxes"]
+
+PART_STARTS = {
+    "bird1": (1, 775, 1573),
+    "car1": (1, 751, 1627),
+    "car6": (1, 487, 1807, 2953, 3925),
+    "car8": (1, 1357),
+    "car16": (1, 415),
+    "group1": (1, 1333, 2515, 3925),
+    "group2": (1, 907, 1771),
+    "group3": (1, 1567, 2827, 4369),
+    "person2": (1, 1189),
+    "person4": (1, 1501),
+    "person5": (1, 877),
+    "person7": (1, 1249),
+    "person8": (1, 1075),
+    "person12": (1, 601),
+    "person14": (1, 847, 1813),
+    "person17": (1, 1501),
+    "person19": (1, 1243, 2791),
+    "truck4": (1, 577),
+    "uav1": (1, 1555, 2473),
+}
+"""First frame of each part of a film (from the data set's configSeqs.m), at 30 frames a second."""
+
+_KEPT_EVERY = 3
+"""UAV123@10fps keeps every third frame: its frame 139 is frame 415 of the film."""
+Flags = tuple[bool, ...]
+"""One a frame: whether the attribute holds there."""
+_NAMES = {
+    "ARC": "aspect ratio change",
+    "BC": "background clutter",
+    "CM": "camera motion",
+    "DEF": "deformation",
+    "FM": "fast motion",
+    "FOC": "full occlusion",
+    "IPR": "in-plane rotation",
+    "IV": "illumination variation",
+    "LR": "low resolution",
+    "MB": "motion blur",
+    "OCC": "occlusion",
+    "OPR": "out-of-plane rotation",
+    "OV": "out of view",
+    "POC": "partial occlusion",
+    "SOB": "similar object",
+    "SV": "scale variation",
+    "VC": "viewpoint change",
+}
+_UAV123 = ("SV", "ARC", "LR", "FM", "FOC", "POC", "OV", "BC", "IV", "VC", "CM", "SOB")
+_GOT10K_LABELS = frozenset({"absence", "cover", "cut_by_image"})
+_GOT10K_CLASSES = {"object_class": "object", "motion_class": "motion", "major_class": "kind"}
+_WHOLLY_VISIBLE, _HALF_VISIBLE = 8, 3
+"""GOT-10k's levels: 8 is all of the target, 3 is up to 45 %."""
+_TRUTHS = ("groundtruth_rect.txt", "groundtruth.txt")
+_OTB_TARGETS = "groundtruth_rect.[0-9].txt"
+_OTB_FIRST_FRAMES = {"david": 300}
+_OTB_CUT = frozenset({*_OTB_FIRST_FRAMES, "football1", "freeman3", "freeman4", "diving"})
+"""OTB's sequences with more images than boxes."""
+_IMAGE_FOLDERS = ("img", "color", ".")
+
+
+def is_uav123(folder: Path) -> bool:
+    """Return whether a folder has UAV123's layout."""
+    return (folder / "data_seq").is_dir() and (folder / "anno").is_dir()
+
+
+def find_uav123(folder: Path) -> list[SequencePlace]:
+    """Pair each file of boxes with the film that it belongs to; what has no images is left out."""
+    films: dict[str, list[Path]] = {}
+    for path in sorted(folder.glob("data_seq/**/*")):
+        if path.is_dir():
+            films.setdefault(path.name, []).append(path)
+    truths = [path for path in sorted(folder.glob("anno/**/*.txt")) if path.parent.name != "att"]
+    twice = {stem for stem, number in Counter(path.stem for path in truths).items() if number > 1}
+    places = (_place(folder, truth, films, truth.stem in twice) for truth in truths)
+    return [place for place in places if place is not None]
+
+
+def _place(
+    root: Path, truth: Path, films: dict[str, list[Path]], twice: bool
+) -> SequencePlace | None:
+    film, part = _film(truth.stem, films)
+    if film not in films:
+        return None
+    subset = truth.parent.name
+    folder = next((p for p in films[film] if p.parent.name == subset), films[film][0])
+    slow = any(
+        "10fps" in part.lower() for part in (root.resolve().name, subset, folder.parent.name)
+    )
+    start = PART_STARTS[film][part] if part else 1
+    if slow:
+        start = (start - 1) // _KEPT_EVERY + 1
+    name = f"{subset}-{truth.stem}" if twice else truth.stem
+    return SequencePlace(name, folder, truth, start, 10.0 if slow else 30.0)
+
+
+def _film(stem: str, films: dict[str, list[Path]]) -> tuple[str, int]:
+    """Split car16_2 into its film and the number of its part from 0; others are a whole film."""
+    film, _, number = stem.rpartition("_")
+    parts = PART_STARTS.get(film, ())
+    if stem in films or not (number.isdecimal() and 1 <= int(number) <= len(parts)):
+        return stem, 0
+    return film, int(number) - 1
+
+
+def read_attributes(place: SequencePlace, frames: int) -> dict[str, Flags]:
+    """Return the attributes that hold anywhere in a sequence, by name.
+
+    Known are UAV123's `att/NAME.txt`, OTB's `attrs.txt`, VOT's `*.tag` and `*.label`, and
+    GOT-10k's `cover.label`, `cut_by_image.label` and `meta_info.ini`.
+
+    Raises:
+        DatasetError: a file of attributes cannot be understood.
+    """
+    codes = (*_uav123_codes(place), *_otb_codes(place.folder), *_got10k_classes(place.folder))
+    flags = {_NAMES.get(code, code): (True,) * frames for code in codes}
+    flags |= _frame_tags(place.folder, frames) | _got10k_flags(place.folder, frames)
+    return {name: values for name, values in flags.items() if any(values)}
+
+
+def read_rate(place: SequencePlace) -> float | None:
+    """Return the frames a second that the layout, VOT's or GOT-10k's own file states, if any."""
+    said = _pairs(place.folder / "sequence", "=").get("fps")
+    said = said or _pairs(place.folder / "meta_info.ini", ":").get("anno_fps")
+    found = re.match(r"\d+(\.\d+)?", said or "")
+    rate_hz = float(found.group()) if found else 0.0
+    return rate_hz if rate_hz > 0 else place.rate_hz
+
+
+def read_flags(path: Path, frames: int) -> Flags:
+    """Read a number a line; a flag holds where it is not 0, and not beyond the file's end.
+
+    Raises:
+        DatasetError: the file cannot be read, holds something else, or is too long.
+    """
+    return tuple(value != 0 for value in _levels(path, frames))
+
+
+def _levels(path: Path, frames: int) -> list[float]:
+    words = [word for line in read_lines(path) for word in re.split(r"[,\s]+", line) if word]
+    try:
+        levels = [float(word) for word in words]
+    except ValueError:
+        raise DatasetError(f"{path}: needs a number for each frame") from None
+    if len(levels) > frames:
+        raise DatasetError(f"{path}: {len(levels)} numbers for {frames} boxes")
+    return levels + [0.0] * (frames - len(levels))
+
+
+def _uav123_codes(place: SequencePlace) -> list[str]:
+    path = place.truth.parent / "att" / place.truth.name
+    if not path.is_file():
+        return []
+    flags = read_flags(path, len(_UAV123))
+    return [code for code, holds in zip(_UAV123, flags, strict=True) if holds]
+
+
+def _otb_codes(folder: Path) -> list[str]:
+    path = folder / "attrs.txt"
+    lines = read_lines(path) if path.is_file() else []
+    return [code for line in lines for code in re.split(r"[,;\s]+", line) if code]
+
+
+def _got10k_classes(folder: Path) -> list[str]:
+    said = _pairs(folder / "meta_info.ini", ":")
+    return [f"{name}: {said[key]}" for key, name in _GOT10K_CLASSES.items() if said.get(key)]
+
+
+def _frame_tags(folder: Path, frames: int) -> dict[str, Flags]:
+    paths = sorted([*folder.glob("*.tag"), *folder.glob("*.label")])
+    own = [path for path in paths if path.stem not in _GOT10K_LABELS]
+    return {path.stem.replace("_", " "): read_flags(path, frames) for path in own}
+
+
+def _got10k_flags(folder: Path, frames: int) -> dict[str, Flags]:
+    flags: dict[str, Flags] = {}
+    cover, cut = folder / "cover.label", folder / "cut_by_image.label"
+    if cover.is_file():
+        levels = _levels(cover, frames)
+        flags["partly covered"] = tuple(level < _WHOLLY_VISIBLE for level in levels)
+        flags["mostly covered"] = tuple(level <= _HALF_VISIBLE for level in levels)
+    if cut.is_file():
+        flags["cut by image"] = read_flags(cut, frames)
+    return flags
+
+
+def _pairs(path: Path, between: str) -> Mapping[str, str]:
+    lines = read_lines(path) if path.is_file() else []
+    split = (line.partition(between) for line in lines)
+    return {key.strip(): value.strip() for key, _, value in split}
+
+
+def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
+    """Load one sequence, a folder of sequences, or UAV123 with `data_seq/` and `anno/`.
+
+    Returns:
+        The sequences in order of name, and a remark for each that was skipped as broken.
+
+    Raises:
+        DatasetError: the folder holds no sequence at all.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: there is no such folder; give a folder of sequences")
+    sequences: list[Sequence] = []
+    remarks: list[str] = []
+    places = _find(folder)
+    for place in places:
+        try:
+            sequences.append(_load(place))
+        except DatasetError as error:
+            remarks.append(f"skipped {place.name}: {error}")
+    if not places:
+        raise DatasetError(
+            f"{folder}: no sequence here; one has groundtruth.txt or groundtruth_rect.txt beside "
+            "its images, img/ or color/"
+        )
+    return sequences, remarks
+
+
+def _find(folder: Path) -> list[SequencePlace]:
+    if is_uav123(folder):
+        return find_uav123(folder)
+    alone = _places(folder)
+    if alone:
+        return alone
+    inside = sorted(path for path in folder.iterdir() if path.is_dir())
+    return [place for path in inside for place in _places(path)]
+
+
+def _places(folder: Path) -> list[SequencePlace]:
+    """Return a folder's sequence; one a target where OTB has several in the same images."""
+    name = folder.resolve().name
+    first = _OTB_FIRST_FRAMES.get(name.lower(), 1)
+    truth = next((folder / file for file in _TRUTHS if (folder / file).is_file()), None)
+    if truth is not None:
+        return [SequencePlace(name, folder, truth, first)]
+    targets = [path for path in sorted(folder.glob(_OTB_TARGETS)) if read_lines(path)]
+    return [
+        SequencePlace(f"{name}.{path.stem[-1]}" if len(targets) > 1 else name, folder, path, first)
+        for path in targets
+    ]
+
+
+def _load(place: SequencePlace) -> Sequence:
+    truth = _truth(place)
+    images = _images(place.folder)
+    is_cut = place.truth.parent != place.folder or place.name.lower() in _OTB_CUT
+    if len(images) > len(truth) and is_cut:
+        images = images[place.first - 1 :][: len(truth)]
+    if len(images) != len(truth):
+        raise DatasetError(
+            f"{place.truth}: {len(truth)} boxes for {len(images)} images; give one line an image"
+        )
+    if len(truth) < 2 or truth[0] is None:
+        raise DatasetError(f"{place.truth}: needs two frames or more and a box in the first")
+    flags = read_attributes(place, len(truth))
+    return Sequence(place.name, tuple(images), tuple(truth), flags, read_rate(place))
+
+
+def _truth(place: SequencePlace) -> list[Box | None]:
+    truth = read_boxes(place.truth)
+    absence = place.folder / "absence.label"
+    if not absence.is_file():
+        return truth
+    number = len(read_lines(absence))
+    if number != len(truth):
+        raise DatasetError(f"{absence}: {number} lines for {len(truth)} boxes")
+    flags = read_flags(absence, len(truth))
+    return [None if absent else box for box, absent in zip(truth, flags, strict=True)]
+
+
+def _images(folder: Path) -> list[Path]:
+    for name in _IMAGE_FOLDERS:
+        place = folder / name
+        if place.is_dir():
+            found = sorted(path for path in place.iterdir() if path.suffix.lower() in IMAGES)
+            if found:
+                return found
+    raise DatasetError(f"{folder}: no images; put them there, into img/ or into color/")

@@ -1,0 +1,123 @@
+"""The fitted model: from a candidate's features to three probabilities."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.fusion.box_filter import FilterNoise
+from follower_vision.fusion.features import FEATURES
+
+Floats = npt.NDArray[np.floating]
+
+FAMILIES = ("nanotrack",)
+"""Motion trackers with a model of their own, by the part of the name before the hyphen."""
+OTHERS = "others"
+"""The model of all other ones."""
+THRESHOLDS = (0.3, 0.5, 0.7)
+"""Overlaps (IoU) whose probabilities the model gives."""
+
+
+class ProbabilityModel(Protocol):
+    """What says how probable candidates are."""
+
+    @property
+    def noise(self) -> FilterNoise:
+        """Of the filter that goes with it."""
+        ...
+
+    def probabilities(self, features: Floats) -> Floats:
+        """Return (N, 3), P(IoU > 0.3), P(IoU > 0.5) and P(IoU > 0.7), of (N, F) features."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateModel:
+    """P(IoU > 0.3), P(IoU > 0.5) and P(IoU > 0.7) of a candidate, by one hidden layer.
+
+    Attributes:
+        offset: (F,) taken off the features.
+        factor: (F,) by which they are then multiplied.
+        hidden: (F + 1, K) weights of the hidden units (tanh), their biases last.
+        output: (K + 1, 3) weights of the logits, their biases last.
+        noise: of the filter.
+    """
+
+    offset: Floats
+    factor: Floats
+    hidden: Floats
+    output: Floats
+    noise: FilterNoise
+
+    def probabilities(self, features: Floats) -> Floats:
+        """Return (N, 3) probabilities of N candidates with the features (N, F)."""
+        scaled = np.clip((features - self.offset) * self.factor, -6.0, 6.0)
+        units = np.tanh(scaled @ self.hidden[:-1] + self.hidden[-1])
+        logits = units @ self.output[:-1] + self.output[-1]
+        return np.asarray(1.0 / (1.0 + np.exp(-logits)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `from_json` takes; numbers are rounded to five digits."""
+        arrays = {name: getattr(self, name) for name in ("offset", "factor", "hidden", "output")}
+        rounded = {
+            name: np.vectorize(lambda v: float(f"{v:.5g}"))(array).tolist()
+            for name, array in arrays.items()
+        }
+        return {"features": list(FEATURES), **rounded, "noise": asdict(self.noise)}
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> CandidateModel:
+        """Make a model from stored numbers.
+
+        Raises:
+            ValueError: it was fitted on other features.
+        """
+        if tuple(stored["features"]) != FEATURES:
+            raise ValueError("the model was fitted on other features: fit it again")
+        return cls(
+            np.array(stored["offset"]),
+            np.array(stored["factor"]),
+            np.array(stored["hidden"]),
+            np.array(stored["output"]),
+            FilterNoise(**stored["noise"]),
+        )
+
+
+def family_of(motion: str) -> str:
+    """Return the name under which a motion tracker's model is kept, by the tracker's name."""
+    family = motion.partition("-")[0]
+    return family if family in FAMILIES else OTHERS
+
+
+def model_for(motion: str, path: str | None = None) -> CandidateModel:
+    """Return the model that was fitted for a motion tracker.
+
+    Args:
+        motion: the tracker's name.
+        path: a file of `follower train fusion`; None is the one that comes along.
+
+    Raises:
+        ValueError: the file cannot be used.
+    """
+    try:
+        models = _models(path)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: no file of `follower train fusion` ({error})") from None
+    family = family_of(motion)
+    if family not in models:
+        raise ValueError(f"{path}: fitted for {', '.join(models)}, not for {motion}")
+    return models[family]
+
+
+@cache
+def _models(path: str | None) -> dict[str, CandidateModel]:
+    source = resources.files(__package__) / "fitted.json" if path is None else Path(path)
+    stored = json.loads(source.read_text("utf-8"))["models"]
+    return {name: CandidateModel.from_json(one) for name, one in stored.items()}

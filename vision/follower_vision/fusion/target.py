@@ -1,0 +1,192 @@
+"""What Fusion knows of its target from frame to frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.detection.detection import Detection
+from follower_vision.fusion.box_filter import BoxFilter
+from follower_vision.fusion.candidates import Candidate, DetectorMemory
+from follower_vision.fusion.descriptor import AppearanceMemory, Descriptors
+from follower_vision.fusion.distractors import Distractors
+from follower_vision.fusion.settings import FusionSettings
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track, TrackState
+
+Floats = npt.NDArray[np.floating]
+
+SEEN = 0.5
+"""From this P(IoU > 0.5) on the target counts as observed."""
+_COAST_S = 0.4
+_MEAN_TIME_S = 0.65
+_SIZE_TIME_S = 1.1
+_JUMP_SIGMA = 4.0
+"""An observation so many standard deviations away is a new start, not a measurement."""
+_LEAST_PROBABILITY = 0.05
+_KEPT_FRAMES = 64
+_REGION_SIZES = 2.5
+_REGION_SIGMA = 6.0
+_WIDER = 2.5
+
+
+@dataclass(slots=True)
+class Target:
+    """The state of a target that is followed.
+
+    Attributes:
+        filter: predicts the box.
+        first_size: log of width and height at the start, (2,).
+        usual_size: the same as confirmed over the last second.
+        memory: how it looks.
+        box: in the last frame, pixels.
+        captured_s: time of the last frame.
+        seen_s: time of the last frame in which it was observed.
+        detector: what the detector sees of it.
+        distractors: what was seen beside it.
+        probability: P(IoU > 0.5) of the last choice.
+        mean_probability: the same over the last second.
+        state: of the track.
+        produced_by: what the box is from.
+        index: number of the frame, from 0 at the start.
+        asked: index of the frame that the detector was last asked about.
+        other_place: where something like the target was detected while it is lost, pixels.
+        history: the box by index, for the answers of a detector in the background.
+    """
+
+    filter: BoxFilter
+    first_size: Floats
+    usual_size: Floats
+    memory: AppearanceMemory
+    box: Box
+    captured_s: float
+    seen_s: float
+    detector: DetectorMemory = field(default_factory=DetectorMemory)
+    distractors: Distractors = field(default_factory=Distractors)
+    probability: float = 1.0
+    mean_probability: float = 1.0
+    state: TrackState = TrackState.TRACKING
+    produced_by: str = "start"
+    index: int = 0
+    asked: int = 0
+    other_place: Box | None = None
+    interval_s: float = 0.0
+    history: dict[int, Box] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> bool:
+        """Whether it was not observed for longer than a track may coast."""
+        return self.state is TrackState.LOST
+
+    def advance(self, captured_s: float) -> None:
+        """Predict to the next frame's time, in seconds."""
+        self.index += 1
+        self.interval_s = max(captured_s - self.captured_s, 1e-3)
+        self.captured_s = captured_s
+        self.filter.predict(self.interval_s)
+        self.distractors.predict(self.interval_s)
+
+    def place_at(self, box: Box) -> None:
+        """Take a box in the last frame, in pixels, for certain; all that was learnt stays."""
+        self.filter.place_at(box)
+        self.box, self.state, self.probability = box, TrackState.TRACKING, 1.0
+        self.seen_s = self.captured_s
+        self.history[self.index] = box
+
+    def observe(self, winner: Candidate, probability: float) -> None:
+        """Take a candidate for the target, in proportion to its P(IoU > 0.5)."""
+        seen, box = probability >= SEEN, winner.box
+        expected, sigma = self.filter.box, self.filter.deviations
+        away = math.hypot((box.cx - expected.cx) / sigma[0], (box.cy - expected.cy) / sigma[1])
+        if seen and away > _JUMP_SIGMA:
+            self.filter.place_at(Box(box.cx, box.cy, expected.width, expected.height))
+        self.filter.observe(box, winner.source, max(probability, _LEAST_PROBABILITY))
+        filtered = self.filter.box
+        self.produced_by = winner.source
+        if not seen:
+            self.box = filtered
+            self.state = self._unseen_state()
+            return
+        self.box = Box(box.cx, box.cy, filtered.width, filtered.height)
+        self.seen_s, self.state = self.captured_s, TrackState.TRACKING
+        rate = 1 - math.exp(-self.interval_s / _SIZE_TIME_S)
+        self.usual_size = self.usual_size + rate * probability * (
+            log_sides(self.box) - self.usual_size
+        )
+
+    def coast(self, why: str) -> None:
+        """Take the prediction for the target, and say why."""
+        self.box = self.filter.box
+        self.produced_by = why
+        self.state = self._unseen_state()
+
+    def believe(self, probability: float) -> None:
+        """Remember the P(IoU > 0.5) of the frame's choice."""
+        self.probability = probability
+        rate = 1 - math.exp(-self.interval_s / _MEAN_TIME_S)
+        self.mean_probability += rate * (probability - self.mean_probability)
+
+    def learn_detections(self, detections: list[Detection], probability: float) -> None:
+        """Compare what the detector saw with where the target is."""
+        if probability >= SEEN:
+            self.detector.learn(detections, self.box, probability)
+            self.other_place = None
+        elif detections:
+            likeliest = max(
+                detections, key=lambda one: one.score * (0.1 + self.detector.class_share(one))
+            )
+            self.other_place = self.detector.corrected(likeliest)
+
+    def learn_appearance(self, seen: Descriptors, row: int, probability: float) -> None:
+        """Remember how the chosen candidate looks."""
+        self.memory.learn(seen, row, probability)
+
+    def detection_region(self, settings: FusionSettings, width: int, height: int) -> Box | None:
+        """Return where the detector looks: about the prediction, wider with its uncertainty.
+
+        A square on a coarse grid, so that runs that differ a little ask for the same region and an
+        evaluation can keep the answers. While the target is lost every third one is larger.
+
+        Args:
+            settings: the usual region.
+            width: of the image, in pixels.
+            height: of the image, in pixels.
+
+        Returns:
+            The region in pixels; None is the whole image.
+        """
+        box = self.filter.box
+        sizes = max(settings.crop_sizes, _REGION_SIZES + _REGION_SIGMA * self.filter.spread)
+        side = max(box.scale * sizes, settings.crop_least_px)
+        if self.lost and (self.index // settings.doubt_every) % 3 == 2:
+            side *= _WIDER
+        if side >= max(width, height):
+            return None
+        side = 2.0 ** (math.ceil(math.log2(side) * 4) / 4)
+        step = side / 8
+        return Box(round(box.cx / step) * step, round(box.cy / step) * step, side, side)
+
+    def remember_box(self) -> None:
+        """Keep the frame's box for detections that come late."""
+        self.history[self.index] = self.box
+        self.history.pop(self.index - _KEPT_FRAMES, None)
+
+    def track(self, frame: Frame) -> Track:
+        """Return the track in a frame."""
+        probability = min(max(self.probability, 0.0), 1.0)
+        return Track(
+            self.box, self.state, probability, self.produced_by, frame.captured_s, frame.sequence
+        )
+
+    def _unseen_state(self) -> TrackState:
+        coasting = self.captured_s - self.seen_s <= _COAST_S
+        return TrackState.COASTING if coasting else TrackState.LOST
+
+
+def log_sides(box: Box) -> Floats:
+    """Return the logs of a box's width and height in pixels, (2,)."""
+    return np.array([math.log(box.width), math.log(box.height)])

@@ -1,0 +1,5 @@
+"""Track states and re-identification around a motion tracker, without a detector.
+
+Uses: `appearance`, `trackers`.
+Start at: `tracker.LongTermTracker`.
+"""

@@ -1,0 +1,135 @@
+"""The interface of motion trackers: a box in, the next frame's box out."""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+
+Floats = npt.NDArray[np.floating]
+
+_ABOUT = 4.0
+_SAME_IOU = 0.5
+_SURE = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEstimate:
+    """Where a motion tracker believes the target to be.
+
+    Attributes:
+        box: in pixels of the image given.
+        confidence: 0 to 1; comparable over time for one tracker, not between trackers.
+    """
+
+    box: Box
+    confidence: float
+
+
+class MotionTracker(Protocol):
+    """Follows one box from image to image; knows no time, states or identities."""
+
+    @property
+    def name(self) -> str:
+        """A short name for tables and logs, e.g. "correlation"."""
+        ...
+
+    def start(self, image: Image, box: Box) -> None:
+        """Learn the target anew from its box in pixels of `image`, (H, W, 3) uint8 BGR."""
+        ...
+
+    def update(self, image: Image) -> MotionEstimate:
+        """Find the target in the next image, (H, W, 3) uint8 BGR.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseMap:
+    """How a motion tracker answers to each of N places in a searched region.
+
+    Attributes:
+        corners: (N, 4) left, top, right, bottom of the box at each place, in the image's pixels.
+        first: (N,) likeness to the target as it was at the start, 0 to 1.
+        recent: (N,) likeness to the target as it was lately, 0 to 1.
+        penalty: (N,) factor, at most 1, for a size or shape unlike the one searched for.
+        region: the searched region, in the image's pixels.
+        image_features: (H, W, C) the network's features of the region; None without a network.
+    """
+
+    corners: Floats
+    first: Floats
+    recent: Floats
+    penalty: Floats
+    region: Box
+    image_features: Floats | None = None
+
+
+@runtime_checkable
+class ResponseTracker(Protocol):
+    """What a motion tracker offers that says more of a search than its best place."""
+
+    def search(self, image: Image, box: Box) -> ResponseMap:
+        """Search `image`, (H, W, 3) uint8 BGR, about `box`; the tracker itself goes nowhere.
+
+        Raises:
+            RuntimeError: `start` was not called.
+        """
+        ...
+
+    def learn(self, image: Image, box: Box, probability: float) -> None:
+        """Learn from the image searched last, in which the target is at `box`, so probably."""
+        ...
+
+
+class OnePlaceResponse:
+    """Makes a `ResponseTracker` of a motion tracker that names its best place alone.
+
+    It goes its own way; where the target is learnt to be elsewhere, it starts anew there.
+
+    Args:
+        motion: the tracker.
+    """
+
+    def __init__(self, motion: MotionTracker) -> None:
+        self._motion = motion
+        self._found: Box | None = None
+
+    def search(self, image: Image, box: Box) -> ResponseMap:
+        """See `ResponseTracker`; the place does not depend on where it is searched."""
+        estimate = self._motion.update(image)
+        found = self._found = estimate.box
+        corners = np.array([[found.left, found.top, found.right, found.bottom]])
+        score = np.array([estimate.confidence])
+        return ResponseMap(corners, score, score, np.ones(1), box.scaled(_ABOUT))
+
+    def learn(self, image: Image, box: Box, probability: float) -> None:
+        """See `ResponseTracker`."""
+        if self._found is not None and probability >= _SURE and self._found.iou(box) < _SAME_IOU:
+            self._motion.start(image, box)
+            self._found = box
+
+
+class IdentityTracker:
+    """Always returns the initial box: the baseline that every tracker has to beat."""
+
+    name = "identity"
+
+    def __init__(self) -> None:
+        self._box: Box | None = None
+
+    def start(self, image: Image, box: Box) -> None:  # noqa: ARG002  part of the interface
+        """Remember `box`."""
+        self._box = box
+
+    def update(self, image: Image) -> MotionEstimate:  # noqa: ARG002  part of the interface
+        """Return the box given to `start`."""
+        if self._box is None:
+            raise RuntimeError("the tracker was not started")
+        return MotionEstimate(self._box, 1.0)

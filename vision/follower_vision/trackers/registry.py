@@ -1,0 +1,73 @@
+"""The motion trackers by name."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
+from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork
+from follower_vision.trackers.opencv import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
+from follower_vision.trackers.paired import PairedTracker
+from follower_vision.trackers.re3 import Re3Network, Re3Tracker
+
+FindFile: TypeAlias = Callable[[str], Path]
+"""Gives the path of a network's file by its name, as `ModelStore.file` does."""
+
+RE3_FILE = "follower-re3.onnx"
+_NETWORK = ".onnx"
+
+
+def _nanotrack(version: int, find_file: FindFile) -> NanoTracker:
+    backbone, head = (
+        find_file(f"nanotrackv{version}_{part}.onnx") for part in ("backbone", "head")
+    )
+    network, settings = NanoTrackNetwork(backbone, head), NANOTRACK_SETTINGS[version]
+    return NanoTracker(network, settings, f"nanotrack-v{version}")
+
+
+def _re3(find_file: FindFile) -> Re3Tracker:
+    return Re3Tracker(Re3Network(find_file(RE3_FILE)))
+
+
+TRACKERS: dict[str, Callable[[FindFile], MotionTracker]] = {
+    "identity": lambda _: IdentityTracker(),
+    "correlation": lambda _: CorrelationTracker(),
+    **{f"nanotrack-v{number}": partial(_nanotrack, number) for number in NANOTRACK_SETTINGS},
+    "re3": _re3,
+    "correlation-re3": lambda find_file: PairedTracker(
+        CorrelationTracker(), _re3(find_file), "correlation-re3"
+    ),
+    **{name: partial(OpenCvTracker, name) for name in OPENCV_KINDS},
+}
+"""How each is made; trackers that have no network ask for no file."""
+
+
+def tracker_names() -> list[str]:
+    """Return the names that `make_tracker` takes here; OpenCV's depend on how it was built."""
+    missing = OPENCV_KINDS.keys() - opencv_tracker_names()
+    return [name for name in TRACKERS if name not in missing]
+
+
+def is_tracker(name: str) -> bool:
+    """Return whether `make_tracker` takes a name: one of `tracker_names()`, or a file's path."""
+    return name in tracker_names() or name.endswith(_NETWORK)
+
+
+def make_tracker(name: str, find_file: FindFile) -> MotionTracker:
+    """Return a motion tracker, not yet started.
+
+    Args:
+        name: one of `tracker_names()`, or the path of a network that `follower train re3` wrote.
+        find_file: asked only by trackers that have networks.
+
+    Raises:
+        ValueError: there is no tracker of that name, or this OpenCV lacks it.
+        ModelError: a network's file is missing or broken.
+    """
+    if name.endswith(_NETWORK):
+        return Re3Tracker(Re3Network(Path(name)), name=Path(name).stem)
+    if name not in TRACKERS:
+        raise ValueError(f"there is no tracker {name!r}; there are {', '.join(tracker_names())}")
+    return TRACKERS[name](find_file)
