@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEPS := pyproject.toml constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint types tests golden format coverage clean
+.PHONY: help demo test check lint types tests golden docs format coverage clean
 
 help: ## List what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -26,9 +26,13 @@ demo: $(VENV)/core.stamp ## Fly a pursuit in the simulator and write a report
 
 test: lint types tests ## Lint, types and all tests
 
+check: lint types $(VENV)/dev.stamp ## Lint, types and the quick tests
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m "not slow"
+
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 
 types: $(VENV)/dev.stamp
 	$(BIN)/mypy
@@ -43,9 +47,16 @@ coverage: $(VENV)/dev.stamp ## Tests with a coverage report
 golden: $(VENV)/core.stamp ## Fly the golden flights anew and show what has changed
 	$(BIN)/python tests/golden/renew.py
 
+$(VENV)/docs.stamp: $(VENV)/core.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
+docs: $(VENV)/docs.stamp ## Build the documentation into site/, which works offline
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 format: $(VENV)/dev.stamp ## Format the sources
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean: ## Remove the virtual environment and all caches
-	rm -rf $(VENV) build dist .coverage .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site .coverage .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,4 +1,8 @@
-"""A drone target follower: the application."""
+"""A drone target follower: the application.
+
+Uses: `follower_vision`, `follower_control`, `follower_sim`.
+Start at: `flight.control.stage.ControlStage`; `apps.main` has the commands.
+"""
 
 import numpy  # noqa: F401  (loads the BLAS that is limited below)
 from threadpoolctl import threadpool_limits

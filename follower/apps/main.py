@@ -9,39 +9,24 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from follower.calibration.command import EPILOG as CALIBRATE_EPILOG
-from follower.calibration.command import calibrate_command
-from follower.campaign.command import EPILOG as CAMPAIGN_EPILOG
-from follower.campaign.command import campaign_command
-from follower.command_options import Cockpit, Config, Out, Overrides, Video
-from follower.configs import scenario_files
-from follower.evaluate_command import EPILOG as EVALUATE_EPILOG
-from follower.evaluate_command import evaluate_command
-from follower.excite.command import EPILOG as EXCITE_EPILOG
-from follower.excite.command import excite_command
-from follower.faults.command import EPILOG as FAULTS_EPILOG
-from follower.faults.command import faults_command, list_faults
-from follower.fly_command import EPILOG as FLY_EPILOG
-from follower.fly_command import fly_command
-from follower.identify.command import EPILOG as IDENTIFY_EPILOG
-from follower.identify.command import identify_command
-from follower.import_command import EPILOG as IMPORT_EPILOG
-from follower.import_command import import_command
-from follower.inspect_command import EPILOG as INSPECT_EPILOG
-from follower.inspect_command import inspect_command
-from follower.models_command import models_app
-from follower.preflight_command import EPILOG as PREFLIGHT_EPILOG
-from follower.preflight_command import preflight_command
-from follower.replay_command import EPILOG as REPLAY_EPILOG
-from follower.replay_command import replay_command
-from follower.track_command import EPILOG, track_command
-from follower.training.command import train_app
-from follower.training.re3.command import EXPORT_EPILOG, export_command
-from follower.tune.command import EPILOG as TUNE_EPILOG
-from follower.tune.command import tune_command
-from follower_control.strict_yaml import SettingsError
+from follower.apps.calibrate import command as calibrate
+from follower.apps.evaluate import command as evaluate
+from follower.apps.fly import command as fly
+from follower.apps.import_flight import command as import_flight
+from follower.apps.models import models_app
+from follower.apps.preflight import command as preflight
+from follower.apps.replay import command as replay
+from follower.apps.track import command as track
+from follower.settings.bundled import scenario_files
+from follower.simulation.campaign import command as campaign
+from follower.simulation.fault_tests import command as fault_tests
+from follower.training.command import EXPORT_EPILOG, export_command, train_app
+from follower.tuning.excite import command as excite
+from follower.tuning.identify import command as identify
+from follower.tuning.tune import command as tune
+from follower.ui.terminal.cli_options import Cockpit, Config, LinkKind, Out, Overrides, Video
+from follower_control.common.strict_config import SettingsError
 
-DEFAULT_CONNECTION = "udpin:127.0.0.1:14540"
 SUCCESS, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 
 _DEMO_EPILOG = """
@@ -51,7 +36,7 @@ _DEMO_EPILOG = """
 
 `follower demo --lockstep --seed 3` – on a simulated clock, however busy the computer is
 
-`follower demo --autopilot ardupilot --set servo.distance_m=18` – another vehicle, another wish
+`follower demo --autopilot ardupilot --set servo.distance_m=18` – another vehicle, another distance
 
 `follower demo --lockstep --set detector=null` – the motion tracker alone: it does not find the car
 """
@@ -72,8 +57,15 @@ _SIM_EPILOG = """
 
 `follower sim winding --autopilot external --connect udpin:0.0.0.0:14540` – PX4 or ArduPilot SITL
 
-Ctrl-C holds, lets go and leaves a complete report. Exit code 0: the scenario's limits were kept; 1:
-they were not; 2: an option cannot be used; 130: ended by Ctrl-C.
+Ctrl-C holds, releases and leaves a complete report. Exit code 0: the scenario's limits were kept;
+1: they were not; 2: an option cannot be used; 130: ended by Ctrl-C.
+"""
+_INSPECT_EPILOG = """
+**Examples**
+
+`follower inspect runs/fly` – writes runs/fly/inspection.html
+
+`follower inspect runs/demo --out demo.html` – somewhere else
 """
 _SETTINGS_EPILOG = """
 **Examples**
@@ -118,19 +110,21 @@ def _start(
     pass
 
 
-app.command("fly", epilog=FLY_EPILOG)(fly_command)
-app.command("preflight", epilog=PREFLIGHT_EPILOG)(preflight_command)
-app.command("track", epilog=EPILOG)(track_command)
-app.command("replay", epilog=REPLAY_EPILOG)(replay_command)
-app.command("evaluate", epilog=EVALUATE_EPILOG)(evaluate_command)
-app.command("campaign", epilog=CAMPAIGN_EPILOG)(campaign_command)
-app.command("inspect", epilog=INSPECT_EPILOG)(inspect_command)
-app.command("faults", epilog=FAULTS_EPILOG)(faults_command)
-app.command("calibrate", epilog=CALIBRATE_EPILOG)(calibrate_command)
-app.command("excite", epilog=EXCITE_EPILOG)(excite_command)
-app.command("identify", epilog=IDENTIFY_EPILOG)(identify_command)
-app.command("tune", epilog=TUNE_EPILOG)(tune_command)
-app.command("import", epilog=IMPORT_EPILOG)(import_command)
+for name, epilog, command in (
+    ("fly", fly.EPILOG, fly.fly_command),
+    ("preflight", preflight.EPILOG, preflight.preflight_command),
+    ("track", track.EPILOG, track.track_command),
+    ("replay", replay.EPILOG, replay.replay_command),
+    ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
+    ("campaign", campaign.EPILOG, campaign.campaign_command),
+    ("faults", fault_tests.EPILOG, fault_tests.faults_command),
+    ("calibrate", calibrate.EPILOG, calibrate.calibrate_command),
+    ("excite", excite.EPILOG, excite.excite_command),
+    ("identify", identify.EPILOG, identify.identify_command),
+    ("tune", tune.EPILOG, tune.tune_command),
+    ("import", import_flight.EPILOG, import_flight.import_command),
+):
+    app.command(name, epilog=epilog)(command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 app.add_typer(train_app, name="train")
 app.command("export", epilog=EXPORT_EPILOG)(export_command)
@@ -155,15 +149,10 @@ LockstepFlag = Annotated[
     ),
 ]
 Connect = Annotated[
-    str,
-    typer.Option(help="Where MAVLink is spoken in real time, as pymavlink writes it."),
-]
-LinkKind = Annotated[
     str | None,
     typer.Option(
-        "--link",
-        help="Which library speaks MAVLink: **pymavlink** (default) or **mavsdk**, in real time.",
-        metavar="pymavlink|mavsdk",
+        help="Where MAVLink is spoken in real time, as pymavlink writes it; udpin:127.0.0.1:14540 "
+        "by default, or with a simulated autopilot any free port if that one is in use.",
     ),
 ]
 Fault = Annotated[
@@ -183,8 +172,8 @@ VisionBy = Annotated[
     str,
     typer.Option(
         "--vision",
-        help="What sees: **pixels**, or **truth+noise**: a stand-in that is told where the target "
-        "is, for quick studies of control.",
+        help="What sees: **pixels**, or **truth+noise**: a stand-in that is given "
+        "the target's true box, for quick studies of control.",
         metavar="pixels|truth+noise",
     ),
 ]
@@ -203,7 +192,7 @@ def demo(
     lockstep: LockstepFlag = False,
     config: Config = None,
     overrides: Overrides = None,
-    connect: Connect = DEFAULT_CONNECTION,
+    connect: Connect = None,
     out: Out = Path("runs"),
     video: Video = True,
     record: Record = True,
@@ -229,7 +218,7 @@ def sim(
     lockstep: LockstepFlag = False,
     config: Config = None,
     overrides: Overrides = None,
-    connect: Connect = DEFAULT_CONNECTION,
+    connect: Connect = None,
     out: Out = Path("runs"),
     video: Video = True,
     record: Record = True,
@@ -240,12 +229,11 @@ def sim(
     cockpit: Cockpit = False,
 ) -> None:
     """Fly any scenario in the simulator and report on it."""
-    from follower.sight import Sight
-    from follower.simulate import simulate
-    from follower.simulation_options import SimulationOptions
+    from follower.simulation.options import SimulationOptions, VisionSource
+    from follower.simulation.run import simulate
 
     if faults == ["list"]:
-        list_faults()
+        fault_tests.list_faults()
         return
 
     options = SimulationOptions(
@@ -261,17 +249,41 @@ def sim(
         record,
         link,
         tuple(faults or ()),
-        Sight.of(vision),
+        VisionSource.of(vision),
         tuple(scene or ()),
         cockpit,
     )
     raise typer.Exit(simulate(options))
 
 
+@app.command(epilog=_INSPECT_EPILOG)
+def inspect(
+    flight: Annotated[
+        Path, typer.Argument(help="A flight's folder, as every flight and `follower import` leave.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="REPORT.HTML",
+            help="Where the report goes; inspection.html in the flight's folder by default.",
+        ),
+    ] = None,
+) -> None:
+    """Report on a recorded flight, real or simulated: one HTML file that needs nothing else.
+
+    States and their reasons, errors, setpoints asked and allowed, delays and ages, losses with
+    pictures from the video, the map, and what the recording lacks. A recording that a power cut
+    ended is reported on up to where it ends.
+    """
+    from follower.apps.inspect import inspect_flight
+
+    inspect_flight(flight, out)
+
+
 @app.command()
 def scenarios() -> None:
     """List the scenarios that come along."""
-    from follower_sim.scenario_file import load_scenario
+    from follower_sim.scenario.scenario_file import load_scenario
 
     for name, path in scenario_files().items():
         typer.echo(f"{name:18} {load_scenario(path).title}")
@@ -280,7 +292,7 @@ def scenarios() -> None:
 @app.command()
 def trackers() -> None:
     """List the motion trackers that run here."""
-    from follower_vision.trackers import tracker_names
+    from follower_vision.trackers.registry import tracker_names
 
     for name in tracker_names():
         typer.echo(name)
@@ -289,7 +301,7 @@ def trackers() -> None:
 @app.command(epilog=_SETTINGS_EPILOG)
 def settings(config: Config = None, overrides: Overrides = None) -> None:
     """Print all settings as they resolve, as YAML to copy and edit."""
-    from follower.settings import load_settings
+    from follower.settings.settings import load_settings
 
     typer.echo(load_settings(config, overrides=overrides or ()).to_yaml(), nl=False)
 
@@ -301,19 +313,15 @@ def main() -> NoReturn:
     except (ValueError, OSError) as error:
         if not isinstance(error, _user_errors()):
             raise
-        typer.echo(f"follower: {_one_line(error)}", err=True)
+        typer.echo(f"follower: {' '.join(str(error).split())}", err=True)
         sys.exit(UNUSABLE)
     sys.exit(SUCCESS)
 
 
 def _user_errors() -> tuple[type[Exception], ...]:
     """Return what a user can mend; any other error is ours and shows its traceback."""
-    from follower.links.connection import ConnectionFailedError
-    from follower_vision.framesource import SourceError
-    from follower_vision.network import ModelError
+    from follower.links.connections import ConnectionFailedError
+    from follower_vision.onnx_network import ModelError
+    from follower_vision.sources.frame_source import SourceError
 
     return SettingsError, ConnectionFailedError, SourceError, ModelError, OSError
-
-
-def _one_line(error: ValueError | OSError) -> str:
-    return " ".join(str(error).split())

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    DownloadColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-    TransferSpeedColumn,
-)
+from rich.progress import DownloadColumn, Progress, TransferSpeedColumn
 from rich.table import Table
 
-from follower_vision.models import FileState, Model, ModelStore, default_folder
-from follower_vision.network import ModelError
-
-_BAD_INPUT = 2
+from follower_vision.models import FileState, ModelStore, VisionModel, default_folder
 
 models_app = typer.Typer(
     help="List, fetch and verify the networks.", no_args_is_help=True, rich_markup_mode=None
@@ -39,19 +27,17 @@ Names = Annotated[list[str] | None, typer.Argument(help="Names as `list` shows t
 
 
 @models_app.command("list")
-def list_models(
-    folder: Folder = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Everything in the table, for programs.")
-    ] = False,
-) -> None:
+def list_models(folder: Folder = None) -> None:
     """Show the networks known, and which of them are there."""
     store = _store(folder)
-    if as_json:
-        entries = [{**asdict(model), "present": store.is_present(model)} for model in store.models]
-        typer.echo(json.dumps(entries, indent=2))
-        return
-    Console().print(_table(store))
+    table = Table(caption=f"in {store.folder}", show_edge=False, pad_edge=False)
+    for heading in ("name", "for", "MB", "licence", "there", "what"):
+        table.add_column(heading, overflow="fold")
+    for model in store.models:
+        size = f"{model.size_bytes / 1e6:.1f}"
+        there = "comes along" if model.embedded else "yes" if store.is_present(model) else "no"
+        table.add_row(model.name, model.purpose, size, model.licence, there, model.summary)
+    Console().print(table)
 
 
 @models_app.command()
@@ -62,12 +48,12 @@ def pull(
 ) -> None:
     """Fetch networks; without names the usual tracker and detector."""
     store = _store(folder)
-    try:
-        for model in _wanted(store, names, everything):
-            for path in _pull_one(store, model):
-                typer.echo(str(path))
-    except ModelError as error:
-        _fail(error)
+    models = [store.model(name) for name in names or []] or [
+        one for one in store.models if one.usual or (everything and one.can_be_fetched)
+    ]
+    for model in models:
+        for path in _pull_one(store, model):
+            typer.echo(str(path))
 
 
 @models_app.command()
@@ -77,11 +63,7 @@ def path(
 ) -> None:
     """Print where networks are kept, or the paths of one network's files."""
     store = _store(folder)
-    try:
-        paths = [store.folder] if name is None else store.paths(store.model(name))
-    except ModelError as error:
-        _fail(error)
-    for one in paths:
+    for one in [store.folder] if name is None else store.paths(store.model(name)):
         typer.echo(str(one))
 
 
@@ -89,10 +71,7 @@ def path(
 def verify(names: Names = None, folder: Folder = None) -> None:
     """Check files against their sha256; without names all that are there. Exit code 1 if bad."""
     store = _store(folder)
-    try:
-        models = [store.model(name) for name in names or []]
-    except ModelError as error:
-        _fail(error)
+    models = [store.model(name) for name in names or []]
     bad = 0
     for model in models or [model for model in store.models if store.is_present(model)]:
         for file, state in store.verify(model).items():
@@ -106,40 +85,12 @@ def _store(folder: Path | None) -> ModelStore:
     return ModelStore(folder or default_folder(os.environ))
 
 
-def _table(store: ModelStore) -> Table:
-    table = Table(caption=f"in {store.folder}", show_edge=False, pad_edge=False)
-    for heading in ("name", "for", "MB", "licence", "there", "what"):
-        table.add_column(heading, overflow="fold")
-    for model in store.models:
-        size = f"{model.size_bytes / 1e6:.1f}"
-        there = "comes along" if model.embedded else "yes" if store.is_present(model) else "no"
-        table.add_row(model.name, model.purpose, size, model.licence, there, model.summary)
-    return table
-
-
-def _wanted(store: ModelStore, names: list[str] | None, everything: bool) -> list[Model]:
-    if names:
-        return [store.model(name) for name in names]
-    return [one for one in store.models if one.usual or (everything and one.can_be_fetched)]
-
-
-def _pull_one(store: ModelStore, model: Model) -> list[Path]:
+def _pull_one(store: ModelStore, model: VisionModel) -> list[Path]:
     """Fetch a network behind a progress bar, which a terminal alone shows."""
     console = Console(stderr=True)
     if not console.is_terminal:
         return store.pull(model)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
+    columns = (*Progress.get_default_columns(), DownloadColumn(), TransferSpeedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(model.name, total=model.size_bytes)
         return store.pull(model, lambda done, _: bar.update(task, completed=done))
-
-
-def _fail(error: ModelError) -> NoReturn:
-    typer.echo(f"follower models: {error}", err=True)
-    raise typer.Exit(_BAD_INPUT)

@@ -1,39 +1,94 @@
-"""Opens the camera of a flight. A recording plays on as a camera would, and can be begun anew."""
+"""The source of images that a command line names: a camera, a stream or a recording."""
 
-from __future__ import annotations
+import re
+from dataclasses import dataclass
+from pathlib import Path
 
-from follower.fly.options import FlyOptions
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself, FrameSource, SourceError
-from follower_vision.paced import Paced
-from follower_vision.sources import is_live, open_source
+from follower_vision.images.frame import Frame
+from follower_vision.sources.camera_connection import without_password
+from follower_vision.sources.frame_source import (
+    ClosesItself,
+    FrameSource,
+    RealtimePlayback,
+    SourceError,
+)
+from follower_vision.sources.open import is_live, open_source
 
 
-def open_camera(options: FlyOptions, clock: Clock) -> FrameSource:
-    """Open what `--camera` names.
+@dataclass(frozen=True, slots=True)
+class VideoInput:
+    """A source of images as a user names it.
+
+    Attributes:
+        name: a device, an address, a pipeline, a file or a folder.
+        realtime: a recording is played at its own pace.
+        rate_hz: frames a second of a folder of images.
 
     Raises:
-        SourceError: nothing can be read there; the message says why and what to do.
+        SettingsError: there is no name.
     """
-    source = open_source(options.camera, folder_rate_hz=options.rate_hz, clock=clock)
-    return source if is_live(options.camera) else Paced(source, clock)
 
+    name: str
+    realtime: bool = False
+    rate_hz: float = 30.0
 
-def open_camera_or_dead(options: FlyOptions, clock: Clock) -> FrameSource:
-    """Open what `--camera` names; what cannot be opened is a camera without frames."""
-    try:
-        return open_camera(options, clock)
-    except SourceError as error:
-        return DeadCamera(str(error))
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise SettingsError(
+                "which source? give a camera (0), a video file, a folder or a stream's address"
+            )
 
+    @property
+    def is_live(self) -> bool:
+        """Whether it is a camera or a stream."""
+        return is_live(self.name)
 
-def after_preflight(source: FrameSource, options: FlyOptions, clock: Clock) -> FrameSource:
-    """Return the camera to fly with: the same one, or a recording from its beginning."""
-    if is_live(options.camera):
-        return source
-    source.close()
-    return open_camera(options, clock)
+    @property
+    def in_real_time(self) -> bool:
+        """Whether frames come by the clock, and only the newest counts."""
+        return self.realtime or self.is_live
+
+    @property
+    def shown(self) -> str:
+        """The name without a password."""
+        return without_password(self.name)
+
+    @property
+    def short_name(self) -> str:
+        """A name for a run's folder."""
+        if self.is_live:
+            shown = self.shown.removeprefix("/dev/")
+            return re.sub(r"[^A-Za-z0-9]+", "-", shown).strip("-")[:40]
+        path = Path(self.name).resolve()
+        name = path.parent.name if path.name == "img" else path.stem
+        return re.sub(r"[^\w-]", "-", name)
+
+    def open(self, clock: Clock | None = None) -> FrameSource:
+        """Open it; frames of a camera are stamped by the clock.
+
+        Raises:
+            SourceError: nothing can be read there; the message says why and what to do.
+        """
+        source = open_source(self.name, folder_rate_hz=self.rate_hz, clock=clock)
+        if clock is None or self.is_live or not self.realtime:
+            return source
+        return RealtimePlayback(source, clock)
+
+    def open_or_dead(self, clock: Clock) -> FrameSource:
+        """Open it; what cannot be opened is a camera without frames."""
+        try:
+            return self.open(clock)
+        except SourceError as error:
+            return DeadCamera(str(error))
+
+    def restarted(self, source: FrameSource, clock: Clock) -> FrameSource:
+        """Return the same open camera, or a recording from its beginning."""
+        if self.is_live:
+            return source
+        source.close()
+        return self.open(clock)
 
 
 class DeadCamera(ClosesItself):

@@ -1,12 +1,10 @@
 """Runs everything on one simulated clock: no threads, no sleeping, the same each time."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 from collections.abc import Callable
 
-from follower_vision.clock import SimulatedClock
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
 
 class Lockstep:
@@ -18,12 +16,12 @@ class Lockstep:
         self._events: list[tuple[float, int, Callable[[], None]]] = []
 
     def at(self, time_s: float, action: Callable[[], None]) -> None:
-        """Run `action` once, at `time_s` on the simulated clock, not before now."""
+        """Run `action` once, at `time_s` (seconds, simulated clock), not before now."""
         due_s = max(time_s, self._clock.now())
         heapq.heappush(self._events, (due_s, next(self._order), action))
 
     def every(self, period_s: float, action: Callable[[], None], start_s: float = 0.0) -> None:
-        """Run `action` at start + n · period, without drift.
+        """Run `action` at start + n · period, in seconds, without drift.
 
         Raises:
             ValueError: the period is not positive.
@@ -45,3 +43,31 @@ class Lockstep:
             time_s, _, action = heapq.heappop(self._events)
             self._clock.sleep_until(time_s)
             action()
+
+
+_FORGIVEN_S = 0.5
+
+
+class Pacer:
+    """Waits until the real clock has come as far as the simulated one.
+
+    After a longer delay it goes on at real speed, without catching up.
+
+    Args:
+        simulated: runs ahead.
+        real: is waited for.
+    """
+
+    def __init__(self, simulated: Clock, real: Clock | None = None) -> None:
+        self._simulated = simulated
+        self._real = real or MonotonicClock()
+        self._start_s = self._real.now() - simulated.now()
+
+    def wait(self) -> None:
+        """Wait, if there is need to."""
+        due_s = self._start_s + self._simulated.now()
+        behind_s = self._real.now() - due_s
+        if behind_s > _FORGIVEN_S:
+            self._start_s += behind_s
+        elif behind_s < 0:
+            self._real.sleep_until(due_s)

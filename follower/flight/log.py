@@ -1,25 +1,24 @@
 """What happened in a flight, kept in memory for the score and the report."""
 
-from __future__ import annotations
-
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeAlias, TypeVar
 
+from follower.flight.supervision.inputs import SupervisorInputs
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.links.vehicle_health import VehicleHealth
-from follower.setting_change import SettingChange
-from follower.situation import Situation
-from follower.supervisor import Reason, State
-from follower_control.estimate import TargetEstimate
-from follower_control.estimator import Verdict
-from follower_control.gimbal import GimbalRates
-from follower_control.servo_settings import Mode
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.sighting import Sighting
-from follower_control.vehicle import Attitude, VehicleState
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.prospect import Prospect
-from follower_vision.track import Track
+from follower.settings.live import SettingChange
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimator import GateVerdict
+from follower_control.target.observation import BearingObservation
+from follower_control.vehicle.gimbal import GimbalRates
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_control.vehicle.state import Attitude, VehicleState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.target_tracker import TargetPrediction
+from follower_vision.trackers.track import Track
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +33,8 @@ class TrackRecord:
         done_s: when the answer was there.
         busy_s: how long vision worked on it by the computer's own clock (in lockstep the
             simulated clock stands still meanwhile).
-        requests: how many wishes of an operator for a target, or for none, were carried out up to
-            this frame.
+        requests: how many selections of an operator, of a target or of none, were carried out up
+            to this frame.
         prospect: where the target could be in it by what control knew; None if it was not asked.
     """
 
@@ -46,11 +45,11 @@ class TrackRecord:
     done_s: float
     busy_s: float
     requests: int = 0
-    prospect: Prospect | None = None
+    prospect: TargetPrediction | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class SelectionRecord:
     """A target was chosen, or given up.
 
     Attributes:
@@ -65,7 +64,7 @@ class Selection:
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class ObservationRecord:
     """What control made of a track that sees the target.
 
     Attributes:
@@ -75,8 +74,8 @@ class Observation:
     """
 
     time_s: float
-    sighting: Sighting
-    verdict: Verdict
+    sighting: BearingObservation
+    verdict: GateVerdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +90,8 @@ class ControlRecord:
         reason: and why.
         estimate: the target as predicted to `time_s`, None if there is none.
         track_captured_s: capture time of the newest track used, None before the first.
-        vehicle: what telemetry said.
-        asked: what the servo wanted.
+        vehicle: what telemetry reported.
+        asked: what the servo asked for.
         allowed: what the envelope let through.
         limits: names of the limits that changed it.
         sent: whether `allowed` went to the autopilot.
@@ -100,16 +99,15 @@ class ControlRecord:
         situation: what the decision was made from.
         attitudes: those that came since the step before.
         gimbal: how fast its gimbal is to turn, None without one.
-        mode_asked: the way of following that was asked for at this step, None if none was.
-        health: what the vehicle told of its health since the step before, None if nothing.
+        health: what the vehicle reported of its health since the step before, None if nothing.
         changes: the settings that were changed in flight from this step on, in their order.
     """
 
     time_s: float
     late_s: float
     busy_s: float
-    state: State
-    reason: Reason
+    state: SupervisorState
+    reason: SupervisorReason
     estimate: TargetEstimate | None
     track_captured_s: float | None
     vehicle: VehicleState
@@ -118,10 +116,9 @@ class ControlRecord:
     limits: tuple[str, ...]
     sent: bool
     track_sequence: int | None = None
-    situation: Situation | None = None
+    situation: SupervisorInputs | None = None
     attitudes: tuple[Attitude, ...] = ()
     gimbal: GimbalRates | None = None
-    mode_asked: Mode | None = None
     health: VehicleHealth | None = None
     changes: tuple[SettingChange, ...] = ()
 
@@ -131,7 +128,7 @@ class Event:
     """Something worth a line: a change of state, a command, a message of the autopilot.
 
     Attributes:
-        time_s: when it happened.
+        time_s: when it happened, seconds on the system's clock.
         source: who says so: "supervisor", "autopilot", "autonomy", "recorder".
         text: what happened.
     """
@@ -141,31 +138,19 @@ class Event:
     text: str
 
 
+RecordT = TypeVar("RecordT")
+LogRecord: TypeAlias = TrackRecord | SelectionRecord | ObservationRecord | ControlRecord | Event
+
+
 class FlightSink(Protocol):
-    """Is told everything as it happens, on the thread on which it happens; never waits long."""
+    """Takes everything as it happens, on the thread on which it happens; never waits long."""
 
     def add_frame(self, frame: Frame, received_s: float) -> None:
-        """Take a frame before vision works on it."""
+        """Take a frame before vision works on it; `received_s` in seconds."""
         ...
 
-    def add_selection(self, selection: Selection, received_s: float) -> None:
-        """Take a choice of a target."""
-        ...
-
-    def add_track(self, record: TrackRecord) -> None:
-        """Take vision's answer."""
-        ...
-
-    def add_observation(self, observation: Observation) -> None:
-        """Take what control made of a track; the step's record follows."""
-        ...
-
-    def add_control(self, record: ControlRecord) -> None:
-        """Take a control step."""
-        ...
-
-    def add_event(self, event: Event) -> None:
-        """Take an event."""
+    def add(self, record: LogRecord, time_s: float) -> None:
+        """Take a record that was made at `time_s`, in seconds."""
         ...
 
 
@@ -177,7 +162,7 @@ class FlightLog:
         tracks: vision's answers.
         controls: the control steps.
         events: what is worth a line.
-        sink: is told everything too, if there is one: the recorder.
+        sink: takes everything too, if there is one: the recorder.
         kept: how many of the newest of each stay here at least; None keeps all.
             A recorded flight of hours would fill the memory: a control step is some 8 kB.
     """
@@ -188,43 +173,62 @@ class FlightLog:
     sink: FlightSink | None = None
     kept: int | None = None
 
-    def see(self, frame: Frame, received_s: float) -> None:
-        """Pass on a frame that vision begins to work on; frames are not kept in memory."""
-        if self.sink is not None:
-            self.sink.add_frame(frame, received_s)
-
-    def select(self, selection: Selection, received_s: float) -> None:
-        """Pass on that a target was chosen."""
-        if self.sink is not None:
-            self.sink.add_selection(selection, received_s)
-
     def add_track(self, record: TrackRecord) -> None:
         """Add vision's answer for a frame."""
-        self.tracks.append(record)
-        self._forget(self.tracks)
-        if self.sink is not None:
-            self.sink.add_track(record)
-
-    def observe(self, observation: Observation) -> None:
-        """Pass on what control made of a track."""
-        if self.sink is not None:
-            self.sink.add_observation(observation)
+        self._keep(self.tracks, record)
+        self.pass_on(record, record.done_s)
 
     def add_control(self, record: ControlRecord) -> None:
         """Add a control step."""
-        self.controls.append(record)
-        self._forget(self.controls)
-        if self.sink is not None:
-            self.sink.add_control(record)
+        self._keep(self.controls, record)
+        self.pass_on(record, record.time_s)
 
     def note(self, time_s: float, source: str, text: str) -> None:
-        """Add an event."""
+        """Add an event at `time_s`, in seconds."""
         event = Event(time_s, source, text)
-        self.events.append(event)
-        self._forget(self.events)
-        if self.sink is not None:
-            self.sink.add_event(event)
+        self._keep(self.events, event)
+        self.pass_on(event, time_s)
 
-    def _forget(self, records: list[TrackRecord] | list[ControlRecord] | list[Event]) -> None:
+    def pass_frame_on(self, frame: Frame, received_s: float) -> None:
+        """Hand a frame that vision begins to work on to the sink; none is kept in memory."""
+        if self.sink is not None:
+            self.sink.add_frame(frame, received_s)
+
+    def pass_on(self, record: LogRecord, time_s: float) -> None:
+        """Hand a record to the sink, made at `time_s` in seconds."""
+        if self.sink is not None:
+            self.sink.add(record, time_s)
+
+    def _keep(self, records: list[RecordT], record: RecordT) -> None:
+        records.append(record)
         if self.kept is not None and len(records) > 2 * self.kept:
             del records[: -self.kept]
+
+
+def setpoint_delays(controls: Sequence[ControlRecord]) -> list[float]:
+    """Return, for each frame that was steered by, the time from its capture to the setpoint.
+
+    That is the beginning of the first step that used the frame's track and sent what the servo
+    made of it; how long the step itself takes is `ControlRecord.busy_s`.
+    """
+    delays: list[float] = []
+    used_s: float | None = None
+    for record in controls:
+        captured_s = record.track_captured_s
+        if captured_s is None or captured_s == used_s:
+            continue
+        used_s = captured_s
+        if record.sent and record.state is SupervisorState.FOLLOWING:
+            delays.append(record.time_s - captured_s)
+    return delays
+
+
+class Stopwatch:
+    """Runs from its making on the computer's own clock, also where the system's is simulated."""
+
+    def __init__(self) -> None:
+        self._began_s = time.perf_counter()
+
+    def elapsed_s(self) -> float:
+        """Return the seconds since the stopwatch was made."""
+        return time.perf_counter() - self._began_s

@@ -4,17 +4,16 @@ The MAVLink camera, MAVLink parameters and the web cockpit all call the same few
 thread. Nothing here waits for the flight, and the flight never waits for a front end:
 
 - what can be judged at once is refused at once, by `RequestRefusedError` with a line to show;
-- vision takes the newest wish for a target with its next frame and settles the `TargetRequest`,
+- vision takes the newest selection of a target with its next frame and settles the `TargetRequest`,
   whose `outcome` or `wait` tells what became of it;
 - control takes orders and changed settings at the beginning of its next step.
 
 What is taken is recorded where it takes effect (selections, situations, control steps), so that a
-replay needs no front end. A chosen target renews consent after a release, as docs/supervisor.md
-says, unless somebody pressed stop: then consent has to be given. Nothing here can move the vehicle
-past the supervisor and the envelope; limits of both can be tightened in flight alone.
+replay needs no front end. A chosen target renews consent after a release, as
+docs/reference/supervisor.md says, unless somebody pressed stop: then consent has to be given.
+Nothing here can move the vehicle past the supervisor and the envelope; limits of both can be
+tightened in flight alone.
 """
-
-from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,26 +21,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from follower.consent import Way
-from follower.setting_change import SettingChange, changed, live_keys, value_at
-from follower.settings import Settings
-from follower.settings_file import save_settings
-from follower.situation import Order
-from follower.target_wish import (
-    NoTargetWish,
-    ObjectWish,
-    Outcome,
-    PointWish,
-    RectangleWish,
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.target.request import (
+    BoxSelection,
+    ClearSelection,
+    ObjectSelection,
+    PointSelection,
+    RequestOutcome,
     RequestRefusedError,
     TargetRequest,
-    Wish,
+    TargetSelection,
 )
-from follower_control.strict_yaml import SettingsError
+from follower.settings.live import SettingChange, changed, live_keys, value_at
+from follower.settings.save import save_settings
+from follower.settings.settings import Settings
+from follower.settings.supervisor import Way
+from follower_control.common.strict_config import SettingsError
 
 _MOST_WAITING = 64
-_LET_GO = Outcome(False, "the vehicle was let go meanwhile: choose again")
-_REPLACED = Outcome(False, "another target was asked for before a frame came")
+_RELEASED = RequestOutcome(False, "the vehicle was released meanwhile: choose again")
+_REPLACED = RequestOutcome(False, "another target was asked for before a frame came")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ class ControlRequests:
     """
 
     stop: bool = False
-    orders: Sequence[Order] = ()
+    orders: Sequence[ConsentRequest] = ()
     changes: tuple[SettingChange, ...] = ()
     settings: Settings | None = None
     notes: Sequence[str] = ()
@@ -71,24 +70,22 @@ class OperatorRequests:
 
     Args:
         settings: those that the flight begins with.
+
+    Attributes:
+        settings: the newest ones, with all changes accepted so far.
     """
 
     def __init__(self, settings: Settings) -> None:
-        self._began = self._settings = settings
+        self._began = self.settings = settings
         self._checking, self._lock = threading.Lock(), threading.Lock()
         self._target: TargetRequest | None = None
         self._taken: TargetRequest | None = None
         self._stop = False
-        self._orders: list[Order] = []
+        self._orders: list[ConsentRequest] = []
         self._changes: list[SettingChange] = []
         self._changed: set[str] = set()
         self._notes: list[str] = []
         self._waiting = False
-
-    @property
-    def settings(self) -> Settings:
-        """The newest settings, with all changes accepted so far."""
-        return self._settings
 
     @property
     def changed(self) -> Mapping[str, Any]:
@@ -100,7 +97,7 @@ class OperatorRequests:
             loops = {key.rpartition(".")[0] for key in self._changed if key.count(".") > 1}
             keys = [one.key for one in live_keys()]
             wanted = [k for k in keys if k in self._changed or k.rpartition(".")[0] in loops]
-            return {key: value_at(self._settings, key) for key in wanted}
+            return {key: value_at(self.settings, key) for key in wanted}
 
     def save(self, path: Path | None) -> str:
         """Write the changed settings into their file, whose comments stay; return what was done.
@@ -128,7 +125,7 @@ class OperatorRequests:
         Raises:
             RequestRefusedError: that is no point in the image.
         """
-        return self._ask(PointWish(x, y), by)
+        return self._ask(PointSelection(x, y), by)
 
     def select_rectangle(
         self, left: float, top: float, right: float, bottom: float, by: str
@@ -138,21 +135,21 @@ class OperatorRequests:
         Raises:
             RequestRefusedError: that is no rectangle in the image.
         """
-        return self._ask(RectangleWish(left, top, right, bottom), by)
+        return self._ask(BoxSelection(left, top, right, bottom), by)
 
     def select_object(
         self, left: float, top: float, right: float, bottom: float, by: str
     ) -> TargetRequest:
-        """Follow a detected object that was seen in a rectangle a moment ago, where it is now.
+        """Follow a detected object that was seen in a rectangle just before, where it is now.
 
         Raises:
             RequestRefusedError: that is no rectangle in the image.
         """
-        return self._ask(ObjectWish(left, top, right, bottom), by)
+        return self._ask(ObjectSelection(left, top, right, bottom), by)
 
     def stop_tracking(self, by: str) -> TargetRequest:
-        """Have no target any more; a vehicle that follows holds, then lets go."""
-        return self._ask(NoTargetWish(), by)
+        """Have no target any more; a vehicle that follows holds, then releases the vehicle."""
+        return self._ask(ClearSelection(), by)
 
     def give_consent(self, way: Way, by: str) -> None:
         """Allow following, also again after a release; the pilot's mode still has to.
@@ -160,17 +157,17 @@ class OperatorRequests:
         Raises:
             RequestRefusedError: `consent.kind` takes it in another way alone.
         """
-        consent = self._settings.consent
+        consent = self.settings.consent
         if not consent.takes_orders_by(way):
             raise RequestRefusedError(f"consent is given by {consent.kind} alone")
-        self._order(Order.GIVE, by)
+        self._order(ConsentRequest.GIVE, by)
 
     def withdraw_consent(self, by: str) -> None:
-        """Allow following no longer: the vehicle brakes, holds, and is let go."""
-        self._order(Order.WITHDRAW, by)
+        """Allow following no longer: the vehicle brakes, holds, and is released."""
+        self._order(ConsentRequest.WITHDRAW, by)
 
     def stop(self, by: str) -> None:
-        """Let go now, whatever the state: the vehicle brakes and holds until consent is given."""
+        """Release the vehicle now: it brakes and holds until consent is given."""
         with self._lock:
             self._stop = True
             self._note(f"stop, by {by}")
@@ -198,15 +195,15 @@ class OperatorRequests:
                 self._changes += wanted
                 self._changed.update(values)
                 for one in wanted:
-                    before = value_at(self._settings, one.key)
+                    before = value_at(self.settings, one.key)
                     self._note(f"{one.key}: {before} -> {one.value}, by {by}")
-                self._settings = settings
+                self.settings = settings
         return settings
 
     def _checked(self, values: Mapping[str, Any]) -> tuple[Settings, list[SettingChange]]:
         try:
             wanted = [SettingChange.of(key, value) for key, value in values.items()]
-            return changed(self._settings, wanted, self._began), wanted
+            return changed(self.settings, wanted, self._began), wanted
         except SettingsError as error:
             raise RequestRefusedError(str(error).removeprefix("in flight: ")) from None
 
@@ -216,7 +213,7 @@ class OperatorRequests:
         return self._target is not None
 
     def take_target(self) -> TargetRequest | None:
-        """Return the newest wish for a target, once; for vision."""
+        """Return the newest selection of a target, once; for vision."""
         if self._target is None:
             return None
         with self._lock:
@@ -224,15 +221,15 @@ class OperatorRequests:
             self._taken = target
             return target
 
-    def let_go(self) -> None:
+    def on_release(self) -> None:
         """Refuse the wishes for a target on which nothing has come yet; for control.
 
-        The vehicle was let go: what somebody wished before that is no consent to begin anew.
+        The vehicle was released: what was selected before that is no consent to begin anew.
         """
         with self._lock:
             for request in (self._target, self._taken):
-                if request is not None and not isinstance(request.wish, NoTargetWish):
-                    request.settle(_LET_GO)
+                if request is not None and not isinstance(request.selection, ClearSelection):
+                    request.settle(_RELEASED)
 
     def take(self) -> ControlRequests:
         """Return what came since the last call; for control."""
@@ -243,7 +240,7 @@ class OperatorRequests:
                 self._stop,
                 self._orders,
                 tuple(self._changes),
-                self._settings if self._changes else None,
+                self.settings if self._changes else None,
                 self._notes,
             )
             self._stop = self._waiting = False
@@ -256,19 +253,19 @@ class OperatorRequests:
             for text in texts:
                 self._note(text)
 
-    def _ask(self, wish: Wish, by: str) -> TargetRequest:
-        request = TargetRequest(wish, by)
+    def _ask(self, selection: TargetSelection, by: str) -> TargetRequest:
+        request = TargetRequest(selection, by)
         with self._lock:
             before, self._target = self._target, request
         if before is not None:
             before.settle(_REPLACED)
         return request
 
-    def _order(self, order: Order, by: str) -> None:
+    def _order(self, order: ConsentRequest, by: str) -> None:
         with self._lock:
             if len(self._orders) < _MOST_WAITING:
                 self._orders.append(order)
-            elif order is Order.WITHDRAW:
+            elif order is ConsentRequest.WITHDRAW:
                 self._orders[-1] = order
             self._note(f"consent: {order}, by {by}")
 

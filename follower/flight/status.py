@@ -1,4 +1,4 @@
-"""What a person wants to see of a flight while it goes on."""
+"""What an operator wants to see of a flight while it goes on."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import math
 from dataclasses import dataclass
 from itertools import takewhile
 
-from follower.flightlog import FlightLog, TrackRecord
-from follower_control.present_motion import heading_velocity
-from follower_control.servo_errors import ServoErrors
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.vehicle import VehicleState
+from follower.flight.log import FlightLog, TrackRecord
+from follower_control.servo.pursuit_state import ServoErrors
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_control.vehicle.state import VehicleState, heading_velocity
 
 _RATE_OVER_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class LiveStatus:
-    """One moment of a flight; None where nothing is known.
+    """The present state of a flight; None where nothing is known.
 
     Attributes:
         elapsed_s: since the flight's start, on the system's clock.
@@ -31,7 +30,7 @@ class LiveStatus:
         asked: what the servo wants.
         allowed: what the envelope lets through.
         flown: the vehicle's motion as telemetry says, in the same frame.
-        track: vision's word for the target: "tracking", "coasting", "lost".
+        track: vision's state of the target: "tracking", "coasting", "lost".
         confidence: of the track, 0 to 1.
         frame_rate_hz: frames answered for in the last second.
         vision_s: vision's work on the newest frame.
@@ -69,7 +68,7 @@ class LiveStatus:
         phase: str = "",
         link: str = "",
     ) -> LiveStatus:
-        """Return the log's newest moment.
+        """Return the log's newest state.
 
         Args:
             log: may be growing on other threads meanwhile.

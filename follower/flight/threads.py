@@ -1,21 +1,57 @@
 """Runs the stages in real time, a thread each."""
 
-from __future__ import annotations
-
+import gc
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
+from contextlib import contextmanager
 
-from follower.control_loop import ControlLoop
-from follower.flight_video import FlightVideo
-from follower.flightlog import FlightLog, Selection, TrackRecord
-from follower.interpreter import short_pauses
-from follower.stopwatch import Stopwatch
-from follower.vision_stage import VisionStage
+from follower.flight.control.loop import ControlLoop
+from follower.flight.log import FlightLog, SelectionRecord, Stopwatch, TrackRecord
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.video_sink import FlightVideo
 from follower_vision.clock import Clock
-from follower_vision.frame import Frame
-from follower_vision.framesource import FrameSource
+from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
+from follower_vision.sources.frame_source import FrameSource
+
+_SWITCH_INTERVAL_S = 0.0005
+"""Python hands the interpreter from thread to thread this often; its own 5 ms would show as
+jitter of the control loop while vision runs Python code."""
+_NEVER = 1_000_000_000
+_MANY_NEW = 100_000
+"""So many new objects are looked through at a time, where pauses do not matter."""
+
+
+@contextmanager
+def short_pauses() -> Iterator[None]:
+    """Switch threads often, and look through old objects for cyclic garbage only afterwards.
+
+    Such a look stops every thread for as long as it takes, and it takes longer the more a flight
+    has noted down: 0.13 s after some minutes. What is young is still looked through.
+    """
+    interval_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
+    gc.collect()
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    gc.set_threshold(*thresholds[:2], _NEVER)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+        sys.setswitchinterval(interval_s)
+
+
+@contextmanager
+def few_collections() -> Iterator[None]:
+    """Look for cyclic garbage seldom, for what keeps most of the objects that it makes."""
+    before = gc.get_threshold()
+    gc.set_threshold(_MANY_NEW, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
 
 _PATIENCE_S = 0.2
 _LONGEST_BRAKING_S = 6.0
@@ -49,9 +85,9 @@ class VisionLoop:
         return True
 
     @property
-    def looks(self) -> bool:
-        """Whether anybody looks at the next frame's picture."""
-        return self._video is not None or self._log.sink is not None or self._stage.looks
+    def needs_picture(self) -> bool:
+        """Whether the next frame's picture is used."""
+        return self._video is not None or self._log.sink is not None or self._stage.needs_picture
 
     def step(self, frame: Frame, delay_s: float = 0.0) -> TrackRecord:
         """Answer for one frame.
@@ -61,7 +97,7 @@ class VisionLoop:
             delay_s: how long the answer is held to take on a clock that stands still.
         """
         received_s = self._clock.now()
-        self._log.see(frame, received_s)
+        self._log.pass_frame_on(frame, received_s)
         timer = Stopwatch()
         track = self._stage.step(frame)
         busy_s = timer.elapsed_s()
@@ -77,8 +113,8 @@ class VisionLoop:
             self._stage.prospect,
         )
         if self._stage.chosen is not None or self._stage.dropped:
-            chosen = Selection(frame.sequence, frame.captured_s, self._stage.chosen)
-            self._log.select(chosen, received_s)
+            chosen = SelectionRecord(frame.sequence, frame.captured_s, self._stage.chosen)
+            self._log.pass_on(chosen, received_s)
         self._log.add_track(record)
         if self._video is not None:
             self._video.add(frame, () if track is None else (track,), self._lines())
@@ -131,8 +167,8 @@ class RealtimeRun:
 
         However it ends, holds are sent last. A stage's error is raised here, after control has
         gone on for as long as `watch` wants: a dead vision thread shows as stale frames, on which
-        the supervisor holds and lets go. One that hangs for ever is left behind. If `watch` itself
-        fails, control brakes and lets go before its error is raised.
+        the supervisor holds and releases the vehicle. One that hangs is left behind. If `watch`
+        itself fails, control brakes and releases the vehicle before its error is raised.
         """
         loops = (self._capture_loop, self._vision_loop, self._control_loop)
         with short_pauses():
@@ -151,7 +187,7 @@ class RealtimeRun:
 
     def _brake(self, control: Future[None]) -> None:
         """Let a control loop that is well come to rest."""
-        self._control.let_go()
+        self._control.release()
         until_s = self._clock.now() + _LONGEST_BRAKING_S
         wait([control], 2 * self._period_s)
         while not (control.done() or self._control.rests) and self._clock.now() < until_s:

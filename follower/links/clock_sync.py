@@ -1,8 +1,8 @@
-"""The autopilot's clock seen from ours."""
-
-from __future__ import annotations
+"""The offset between the autopilot's clock and ours."""
 
 import math
+import statistics
+from collections import deque
 
 _SLACK_S = 0.002
 """Times since boot are whole milliseconds."""
@@ -47,12 +47,12 @@ class AutopilotClock:
 
     @property
     def error_s(self) -> float | None:
-        """The most by which a mapped time can be wrong; None before the first exchange."""
+        """The most by which a mapped time can be wrong, seconds; None before an exchange."""
         half = (self._high_s - self._low_s) / 2
         return half + _SLACK_S / 2 if math.isfinite(half) else None
 
     def to_system(self, boot_s: float, arrival_s: float) -> float:
-        """Return when `boot_s` was on the system's clock; never later than its arrival."""
+        """Return when `boot_s` was on the system's clock, in seconds; never after its arrival."""
         self._bound(-math.inf, boot_s, arrival_s, "message")
         return min(boot_s + self._offset_s, arrival_s)
 
@@ -101,3 +101,57 @@ class AutopilotClock:
         too_early = high_s < self._low_s - _SLACK_S
         too_late = low_s > self._high_s + _SLACK_S
         return too_early or too_late
+
+
+_MOST_OPEN = 20
+_SHOWN = 10
+_EARLY_S = 1e-3
+
+
+class TimeSync:
+    """Asks at a steady rate and gives the clock the bounds that the answers set.
+
+    An answer counts once and only to a question of ours, so that late duplicates and inventions
+    change nothing.
+
+    Args:
+        clock: takes the bounds.
+        rate_hz: how often to ask, in Hz.
+    """
+
+    def __init__(self, clock: AutopilotClock, rate_hz: float) -> None:
+        self._clock = clock
+        self._period_s = 1.0 / rate_hz
+        self._asked_s = float("-inf")
+        self._open: dict[int, float] = {}
+        self._round_trips_s: deque[float] = deque(maxlen=_SHOWN)
+
+    @property
+    def round_trip_s(self) -> float | None:
+        """Median of the last ten round trips in seconds, with the wait for our next `poll`."""
+        trips = tuple(self._round_trips_s)
+        return statistics.median(trips) if trips else None
+
+    def question(self, now_s: float) -> int | None:
+        """Return the `ts1` (nanoseconds) of a question that is due now, None if none is."""
+        if now_s - self._asked_s < self._period_s - _EARLY_S:
+            return None
+        self._asked_s = now_s
+        stamp = time_ns(now_s)
+        self._open[stamp] = now_s
+        if len(self._open) > _MOST_OPEN:
+            del self._open[next(iter(self._open))]
+        return stamp
+
+    def answer(self, tc1: int, ts1: int, now_s: float) -> None:
+        """Take an answer: the autopilot's time and our question, both in nanoseconds."""
+        asked_s = self._open.pop(ts1, None)
+        if asked_s is None or now_s < asked_s:
+            return
+        self._round_trips_s.append(now_s - asked_s)
+        self._clock.exchange(asked_s, tc1 / 1e9, now_s)
+
+
+def time_ns(now_s: float) -> int:
+    """Return a time as TIMESYNC carries it; never 0, which means a question."""
+    return max(1, round(now_s * 1e9))

@@ -1,13 +1,11 @@
 """The gimbal manager, as seen from the companion computer."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from follower_control.gimbal import GimbalRates
+from follower_control.vehicle.gimbal import GimbalRates
 
 _EVERY_S = 1.0
 _ALL_LOCKED = (
@@ -21,7 +19,7 @@ Command = tuple[int, tuple[float, ...]]
 
 
 class GimbalManager:
-    """Finds the gimbal, asks for its control once, and says who has it.
+    """Finds the gimbal, asks for its control once, and knows who has it.
 
     Taken once: whoever takes it afterwards, keeps it.
 
@@ -30,7 +28,7 @@ class GimbalManager:
         device: which gimbal, as the manager counts; 0 is the first, or all.
 
     Attributes:
-        found: the manager has told about its gimbal.
+        found: the manager has announced its gimbal.
         holder: system and component that control it, as far as is known.
     """
 

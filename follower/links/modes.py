@@ -1,9 +1,7 @@
 """Flight modes by their names, for both autopilots."""
 
-from __future__ import annotations
-
 from pymavlink import mavutil
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _PX4_EXTRA = {(4, 1): "READY", (4, 9): "PRECLAND"}
 """Sub-modes that pymavlink 2.4.50 does not name (px4_custom_mode.h)."""

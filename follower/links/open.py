@@ -1,20 +1,15 @@
 """Makes the link that the settings ask for."""
 
-from __future__ import annotations
-
-from follower.links.autopilot_link import AutopilotLink
-from follower.links.connection import ConnectionFailedError
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
-from follower.links.signing import Signer
-from follower.links.signing_key import SigningKey
-from follower_control.transport import Transport
+from follower.links.connections import ConnectionFailedError
+from follower.links.link import Link
+from follower.links.pymavlink_link import MavlinkLink
+from follower.links.signing import Signer, SigningKey
+from follower.settings.link import LinkSettings
+from follower_control.common.transport import Transport
 from follower_vision.clock import Clock
 
 
-def open_link(
-    transport: Transport, settings: LinkSettings, clock: Clock, epoch_ns: int
-) -> AutopilotLink:
+def open_link(transport: Transport, settings: LinkSettings, clock: Clock, epoch_ns: int) -> Link:
     """Make a link over a transport that is open.
 
     Args:

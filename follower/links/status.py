@@ -1,22 +1,20 @@
 """How well a link works, for displays, reports and the preflight check."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from follower.links.message_rates import MessageRate
+from follower.links.request_scheduler import MessageRate
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
-    """One moment of a link; None where nothing is known.
+    """The state of a link; None where nothing is known.
 
     Attributes:
         kind: "pymavlink" or "mavsdk".
         vehicle_id: the vehicle's MAVLink system id.
         autopilot: "px4", "ardupilot" or "unknown".
-        problem: why there is no vehicle, in words; "" if there is one or nobody spoke.
+        problem: why there is no vehicle, in words; "" if there is one or no heartbeat came.
         round_trip_s: from a question to our seeing its answer, median of the last ten.
         clock_error_s: the most by which a time of the autopilot's can be wrong on our clock.
         clock_restarts: how often the autopilot's clock jumped: it was restarted.
@@ -52,7 +50,7 @@ class LinkStatus:
         if self.problem:
             return self.problem
         if self.vehicle_id is None:
-            return f"{self.kind}: no vehicle heard{self._doubts()}"
+            return f"{self.kind}: no heartbeat of a vehicle received{self._doubts()}"
         parts = [f"{self.kind} to {self.autopilot} {self.vehicle_id}"]
         parts += [] if self.round_trip_s is None else [f"{1e3 * self.round_trip_s:.0f} ms and back"]
         parts += [f"{rate.name.lower()} {rate.measured_hz:.0f} Hz" for rate in self.rates[:2]]

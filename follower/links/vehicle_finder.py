@@ -1,10 +1,8 @@
-"""Which of those that are heard is the vehicle."""
-
-from __future__ import annotations
+"""Which of the systems that send heartbeats is our vehicle."""
 
 from dataclasses import dataclass
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _FORGET_S = 10.0
 _MOST_NAMED = 10
@@ -24,7 +22,7 @@ AUTOPILOTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class FoundVehicle:
     """A vehicle with an autopilot that we can talk to.
 
     Attributes:
@@ -49,47 +47,47 @@ class VehicleFinder:
 
     Args:
         wanted: the system id to take, None for the only one that there is.
-        listen_s: how long to listen for others after the first.
+        listen_s: how many seconds to listen for others after the first.
     """
 
     def __init__(self, wanted: int | None, listen_s: float) -> None:
         self._wanted = wanted
         self._listen_s = listen_s
         self._first_s: float | None = None
-        self._heard: dict[int, tuple[Vehicle, float]] = {}
+        self._beats: dict[int, tuple[FoundVehicle, float]] = {}
 
-    def hear(self, system: int, component: int, kind: int, autopilot: int, now_s: float) -> None:
+    def take(self, system: int, component: int, kind: int, autopilot: int, now_s: float) -> None:
         """Take a heartbeat's sender, type and autopilot."""
         is_autopilot = autopilot in AUTOPILOTS and component == mavlink.MAV_COMP_ID_AUTOPILOT1
         if system == 0 or not is_autopilot or kind in _NO_VEHICLES:
             return
         self._first_s = now_s if self._first_s is None else self._first_s
-        self._heard[system] = Vehicle(system, autopilot), now_s
+        self._beats[system] = FoundVehicle(system, autopilot), now_s
 
-    def vehicles(self, now_s: float) -> list[Vehicle]:
-        """Return all that were heard lately, by their ids."""
-        heard = list(self._heard.values())  # displays ask on other threads
-        lately = [v for v, heard_s in heard if now_s - heard_s < _FORGET_S]
+    def vehicles(self, now_s: float) -> list[FoundVehicle]:
+        """Return all whose heartbeats came in the last 10 s, by their ids."""
+        vehicles = list(self._beats.values())  # displays ask on other threads
+        lately = [v for v, beat_s in vehicles if now_s - beat_s < _FORGET_S]
         return sorted(lately, key=lambda vehicle: vehicle.system)
 
-    def found(self, now_s: float) -> Vehicle | None:
-        """Return the vehicle once it is clear which one it is."""
-        heard = self.vehicles(now_s)
+    def found(self, now_s: float) -> FoundVehicle | None:
+        """Return the vehicle once it is clear, at `now_s` (seconds), which one it is."""
+        vehicles = self.vehicles(now_s)
         if self._wanted is not None:
-            return next((v for v in heard if v.system == self._wanted), None)
-        return heard[0] if len(heard) == 1 and self._has_listened(now_s) else None
+            return next((v for v in vehicles if v.system == self._wanted), None)
+        return vehicles[0] if len(vehicles) == 1 and self._has_listened(now_s) else None
 
     def problem(self, now_s: float) -> str:
-        """Return in words why there is no vehicle although some are heard, else ""."""
-        heard = self.vehicles(now_s)
-        names = ", ".join(map(str, heard[:_MOST_NAMED]))
+        """Return in words why there is no vehicle although some send heartbeats, else ""."""
+        vehicles = self.vehicles(now_s)
+        names = ", ".join(map(str, vehicles[:_MOST_NAMED]))
         missed = self._wanted is not None and self.found(now_s) is None
-        if missed and heard and self._has_listened(now_s):
-            return f"system {self._wanted} is not heard, but {names}: set link.vehicle_id"
-        if self._wanted is None and len(heard) > 1:
+        if missed and vehicles and self._has_listened(now_s):
+            return f"system {self._wanted} sends no heartbeat, but {names}: set link.vehicle_id"
+        if self._wanted is None and len(vehicles) > 1:
             return (
-                f"several vehicles are heard: {names}; choose one, "
-                f"for example --set link.vehicle_id={heard[0].system}"
+                f"several vehicles send heartbeats: {names}; choose one, "
+                f"for example --set link.vehicle_id={vehicles[0].system}"
             )
         return ""
 

@@ -1,25 +1,28 @@
-"""What the vehicle tells about itself, taken in."""
-
-from __future__ import annotations
+"""The vehicle's state, from its messages."""
 
 import math
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, TypeVar
 
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from follower.links.autopilot_clock import AutopilotClock
+from follower.links.clock_sync import AutopilotClock
 from follower.links.modes import mode_name, setpoint_mode
-from follower.links.surroundings import (
-    clearance_by_rangefinder,
-    clearance_by_terrain,
-    gimbal_of,
-    origin_of,
+from follower_control.vehicle.state import (
+    Attitude,
+    Clearance,
+    GimbalState,
+    LocalPosition,
+    Origin,
+    RcChannels,
+    VehicleState,
 )
-from follower.links.vehicle_finder import Vehicle
-from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
 
+_LEVEL = mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_FROM_NORTH = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
+_FROM_NOSE = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+_LOCKED = mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK
 _T = TypeVar("_T")
 _Six = tuple[_T, _T, _T, _T, _T, _T]
 _ANGLES_AND_RATES = attrgetter("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
@@ -35,22 +38,55 @@ _RANGE_HOLDS_S = 2.0
 _DONE = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
+def clearance_by_rangefinder(message: Any, time_s: float) -> Clearance | None:
+    """Return the height (m) by a downward DISTANCE_SENSOR; None if it measures no ground."""
+    looks_down = message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270
+    within = message.min_distance < message.current_distance < message.max_distance
+    if not looks_down or not within or message.signal_quality == 1:
+        return None
+    return Clearance(message.current_distance / 100.0, time_s)
+
+
+def gimbal_of(message: Any, time_s: float) -> GimbalState | None:
+    """Return a gimbal's attitude in rad, valid at `time_s`; None if it is not finite."""
+    quaternion = [float(value) for value in message.q]
+    size = math.sqrt(sum(value * value for value in quaternion))
+    if not (math.isfinite(size) and 0.5 < size < 2.0):
+        return None
+    roll, pitch, yaw = _angles([value / size for value in quaternion])
+    rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
+    known = [rate if math.isfinite(rate) else 0.0 for rate in rates]
+    flags = int(message.flags)
+    from_north = bool(flags & _FROM_NORTH) or (not flags & _FROM_NOSE and bool(flags & _LOCKED))
+    attitude = Attitude(roll, pitch, yaw, known[0], known[1], known[2], time_s)
+    return GimbalState(attitude, flags & _LEVEL == _LEVEL, from_north)
+
+
+def _angles(q: list[float]) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a unit quaternion (w, x, y, z), aerospace order."""
+    w, x, y, z = q
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
 class VehicleMonitor:
     """Turns one vehicle's messages into its state.
 
     Args:
-        vehicle: whose they are; the caller has made sure of that.
         clock: maps the autopilot's times to ours.
 
     Attributes:
+        autopilot: MAV_AUTOPILOT of the vehicle, once it is found.
         state: the newest of everything, at the last `settle`.
         attitudes: those since `begin`.
-        altitude_msl_m: None before it is known.
-        boot_ms: the newest time on the autopilot's own clock.
+        altitude_msl_m: height above mean sea level, metres; None before it is known.
+        boot_ms: the newest time since boot on the autopilot's own clock, milliseconds.
     """
 
-    def __init__(self, vehicle: Vehicle, clock: AutopilotClock) -> None:
-        self._autopilot = vehicle.autopilot
+    def __init__(self, clock: AutopilotClock) -> None:
+        self.autopilot = int(mavlink.MAV_AUTOPILOT_INVALID)
         self._clock = clock
         self._notes: list[str] = []
         self._handlers: dict[str, Callable[[Any, float], None]] = {
@@ -67,18 +103,13 @@ class VehicleMonitor:
             "GPS_GLOBAL_ORIGIN": self._on_origin,
             "GIMBAL_DEVICE_ATTITUDE_STATUS": self._on_gimbal,
         }
-        self._told: dict[str, Any] = {}
+        self._known: dict[str, Any] = {}
         self._news: dict[str, Any] = {}
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.altitude_msl_m: float | None = None
         self.boot_ms = 0
         self._range_s = -math.inf
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Names of the messages that are understood."""
-        return tuple(self._handlers)
 
     def begin(self) -> None:
         """Forget the attitudes of before."""
@@ -87,8 +118,8 @@ class VehicleMonitor:
     def settle(self) -> None:
         """Put what has come since the last time into the state."""
         if self._news:
-            self._told |= self._news
-            self.state = VehicleState(**self._told)
+            self._known |= self._news
+            self.state = VehicleState(**self._known)
             self._news = {}
 
     def take(self, name: str, message: Any, now_s: float) -> None:
@@ -110,8 +141,8 @@ class VehicleMonitor:
     def _on_heartbeat(self, message: Any, now_s: float) -> None:
         self.settle()
         before = self.state
-        mode = mode_name(self._autopilot, message.custom_mode)
-        obeys = mode == setpoint_mode(self._autopilot)
+        mode = mode_name(self.autopilot, message.custom_mode)
+        obeys = mode == setpoint_mode(self.autopilot)
         enters = obeys and not before.obeys_setpoints
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         # Who flies already when we come has a mode that nobody chose for us.
@@ -151,14 +182,14 @@ class VehicleMonitor:
             landed = message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
             self._news["landed"] = landed
 
-    def hears_us(self, now_s: float) -> None:
+    def note_answer(self, now_s: float) -> None:
         """Note an answer to something that we asked."""
         self._news["answered_s"] = now_s
 
     def _on_ack(self, message: Any, now_s: float) -> None:
         # MAVLink 1 has no target here.
         if getattr(message, "target_component", 0) == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
-            self.hears_us(now_s)
+            self.note_answer(now_s)
         if message.result not in _DONE:
             command = mavlink.enums["MAV_CMD"].get(message.command)
             result = mavlink.enums["MAV_RESULT"].get(message.result)
@@ -182,14 +213,14 @@ class VehicleMonitor:
 
     def _on_terrain(self, message: Any, now_s: float) -> None:
         # A rangefinder knows better than a map.
-        clearance = clearance_by_terrain(message, now_s)
-        if clearance is not None and now_s - self._range_s > _RANGE_HOLDS_S:
-            self._news["clearance"] = clearance
+        loaded = message.loaded > 0 and message.pending == 0
+        height_m = float(message.current_height)
+        if loaded and math.isfinite(height_m) and now_s - self._range_s > _RANGE_HOLDS_S:
+            self._news["clearance"] = Clearance(height_m, now_s)
 
     def _on_origin(self, message: Any, _now_s: float) -> None:
-        origin = origin_of(message)
-        if origin is not None:
-            self._news["origin"] = origin
+        if message.latitude != 0 or message.longitude != 0:  # it has none yet
+            self._news["origin"] = Origin(message.latitude / 1e7, message.longitude / 1e7)
 
     def _on_gimbal(self, message: Any, now_s: float) -> None:
         self.take_gimbal(message, self._time_of(message, now_s))
@@ -207,4 +238,4 @@ class VehicleMonitor:
 
 def _finite(numbers: _Six[Any]) -> _Six[float] | None:
     """Return the numbers, None unless each is a finite one."""
-    return numbers if None not in numbers and all(map(math.isfinite, numbers)) else None
+    return numbers if all(map(math.isfinite, numbers)) else None

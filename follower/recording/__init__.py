@@ -1,4 +1,10 @@
-"""The flight recorder: writes a flight's folder, and reads it again.
+"""A flight as files: MCAP, tlog, video, settings; writing and reading.
+
+Uses: `flight` and below.
+Start at: `recorder.Recorder`, `recorded_flight.RecordedFlight`.
+
+Uses: `flight` and below.
+Start at: `recorder.Recorder`, `recorded_flight.RecordedFlight`.
 
 A flight is one folder:
 
@@ -17,8 +23,8 @@ everything, and wraps the link's transport (`recorder.transport(...)`).
         ...
     recorder.remarks                             # what is missing, if anything
 
-Whoever has frames, telemetry and steps but runs no flight calls `add_frame`, `add_track`,
-`add_control`, … or the log's own methods.
+Whoever has frames, telemetry and steps but runs no flight calls `add_frame` and `add`, or the
+log's own methods.
 
 Reading. `open_flight` opens a folder, also one that a power cut ended or whose parts are missing.
 
@@ -26,7 +32,7 @@ Reading. `open_flight` opens a folder, also one that a power cut ended or whose 
     flight.config                                # FlightConfig
     flight.log                                   # FlightLog: tracks, controls, events
     flight.selections, flight.observations, flight.frames, flight.truth
-    flight.packets()                             # tlog.Packet, in the order of time
+    flight.packets()                             # tlog.TlogPacket, in the order of time
     for frame in flight.pictures(): ...          # Frame: decoded, with number and capture time
     flight.remarks                               # what is missing or damaged, in sentences
     flight.messages()                            # (time_s, message) in the order written
@@ -34,11 +40,11 @@ Reading. `open_flight` opens a folder, also one that a power cut ended or whose 
 Times are seconds on the flight's clock. `config.epoch_ns` says when its 0 was.
 """
 
-from follower.recorder.config import LOCKSTEP_EPOCH_NS, FlightConfig, epoch_now_ns
-from follower.recorder.reading import FlightFileError
-from follower.recorder.recorded_flight import RecordedFlight, open_flight
-from follower.recorder.recorder import Recorder
-from follower.recorder_settings import RecorderSettings, VideoKind
+from follower.recording.config import LOCKSTEP_EPOCH_NS, FlightConfig, epoch_now_ns
+from follower.recording.mcap_writer import FlightFileError
+from follower.recording.recorded_flight import RecordedFlight, open_flight
+from follower.recording.recorder import Recorder
+from follower.settings.recorder import RecorderSettings, VideoKind
 
 __all__ = [
     "LOCKSTEP_EPOCH_NS",

@@ -1,11 +1,9 @@
 """A file that only grows, by whole pieces, and survives a full disk and a power cut."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
-from follower_vision.framesource import ClosesItself
+from follower_vision.sources.frame_source import ClosesItself
 
 _MOST_PENDING = 16_000_000
 

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import os
-import platform
 import re
-import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
-from follower.recorder.mcap_log import FORMAT
-from follower.settings import Settings
-from follower_vision.camera import CameraModel
+from follower.recording.machine import running_processor, running_versions
+from follower.recording.mcap_writer import FORMAT
+from follower.settings.settings import Settings
 from follower_vision.clock import Clock
+from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.models.download import sha256_of
 
 LOCKSTEP_EPOCH_NS = 946_684_800 * 10**9
 """Lockstep flights begin with the year 2000, so that the same flight is the same log."""
 
-_PACKAGES = ("drone-target-follower", "numpy", "opencv-python-headless", "onnxruntime", "av")
 _SECRET = re.compile(r"secret|password|passphrase|passwd|token|signing_key|private|credential")
 _USER_INFO = re.compile(r"(?<=://)[^/\s]+@")
 _SECRET_VALUE = re.compile(
@@ -45,7 +42,9 @@ class FlightConfig:
         camera: intrinsics, where they are not those of the settings.
         needs_telemetry: False if control ran on the image alone.
         epoch_ns: the flight's time 0 in nanoseconds since 1970, UTC.
-        versions: of this program, Python and the packages that compute.
+        versions: of this program, Python, the C library and the packages that compute.
+        processor: its model, the features by which NumPy chooses its code, its BLAS' kernels;
+            empty in older recordings.
         models: SHA-256 of each network's file.
         format: of the recording.
     """
@@ -59,6 +58,7 @@ class FlightConfig:
     versions: dict[str, str] = field(default_factory=dict)
     models: dict[str, str] = field(default_factory=dict)
     format: int = FORMAT
+    processor: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -81,6 +81,7 @@ class FlightConfig:
             epoch_ns,
             running_versions(),
             model_hashes(settings),
+            processor=running_processor(),
         )
 
     def group(self, name: str) -> Mapping[str, Any]:
@@ -95,17 +96,8 @@ class FlightConfig:
 
     def to_yaml(self) -> str:
         """Return the file's text; nothing secret is in it."""
-        plain = {
-            "format": self.format,
-            "kind": self.kind,
-            "run": self.run,
-            "epoch_ns": self.epoch_ns,
-            "versions": self.versions,
-            "models": self.models,
-            "needs_telemetry": self.needs_telemetry,
-            "camera": None if self.camera is None else _listed(asdict(self.camera)),
-            "settings": self.settings,
-        }
+        plain = _WHOLE.dump_python(self, mode="json")
+        plain["settings"] = plain.pop("settings")  # it is long: the file's last part
         return yaml.safe_dump(without_secrets(plain), sort_keys=False, allow_unicode=True)
 
     @classmethod
@@ -116,16 +108,12 @@ class FlightConfig:
             ValueError: it is not of this form.
         """
         try:
-            plain = dict(yaml.safe_load(text))
-            camera = plain.pop("camera", None)
-            if camera is not None:
-                camera = CameraModel(**{**camera, "distortion": tuple(camera["distortion"])})
-            config = _WHOLE.validate_python({**plain, "camera": camera})
+            config = _WHOLE.validate_python(yaml.safe_load(text))
         except ValidationError as error:
             first = error.errors(include_url=False, include_context=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise ValueError(f"not a flight's configuration ({where}: {first['msg']})") from error
-        except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
+        except (yaml.YAMLError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise ValueError(f"not a flight's configuration ({reason})") from error
         if config.format > FORMAT:
@@ -144,25 +132,13 @@ def epoch_now_ns(clock: Clock) -> int:
     return time.time_ns() - round(clock.now() * 1e9)
 
 
-def running_versions() -> dict[str, str]:
-    """Return the versions of what computes: the same ones give the same flight."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    found["system"] = sys.platform
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
-
-
 def model_hashes(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each network's file that the settings use."""
     store = ModelStore(default_folder(os.environ))
-    names = {settings.tracker, settings.detector, settings.appearance}
+    names = {settings.tracker, settings.detector}
     files = [file for model in store.models if model.name in names for file in model.files]
     paths = {file.name: store.folder / file.name for file in files}
-    owned = (Path(name) for name in (settings.detector, settings.appearance) if name is not None)
+    owned = (Path(name) for name in (settings.detector, settings.fusion.model) if name is not None)
     paths.update({own.name: own for own in owned})
     return {name: sha256_of(path) for name, path in paths.items() if path.is_file()}
 
@@ -177,7 +153,3 @@ def without_secrets(plain: Any) -> Any:
     if not isinstance(plain, str):
         return plain
     return _SECRET_VALUE.sub(r"\1", _USER_INFO.sub("", plain))
-
-
-def _listed(plain: dict[str, Any]) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in plain.items()}

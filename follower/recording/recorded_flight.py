@@ -1,34 +1,41 @@
 """A recorded flight, as its folder gives it back."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from follower.flightlog import (
+from follower.flight.log import (
     ControlRecord,
     Event,
     FlightLog,
-    Observation,
-    Selection,
+    ObservationRecord,
+    SelectionRecord,
     TrackRecord,
 )
+from follower.flight.supervision.inputs import SupervisorInputs
 from follower.links.vehicle_health import VehicleHealth
-from follower.recorder.config import FlightConfig
-from follower.recorder.log_writer import LOG, TLOG
-from follower.recorder.reading import FlightFileError, LogContent, read_log
-from follower.recorder.recorder import CONFIG
-from follower.recorder.records import FrameRecord, SetpointRecord, StepRecord
-from follower.recorder.tlog import Packet, read_tlog
-from follower.recorder.video_queue import VIDEO
-from follower.recorder.video_reading import read_pictures
-from follower.situation import Situation
-from follower_control.estimate import TargetEstimate
-from follower_control.gimbal import GimbalRates
-from follower_control.vehicle import Attitude, VehicleState
-from follower_sim.truth_sample import TruthSample
-from follower_vision.frame import Frame
+from follower.recording.config import FlightConfig
+from follower.recording.mcap_writer import FlightFileError, LogContent, read_log
+from follower.recording.messages import FrameRecord, SetpointRecord, StepRecord, shared_fields
+from follower.recording.recorder import CONFIG, LOG, TLOG
+from follower.recording.tlog import TlogPacket, read_tlog
+from follower.recording.video_reader import read_pictures
+from follower.recording.video_writer import VIDEO
+from follower_control.target.estimate import TargetEstimate
+from follower_control.vehicle.gimbal import GimbalRates
+from follower_control.vehicle.state import Attitude, VehicleState
+from follower_sim.kinematics import TruthSample
+from follower_vision.images.frame import Frame
+
+_PARTS = {
+    VehicleState: "vehicle",
+    SupervisorInputs: "situation",
+    TargetEstimate: "estimate",
+    VehicleHealth: "health",
+    GimbalRates: "gimbal",
+}
+"""The messages of a control step that are one field of its record each."""
 
 
 @dataclass(slots=True)
@@ -50,8 +57,8 @@ class RecordedFlight:
     config: FlightConfig
     log: FlightLog = field(default_factory=FlightLog)
     frames: list[FrameRecord] = field(default_factory=list)
-    selections: list[Selection] = field(default_factory=list)
-    observations: list[Observation] = field(default_factory=list)
+    selections: list[SelectionRecord] = field(default_factory=list)
+    observations: list[ObservationRecord] = field(default_factory=list)
     truth: list[TruthSample] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     _messages: list[tuple[float, object]] = field(default_factory=list)
@@ -68,7 +75,7 @@ class RecordedFlight:
         """
         return read_pictures(self.folder / VIDEO, self.frames, self.remarks)
 
-    def packets(self) -> Iterator[Packet]:
+    def packets(self) -> Iterator[TlogPacket]:
         """Return the MAVLink packets, none if they were not recorded; damage becomes a remark."""
         path = self.folder / TLOG
         return read_tlog(path, self.config.epoch_ns, self.remarks) if path.exists() else iter(())
@@ -120,7 +127,7 @@ def _config(folder: Path, content: LogContent) -> FlightConfig:
 
 def _sort(flight: RecordedFlight, messages: Iterable[tuple[float, object]]) -> None:
     """Put each message where it belongs; the parts of a control step become one record."""
-    parts = _StepParts()
+    parts: list[object] = []
     for _, message in messages:
         match message:
             case TrackRecord():
@@ -129,69 +136,28 @@ def _sort(flight: RecordedFlight, messages: Iterable[tuple[float, object]]) -> N
                 flight.log.events.append(message)
             case FrameRecord():
                 flight.frames.append(message)
-            case Selection():
+            case SelectionRecord():
                 flight.selections.append(message)
-            case Observation():
+            case ObservationRecord():
                 flight.observations.append(message)
             case TruthSample():
                 flight.truth.append(message)
             case StepRecord():
-                flight.log.controls.append(parts.record(message))
-                parts = _StepParts()
+                flight.log.controls.append(_control_record(parts, message))
+                parts = []
             case _:
-                parts.take(message)
+                parts.append(message)
 
 
-@dataclass(slots=True)
-class _StepParts:
-    """The parts of a control step until its last one comes."""
-
-    attitudes: tuple[Attitude, ...] = ()
-    vehicle: VehicleState = field(default_factory=VehicleState)
-    situation: Situation | None = None
-    estimate: TargetEstimate | None = None
-    health: VehicleHealth | None = None
-    gimbal: GimbalRates | None = None
-    setpoint: SetpointRecord | None = None
-
-    def take(self, message: object) -> None:
-        match message:
-            case Attitude():
-                self.attitudes = (*self.attitudes, message)
-            case VehicleState():
-                self.vehicle = message
-            case Situation():
-                self.situation = message
-            case TargetEstimate():
-                self.estimate = message
-            case VehicleHealth():
-                self.health = message
-            case GimbalRates():
-                self.gimbal = message
-            case SetpointRecord():
-                self.setpoint = message
-
-    def record(self, step: StepRecord) -> ControlRecord:
-        if self.setpoint is None:
-            raise FlightFileError(f"the control step at {step.time_s:.3f} s has no setpoint")
-        return ControlRecord(
-            time_s=step.time_s,
-            late_s=step.late_s,
-            busy_s=step.busy_s,
-            state=step.state,
-            reason=step.reason,
-            estimate=self.estimate,
-            track_captured_s=step.track_captured_s,
-            vehicle=self.vehicle,
-            asked=self.setpoint.asked,
-            allowed=self.setpoint.allowed,
-            limits=self.setpoint.limits,
-            sent=self.setpoint.sent,
-            track_sequence=step.track_sequence,
-            situation=self.situation,
-            attitudes=self.attitudes,
-            gimbal=self.gimbal,
-            mode_asked=step.mode_asked,
-            health=self.health,
-            changes=step.changes,
-        )
+def _control_record(parts: Sequence[object], step: StepRecord) -> ControlRecord:
+    """Return the record of a control step from its messages, of which `step` is the last."""
+    values: dict[str, Any] = {"vehicle": VehicleState(), "estimate": None}
+    for part in (*parts, step):
+        if type(part) in _PARTS:
+            values[_PARTS[type(part)]] = part
+        elif isinstance(part, SetpointRecord | StepRecord):
+            values |= shared_fields(part, type(part))
+    if "asked" not in values:
+        raise FlightFileError(f"the control step at {step.time_s:.3f} s has no setpoint")
+    attitudes = tuple(part for part in parts if isinstance(part, Attitude))
+    return ControlRecord(**values, attitudes=attitudes)

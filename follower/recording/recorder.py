@@ -1,42 +1,46 @@
 """Records a flight into its folder without ever holding it up."""
 
-from __future__ import annotations
-
-import os
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from follower.flightlog import (
+from follower.flight.log import (
     ControlRecord,
-    Event,
     FlightLog,
-    Observation,
-    Selection,
-    TrackRecord,
+    LogRecord,
+    Stopwatch,
 )
-from follower.recorder.config import FlightConfig
-from follower.recorder.log_writer import Bytes, Entry, LogWriter, messages_of
-from follower.recorder.priority import give_way
-from follower.recorder.records import FrameRecord
-from follower.recorder.tlog import Direction
-from follower.recorder.video_queue import VideoQueue
-from follower.recorder_settings import RecorderSettings
-from follower.stopwatch import Stopwatch
-from follower_control.transport import Transport
-from follower_sim.truth_sample import TruthSample
+from follower.recording.append_file import AppendFile, BacklogError
+from follower.recording.config import FlightConfig
+from follower.recording.mcap_writer import McapLog
+from follower.recording.messages import FrameRecord, messages_of
+from follower.recording.tlog import Direction, TlogWriter
+from follower.recording.video_writer import VideoQueue, give_way
+from follower.settings.recorder import RecorderSettings
+from follower_control.common.transport import Transport
+from follower_sim.kinematics import TruthSample
 from follower_vision.clock import Clock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
-CONFIG = "config.yaml"
+LOG, TLOG, CONFIG = "flight.mcap", "mavlink.tlog", "config.yaml"
 _COMMIT_EVERY_S = 0.4
 _LOOK_EVERY_S = 0.1
 """The log's thread is woken by the end of each control step alone, and looks by itself if none
 comes: what it does in Python it does while control sleeps, not while control works."""
 _MOST_ENTRIES = 20_000
 _VIDEO_YIELDS_AT = _MOST_ENTRIES // 8
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes:
+    """What went over the link, not yet cut into packets."""
+
+    data: bytes
+    direction: Direction
 
 
 class Recorder(ClosesItself):
@@ -55,6 +59,9 @@ class Recorder(ClosesItself):
             for lockstep.
         kept: how much of the log stays in memory, see `FlightLog`.
 
+    Attributes:
+        log: the flight's log, which writes here.
+
     Raises:
         OSError: the files cannot be made.
     """
@@ -71,13 +78,15 @@ class Recorder(ClosesItself):
         self._clock = clock
         self._remarks: list[str] = []
         self.log = FlightLog(sink=self, kept=kept)
-        _write_to_disk(folder / CONFIG, config.to_yaml())
-        self._entries: deque[Entry] = deque()
+        with AppendFile(folder / CONFIG) as file:
+            file.write(config.to_yaml().encode())
+            file.commit()
+        self._entries: deque[tuple[object, float]] = deque()
         self._step_ended = threading.Event()
         self._closing = False
         self._lost = 0
-        self._writer = LogWriter(folder, config, self._tell)
-        self._video = VideoQueue(folder, settings or RecorderSettings(), self._tell, threaded)
+        self._writer = _LogWriter(folder, config, self._report)
+        self._video = VideoQueue(folder, settings or RecorderSettings(), self._report, threaded)
         self._committed_s = clock.now()
         self._thread: threading.Thread | None = None
         if threaded:
@@ -102,7 +111,7 @@ class Recorder(ClosesItself):
             self._thread.join()
             self._thread = None
         if self._lost:
-            self._tell(f"{self._lost} messages are not in the log: the disk was too slow")
+            self._report(f"{self._lost} messages are not in the log: the disk was too slow")
         self._writer.close()
 
     def add_frame(self, frame: Frame, received_s: float) -> None:
@@ -116,49 +125,25 @@ class Recorder(ClosesItself):
         record = FrameRecord(frame.sequence, frame.captured_s, received_s, *size, index)
         self._put(record, received_s)
 
-    def add_selection(self, selection: Selection, received_s: float) -> None:
-        """Record that a target was chosen."""
-        self._put(selection, received_s)
-
-    def add_track(self, record: TrackRecord) -> None:
-        """Record vision's answer."""
-        self._put(record, record.done_s)
-
-    def add_observation(self, observation: Observation) -> None:
-        """Record what control made of a track."""
-        self._put(observation, observation.time_s)
-
-    def add_control(self, record: ControlRecord) -> None:
-        """Record a control step."""
-        self._put(record, record.time_s)
-        self._step_ended.set()
-
-    def add_event(self, event: Event) -> None:
-        """Record an event."""
-        self._put(event, event.time_s)
-
-    def add_truth(self, sample: TruthSample) -> None:
-        """Record the simulator's truth, for score and report."""
-        self._put(sample, sample.time_s)
-
-    def add_bytes(self, data: bytes, direction: Direction, time_s: float) -> None:
-        """Record what went over the link."""
-        self._put(Bytes(data, direction), time_s)
+    def add(self, record: LogRecord | TruthSample | Bytes, time_s: float) -> None:
+        """Record anything else: `time_s` is in seconds on the flight's clock."""
+        self._put(record, time_s)
+        if isinstance(record, ControlRecord):
+            self._step_ended.set()
 
     def _put(self, record: object, time_s: float) -> None:
-        entry = (record, time_s)
         if self._thread is None:
-            for message, at_s in messages_of(entry):
-                self._writer.write(message, at_s)
+            for message in messages_of(record):
+                self._writer.write(message, time_s)
             if time_s - self._committed_s > _COMMIT_EVERY_S:
                 self._committed_s = time_s
                 self._writer.commit()
         elif len(self._entries) < _MOST_ENTRIES:
-            self._entries.append(entry)
+            self._entries.append((record, time_s))
         else:
             self._lost += 1
 
-    def _tell(self, trouble: str) -> None:
+    def _report(self, trouble: str) -> None:
         self._remarks.append(f"Recorder: {trouble}.")
         self.log.note(self._clock.now(), "recorder", trouble)
 
@@ -178,17 +163,10 @@ class Recorder(ClosesItself):
     def _drain(self) -> None:
         """Write what has come; between any two messages, who else wants to run may."""
         while self._entries:
-            for message, time_s in messages_of(self._entries.popleft()):
+            record, time_s = self._entries.popleft()
+            for message in messages_of(record):
                 self._writer.write(message, time_s)
                 time.sleep(0)
-
-
-def _write_to_disk(path: Path, text: str) -> None:
-    """Write a file that a power cut a moment later leaves whole."""
-    with path.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 class RecordedTransport:
@@ -202,15 +180,68 @@ class RecordedTransport:
     def send(self, data: bytes) -> None:
         """Send and record one packet."""
         self._transport.send(data)
-        self._recorder.add_bytes(data, Direction.SENT, self._clock.now())
+        self._recorder.add(Bytes(data, Direction.SENT), self._clock.now())
 
     def receive(self) -> bytes:
         """Return and record what has arrived."""
         data = self._transport.receive()
         if data:
-            self._recorder.add_bytes(data, Direction.RECEIVED, self._clock.now())
+            self._recorder.add(Bytes(data, Direction.RECEIVED), self._clock.now())
         return data
 
     def close(self) -> None:
         """Close the transport."""
         self._transport.close()
+
+
+class _LogWriter(ClosesItself):
+    """Encodes messages and packets, and commits them on request.
+
+    A full disk is reported once; what cannot be written waits, and is written when there is
+    room again. When too much waits, the log ends there.
+
+    Raises:
+        OSError: by the constructor, if the files cannot be made.
+    """
+
+    def __init__(self, folder: Path, config: FlightConfig, report: Callable[[str], None]) -> None:
+        self._log = McapLog(folder / LOG, config.epoch_ns, config.to_yaml())
+        self._tlog = TlogWriter(folder / TLOG, config.epoch_ns)
+        self._report = report
+        self._failing = self._ended = False
+
+    def write(self, message: object, time_s: float) -> None:
+        """Encode a record, or `Bytes`, of `time_s` in seconds on the flight's clock."""
+        if self._ended:
+            return
+        if isinstance(message, Bytes):
+            self._tlog.write(message.data, message.direction, time_s)
+        else:
+            self._log.write(message, time_s)
+
+    def commit(self) -> None:
+        """Put everything onto the disk, if the disk allows."""
+        if self._ended:
+            return
+        try:
+            self._log.commit()
+            self._tlog.commit()
+        except BacklogError:
+            self._ended = True
+            self._report("the log ends here: the disk has been full for too long")
+        except OSError as error:
+            if not self._failing:
+                self._report(f"the log cannot be written ({error.strerror}) and waits in memory")
+            self._failing = True
+        else:
+            if self._failing:
+                self._report("the log is written again, nothing is missing in it")
+            self._failing = False
+
+    def close(self) -> None:
+        """Commit and finish the files, as far as the disk allows."""
+        for file in (self._log, self._tlog):
+            try:
+                file.close()
+            except OSError as error:
+                self._report(f"the log's end could not be written ({error.strerror})")

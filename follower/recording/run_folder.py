@@ -1,12 +1,42 @@
-"""Files that appear whole or not at all."""
-
-from __future__ import annotations
+"""A new folder for each run."""
 
 import csv
+import itertools
+import shutil
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from follower.flightlog import ControlRecord, TrackRecord
+from follower.flight.log import ControlRecord, TrackRecord
+
+
+def new_run_folder(base: Path, name: str) -> Path:
+    """Make and return `base/name`, or `base/name-2`, `-3`, … where that exists already.
+
+    Raises:
+        OSError: the folder cannot be made.
+    """
+    base.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        folder = base / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        return folder
+    raise AssertionError("counting does not end")
+
+
+def remove_run_folder(folder: Path) -> None:
+    """Remove a run that came to nothing, and the folder of all runs if there is none in it.
+
+    Raises:
+        OSError: the run's folder cannot be removed.
+    """
+    shutil.rmtree(folder)
+    with suppress(OSError):  # other runs are in it
+        folder.parent.rmdir()
+
 
 BOX_COLUMNS = ("frame", "time", "x", "y", "w", "h", "state", "confidence", "produced_by")
 SETPOINT_COLUMNS = (

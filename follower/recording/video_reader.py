@@ -1,7 +1,5 @@
 """Reads `video.mkv`: pictures with the numbers and times that the log gives them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,10 +8,10 @@ from typing import TypeVar
 import av
 import av.error
 
-from follower.recorder.pictures import TICK, PictureTimes, to_image
-from follower.recorder.reading import FlightFileError
-from follower.recorder.records import FrameRecord
-from follower_vision.frame import Frame
+from follower.recording.mcap_writer import FlightFileError
+from follower.recording.messages import FrameRecord
+from follower.recording.video_writer import TICK, FrameTimes, to_image
+from follower_vision.images.frame import Frame
 
 ResultT = TypeVar("ResultT")
 
@@ -53,7 +51,7 @@ def read_pictures(path: Path, frames: Sequence[FrameRecord], remarks: list[str])
         remarks.append(f"{path.name} {ends} {len(expected)} pictures.")
 
 
-class PictureFinder:
+class FrameFinder:
     """Gives the picture of one frame after another.
 
     Args:
@@ -87,7 +85,7 @@ def video_problem(path: Path) -> str | None:
 
 def _by_tick(frames: Sequence[FrameRecord]) -> dict[int, tuple[int, FrameRecord]]:
     """Return which picture and frame should stand where in the video."""
-    times = PictureTimes()
+    times = FrameTimes()
     inside = [frame for frame in frames if frame.video_index is not None]
     return {times.of(one.captured_s): (number, one) for number, one in enumerate(inside)}
 

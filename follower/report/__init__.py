@@ -1,6 +1,5 @@
-"""The flight report: what happened, how well it went, how to do it again."""
+"""Drawing kit for HTML reports, and the flight page.
 
-from follower.report.meta import ReportMeta
-from follower.report.writer import write_report, write_score, write_whole
-
-__all__ = ["ReportMeta", "write_report", "write_score", "write_whole"]
+Uses: `flight` and below, matplotlib.
+Start at: `flight_page.write_report`.
+"""

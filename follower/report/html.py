@@ -1,7 +1,5 @@
 """Small pieces of HTML. Whatever comes in as text is escaped here and nowhere else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -76,3 +74,6 @@ def _cells(tag: str, cells: Sequence[Cell], numbers: Sequence[int]) -> str:
         else f"<{tag}>{text_of(cell)}</{tag}>"
         for column, cell in enumerate(cells)
     )
+
+
+"""Tables longer than this are folded."""

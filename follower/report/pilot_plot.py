@@ -1,6 +1,4 @@
-"""What the pilot held, the gimbal did and the vehicle said of its health, over the flight."""
-
-from __future__ import annotations
+"""What the pilot held, the gimbal did and the vehicle reported of its health, over the flight."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,10 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from follower.flightlog import ControlRecord
+from follower.flight.log import ControlRecord, FlightLog
 from follower.report import style
-from follower.report.flight import Flight
-from follower.report.series import Array, control_times
+from follower.report.series import Array, LoggedFlight, control_times
 from follower.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY
 
 _CHANNELS = 8
@@ -24,7 +21,7 @@ Controls = Sequence[ControlRecord]
 Draw = Callable[[Axes, Array, Controls], None]
 
 
-def pilot_and_vehicle(flight: Flight) -> Figure | None:
+def pilot_and_vehicle(flight: LoggedFlight) -> Figure | None:
     """Draw a panel for each of them that the recording knows; None if it knows none."""
     controls = flight.log.controls
     panels = [(name, draw) for name, knows, draw in _PANELS if any(map(knows, controls))]
@@ -40,7 +37,7 @@ def pilot_and_vehicle(flight: Flight) -> Figure | None:
 
 
 def channels(controls: Controls) -> Array:
-    """Return the transmitter's first eight channels in microseconds, (N, 8); NaN where unheard."""
+    """Return the transmitter's first eight channels in microseconds, (N, 8); NaN if none came."""
     rows = [
         [_number(None if r.vehicle.rc is None else r.vehicle.rc.pulse_us(1 + n)) for n in range(8)]
         for r in controls
@@ -61,15 +58,15 @@ def gimbal_angles(controls: Controls) -> Array:
 def health(controls: Controls) -> Array:
     """Return (battery left in percent, the estimator's worst test ratio), (N, 2).
 
-    What was told holds until it is told anew.
+    What was reported holds until it is reported anew.
     """
     battery, ratio, rows = math.nan, math.nan, []
     for record in controls:
-        told = record.health
-        if told is not None and told.sensors is not None:
-            battery = 100 * _number(told.sensors.battery_share)
-        if told is not None and told.estimator is not None:
-            ratio = max(told.estimator.ratios.values())
+        reported = record.health
+        if reported is not None and reported.sensors is not None:
+            battery = 100 * _number(reported.sensors.battery_share)
+        if reported is not None and reported.estimator is not None:
+            ratio = max(reported.estimator.ratios.values())
         rows.append((battery, ratio))
     return np.array(rows, np.float64).reshape(-1, 2)
 
@@ -115,19 +112,77 @@ def _draw_estimator(axes: Axes, time: Array, controls: Controls) -> None:
     axes.set_ylim(bottom=0)
 
 
-def _has_battery(record: ControlRecord) -> bool:
-    told = record.health
-    return told is not None and told.sensors is not None and told.sensors.battery_share is not None
-
-
-def _has_ratios(record: ControlRecord) -> bool:
-    return record.health is not None and record.health.estimator is not None
-
-
 _PANELS: tuple[tuple[str, Callable[[ControlRecord], bool], Draw], ...] = (
     ("channels [µs]", lambda record: record.vehicle.rc is not None, _draw_channels),
     ("", lambda record: record.situation is not None, _draw_consent),
     ("gimbal [°]", lambda record: record.vehicle.gimbal is not None, _draw_gimbal),
-    ("battery [%]", _has_battery, _draw_battery),
-    ("estimator", _has_ratios, _draw_estimator),
+    ("battery [%]", lambda record: np.isfinite(health([record])[0, 0]), _draw_battery),
+    ("estimator", lambda record: np.isfinite(health([record])[0, 1]), _draw_estimator),
 )
+
+
+def delays(flight: LoggedFlight) -> Figure | None:
+    """Draw the frames' delays, and below the ages of what each control step knew."""
+    if not (flight.log.tracks or flight.log.controls):
+        return None
+    figure, axes = style.time_panels([1.7, 1.5, 0.9], flight.length_s)
+    _draw_frames(axes[0], flight)
+    _draw_ages(axes[1], axes[2], flight)
+    for panel, name in zip(axes, ("delay [ms]", "age [ms]", "age [ms]"), strict=True):
+        panel.set_ylabel(name)
+        panel.set_ylim(bottom=0)
+        style.legend(panel)
+    return figure
+
+
+def first_uses(log: FlightLog) -> dict[float, float]:
+    """Return capture time → time of the first control step that used the frame's answer."""
+    uses: dict[float, float] = {}
+    for record in log.controls:
+        if record.track_captured_s is not None:
+            uses.setdefault(record.track_captured_s, record.time_s)
+    return uses
+
+
+def telemetry_ages(controls: Sequence[ControlRecord]) -> Array:
+    """Return the ages of attitude, position and heartbeat at each step in seconds, (N, 3)."""
+    rows = [
+        (
+            record.vehicle.attitude_age_s(record.time_s),
+            record.vehicle.position_age_s(record.time_s),
+            record.vehicle.heartbeat_age_s(record.time_s),
+        )
+        for record in controls
+    ]
+    ages = np.array(rows, np.float64).reshape(-1, 3)
+    ages[~np.isfinite(ages)] = np.nan
+    return ages
+
+
+def _draw_frames(axes: Axes, flight: LoggedFlight) -> None:
+    tracks, uses = flight.log.tracks, first_uses(flight.log)
+    time = np.array([record.captured_s - flight.start_s for record in tracks], np.float64)
+    curves = (
+        ("capture to vision", SKY, [record.received_s - record.captured_s for record in tracks]),
+        ("capture to answer", BLUE, [record.done_s - record.captured_s for record in tracks]),
+        (
+            "capture to setpoint",
+            ORANGE,
+            [uses.get(record.captured_s, np.nan) - record.captured_s for record in tracks],
+        ),
+    )
+    for name, colour, values in curves:
+        style.curve(axes, time, 1e3 * np.array(values, np.float64), colour, name, width=0.9)
+
+
+def _draw_ages(axes: Axes, heartbeat: Axes, flight: LoggedFlight) -> None:
+    controls = flight.log.controls
+    time, ages = control_times(controls, flight.start_s), 1e3 * telemetry_ages(controls)
+    frames = [
+        np.nan if record.track_captured_s is None else record.time_s - record.track_captured_s
+        for record in controls
+    ]
+    style.curve(axes, time, 1e3 * np.array(frames, np.float64), ORANGE, "frame", width=0.7)
+    style.curve(axes, time, ages[:, 1], GREEN, "position", width=0.7)
+    style.curve(axes, time, ages[:, 0], PURPLE, "attitude", width=0.7)
+    style.curve(heartbeat, time, ages[:, 2], INK, "heartbeat", width=0.7)

@@ -1,20 +1,19 @@
 """A flight's log as arrays to plot. A NaN in them is a gap in the curve and nothing else."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import VehicleState
-from follower_sim.kinematics import BodyState
-from follower_sim.truth_sample import TruthSample
-from follower_vision.lineofsight import wrap_angle
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord, setpoint_delays
+from follower.flight.supervision.supervisor import SupervisorState
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.state import VehicleState
+from follower_sim.kinematics import TruthSample
+from follower_sim.scoring.score import PursuitGoal, PursuitScore
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 Array = npt.NDArray[np.float64]
 
@@ -32,12 +31,12 @@ class Span:
 
     @property
     def length_s(self) -> float:
-        """How long it lasted."""
+        """How many seconds it lasted."""
         return self.end_s - self.start_s
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class VehicleMotion:
     """How the vehicle moved, shape (N,) or as said.
 
     Attributes:
@@ -51,27 +50,6 @@ class Motion:
     velocity: Array
     tilt_deg: Array
     position_m: Array
-
-
-def start_of(log: FlightLog, truth: Sequence[TruthSample] = ()) -> float:
-    """Return the earliest time in the log, 0 for an empty one."""
-    firsts = [
-        *(record.time_s for record in log.controls[:1]),
-        *(record.captured_s for record in log.tracks[:1]),
-        *(event.time_s for event in log.events[:1]),
-        *(sample.time_s for sample in truth[:1]),
-    ]
-    return min(firsts, default=0.0)
-
-
-def end_of(log: FlightLog) -> float:
-    """Return the latest time in the log, 0 for an empty one."""
-    lasts = [
-        *(record.time_s for record in log.controls[-1:]),
-        *(record.captured_s for record in log.tracks[-1:]),
-        *(event.time_s for event in log.events[-1:]),
-    ]
-    return max(lasts, default=0.0)
 
 
 def control_times(controls: Sequence[ControlRecord], start_s: float) -> Array:
@@ -116,15 +94,16 @@ def estimated_target(
     return table[:, :2] + ranges[:, None] * table[:, 2:]
 
 
-def telemetry_motion(controls: Sequence[ControlRecord], start_s: float) -> Motion:
-    """Return the motion as telemetry told it."""
+def telemetry_motion(controls: Sequence[ControlRecord], start_s: float) -> VehicleMotion:
+    """Return the motion as telemetry reports it (m, m/s, NED); times from `start_s`."""
     rows = [_telemetry_row(record.vehicle) for record in controls]
     return _motion(control_times(controls, start_s), rows)
 
 
-def true_motion(truth: Sequence[TruthSample], start_s: float) -> Motion:
-    """Return the motion as the simulator knows it."""
-    rows = [_truth_row(sample.vehicle) for sample in truth]
+def true_motion(truth: Sequence[TruthSample], start_s: float) -> VehicleMotion:
+    """Return the motion as the simulator knows it (m, m/s, NED); times from `start_s`."""
+    bodies = [sample.vehicle for sample in truth]
+    rows = [(*b.attitude_rad, *b.rates_rad_s, *b.position_m, *b.velocity_m_s) for b in bodies]
     return _motion(np.array([sample.time_s - start_s for sample in truth], np.float64), rows)
 
 
@@ -152,6 +131,42 @@ def track_spans(tracks: Sequence[TrackRecord], start_s: float) -> list[Span]:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """One measured time over the flight.
+
+    Attributes:
+        name: what was measured.
+        values_s: each measurement, seconds.
+    """
+
+    name: str
+    values_s: Array
+
+    def percentile_ms(self, percent: float) -> float:
+        """Return a percentile in milliseconds.
+
+        Raises:
+            IndexError: nothing was measured.
+        """
+        return 1e3 * float(np.percentile(self.values_s, percent))
+
+
+def timings(log: FlightLog) -> list[Timing]:
+    """Return the four times that matter, those that were measured at all.
+
+    On a simulated clock nothing is ever late: then there is no lateness to speak of.
+    """
+    late_s = [record.late_s for record in log.controls]
+    rows = [
+        ("control: lateness", late_s if any(late_s) else []),
+        ("control: one step's work", [record.busy_s for record in log.controls]),
+        ("vision: one frame's work", [record.busy_s for record in log.tracks]),
+        ("capture to setpoint", setpoint_delays(log.controls)),
+    ]
+    return [Timing(name, np.array(values, np.float64)) for name, values in rows if values]
+
+
 def thinned(time: Array, values: Array, most: int = 1600) -> tuple[Array, Array]:
     """Return at most about `most` points of a curve: each bin's smallest and largest value."""
     if len(time) <= most:
@@ -170,7 +185,7 @@ def _direction(record: ControlRecord) -> tuple[float, float]:
     estimate, attitude = record.estimate, record.vehicle.attitude
     if estimate is None:
         return _NAN, _NAN
-    if estimate.frame is SightFrame.BODY:
+    if estimate.frame is BearingFrame.BODY:
         return estimate.azimuth_rad, estimate.elevation_rad
     if attitude is None:
         return _NAN, _NAN
@@ -180,7 +195,7 @@ def _direction(record: ControlRecord) -> tuple[float, float]:
 def _target_place(record: ControlRecord, most_age_s: float) -> tuple[float, ...]:
     """Return the vehicle's place and the horizontal direction to the target."""
     estimate, position = record.estimate, record.vehicle.position
-    known = estimate is not None and estimate.frame is SightFrame.WORLD
+    known = estimate is not None and estimate.frame is BearingFrame.WORLD
     if estimate is None or not known or position is None or estimate.age_s > most_age_s:
         return (_NAN,) * 4
     level = math.cos(estimate.elevation_rad)
@@ -201,11 +216,7 @@ def _telemetry_row(vehicle: VehicleState) -> tuple[float, ...]:
     return attitude + position
 
 
-def _truth_row(body: BodyState) -> tuple[float, ...]:
-    return (*body.attitude_rad, *body.rates_rad_s, *body.position_m, *body.velocity_m_s)
-
-
-def _motion(time_s: Array, rows: Sequence[tuple[float, ...]]) -> Motion:
+def _motion(time_s: Array, rows: Sequence[tuple[float, ...]]) -> VehicleMotion:
     table = _table(rows, 12)
     roll, pitch, yaw = table[:, 0], table[:, 1], table[:, 2]
     q, r = table[:, 4], table[:, 5]
@@ -214,7 +225,7 @@ def _motion(time_s: Array, rows: Sequence[tuple[float, ...]]) -> Motion:
     right = np.cos(yaw) * east - np.sin(yaw) * north
     # The heading's rate, not the body's: they differ while the vehicle is tilted.
     turn = (q * np.sin(roll) + r * np.cos(roll)) / np.cos(pitch)
-    return Motion(
+    return VehicleMotion(
         time_s,
         np.column_stack([forward, right, -down, np.degrees(turn)]),
         np.degrees(table[:, :2]),
@@ -236,3 +247,85 @@ def _spans(samples: Iterable[tuple[float, str, str]]) -> list[Span]:
             spans[-1] = Span(spans[-1].start_s, time_s, spans[-1].state, spans[-1].reason)
         spans.append(Span(time_s, time_s, state, reason))
     return spans
+
+
+@dataclass(slots=True)
+class LoggedFlight:
+    """A flight's log with the truth, if there is one; times count from `start_s`.
+
+    Attributes:
+        log: what happened.
+        truth: the simulator's samples, empty for a real flight or a recording.
+        goal: what was wanted, None if that is unknown.
+        target_size_m: the servo's belief about the target's size, None if it has none.
+        score: what the flight is worth, None without truth.
+        start_s: when the flight began, seconds on the system's clock.
+        length_s: from then to its last.
+        states: the supervisor's states.
+        seen: vision's states.
+        motion: the vehicle's true motion, or what telemetry says of it.
+        approached_s: when the approach was over, None if it never was or nobody knows.
+    """
+
+    log: FlightLog
+    truth: Sequence[TruthSample] = ()
+    goal: PursuitGoal | None = None
+    target_size_m: float | None = None
+    score: PursuitScore | None = None
+    start_s: float = field(init=False)
+    length_s: float = field(init=False)
+    states: list[Span] = field(init=False)
+    seen: list[Span] = field(init=False)
+    motion: VehicleMotion = field(init=False)
+    approached_s: float | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        log, truth = self.log, self.truth
+        self.start_s, end_s = _time_range(log, truth)
+        self.length_s = max(0.0, end_s - self.start_s)
+        self.states = state_spans(log.controls, self.start_s)
+        self.seen = track_spans(log.tracks, self.start_s)
+        reported = telemetry_motion(log.controls, self.start_s)
+        self.motion = true_motion(truth, self.start_s) if truth else reported
+        self.approached_s = self._approach_end_s()
+
+    def _approach_end_s(self) -> float | None:
+        if self.score is None or self.score.approach_s is None:
+            return None
+        following = (r for r in self.log.controls if r.state is SupervisorState.FOLLOWING)
+        first = next(following, None)
+        return None if first is None else first.time_s - self.start_s + self.score.approach_s
+
+
+def _time_range(log: FlightLog, truth: Sequence[TruthSample]) -> tuple[float, float]:
+    """Return the log's earliest and latest time in seconds, twice 0 for an empty one."""
+    times = [record.time_s for record in (*log.controls[:1], *log.controls[-1:])]
+    times += [record.captured_s for record in (*log.tracks[:1], *log.tracks[-1:])]
+    times += [event.time_s for event in (*log.events[:1], *log.events[-1:])]
+    starts = [*times, *(sample.time_s for sample in truth[:1])]
+    return min(starts, default=0.0), max(times, default=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportMeta:
+    """What was run, and how to run it again.
+
+    Attributes:
+        title: the page's headline, e.g. the scenario's title.
+        subtitle: a line below it, e.g. autopilot, seed, lockstep or real time.
+        command: the command line that does this run again.
+        settings_yaml: all settings as resolved.
+        facts: (name, value) pairs worth knowing: versions, machine, seed.
+        files: (file name, what it is) of what else lies in the folder.
+        video: the name of a video in the folder to show, "" if there is none.
+        remarks: lines that the reader must know, e.g. that the flight was interrupted.
+    """
+
+    title: str
+    subtitle: str = ""
+    command: str = ""
+    settings_yaml: str = ""
+    facts: tuple[tuple[str, str], ...] = ()
+    files: tuple[tuple[str, str], ...] = ()
+    video: str = ""
+    remarks: tuple[str, ...] = ()

@@ -5,8 +5,6 @@ a CSS variable, which the page sets for light, dark and print. The palette follo
 (Color Universal Design, 2008), whose colours stay apart for colour-blind readers.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Sequence
@@ -16,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -102,7 +101,7 @@ def plot_style() -> Iterator[None]:
 def time_panels(
     heights_in: Sequence[float], until_s: float, top_in: float = 0.3
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels below each other that share one time axis from 0 to `until_s`."""
+    """Return a figure of panels below each other with one time axis, 0 to `until_s` seconds."""
     gaps_in = 0.32 * (len(heights_in) - 1)
     bottom_in = 0.48
     tall = sum(heights_in) + gaps_in + top_in + bottom_in
@@ -139,13 +138,17 @@ def level(axes: Axes, value: float, label: str = "") -> None:
     axes.axhline(value, color=MUTED.light, linewidth=1, linestyle=(0, (5, 3)), label=label or None)
 
 
-def legend(axes: Axes) -> None:
-    """Put the legend above the panel, on the left, where a narrow screen shows it first."""
-    handles, labels = axes.get_legend_handles_labels()
+def legend(axes: Axes, handles: Sequence[Artist] | None = None) -> None:
+    """Put the legend above the panel, on the left, where a narrow screen shows it first.
+
+    Args:
+        axes: the panel.
+        handles: what it lists, by default everything with a label.
+    """
+    handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
         axes.legend(
-            handles,
-            labels,
+            handles=handles,
             loc="lower left",
             bbox_to_anchor=(0.0, 0.99),
             ncols=len(handles),

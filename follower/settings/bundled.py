@@ -1,16 +1,14 @@
 """Where the configuration files and scenarios are: in a wheel or in a checkout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
-from follower_control.strict_yaml import SettingsError
+from follower_control.common.strict_config import SettingsError
 
 
 def configs_folder() -> Path:
     """Return the folder with the files of `configs/`."""
-    installed = Path(__file__).parent / "_configs"
-    return installed if installed.is_dir() else Path(__file__).parent.parent / "configs"
+    installed = Path(__file__).parents[1] / "_configs"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs"
 
 
 def scenario_files() -> dict[str, Path]:

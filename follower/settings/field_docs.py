@@ -4,19 +4,11 @@ The types come from the annotations, the units from the names (as everywhere in 
 meanings from the "Attributes:" of the docstring. So the dataclass is the only place to change.
 """
 
-from __future__ import annotations
-
-import dataclasses
 import inspect
+import operator
 import re
-import types
-import typing
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import Any
-
-import numpy as np
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
 
 _UNITS_BY_NAME = {
     "log_scale_rate_s": "1/s",
@@ -24,53 +16,19 @@ _UNITS_BY_NAME = {
 }
 _UNITS_BY_ENDING = (
     ("_rad_s", "rad/s"),
+    ("_deg_s2", "°/s²"),
+    ("_deg_s", "°/s"),
+    ("_m_s3", "m/s³"),
     ("_m_s2", "m/s²"),
     ("_m_s", "m/s"),
     ("_rad", "rad"),
+    ("_deg", "°"),
     ("_px", "px"),
     ("_hz", "Hz"),
     ("_m", "m"),
     ("_us", "µs"),
     ("_s", "s"),
 )
-SHAPES: Mapping[str, tuple[int, ...]] = {"covariance": (6, 6)}
-"""Arrays are written as flat lists, row by row; these are their shapes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One field of a message.
-
-    Attributes:
-        name: its key.
-        kind: the Python type, of one element if it is a list.
-        is_list: whether it is a list of them.
-        optional: whether it may be missing, which stands for None.
-        unit: its unit, "" if it has none.
-        says: its meaning.
-    """
-
-    name: str
-    kind: type
-    is_list: bool
-    optional: bool
-    unit: str
-    says: str
-
-
-@cache
-def fields_of(record: type) -> tuple[Field, ...]:
-    """Return the fields of a dataclass.
-
-    Raises:
-        TypeError: an annotation is of a kind that cannot be recorded.
-    """
-    hints = typing.get_type_hints(record)
-    says = meanings(inspect.getdoc(record) or "")
-    return tuple(
-        _field(field.name, hints[field.name], says.get(field.name, ""))
-        for field in dataclasses.fields(record)
-    )
 
 
 def unit_of(name: str) -> str:
@@ -78,32 +36,6 @@ def unit_of(name: str) -> str:
     if name in _UNITS_BY_NAME:
         return _UNITS_BY_NAME[name]
     return next((unit for ending, unit in _UNITS_BY_ENDING if name.endswith(ending)), "")
-
-
-def _field(name: str, hint: Any, says: str) -> Field:
-    inner, optional = _without_none(hint)
-    element, is_list = _element(inner)
-    if not isinstance(element, type):
-        raise TypeError(f"{name}: {hint} cannot be recorded")
-    return Field(name, element, is_list, optional, unit_of(name), says)
-
-
-def _without_none(hint: Any) -> tuple[Any, bool]:
-    if typing.get_origin(hint) not in (types.UnionType, typing.Union):
-        return hint, False
-    others = [part for part in typing.get_args(hint) if part is not type(None)]
-    if len(others) != 1:
-        raise TypeError(f"{hint} cannot be recorded: one type, or that or None")
-    return others[0], True
-
-
-def _element(hint: Any) -> tuple[Any, bool]:
-    origin = typing.get_origin(hint)
-    if origin is np.ndarray:
-        return np.ndarray, False
-    if origin is tuple:
-        return typing.get_args(hint)[0], True
-    return hint, False
 
 
 def meanings(docstring: str) -> dict[str, str]:
@@ -121,3 +53,22 @@ def meanings(docstring: str) -> dict[str, str]:
         else:
             names = []
     return found
+
+
+def setting_meaning(settings: object, key: str) -> str:
+    """Return what the docstring of a setting's section says about it, "" if nothing.
+
+    Args:
+        settings: that have the key.
+        key: path of the setting, such as "servo.azimuth.kp".
+    """
+    section, _, name = key.rpartition(".")
+    return meanings(inspect.getdoc(operator.attrgetter(section)(settings)) or "").get(name, "")
+
+
+def without_none(hint: Any) -> tuple[Any, bool]:
+    """Return the type in "that type or None", and whether it is such a union."""
+    if get_origin(hint) not in (Union, UnionType):
+        return hint, False
+    others = [part for part in get_args(hint) if part is not type(None)]
+    return (others[0] if len(others) == 1 else hint), True

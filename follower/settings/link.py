@@ -1,10 +1,9 @@
 """What can be set about the link to the autopilot."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
+
+from follower_control.common.strict_config import StrictFields, check_ranges
 
 _OFTEN_HZ = 4.0
 
@@ -14,26 +13,24 @@ LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 
 
 @dataclass(frozen=True, slots=True)
-class LinkSettings:
+class LinkSettings(StrictFields):
     """The link to the autopilot.
 
     Attributes:
         kind: "pymavlink" (our own stream) or "mavsdk" (its library's, watched by ours).
-        vehicle_id: MAVLink system id of the vehicle; None takes the only one that is heard.
+        vehicle_id: MAVLink system id of the vehicle; None takes the only one that is received.
         listen_s: how long to listen for others before the only one is taken.
         attitude_rate_hz: how often ATTITUDE is asked for.
         position_rate_hz: how often LOCAL_POSITION_NED is asked for.
         rc_rate_hz: how often RC_CHANNELS is asked for, the pilot's sticks and switches; 0 never.
         clearance_rate_hz: how often DISTANCE_SENSOR and TERRAIN_REPORT are asked for; 0 never.
         mode_rate_hz: how often the mode is asked after while setpoints are sent or flown: of
-            themselves autopilots tell it once a second; 0 leaves it at that.
+            themselves autopilots report it once a second; 0 leaves it at that.
         timesync_rate_hz: how often the clocks are compared.
         signing_key_file: file of the MAVLink 2 signing key; None signs nothing and takes all.
         stall_s: a control loop that gives no setpoint for so long is taken to stand still, and
             mavsdk's stream is set to zero; it is ended 0.1 s later.
     """
-
-    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
 
     kind: LinkKind = "pymavlink"
     vehicle_id: int | None = None
@@ -49,23 +46,19 @@ class LinkSettings:
 
     @property
     def asks_often(self) -> bool:
-        """Whether so much is asked that an autopilot that hears us answers every second."""
+        """Whether so much is asked that an autopilot that receives us answers every second."""
         return max(self.mode_rate_hz, self.timesync_rate_hz) >= _OFTEN_HZ
 
     def __post_init__(self) -> None:
-        if self.vehicle_id is not None and not 1 <= self.vehicle_id <= 255:
-            raise ValueError(f"vehicle_id is a system id from 1 to 255, not {self.vehicle_id}")
-        if not 0 <= self.listen_s <= 60:
-            raise ValueError(f"listen_s lies between 0 and 60 s, not {self.listen_s}")
-        rates = (self.attitude_rate_hz, self.position_rate_hz, self.timesync_rate_hz)
-        if not all(math.isfinite(rate) and 0.1 <= rate <= 500 for rate in rates):
-            raise ValueError(f"rates lie between 0.1 and 500 Hz, not {rates}")
-        if not 0 <= self.clearance_rate_hz <= 50:
-            raise ValueError(f"clearance_rate_hz is 0 to 50 Hz, not {self.clearance_rate_hz}")
-        if not all(0 <= rate <= 50 for rate in (self.rc_rate_hz, self.mode_rate_hz)):
-            raise ValueError(
-                f"rc_rate_hz and mode_rate_hz lie between 0 and 50 Hz, "
-                f"not {self.rc_rate_hz} and {self.mode_rate_hz}"
-            )
-        if not 0.05 <= self.stall_s <= 0.2:
-            raise ValueError(f"stall_s lies between 0.05 and 0.2 s, not {self.stall_s}")
+        check_ranges(
+            self,
+            vehicle_id=(1, 255),
+            listen_s=(0, 60),
+            attitude_rate_hz=(0.1, 500),
+            position_rate_hz=(0.1, 500),
+            timesync_rate_hz=(0.1, 500),
+            rc_rate_hz=(0, 50),
+            clearance_rate_hz=(0, 50),
+            mode_rate_hz=(0, 50),
+            stall_s=(0.05, 0.2),
+        )

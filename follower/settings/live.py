@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
-from follower.settings import Settings, merged
-from follower_control.strict_yaml import SettingsError, parse
+from follower.settings.field_docs import without_none
+from follower.settings.settings import Settings, nested
+from follower_control.common.strict_config import SettingsError, merged, parse
 
 _SECTIONS = {
     "servo": None,
@@ -36,8 +36,8 @@ _SECTIONS = {
 LIMITS = ("envelope", "supervisor")
 """Sections of what bounds the flight: in flight that can be tightened alone."""
 TOLD_RANGE = ("servo.target_size_m", "servo.target_middle_m")
-"""What tells how far away the target is: it may be made to seem nearer, but not farther, or the
-least distance to it would be no limit."""
+"""What the distance to the target is computed from: it may be made to seem nearer, but not farther,
+or the least distance to it would be no limit."""
 _SMALLER_IS_SAFER = (
     "target_size_",
     "max_",
@@ -136,7 +136,7 @@ def changed(
     for change in changes:
         if change.key not in allowed:
             raise SettingsError(f"{change.key} cannot be changed in flight")
-        data = merged(data, _nested(change.key, json.loads(change.value)))
+        data = merged(data, nested(change.key.split("."), json.loads(change.value)))
     result = parse(Settings, data, "in flight")
     if began is not None:
         _check_limits(result, began, [change.key for change in changes])
@@ -150,13 +150,13 @@ def _check_limits(settings: Settings, began: Settings, keys: Iterable[str]) -> N
             continue
         value, before = value_at(settings, key), value_at(began, key)
         if not _is_as_tight(name, value, before):
-            told = "none" if value is None else format(value, "g")
+            shown = "none" if value is None else format(value, "g")
             may = (
                 "a target may be made to seem nearer than that, not farther away by"
                 if key in TOLD_RANGE
                 else "it may be tightened, not loosened beyond that to"
             )
-            raise SettingsError(f"{key} was {before:g} at the start; in flight {may} {told}")
+            raise SettingsError(f"{key} was {before:g} at the start; in flight {may} {shown}")
 
 
 def _is_as_tight(name: str, value: float | None, before: float | None) -> bool:
@@ -170,22 +170,9 @@ def _is_as_tight(name: str, value: float | None, before: float | None) -> bool:
 def _leaves(prefix: str, law: Any) -> Iterator[LiveKey]:
     hints = get_type_hints(law)
     for field in dataclasses.fields(law):
-        kind, optional = _without_none(hints[field.name])
+        kind, optional = without_none(hints[field.name])
         key = f"{prefix}.{field.name}"
         if dataclasses.is_dataclass(kind):
             yield from _leaves(key, kind)
         elif isinstance(kind, type) and issubclass(kind, float | int | Enum):
             yield LiveKey(key, kind, optional)
-
-
-def _without_none(hint: Any) -> tuple[Any, bool]:
-    if get_origin(hint) not in (Union, UnionType):
-        return hint, False
-    others = [part for part in get_args(hint) if part is not type(None)]
-    return (others[0] if len(others) == 1 else hint), True
-
-
-def _nested(key: str, value: Any) -> dict[str, Any]:
-    for part in reversed(key.split(".")):
-        value = {part: value}
-    return dict(value)

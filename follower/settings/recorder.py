@@ -1,10 +1,9 @@
 """Settings of the recorder."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar
+
+from follower_control.common.strict_config import StrictFields, check_ranges
 
 
 class VideoKind(StrEnum):
@@ -19,7 +18,7 @@ class VideoKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class RecorderSettings:
+class RecorderSettings(StrictFields):
     """What is recorded of the frames, and how much memory and disk it may take.
 
     Attributes:
@@ -31,17 +30,10 @@ class RecorderSettings:
             rest of the flight still fits.
     """
 
-    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
-
     video: VideoKind = VideoKind.H264
     quality: int = 23
     buffer_mb: float = 96.0
     keep_free_mb: float = 200.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.quality <= 51:
-            raise ValueError(f"recorder: quality is 0 (best) to 51, not {self.quality}")
-        if not 1 <= self.buffer_mb <= 100_000:
-            raise ValueError(f"recorder: buffer_mb lies between 1 and 100000, not {self.buffer_mb}")
-        if not 0 <= self.keep_free_mb < 1e9:
-            raise ValueError(f"recorder: keep_free_mb is not negative, not {self.keep_free_mb}")
+        check_ranges(self, quality=(0, 51), buffer_mb=(1, 100_000), keep_free_mb=(0, 1e9))

@@ -1,7 +1,5 @@
 """Writes changed settings back into the user's file, whose comments and order stay."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from follower.settings import Settings, merged
-from follower_control.strict_yaml import SettingsError, parse
+from follower.settings.settings import Settings, nested
+from follower_control.common.strict_config import SettingsError, merged, parse
 
 _CRLF = "\r\n"
 
@@ -45,7 +43,7 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
     try:
         wanted = yaml.safe_load(text) or {}
         for path, value in values.items():
-            wanted = merged(wanted, _nested(path.split("."), value))
+            wanted = merged(wanted, nested(path.split("."), value))
             text = _with_value(text, path.split("."), _scalar(value))
         fits = yaml.safe_load(text) == wanted
     except (yaml.YAMLError, AttributeError, TypeError) as error:
@@ -96,12 +94,6 @@ def _added(text: str, node: yaml.MappingNode, path: list[str], scalar: str) -> s
 def _block(path: list[str], scalar: str, indent: int) -> str:
     lines = [f"{' ' * (indent + 2 * depth)}{key}:" for depth, key in enumerate(path)]
     return "\n".join(lines) + f" {scalar}"
-
-
-def _nested(path: list[str], value: Any) -> dict[str, Any]:
-    for key in reversed(path):
-        value = {key: value}
-    return dict(value)
 
 
 def _scalar(value: Any) -> str:

@@ -1,44 +1,51 @@
 """All settings of the follower, parsed once from YAML; what goes inward is plain values."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from follower.cockpit.settings import CockpitSettings
-from follower.consent import ConsentSettings
-from follower.ground_station.settings import GroundStationSettings
-from follower.health import HealthSettings
-from follower.links.link_settings import LinkSettings
-from follower.recorder_settings import RecorderSettings
-from follower.release import ReleaseSettings
-from follower.sticks import StickSettings
-from follower.supervisor import SupervisorSettings
-from follower.video_out.settings import VideoSettings
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimator import EstimatorSettings
-from follower_control.gimbal_servo import GimbalSettings
-from follower_control.search import SearchSettings
-from follower_control.servo_settings import ServoSettings
-from follower_control.strict_yaml import SettingsError, load_yaml, parse, read_mapping
-from follower_vision.camera import CameraModel
+from follower.settings.link import LinkSettings
+from follower.settings.recorder import RecorderSettings
+from follower.settings.retired import refuse_retired
+from follower.settings.supervisor import (
+    ConsentSettings,
+    HealthSettings,
+    ReleaseSettings,
+    StickSettings,
+    SupervisorSettings,
+)
+from follower.settings.ui import CockpitSettings, GroundStationSettings, VideoSettings
+from follower_control.common.strict_config import (
+    SettingsError,
+    StrictFields,
+    check_ranges,
+    load_yaml,
+    merged,
+    parse,
+    read_mapping,
+)
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.gimbal_servo import GimbalSettings
+from follower_control.servo.search import SearchSettings
+from follower_control.servo.settings import ServoSettings
+from follower_control.target.estimator import EstimatorSettings
 from follower_vision.fusion import FusionSettings
-from follower_vision.lineofsight import CameraMount
-from follower_vision.longterm import LongTermSettings
-from follower_vision.trackers import is_tracker, tracker_names
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount
+from follower_vision.longterm.tracker import LongTermSettings
+from follower_vision.trackers.registry import is_tracker, tracker_names
 
 _LEAST_FOV_DEG = 4.0  # above pi: an angle in radians does not pass; a longer lens has focal_px
 
 
 @dataclass(frozen=True, slots=True)
-class CameraSettings:
+class CameraSettings(StrictFields):
     """The camera: its lens, how it is mounted, how late its frames are stamped.
 
     Attributes:
@@ -56,8 +63,6 @@ class CameraSettings:
             another size are then refused. None takes any.
     """
 
-    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
-
     fov_deg: float = 70.0
     focal_px: float | None = None
     focal_width_px: int = 640
@@ -70,21 +75,18 @@ class CameraSettings:
     frame_size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        if not _LEAST_FOV_DEG < self.fov_deg < 179:
-            raise ValueError(f"fov_deg lies between 4 and 179 degrees, not {self.fov_deg:g}")
-        if self.focal_px is not None and not 1 < self.focal_px < 1e5:
-            raise ValueError(f"focal_px is a focal length in pixels, not {self.focal_px}")
-        if not self.focal_width_px > 0:
-            raise ValueError(f"focal_width_px is a width in pixels, not {self.focal_width_px}")
+        check_ranges(
+            self,
+            fov_deg=(_LEAST_FOV_DEG, 179),
+            focal_px=(1, 1e5),
+            focal_width_px=(1, 1e5),
+            latency_s=(-2, 2),
+            **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), (-180, 180)),
+        )
         if self.center_px is not None and not self._is_inside(*self.center_px):
             raise ValueError(
                 f"center_px lies in an image {self.focal_width_px} px wide, not at {self.center_px}"
             )
-        if not abs(self.latency_s) < 2:
-            raise ValueError(f"latency_s is in seconds, not {self.latency_s}")
-        angles = (self.roll_deg, self.pitch_deg, self.yaw_deg)
-        if not all(abs(angle) <= 180 for angle in angles):
-            raise ValueError(f"the mount's angles are degrees within ±180, not {angles}")
         if self.frame_size is not None and not min(self.frame_size) > 0:
             raise ValueError(f"frame_size is [width, height] in pixels, not {self.frame_size}")
 
@@ -133,7 +135,26 @@ class CameraSettings:
 
 
 class Settings(BaseModel):
-    """Everything that can be set; the sections stand beside the laws that they belong to."""
+    """Everything that can be set; the sections stand beside the laws that they belong to.
+
+    Attributes:
+        camera: lens, mount and latency.
+        estimator: the Kalman filter of the target.
+        servo: the follow mode, the gains and the wanted distance.
+        gimbal: whether there is one, and its limits.
+        envelope: limits of the setpoints.
+        health: battery, estimator and GPS: from when on following is refused or ended.
+        supervisor: times of the supervisor.
+        consent: the second consent beside the pilot's mode.
+        sticks: stick offsets, and the deflection that takes over.
+        search: how a lost target is looked for.
+        release: what the autopilot does after a release.
+        link: message rates, signing and system identifiers.
+        recorder: what a recording holds.
+        ground_station: the MAVLink camera and the parameters.
+        cockpit: address and access of the web page.
+        control_rate_hz: control steps a second.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -143,9 +164,6 @@ class Settings(BaseModel):
     detector: str | None = None
     """The object detector that validates the motion tracker, one of `follower models list` or a
     file; None does without one."""
-    appearance: str | None = None
-    """The appearance network that helps to tell the target among its kind, with a detector: one of
-    `follower models list` or a file; None does without one."""
     fusion: FusionSettings = FusionSettings()
     """Used with a detector."""
     longterm: LongTermSettings = LongTermSettings()
@@ -199,6 +217,7 @@ def load_settings(
         SettingsError: a file, key or value cannot be used; one line says which and why.
     """
     data, source = settings_data(path, base, overrides)
+    refuse_retired(data, source)
     return parse(Settings, merged(_defaults(), data), source)
 
 
@@ -226,16 +245,6 @@ def settings_data(
     return data, source
 
 
-def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `below` with what `above` says instead, section by section."""
-    result = dict(below)
-    for key, value in above.items():
-        known = result.get(key)
-        both = isinstance(value, Mapping) and isinstance(known, Mapping)
-        result[key] = merged(known, value) if both and known is not None else value
-    return result
-
-
 def _override(text: str) -> dict[str, Any]:
     key, separator, value_text = text.partition("=")
     if not separator or not key:
@@ -244,6 +253,11 @@ def _override(text: str) -> dict[str, Any]:
         value: Any = load_yaml(value_text)
     except yaml.YAMLError:
         raise SettingsError(f"--set {text}: the value is no valid YAML") from None
-    for part in reversed(key.split(".")):
-        value = {part: value}
+    return nested(key.split("."), value)
+
+
+def nested(path: Sequence[str], value: Any) -> dict[str, Any]:
+    """Return a mapping in mappings with a value at the end of the path of keys."""
+    for key in reversed(path):
+        value = {key: value}
     return dict(value)

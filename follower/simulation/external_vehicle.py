@@ -1,16 +1,14 @@
-"""A vehicle that an autopilot outside flies: what the simulated camera sees follows telemetry."""
-
-from __future__ import annotations
+"""A vehicle flown by an external autopilot: the simulated camera follows its telemetry."""
 
 import math
 from dataclasses import dataclass
 from typing import Self
 
 from follower.links.link import Link
-from follower_control.attitude_history import turned_on
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle.attitude_history import turned_on
+from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_sim.kinematics import BodyState, Triple
-from follower_vision.lineofsight import wrap_angle
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 _LONGEST_PREDICTION_S = 0.2
 
@@ -22,12 +20,12 @@ class TelemetryVehicle:
     world begins elsewhere and with another heading than the scenario: one rigid motion, a turn
     about the vertical and a shift, takes the vehicle's place and heading at `place` to where the
     scenario has it start. Until then it stands there, at the height that it has. The follower's
-    control is told nothing of that: it flies in the autopilot's own world. Height 0 is the ground
+    control knows nothing of that: it flies in the autopilot's own world. Height 0 is the ground
     in both.
 
     Args:
-        link: hears the autopilot; polled by the control loop.
-        parked: where the vehicle is to stand at `place`, and before it is heard.
+        link: to the autopilot; polled by the control loop.
+        parked: where the vehicle is to stand at `place`, and before it reports.
     """
 
     def __init__(self, link: Link, parked: BodyState) -> None:
@@ -37,21 +35,12 @@ class TelemetryVehicle:
 
     @property
     def state(self) -> BodyState:
-        """The newest that telemetry said."""
-        return self._of(self._link.state, self._parked.time_s)
+        """The newest state by telemetry, in the scenario's world: metres, m/s, radians, NED."""
+        return self.state_at(self._parked.time_s)
 
     def state_at(self, time_s: float) -> BodyState:
-        """Return the newest that telemetry said, carried on to `time_s` for a moment."""
-        return self._of(self._link.state, time_s)
-
-    def place(self) -> None:
-        """From now on let it move: the scenario's start is where it is now."""
+        """Return the newest state by telemetry, predicted to `time_s`, at most 0.2 s on."""
         position, attitude = self._link.state.position, self._link.state.attitude
-        if position is not None and attitude is not None:
-            self._motion = _RigidMotion.onto(self._parked, position, attitude)
-
-    def _of(self, vehicle: VehicleState, time_s: float) -> BodyState:
-        position, attitude = vehicle.position, vehicle.attitude
         if position is None or attitude is None:
             return self._parked
         motion = self._motion or _RigidMotion.onto(self._parked, position, attitude)
@@ -70,6 +59,12 @@ class TelemetryVehicle:
             (turned.roll_rad, turned.pitch_rad, wrap_angle(turned.yaw_rad + motion.turn_rad)),
             (attitude.roll_rate_rad_s, attitude.pitch_rate_rad_s, attitude.yaw_rate_rad_s),
         )
+
+    def place(self) -> None:
+        """From now on let it move: the scenario's start is where it is now."""
+        position, attitude = self._link.state.position, self._link.state.attitude
+        if position is not None and attitude is not None:
+            self._motion = _RigidMotion.onto(self._parked, position, attitude)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,5 @@
 """One simulated flight: the world, the autopilot and the follower, wired together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,52 +7,46 @@ from functools import partial
 
 import numpy as np
 
-from follower.autonomy import Autonomy, Phase
-from follower.autopilot_wait import AutopilotWait
-from follower.control_stage import ControlStage
-from follower.flight_extras import FlightExtras
-from follower.flight_parts import FlightParts
-from follower.flight_truth import FlightTruth
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower.ground_station.flight_view import FlightView
-from follower.links.link_settings import LinkSettings
-from follower.links.link_status import LinkStatus
-from follower.links.opening import open_link
-from follower.live_status import LiveStatus
-from follower.operator_requests import OperatorRequests
-from follower.recorder import LOCKSTEP_EPOCH_NS, epoch_now_ns
-from follower.scenario_start import gimbal_of, start_state
-from follower.scoring import score_flight
-from follower.selecting import colour_selector
-from follower.settings import Settings
-from follower.sight import Sight
-from follower.situation import Order
-from follower.supervisor import State
-from follower.telemetry_vehicle import TelemetryVehicle
-from follower.tracking import make_target_tracker
-from follower.vision_stage import Selector, VisionStage
-from follower_control.transport import Transport
-from follower_sim.autopilot import SYSTEM_ID, SimAutopilot
-from follower_sim.blind_camera import BlindCamera
-from follower_sim.identity_score import IdentityScore
-from follower_sim.kinematics import BodyState
-from follower_sim.score import PursuitGoal, PursuitScore
-from follower_sim.stand_in import StandIn
-from follower_sim.truth_sample import TruthSample
-from follower_sim.world import World
-from follower_vision.box import Box
+from follower.flight.control.stage import ControlStage
+from follower.flight.control.takeoff_monitor import AutopilotWait
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.status import LiveStatus
+from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.target.selectors import Selector, colour_selector
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import close_tracker, make_target_tracker
+from follower.links.open import open_link
+from follower.links.status import LinkStatus
+from follower.recording import LOCKSTEP_EPOCH_NS, epoch_now_ns
+from follower.settings.link import LinkSettings
+from follower.settings.settings import Settings
+from follower.simulation.components import FlightComponents, FlightOptions, gimbal_of, start_state
+from follower.simulation.external_vehicle import TelemetryVehicle
+from follower.simulation.ground_truth import FlightTruth, score_flight
+from follower.simulation.options import VisionSource
+from follower.ui.ground_station.flight_view import FlightView
+from follower_control.common.transport import Transport
+from follower_sim.autopilot.autopilot import SYSTEM_ID, SimAutopilot
+from follower_sim.camera import BlindCamera
+from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.noisy_tracker import NoisyTracker
+from follower_sim.scoring.identity_score import IdentityScore
+from follower_sim.scoring.score import PursuitGoal, PursuitScore
+from follower_sim.world.world import World
 from follower_vision.clock import Clock, SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.fusion import BackgroundDetection, FusionTracker, InlineDetection
-from follower_vision.lineofsight import LineOfSight
+from follower_vision.fusion import BackgroundDetection, InlineDetection
+from follower_vision.geometry.line_of_sight import LineOfSight
 
 EXTERNAL = "external"
-NO_EXTRAS = FlightExtras()
+NO_EXTRAS = FlightOptions()
 _STANDING_M_S = 0.3
 _AIRBORNE_M = 2.0
 _LONGEST_STOP_S = 6.0
-_FAREWELL_S = 1.0
-_STAND_IN = 21
+_LEAST_RELEASED_S = 1.0
+_NOISE_STREAM = 21
 
 
 class SimulatedFlight:
@@ -76,6 +68,9 @@ class SimulatedFlight:
 
     Attributes:
         requests: where front ends put what their operators want.
+        seed: the world's.
+        lockstep: it is flown on a simulated clock.
+        truth: what really happened, a sample a control step.
     """
 
     def __init__(
@@ -85,16 +80,18 @@ class SimulatedFlight:
         flavour: str,
         clock: Clock,
         ends: tuple[Transport, Transport],
-        extras: FlightExtras = NO_EXTRAS,
+        extras: FlightOptions = NO_EXTRAS,
     ) -> None:
         self.scenario = scenario = world.scenario
         self._world = world
+        self.seed = world.seed
         self.settings = settings
+        self.flavour = flavour
         self._recorder = recorder = extras.recorder
-        self._parts = parts = extras.parts or FlightParts()
+        self._parts = parts = extras.parts or FlightComponents()
         ours = parts.transport(ends[0])
         ours = ours if recorder is None else recorder.transport(ours)
-        self._link = open_link(ours, _link_settings(settings, flavour), clock, _epoch_ns(clock))
+        self._link = open_link(ours, _link_settings(settings, flavour), clock, epoch_ns(clock))
         self.autopilot: SimAutopilot | None = None
         self.vehicle: SimAutopilot | TelemetryVehicle = TelemetryVehicle(
             self._link, start_state(scenario)
@@ -102,21 +99,32 @@ class SimulatedFlight:
         if flavour == EXTERNAL:
             world.begins_s = math.inf
         else:
-            self.vehicle = self.autopilot = _autopilot(world, flavour, ends[1])
-        self.sight = extras.sight
-        is_blind = self.sight is Sight.TRUTH and extras.video is None
+            self.vehicle = self.autopilot = SimAutopilot(
+                flavour,
+                ends[1],
+                start_state(scenario),
+                world.wind.velocity_m_s,
+                gimbal=gimbal_of(scenario),
+                drag=scenario.vehicle.drag,
+            )
+        self.vision_source = extras.vision
+        is_blind = self.vision_source is VisionSource.TRUTH and extras.video is None
         self.camera = (BlindCamera if is_blind else parts.camera)(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self._wait = AutopilotWait(self._link, self.log)
         self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
+        self.truth = self._truth.samples
         self.chosen_s: float | None = None
         self._operated = False
         self._ending = False
-        self._stand_in = None if self.sight is Sight.PIXELS else self._make_stand_in()
+        self._noisy_tracker = (
+            None if self.vision_source is VisionSource.PIXELS else self._make_noisy_tracker()
+        )
         self._clock = clock
+        self.lockstep = isinstance(clock, SimulatedClock)
         self.requests = OperatorRequests(settings)
-        mode = InlineDetection if isinstance(clock, SimulatedClock) else BackgroundDetection
-        self._tracker = self._stand_in or make_target_tracker(settings, mode)
+        mode = InlineDetection if self.lockstep else BackgroundDetection
+        self._tracker = self._noisy_tracker or make_target_tracker(settings, mode)
         self._vision_stage = VisionStage(self._tracker, self.requests, extras.finder)
         self.vision = parts.vision(
             self._vision_stage, clock, self.log, extras.video, self._lines, self._truth.compare
@@ -128,20 +136,21 @@ class SimulatedFlight:
         self.stage = ControlStage(settings, camera, self.log, requests=self.requests)
         self._vision_stage.prospects = self.stage.prospect
         self.control = parts.control(
-            self._link, self.stage, self._newest, self.log, self._autonomy, self._on_step, clock
+            self._link,
+            self.stage,
+            lambda: self.vision.tracks.newest,
+            self.log,
+            self._autonomy,
+            self._on_step,
+            clock,
         )
-        parts.attach(self.autopilot, self.stop, partial(self.stage.order, Order.WITHDRAW))
+        parts.attach(self.autopilot, self.stop, partial(self.stage.order, ConsentRequest.WITHDRAW))
         self._last_link: LinkStatus | None = None
 
     @property
-    def phase(self) -> Phase | None:
+    def phase(self) -> AutonomyPhase | None:
         """How far the flight has come."""
         return None if self._autonomy is None else self._autonomy.phase
-
-    @property
-    def seed(self) -> int:
-        """The seed of the world."""
-        return self._world.seed
 
     @property
     def goal(self) -> PursuitGoal:
@@ -154,18 +163,13 @@ class SimulatedFlight:
 
     @property
     def view(self) -> FlightView:
-        """What a ground station is told from."""
+        """What a ground station takes its messages from."""
         camera = self.scenario.camera.model
         return FlightView(self.log, self._link, self.requests, (camera.width, camera.height))
 
-    @property
-    def truth(self) -> list[TruthSample]:
-        """What really happened, a sample a control step."""
-        return self._truth.samples
-
-    def box_sight(self, sample: TruthSample) -> LineOfSight:
+    def box_direction(self, sample: TruthSample) -> LineOfSight:
         """Work out the direction of the true box's middle from the heading, for one sample."""
-        return self._truth.box_sight(sample)
+        return self._truth.box_direction(sample)
 
     @property
     def overlaps(self) -> list[float]:
@@ -189,7 +193,7 @@ class SimulatedFlight:
         )
 
     def status(self) -> LiveStatus:
-        """Return what a display shows of this moment."""
+        """Return what a display shows now."""
         errors, phase = self.stage.servo.errors, self._wait.words(self.phase)
         duration_s, link = self.scenario.duration_s, self.link_status.line()
         newest_s = self.log.controls[-1].time_s if self.log.controls else 0.0
@@ -205,28 +209,27 @@ class SimulatedFlight:
         """Close the link, and with it the follower's transport, and end the tracker's threads."""
         self._last_link = self.link_status
         self._link.close()
-        if isinstance(self._tracker, FusionTracker):
-            self._tracker.close()
+        close_tracker(self._tracker)
         self._parts.end()
 
     def operate(self) -> None:
-        """Leave it to a person at a cockpit to choose the target and to begin again.
+        """Leave it to an operator at a cockpit to choose the target and to begin again.
 
-        No target is chosen then but by them, and letting go does not end the flight.
+        Only they choose a target then, and a release does not end the flight.
         """
         self._operated = True
         if self._autonomy is not None:
             self._autonomy.resumes = True
 
     def stop(self) -> None:
-        """Let go, from any thread: hold, then release."""
+        """Stop, from any thread: hold, then release."""
         self._ending = True
         self.stage.request_stop()
 
     @property
     def finished(self) -> bool:
-        """Whether the vehicle was let go and stands still, or has had time enough for it."""
-        if self.stage.supervisor.state is not State.RELEASED:
+        """Whether the vehicle was released and stands still, or has had enough time for it."""
+        if self.stage.supervisor.state is not SupervisorState.RELEASED:
             return False
         if self._operated and not self._ending:
             return False
@@ -234,7 +237,9 @@ class SimulatedFlight:
             return False
         waited_s = self.stage.supervisor.in_state_s(self._clock.now())
         speed = math.hypot(*self.vehicle.state.velocity_m_s)
-        return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and speed < _STANDING_M_S)
+        return waited_s > _LONGEST_STOP_S or (
+            waited_s > _LEAST_RELEASED_S and speed < _STANDING_M_S
+        )
 
     def _camera_at(self, time_s: float) -> BodyState:
         """Return the body that carries the camera: the vehicle's, or the gimbal's."""
@@ -242,72 +247,58 @@ class SimulatedFlight:
         gimbal = None if self.autopilot is None else self.autopilot.gimbal
         return body if gimbal is None else gimbal.camera(body)
 
-    def _newest(self) -> TrackRecord | None:
-        return self.vision.tracks.newest
-
     def _on_step(self, record: ControlRecord) -> None:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
         sample = self._truth.take(now_s)
         if self._recorder is not None:
-            self._recorder.add_truth(sample)
+            self._recorder.add(sample, sample.time_s)
         supervisor = self.stage.supervisor
         self._parts.observe(now_s, supervisor.state, supervisor.in_state_s(now_s))
         if self._world.begins_s == math.inf and self._is_airborne:
-            self._begin(now_s)
-        if self.chosen_s is None and self._may_be_chosen(record):
+            if isinstance(self.vehicle, TelemetryVehicle):
+                self.vehicle.place()
+            self._world.begins_s = now_s
+        chosen = record.situation is not None and record.situation.target_chosen
+        if self.chosen_s is None and (chosen if self._operated else self._is_airborne):
             self.chosen_s = now_s
             if not self._operated:
                 self._vision_stage.select(self._selector())
         if self._world.scene_time(now_s) >= self.scenario.duration_s:
             self.stop()
 
-    def _may_be_chosen(self, record: ControlRecord) -> bool:
-        """Whether it is time to choose the target, or a person has chosen it."""
-        if self._operated:
-            return record.situation is not None and record.situation.target_chosen
-        return self._is_airborne
-
     def _selector(self) -> Selector:
         """Return the way in which the operator points out the target."""
         select = self.scenario.select
-        if self._stand_in is not None:
-            return self._stand_in.select
-        # A colour alone does not tell the target from its likes: the operator points at it.
+        if self._noisy_tracker is not None:
+            return self._noisy_tracker.select
+        # A colour alone does not distinguish the target from lookalikes: the operator points.
         alike = self.scenario.lookalikes.count > 0
-        return colour_selector(select.colour, select.search, self._pointed if alike else None)
-
-    def _pointed(self, frame: Frame) -> Box | None:
-        return self._truth.of_frame(frame.captured_s).box
+        pointed = (lambda frame: self._truth.of_frame(frame.captured_s).box) if alike else None
+        return colour_selector(select.colour, select.search, pointed)
 
     @property
     def _is_airborne(self) -> bool:
         """Whether the take-off is over, and with it the time to choose the target."""
         if self._autonomy is not None:
-            return self._autonomy.phase is Phase.AIRBORNE
+            return self._autonomy.phase is AutonomyPhase.AIRBORNE
         vehicle = self._link.state
         high = vehicle.position is not None and vehicle.position.height_m > _AIRBORNE_M
         return vehicle.armed and vehicle.landed is not True and high
 
     def check_answered(self) -> None:
-        """Refuse to wait for ever; looked at while a real-time flight goes on.
+        """Refuse to wait for ever; called while a real-time flight goes on.
 
         Raises:
-            ConnectionFailedError: no autopilot was heard, or it did not get into the air, for some
+            ConnectionFailedError: no autopilot answered, or it did not get into the air, for some
                 time.
         """
         self._wait.check(self.phase, self._clock.now())
 
-    def _begin(self, now_s: float) -> None:
-        """Let the scenario begin, once an autopilot elsewhere is in the air."""
-        if isinstance(self.vehicle, TelemetryVehicle):
-            self.vehicle.place()
-        self._world.begins_s = now_s
-
-    def _make_stand_in(self) -> StandIn:
-        camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _STAND_IN])
+    def _make_noisy_tracker(self) -> NoisyTracker:
+        camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _NOISE_STREAM])
         size = (camera.width, camera.height)
-        return StandIn(self._truth.of_frame, size, self.scenario.stand_in, rng)
+        return NoisyTracker(self._truth.of_frame, size, self.scenario.stand_in, rng)
 
     def _lines(self) -> Sequence[str]:
         """Return what the video shows in its corner."""
@@ -329,17 +320,6 @@ def _link_settings(settings: Settings, flavour: str) -> LinkSettings:
     return replace(settings.link, vehicle_id=SYSTEM_ID)
 
 
-def _epoch_ns(clock: Clock) -> int:
+def epoch_ns(clock: Clock) -> int:
+    """Return the time of day, in ns since 1970, at which a flight's clock stands at 0."""
     return LOCKSTEP_EPOCH_NS if isinstance(clock, SimulatedClock) else epoch_now_ns(clock)
-
-
-def _autopilot(world: World, flavour: str, transport: Transport) -> SimAutopilot:
-    scenario = world.scenario
-    return SimAutopilot(
-        flavour,
-        transport,
-        start_state(scenario),
-        world.wind.velocity_m_s,
-        gimbal=gimbal_of(scenario),
-        drag=scenario.vehicle.drag,
-    )

@@ -1,23 +1,25 @@
-"""What is written and said of a simulated flight when it is over."""
-
-from __future__ import annotations
+"""The files and the printed score of a simulated flight that is over."""
 
 import sys
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-from follower.outputs import write_boxes, write_setpoints
-from follower.print_line import print_line
-from follower.report.meta import ReportMeta
-from follower.report.writer import write_report, write_score, write_whole
-from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight
-from follower.simulation_options import SimulationOptions
-from follower.terminal import print_score
-from follower_sim.criteria import verdict
-from follower_sim.stand_in import LABEL
+from follower.recording.run_folder import write_boxes, write_setpoints
+from follower.report.flight_page import write_report, write_score
+from follower.report.series import ReportMeta
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.ui.terminal.console import print_line
+from follower_sim.noisy_tracker import LABEL
+from follower_sim.scenario.scenario import Criteria
+from follower_sim.scoring.criteria import checks, verdict
+from follower_sim.scoring.score import PursuitScore
+from follower_vision.atomic_file import write_whole
 
 NO_PIXELS = LABEL[0].upper() + LABEL[1:]
 VIDEO = "overlay.mp4"
@@ -35,29 +37,62 @@ FILES = (
 )
 
 
+def print_score(
+    console: Console, score: PursuitScore, criteria: Criteria, files: Sequence[Path] = ()
+) -> None:
+    """Write the score with its limits, the verdict and where everything lies."""
+    table = Table(show_edge=False, pad_edge=False, header_style="dim")
+    table.add_column("Figure")
+    table.add_column("Value", justify="right")
+    table.add_column("Limit", justify="right")
+    table.add_column("")
+    marks = {True: Text("passed", "green"), False: Text("failed", "bold red"), None: Text("")}
+    for check in checks(score, criteria):
+        table.add_row(check.name, check.value, check.limit, marks[check.passed])
+    console.print(table)
+    failures = verdict(score, criteria)
+    console.print()
+    outcome, style = ("failed", "bold red") if failures else ("succeeded", "bold green")
+    console.print(Text(f"The pursuit {outcome}", style))
+    for line in failures:
+        print_line(console, f"  {line}")
+    for path in files:
+        print_line(console, f"  {path}")
+
+
 def report_flight(
     flight: SimulatedFlight,
-    options: SimulationOptions,
     folder: Path,
+    command: str,
+    connection: str,
     remarks: tuple[str, ...],
     console: Console,
 ) -> bool:
-    """Write everything, say what came of it, and return whether the scenario's limits are met."""
+    """Write all files of a flight, print its score, return whether the scenario's limits are met.
+
+    Args:
+        flight: is over.
+        folder: where the files go.
+        command: the command line that flies it again.
+        connection: over which MAVLink was spoken, in words.
+        remarks: what the reader has to know.
+        console: where the score is printed.
+    """
     criteria, score = flight.scenario.expect, flight.score()
     write_boxes(folder / "boxes.csv", flight.log.tracks)
     write_setpoints(folder / "setpoints.csv", flight.log.controls)
     write_whole(folder / "settings.yaml", flight.settings.to_yaml())
     run = {
         "scenario": flight.scenario.name,
-        "autopilot": options.autopilot,
+        "autopilot": flight.flavour,
         "seed": flight.seed,
-        "vision": str(options.sight),
+        "vision": str(flight.vision_source),
     }
     write_score(folder, score, criteria, run)
     write_report(
         folder,
         flight.log,
-        _meta(flight, options, remarks),
+        _meta(flight, folder, command, connection, remarks),
         truth=flight.truth,
         goal=flight.goal,
         score=score,
@@ -72,27 +107,30 @@ def report_flight(
 
 
 def _meta(
-    flight: SimulatedFlight, options: SimulationOptions, remarks: tuple[str, ...]
+    flight: SimulatedFlight,
+    folder: Path,
+    command: str,
+    connection: str,
+    remarks: tuple[str, ...],
 ) -> ReportMeta:
-    how = "lockstep" if options.lockstep else "real time"
-    how += f" · {LABEL}" if options.sight is Sight.TRUTH else ""
-    kind = flight.settings.link.kind
-    link = "through memory" if options.lockstep else f"by {kind}, {options.connect}"
+    without_pixels = flight.vision_source is VisionSource.TRUTH
+    how = "lockstep" if flight.lockstep else "real time"
+    how += f" · {LABEL}" if without_pixels else ""
     return ReportMeta(
         title=flight.scenario.title,
-        subtitle=f"{flight.scenario.name} · {options.autopilot} · seed {flight.seed} · {how}",
-        command=options.command,
+        subtitle=f"{flight.scenario.name} · {flight.flavour} · seed {flight.seed} · {how}",
+        command=command,
         settings_yaml=flight.settings.to_yaml(),
         facts=(
             ("Version", version("drone-target-follower")),
             ("Python", sys.version.split()[0]),
-            ("Autopilot", options.autopilot),
-            ("Link", f"MAVLink 2 {link}"),
+            ("Autopilot", flight.flavour),
+            ("Link", f"MAVLink 2 {connection}"),
             ("Link at the end", flight.link_status.line()),
-            ("Vision", NO_PIXELS if options.sight is Sight.TRUTH else flight.settings.tracker),
+            ("Vision", NO_PIXELS if without_pixels else flight.settings.tracker),
             ("Seed", str(flight.seed)),
         ),
         files=FILES,
-        video=VIDEO if options.video else "",
+        video=VIDEO if (folder / VIDEO).exists() else "",
         remarks=remarks,
     )

@@ -1,23 +1,18 @@
 """The two ways to fly a simulated flight: on a simulated clock, and in real time."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from follower.interpreter import few_collections
-from follower.lockstep import Lockstep
-from follower.pace import Pace
-from follower.realtime import RealtimeRun
-from follower.simulated_flight import SimulatedFlight
-from follower_sim.autopilot import run_autopilot
-from follower_sim.camera import SimCamera
-from follower_sim.exposure import Exposure
-from follower_sim.vehicle import STEP_S
+from follower.flight.lockstep import Lockstep, Pacer
+from follower.flight.threads import RealtimeRun, few_collections
+from follower.simulation.flight import SimulatedFlight
+from follower_sim.autopilot.autopilot import run_autopilot
+from follower_sim.camera import Exposure, SimCamera
+from follower_sim.vehicle.vehicle import STEP_S
 from follower_vision.clock import Clock, SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 VISION_DELAY_S = 0.012
 """How long vision is held to take in lockstep, where its own time does not count."""
@@ -38,7 +33,7 @@ def fly_lockstep(
         flight: fresh.
         clock: stands at 0.
         show: is called ten times a simulated second.
-        paced: go no faster than a real clock does, for people who watch.
+        paced: go no faster than a real clock does, for users who watch.
         physics: brings what flies to a time; None is the flight's own autopilot.
     """
     lockstep = Lockstep(clock)
@@ -59,7 +54,7 @@ def fly_lockstep(
     def see(exposure: Exposure) -> None:
         if not flight.vision.is_free:
             return
-        frame = exposure.frame if flight.vision.looks else exposure.unseen
+        frame = exposure.frame if flight.vision.needs_picture else exposure.unseen
         record = flight.vision.step(frame, VISION_DELAY_S)
         lockstep.at(record.done_s, lambda: flight.vision.tracks.put(record))
 
@@ -68,7 +63,7 @@ def fly_lockstep(
     lockstep.every(1 / flight.settings.control_rate_hz, lambda: flight.control.step(clock.now()))
     lockstep.every(SHOW_EVERY_S, show)
     if paced:
-        lockstep.every(PACE_S, Pace(clock).wait)
+        lockstep.every(PACE_S, Pacer(clock).wait)
     with few_collections():
         lockstep.run(lambda: flight.finished)
 

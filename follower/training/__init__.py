@@ -1,1 +1,5 @@
-"""Training of the project's own networks; the only package that imports torch."""
+"""Training of the project's own networks; the only package that imports torch.
+
+Uses: `follower_vision`, `follower_sim`'s renderer.
+Start at: `command`.
+"""

@@ -5,22 +5,126 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Protocol
+from functools import cache, cached_property
+from typing import TypeAlias
 
+import cv2
 import numpy as np
 
-from follower_sim.exposure import Exposure
 from follower_sim.kinematics import BodyState
-from follower_sim.render import Renderer
-from follower_sim.scenario import CameraSettings
-from follower_sim.sensor import Sensor
-from follower_sim.world import World
+from follower_sim.scenario.scenario import SimCameraSettings
+from follower_sim.world.render import Renderer
+from follower_sim.world.world import World
 from follower_vision.clock import Clock
-from follower_vision.frame import Frame, Image
+from follower_vision.images.frame import Frame, Image
+
+Grain: TypeAlias = tuple[int, int]
+"""Row and column of a field of noise."""
+
+Render: TypeAlias = Callable[[float, BodyState, float], Image]
+"""Draws an exposure: its middle in the scenario's time, the vehicle then, its length in seconds."""
+
+_ROOM_PX = 64
+_PERIODS_S = (17.0, 6.3, 2.9)
 
 _SHAKEN_RAD_S = 1.6
 _SHAKEN_EXPOSURE_S = 0.022
+
+
+class Sensor:
+    """Adds a camera's imperfections to rendered images.
+
+    Noise is Gaussian and the same for all brightnesses; it is cut at a random place out of one
+    field made beforehand, which is what makes it fast enough.
+
+    Args:
+        settings: noise, vignetting and drift of the exposure.
+        rng: source of randomness.
+    """
+
+    def __init__(self, settings: SimCameraSettings, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._drift = settings.exposure_drift
+        self._phases = rng.uniform(0, 2 * math.pi, len(_PERIODS_S))
+        self._vignette = _vignette(settings) if settings.vignetting > 0 else None
+        self._noise = _noise(settings, rng) if settings.noise > 0 else None
+
+    def grain(self) -> Grain:
+        """Draw where the next picture's noise is cut out of the field."""
+        row, column = self._rng.integers(_ROOM_PX, size=2)
+        return int(row), int(column)
+
+    def expose(self, image: Image, time_s: float, grain: Grain) -> Image:
+        """Return the image, (H, W, 3) uint8 BGR, as the sensor gives it at a time."""
+        gain = self.gain(time_s)
+        if self._vignette is None:
+            gained = cv2.convertScaleAbs(image, alpha=gain)
+        else:
+            gained = cv2.multiply(image, self._vignette, scale=gain / 255)
+        if self._noise is not None:
+            (row, column), (height, width) = grain, image.shape[:2]
+            part = slice(row, row + height), slice(column, column + width)
+            brighter, darker = self._noise
+            cv2.subtract(cv2.add(gained, brighter[part]), darker[part], dst=gained)
+        return np.asarray(gained, np.uint8)
+
+    def gain(self, time_s: float) -> float:
+        """Return the brightness as the slowly hunting automatic exposure sets it."""
+        waves = [
+            math.sin(2 * math.pi * time_s / period + phase)
+            for period, phase in zip(_PERIODS_S, self._phases, strict=True)
+        ]
+        return 1 + self._drift * sum(waves) / len(waves)
+
+
+def _vignette(settings: SimCameraSettings) -> Image:
+    """Return a factor of 0 to 255 for each pixel and channel."""
+    x = np.linspace(-1, 1, settings.width)[None, :]
+    y = np.linspace(-1, 1, settings.height)[:, None]
+    light = 255 * (1 - settings.vignetting * (x * x + y * y) / 2)
+    return np.repeat(light.round().astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _noise(settings: SimCameraSettings, rng: np.random.Generator) -> tuple[Image, Image]:
+    """Return the positive and the negative part of a field larger than the image."""
+    shape = settings.height + _ROOM_PX, settings.width + _ROOM_PX, 3
+    field = np.round(rng.standard_normal(shape, np.float32) * settings.noise)
+    return np.clip(field, 0, 255).astype(np.uint8), np.clip(-field, 0, 255).astype(np.uint8)
+
+
+class Exposure:
+    """What a camera took at one time; drawing it costs time, so that what nobody looks at is not.
+
+    When it is drawn makes no difference to the picture.
+
+    Args:
+        draw: returns the picture, the same whenever it is called.
+        captured_s: middle of the exposure, on the system's clock.
+        sequence: number of the frame.
+        size: width and height of the picture.
+    """
+
+    def __init__(
+        self, draw: Callable[[], Image], captured_s: float, sequence: int, size: tuple[int, int]
+    ) -> None:
+        self._draw = draw
+        self.captured_s = captured_s
+        self.sequence = sequence
+        self._size = size
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The picture, drawn now if it was not before."""
+        return Frame(self._draw(), self.captured_s, self.sequence)
+
+    @property
+    def unseen(self) -> Frame:
+        """A black frame with its times and size, for those who do not look at pictures."""
+        return Frame(_black(*self._size), self.captured_s, self.sequence)
+
+    def replaced(self, draw: Callable[[], Image]) -> Exposure:
+        """Return one of the same time that shows something else."""
+        return Exposure(draw, self.captured_s, self.sequence, self._size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +145,6 @@ class Delivery:
         return self.exposure.frame
 
 
-class Draws(Protocol):
-    """Draws what a camera sees."""
-
-    def render(self, time_s: float, body: BodyState, exposure_s: float = 0.0) -> Image:
-        """Return the image, (H, W, 3) uint8 BGR, of an exposure."""
-        ...
-
-
 class SimCamera:
     """Takes pictures of a world from a moving vehicle.
 
@@ -59,8 +155,12 @@ class SimCamera:
         world: what there is to see; its scenario has the camera's settings and faults.
         state_at: where the vehicle is at a time on the system's clock.
         start_s: the system's time at which the scenario's time is 0.
-        renderer: to share a renderer between cameras; made from the world if None.
+        render: draws the image, (H, W, 3) uint8 BGR, of an exposure at a time with the vehicle at
+            a pose; None draws the world.
         seed: of the camera's randomness; the world's if None.
+
+    Attributes:
+        rate_hz: frames a second.
     """
 
     def __init__(
@@ -68,15 +168,16 @@ class SimCamera:
         world: World,
         state_at: Callable[[float], BodyState],
         start_s: float = 0.0,
-        renderer: Draws | None = None,
+        render: Render | None = None,
         seed: int | None = None,
     ) -> None:
-        self._settings: CameraSettings = world.scenario.camera
+        self._settings: SimCameraSettings = world.scenario.camera
+        self.rate_hz = self._settings.rate_hz
         self._faults = world.scenario.faults
         self._state_at = state_at
         self._start_s = start_s
         self._scene_time = world.scene_time
-        self._renderer: Draws = renderer or Renderer(world)
+        self._render = render or Renderer(world).render
         root = world.seed if seed is None else seed
         self._timing = np.random.default_rng([root, 11])
         self._shaking = np.random.default_rng([root, 13])
@@ -85,11 +186,6 @@ class SimCamera:
         self._last: Callable[[], Image] | None = None
         self.next_capture_s = start_s
         """Middle of the next exposure, on the system's clock."""
-
-    @property
-    def rate_hz(self) -> float:
-        """Frames a second, dropped ones counted."""
-        return self._settings.rate_hz
 
     def capture(self) -> Delivery | None:
         """Take the picture due at `next_capture_s` and go on to the next one.
@@ -113,7 +209,7 @@ class SimCamera:
     def _schedule_next(self) -> None:
         """Jitter moves single pictures about an even schedule, never one past the next."""
         self._sequence += 1
-        period = 1 / self._settings.rate_hz
+        period = 1 / self.rate_hz
         jitter = float(self._timing.normal(0, self._settings.jitter_s))
         jitter = min(max(jitter, -0.4 * period), 0.4 * period)
         self.next_capture_s = self._start_s + self._sequence * period + jitter
@@ -137,7 +233,7 @@ class SimCamera:
 
         @cache
         def draw() -> Image:
-            image = self._renderer.render(time_s, body, exposure_s)
+            image = self._render(time_s, body, exposure_s)
             return self._sensor.expose(image, time_s, grain)
 
         self._last = draw
@@ -149,7 +245,7 @@ class SimCamera:
         A computer that renders too slowly misses pictures, as it would miss those of a real
         camera; the sequence numbers show it.
         """
-        while self.next_capture_s + 1 / self._settings.rate_hz < clock.now():
+        while self.next_capture_s + 1 / self.rate_hz < clock.now():
             self._schedule_next()
         clock.sleep_until(self.next_capture_s)
         delivery = self.capture()
@@ -164,3 +260,19 @@ def _shaken(body: BodyState, rng: np.random.Generator) -> BodyState:
     angle = float(rng.uniform(0, 2 * math.pi))
     down, right = _SHAKEN_RAD_S * math.cos(angle), _SHAKEN_RAD_S * math.sin(angle)
     return replace(body, rates_rad_s=(body.rates_rad_s[0], right, down))
+
+
+class BlindCamera(SimCamera):
+    """The simulated camera with its rate, latency, jitter and drops, and black pictures."""
+
+    def __init__(self, world: World, state_at: Callable[[float], BodyState]) -> None:
+        black = _black(world.scenario.camera.width, world.scenario.camera.height)
+        super().__init__(world, state_at, render=lambda *_: black)
+        self._black = black
+
+    def _picture(self, *_: object) -> Callable[[], Image]:
+        return lambda: self._black
+
+
+def _black(width: int, height: int) -> Image:
+    return np.broadcast_to(np.zeros((1, 1, 3), np.uint8), (height, width, 3))

@@ -1,4 +1,4 @@
-"""A stand-in for vision: the truth with noise, for studies of control that need no pixels.
+"""A simulated tracker: the truth with noise, for studies of control that need no pixels.
 
 It stands on the simulator's side of the house. What steers gets `Track`s as from any tracker, at
 the camera's times, with the camera's latency, jitter and lost frames.
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from follower_sim.silhouettes import SeenBody
-from follower_sim.stand_in_settings import StandInSettings
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.track import Track, TrackState
+from follower_sim.scenario.scenario import NoisyTrackerSettings
+from follower_sim.world.silhouettes import SeenBody
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track, TrackState
 
 PRODUCER = "truth+noise"
 LABEL = "no pixels: vision from truth + noise"
 _FALSE_CONFIDENCE, _COASTING_CONFIDENCE = 0.6, 0.2
 
 
-class StandIn:
+class NoisyTracker:
     """Answers for frames as a target tracker does, without a look at them.
 
     Args:
@@ -37,7 +37,7 @@ class StandIn:
         self,
         truth_at: Callable[[float], SeenBody],
         size: tuple[int, int],
-        settings: StandInSettings,
+        settings: NoisyTrackerSettings,
         rng: np.random.Generator,
     ) -> None:
         self._truth_at = truth_at
@@ -65,7 +65,7 @@ class StandIn:
             RuntimeError: `start` was not called.
         """
         if self._box is None:
-            raise RuntimeError("the stand-in was not started")
+            raise RuntimeError("the simulated tracker was not started")
         now_s, seen = frame.captured_s, self._seen(frame.captured_s)
         if self._loss is None and seen is None:
             self._loss = _Loss.drawn(now_s, self._settings, self._size, self._rng)
@@ -132,7 +132,7 @@ class _Loss:
     def drawn(
         cls,
         now_s: float,
-        settings: StandInSettings,
+        settings: NoisyTrackerSettings,
         size: tuple[int, int],
         rng: np.random.Generator,
     ) -> _Loss:
@@ -151,7 +151,7 @@ class _Loss:
         elif self.back_s is None:
             self.back_s = now_s
 
-    def is_mistaken(self, now_s: float, settings: StandInSettings) -> bool:
+    def is_mistaken(self, now_s: float, settings: NoisyTrackerSettings) -> bool:
         return self.mistaken_s <= now_s < self.mistaken_s + settings.false_s
 
     def is_recognised(self, now_s: float) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower_control.timeoffset import AngularRates, NoOverlapError, find_offset
+from follower_control.common.clock_offset import AngularRates, NoOverlapError, find_offset
 
 FRAME_S = 1 / 30
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.closing_in import fastest_closing_m_s
+from follower_control.servo.output_blend import fastest_closing_m_s
 
 BELOW = math.radians(-25)
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.coasting import slowed
-from follower_control.setpoint import VelocitySetpoint
+from follower_control.servo.output_blend import slowed
+from follower_control.vehicle.setpoint import VelocitySetpoint
 
 ASKED = VelocitySetpoint(6.0, -2.0, 1.0, 0.5)
 

@@ -8,13 +8,12 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from follower_control.bound import Bound
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.flight_context import FlightContext
-from follower_control.limit import Limit
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.jerk_limiter import Limit, VelocityBound
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 DT = 0.02
 FREE = FlightContext(
@@ -199,6 +198,7 @@ def test_beyond_a_limit_only_the_way_back_is_free(context, asked, allowed, limit
 angles = st.floats(-math.pi, math.pi)
 
 
+@pytest.mark.slow
 @given(angles, angles, angles, angles)
 def test_fence_and_target_together_never_let_more_through_than_either(yaw, place, bearing, way):
     """Outside the fence and next to the target, nothing leads farther out or nearer."""
@@ -290,7 +290,7 @@ def test_nonsense_settings_are_refused(options):
 
 
 def test_a_bound_reports_what_it_takes_away():
-    bound = Bound.towards(0.0, 1.0, Limit.FENCE)
+    bound = VelocityBound.towards(0.0, 1.0, Limit.FENCE)
     assert bound.excess(3 + 2j) == pytest.approx(2.0)
     assert bound.kept(3 + 2j) == pytest.approx(1 + 2j)
     assert bound.share(3 + 2j) == pytest.approx(1 / 3)

@@ -3,13 +3,14 @@
 import math
 
 import hypothesis.strategies as st
+import pytest
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from follower_control.envelope import SHORTEST_S, Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.flight_context import FlightContext
-from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.envelope.envelope import SHORTEST_S, Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 
 SETTINGS = EnvelopeSettings(
     max_speed_m_s=6.0,
@@ -104,4 +105,4 @@ class AnythingGoesIn(RuleBasedStateMachine):
 
 
 AnythingGoesIn.TestCase.settings = hypothesis_settings(max_examples=100, stateful_step_count=30)
-TestAnythingGoesIn = AnythingGoesIn.TestCase
+TestAnythingGoesIn = pytest.mark.slow(AnythingGoesIn.TestCase)

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimate import TargetEstimate
-from follower_control.estimate_trust import TrustSettings, trust_in
-from follower_control.flight_context import FlightContext
-from follower_control.limit import Limit
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, Clearance, LocalPosition, Origin, VehicleState
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.jerk_limiter import Limit
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimator import TrustSettings, trust_in
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, Clearance, LocalPosition, Origin, VehicleState
 
 FREE = EnvelopeSettings(
     min_height_m=None,
@@ -128,7 +128,7 @@ def test_the_largest_speed_falls_with_trust(trust: float | None, most: float) ->
 def estimate(deviation_deg: float, age_s: float) -> TargetEstimate:
     covariance = np.eye(6) * math.radians(deviation_deg) ** 2
     return TargetEstimate(
-        10.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, covariance, 10.0 - age_s, SightFrame.WORLD
+        10.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, covariance, 10.0 - age_s, BearingFrame.WORLD
     )
 
 
@@ -247,6 +247,7 @@ def test_whatever_is_known_what_leaves_is_finite_and_within_speed(asked, values)
         assert allowed.down_m_s <= settings.max_descent_m_s + 1e-6
 
 
+@pytest.mark.slow
 @hypothesis_settings(max_examples=40)
 @given(speeds=st.lists(st.floats(-8, 8), min_size=2, max_size=30), begins=st.floats(0.5, 8))
 def test_nothing_is_left_over_from_the_engagement_before(

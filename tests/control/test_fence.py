@@ -7,7 +7,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import assume, given
 
-from follower_control.fence import Fence
+from follower_control.envelope.fence import Fence
 
 SQUARE = ((0.0, 0.0), (0.0, 40.0), (40.0, 40.0), (40.0, 0.0))
 NOTCHED = ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (0.0, 0.0), (30.0, -30.0))

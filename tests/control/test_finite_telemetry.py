@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 
 import pytest
 
-from follower_control.sound_telemetry import SoundTelemetry
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle.stale_data import FiniteTelemetryFilter
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 ATTITUDE = Attitude(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 5.0)
 POSITION = LocalPosition(1.0, 2.0, -3.0, 0.0, 0.0, 0.0, 5.0)
@@ -16,7 +16,7 @@ SOUND = VehicleState(ATTITUDE, POSITION, "GUIDED", True, True, False, 5.0)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("name", [field.name for field in fields(Attitude)])
 def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) -> None:
-    sound = SoundTelemetry()
+    sound = FiniteTelemetryFilter()
     assert sound.of(SOUND) is SOUND
     attitude = replace(replace(ATTITUDE, time_s=6.0), **{name: bad})
     broken = replace(SOUND, attitude=attitude, heartbeat_s=6.0)
@@ -26,7 +26,7 @@ def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) 
 
 
 def test_a_position_that_is_no_number_is_the_one_before() -> None:
-    sound = SoundTelemetry()
+    sound = FiniteTelemetryFilter()
     sound.of(SOUND)
     newer = replace(ATTITUDE, time_s=6.0)
     broken = replace(SOUND, attitude=newer, position=replace(POSITION, down_m=math.nan))
@@ -35,4 +35,4 @@ def test_a_position_that_is_no_number_is_the_one_before() -> None:
 
 def test_before_the_first_sound_one_there_is_none() -> None:
     broken = replace(SOUND, attitude=replace(ATTITUDE, roll_rad=math.nan))
-    assert SoundTelemetry().of(broken) == replace(SOUND, attitude=None)
+    assert FiniteTelemetryFilter().of(broken) == replace(SOUND, attitude=None)

@@ -6,10 +6,9 @@ from itertools import pairwise
 
 import pytest
 
-from follower_control.overhead import Overhead
-from follower_control.servo_settings import Mode, OverheadYaw, ServoSettings
-from follower_control.sideways import Sideways
-from follower_control.target_motion import TargetMotion
+from follower_control.servo.lateral import LateralControl, OverheadControl
+from follower_control.servo.settings import FollowMode, OverheadYaw, ServoSettings
+from follower_control.target.world_filter import TargetMotion
 
 DT = 0.02
 
@@ -26,8 +25,8 @@ def moving(course_deg: float | None = None) -> TargetMotion:
 
 def circled(settings: ServoSettings, seconds: float, distance_m: float) -> list[complex]:
     """Fly round a target at the origin, obeying at once and keeping the distance; our places."""
-    sideways = Sideways(settings)
-    sideways.start(Mode.ORBIT)
+    sideways = LateralControl(settings)
+    sideways.start(FollowMode.ORBIT)
     place, rate, places, right = complex(-distance_m, 0.0), 0j, [], 0.0
     for _ in range(round(seconds / DT)):
         right = sideways.update(-place, rate, moving(), 0.0, right, DT)
@@ -43,7 +42,7 @@ def circled(settings: ServoSettings, seconds: float, distance_m: float) -> list[
 @pytest.mark.parametrize("rate_deg_s", [12.0, -12.0])
 @pytest.mark.parametrize("distance_m", [8.0, 16.0])
 def test_a_rate_of_going_round_is_kept_at_any_distance(rate_deg_s: float, distance_m: float):
-    settings = ServoSettings(mode=Mode.ORBIT, orbit_deg_s=rate_deg_s, distance_m=distance_m)
+    settings = ServoSettings(mode=FollowMode.ORBIT, orbit_deg_s=rate_deg_s, distance_m=distance_m)
     places = circled(settings, 12.0, distance_m)
     turned = [cmath.phase(after / before) for before, after in pairwise(places[300:])]
     assert math.degrees(sum(turned)) / (DT * len(turned)) == pytest.approx(rate_deg_s, rel=0.02)
@@ -51,13 +50,13 @@ def test_a_rate_of_going_round_is_kept_at_any_distance(rate_deg_s: float, distan
 
 def test_a_speed_of_going_round_is_a_slower_rate_farther_out():
     for distance_m in (8.0, 16.0):
-        settings = ServoSettings(mode=Mode.ORBIT, orbit_m_s=2.0, distance_m=distance_m)
+        settings = ServoSettings(mode=FollowMode.ORBIT, orbit_m_s=2.0, distance_m=distance_m)
         places = circled(settings, 8.0, distance_m)
         assert abs(places[-1] - places[-2]) / DT == pytest.approx(2.0, rel=0.02)
 
 
 def test_a_rate_is_limited_by_the_velocity_across():
-    settings = ServoSettings(mode=Mode.ORBIT, orbit_deg_s=60.0, max_sideways_m_s=3.0)
+    settings = ServoSettings(mode=FollowMode.ORBIT, orbit_deg_s=60.0, max_sideways_m_s=3.0)
     places = circled(settings, 8.0, 15.0)
     assert abs(places[-1] - places[-2]) / DT <= 3.0 + 1e-6
 
@@ -70,13 +69,17 @@ def test_from_above_the_nose_turns_to_the_course_the_shorter_way(
     yaw_deg: float, course_deg: float, turn_deg: float
 ):
     target = moving(course_deg)
-    course = Overhead(ServoSettings(mode=Mode.OVERHEAD, overhead_yaw=OverheadYaw.COURSE))
+    course = OverheadControl(
+        ServoSettings(mode=FollowMode.OVERHEAD, overhead_yaw=OverheadYaw.COURSE)
+    )
     error = course.heading_error(target, math.radians(yaw_deg))
     assert math.degrees(error) == pytest.approx(turn_deg, abs=1e-9)
-    free = Overhead(ServoSettings(mode=Mode.OVERHEAD))
+    free = OverheadControl(ServoSettings(mode=FollowMode.OVERHEAD))
     assert free.heading_error(target, math.radians(yaw_deg)) == 0.0
 
 
 def test_from_above_the_nose_stays_while_the_course_is_not_known():
-    course = Overhead(ServoSettings(mode=Mode.OVERHEAD, overhead_yaw=OverheadYaw.COURSE))
+    course = OverheadControl(
+        ServoSettings(mode=FollowMode.OVERHEAD, overhead_yaw=OverheadYaw.COURSE)
+    )
     assert course.heading_error(moving(), 1.0) == 0.0

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.estimate import TargetEstimate
-from follower_control.gimbal import STILL
-from follower_control.gimbal_history import GimbalHistory
-from follower_control.gimbal_servo import GimbalServo, GimbalSettings
-from follower_control.sighter import Sighter
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, GimbalState
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount, LineOfSight, rotation
-from follower_vision.track import Track, TrackState
+from follower_control.servo.gimbal_servo import GimbalServo, GimbalSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame, BearingObserver
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.gimbal import STILL, GimbalHistory
+from follower_control.vehicle.state import Attitude, GimbalState
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight, rotation
+from follower_vision.trackers.track import Track, TrackState
 
 CAMERA = CameraModel.from_fov(640, 480, math.radians(50))
 MIDDLE = Track(Box(320, 240, 30, 30), TrackState.TRACKING, 1.0, "test", 10.0, 0)
@@ -33,8 +31,10 @@ def sight(gimbal: GimbalState, vehicle: Attitude) -> LineOfSight:
     attitudes, gimbals = AttitudeHistory(), GimbalHistory()
     assert attitudes.add(vehicle)
     assert gimbals.add(gimbal)
-    sighting = Sighter(CAMERA, CameraMount(pitch_rad=-1.0)).sight(MIDDLE, attitudes, gimbals)
-    return sighting.line_of_sight
+    observed = BearingObserver(CAMERA, CameraMount(pitch_rad=-1.0)).observe(
+        MIDDLE, attitudes, gimbals
+    )
+    return observed.line_of_sight
 
 
 @given(yaw=angle, pitch=st.floats(-1.4, 0.4), tilt=st.floats(-0.5, 0.5), heading=angle)
@@ -70,14 +70,16 @@ def test_between_two_times_the_camera_was_between_two_directions() -> None:
 
 def test_without_the_gimbal_s_or_the_vehicle_s_attitude_nothing_is_said() -> None:
     attitudes, gimbals = AttitudeHistory(), GimbalHistory()
-    sighter = Sighter(CAMERA, CameraMount())
+    observer = BearingObserver(CAMERA, CameraMount())
     gimbals.add(GimbalState(attitude()))
-    assert sighter.sight(MIDDLE, attitudes, gimbals) is None
+    assert observer.observe(MIDDLE, attitudes, gimbals) is None
     attitudes.add(attitude())
-    assert sighter.sight(MIDDLE, attitudes, GimbalHistory()) is None
+    assert observer.observe(MIDDLE, attitudes, GimbalHistory()) is None
 
 
-def target(azimuth=0.0, elevation=0.0, rates=(0.0, 0.0), frame=SightFrame.WORLD) -> TargetEstimate:
+def target(
+    azimuth=0.0, elevation=0.0, rates=(0.0, 0.0), frame=BearingFrame.WORLD
+) -> TargetEstimate:
     return TargetEstimate(
         10.0, azimuth, elevation, -2.0, *rates, 0.0, np.eye(6) * 1e-4, 10.0, frame
     )
@@ -111,7 +113,7 @@ def test_it_turns_towards_the_target_and_with_it(estimate, pitch_sign, yaw_sign)
         (target(0.3), None, attitude(), 10.0),
         (target(0.3), LOOKS_NORTH, None, 10.0),
         (target(0.3), LOOKS_NORTH, attitude(), 11.0),
-        (target(0.3, frame=SightFrame.BODY), LOOKS_NORTH, attitude(), 10.0),
+        (target(0.3, frame=BearingFrame.BODY), LOOKS_NORTH, attitude(), 10.0),
     ],
 )
 def test_where_something_is_missing_it_stands_still(estimate, gimbal, vehicle, now_s) -> None:

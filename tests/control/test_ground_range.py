@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.estimate import TargetEstimate
-from follower_control.ground_range import range_to_ground, ranged_by_ground
-from follower_control.sighting import SightFrame
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.ground_range import range_to_ground, ranged_by_ground
+from follower_control.target.observation import BearingFrame
 
 
 @given(st.floats(1.0, 100.0), st.floats(-89.0, -5.1), st.floats(0.0, 1.0))
@@ -49,7 +49,7 @@ def standing_on_the_ground(height: float, away: float, closing: float, climb: fl
         log_scale_rate_s=0.0,
         covariance=np.eye(6),
         last_seen_s=t,
-        frame=SightFrame.WORLD,
+        frame=BearingFrame.WORLD,
     )
 
 

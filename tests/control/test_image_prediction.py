@@ -8,25 +8,24 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.estimator import EstimatorSettings, TargetEstimator
-from follower_control.gimbal_history import GimbalHistory
-from follower_control.moving_target import MovingTarget, place_noise
-from follower_control.outlook import Outlook, prospect
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import ServoSettings
-from follower_control.setpoint import HOLD
-from follower_control.sighter import Sighter
-from follower_control.sighting import SightFrame, Sighting
-from follower_control.vehicle import Attitude, GimbalState, LocalPosition, VehicleState
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount, LineOfSight
-from follower_vision.prospect import has_middle
-from follower_vision.track import Track, TrackState
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import ServoSettings
+from follower_control.target.estimator import EstimatorSettings, TargetEstimator
+from follower_control.target.image_prediction import PredictedRegion, prospect
+from follower_control.target.observation import BearingFrame, BearingObservation, BearingObserver
+from follower_control.target.world_filter import TargetWorldFilter, place_noise
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.gimbal import GimbalHistory
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, GimbalState, LocalPosition, VehicleState
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight
+from follower_vision.trackers.target_tracker import has_middle
+from follower_vision.trackers.track import Track, TrackState
 
 LENS = CameraModel.from_fov(640, 480, math.radians(80), (-0.06, 0.01, 0.0, 0.0, 0.0))
-SIGHTER = Sighter(LENS, CameraMount(pitch_rad=math.radians(-15)), latency_s=0.1)
+OBSERVER = BearingObserver(LENS, CameraMount(pitch_rad=math.radians(-15)), latency_s=0.1)
 
 
 def known(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> AttitudeHistory:
@@ -46,9 +45,9 @@ def known(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> AttitudeHi
 def test_what_was_sighted_at_a_pixel_is_expected_there(x, y, roll, pitch, yaw, distance_m):
     attitudes = known(roll, pitch, yaw)
     track = Track(Box(x, y, 8, 8), TrackState.TRACKING, 1.0, "test", 10.0, 0)
-    sighting = SIGHTER.sight(track, attitudes)
-    place = distance_m * sighting.line_of_sight.vector
-    np.testing.assert_allclose(SIGHTER.image_of(place[None], 10.0, attitudes), [[x, y]], atol=1e-3)
+    observed = OBSERVER.observe(track, attitudes)
+    place = distance_m * observed.line_of_sight.vector
+    np.testing.assert_allclose(OBSERVER.image_of(place[None], 10.0, attitudes), [[x, y]], atol=1e-3)
 
 
 def test_a_gimbal_s_camera_counts_where_there_is_one():
@@ -56,13 +55,16 @@ def test_a_gimbal_s_camera_counts_where_there_is_one():
     level = Attitude(0, math.radians(-40), 0.5, 0, 0, 0, 9.9)
     gimbal.add(GimbalState(level, is_level=True, from_north=True))
     away = 10 * np.array([[math.cos(0.5), math.sin(0.5), math.tan(math.radians(40))]])
-    seen = SIGHTER.image_of(away, 10.0, known(roll=0.3, pitch=-0.2, yaw=2.0), gimbal)
+    seen = OBSERVER.image_of(away, 10.0, known(roll=0.3, pitch=-0.2, yaw=2.0), gimbal)
     np.testing.assert_allclose(seen, [[320, 240]], atol=1.0)
-    assert SIGHTER.image_of(away, 10.0, known(), GimbalHistory()) is None
+    assert OBSERVER.image_of(away, 10.0, known(), GimbalHistory()) is None
 
 
 def test_without_an_attitude_nothing_is_foreseen():
-    assert prospect(Outlook(np.array([10.0, 0, 3]), 1, 2), SIGHTER, 10.0, AttitudeHistory()) is None
+    assert (
+        prospect(PredictedRegion(np.array([10.0, 0, 3]), 1, 2), OBSERVER, 10.0, AttitudeHistory())
+        is None
+    )
 
 
 @given(
@@ -75,19 +77,21 @@ def test_without_an_attitude_nothing_is_foreseen():
 )
 def test_wherever_it_can_have_gone_is_in_the_region(ahead, right, down, reach, angle, share):
     """Whatever way a target on the ground took, its image is where it can be."""
-    outlook = Outlook(np.array([ahead, right, down]), reach / 2, reach)
-    seen = prospect(outlook, SIGHTER, 10.0, known())
+    outlook = PredictedRegion(np.array([ahead, right, down]), reach / 2, reach)
+    seen = prospect(outlook, OBSERVER, 10.0, known())
     gone = outlook.away_m + share * reach * np.array([math.cos(angle), math.sin(angle), 0.0])
     assume(gone[0] > 0.5 * np.linalg.norm(gone))
     assume(np.hypot(*gone[:2]) > 0.5 * np.hypot(ahead, right))
-    (x, y), *_ = SIGHTER.image_of(gone[None], 10.0, known()).tolist()
+    (x, y), *_ = OBSERVER.image_of(gone[None], 10.0, known()).tolist()
     # What lies crosswise reaches further than along or across alone, at the corners of the region.
     assert has_middle(seen.possible, Box(x, y, 1, 1), 0.05 * LENS.fx)
 
 
 @given(likely=st.floats(0, 5), more=st.floats(0, 10), ahead=st.floats(5, 40))
 def test_what_is_likely_is_possible(likely, more, ahead):
-    seen = prospect(Outlook(np.array([ahead, 2, 5]), likely, likely + more), SIGHTER, 10.0, known())
+    seen = prospect(
+        PredictedRegion(np.array([ahead, 2, 5]), likely, likely + more), OBSERVER, 10.0, known()
+    )
     assert has_middle(seen.likely, Box(seen.cx, seen.cy, 1, 1))
     # Farther than an image's side outside of it straight lines mean nothing any more.
     size = np.array([LENS.width, LENS.height])
@@ -101,7 +105,7 @@ def test_what_is_likely_is_possible(likely, more, ahead):
 
 @pytest.mark.parametrize("ahead", [0.0, -12.0])
 def test_a_target_that_left_to_the_right_is_expected_right_of_the_image(ahead):
-    seen = prospect(Outlook(np.array([ahead, 12.0, 4]), 1, 2), SIGHTER, 10.0, known())
+    seen = prospect(PredictedRegion(np.array([ahead, 12.0, 4]), 1, 2), OBSERVER, 10.0, known())
     assert seen.possible.left > LENS.width
     assert math.isfinite(seen.cx)
     assert math.isfinite(seen.cy)
@@ -115,15 +119,15 @@ def test_a_camera_that_is_a_little_later_than_said_loses_no_target_in_a_turn(lat
     said.add(Attitude(0, 0, 0.0, 0, 0, turn, 9.9))
     true.add(Attitude(0, 0, turn * late_s, 0, 0, turn, 9.9))
     away = np.array([14.0, 1.0, 5.0])
-    seen = prospect(Outlook(away, 0.0, 0.0), SIGHTER, 10.0, said)
-    (x, y), *_ = SIGHTER.image_of(away[None], 10.0, true).tolist()
+    seen = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, said)
+    (x, y), *_ = OBSERVER.image_of(away[None], 10.0, true).tolist()
     assert has_middle(seen.likely, Box(x, y, 1, 1), 1.0)
-    still = prospect(Outlook(away, 0.0, 0.0), SIGHTER, 10.0, known())
+    still = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, known())
     assert not has_middle(still.likely, Box(x, y, 1, 1), 1.0)
 
 
 def test_a_target_right_below_is_expected_below_the_image():
-    seen = prospect(Outlook(np.array([0.0, 0.0, 8.0]), 1, 2), SIGHTER, 10.0, known())
+    seen = prospect(PredictedRegion(np.array([0.0, 0.0, 8.0]), 1, 2), OBSERVER, 10.0, known())
     assert seen.cy > LENS.height
 
 
@@ -135,13 +139,15 @@ def test_a_target_right_below_is_expected_below_the_image():
 )
 @example(away=[0.0, 0.0, 0.0], likely=0.0, more=0.0, yaw=0.0)
 def test_wherever_it_is_the_region_is_finite_and_around_it(away, likely, more, yaw):
-    seen = prospect(Outlook(np.array(away), likely, likely + more), SIGHTER, 10.0, known(yaw=yaw))
+    seen = prospect(
+        PredictedRegion(np.array(away), likely, likely + more), OBSERVER, 10.0, known(yaw=yaw)
+    )
     assert all(map(math.isfinite, (seen.cx, seen.cy, *seen.likely.xywh, *seen.possible.xywh)))
     assert has_middle(seen.likely, Box(seen.cx, seen.cy, 1, 1), 1e-3)
 
 
 def test_the_reach_grows_by_what_a_manoeuvre_makes_of_the_time():
-    target = MovingTarget(1.0)
+    target = TargetWorldFilter(1.0)
     noise = place_noise(np.array([1.0, 0, 0]), 0.4, 0.1)
     for number in range(60):
         target.observe(np.array([15.0, 0.1 * number, 0]), noise, number / 30)
@@ -158,9 +164,9 @@ def test_the_reach_grows_by_what_a_manoeuvre_makes_of_the_time():
     assert 0.05 < spread[0] < 0.4
 
 
-def _walked(ways: list[tuple[float, np.ndarray]]) -> MovingTarget:
+def _walked(ways: list[tuple[float, np.ndarray]]) -> TargetWorldFilter:
     """Return a target that was seen at 20 Hz, going for so long with each velocity in turn."""
-    target, place, time_s = MovingTarget(1.0), np.array([15.0, 0.0, 0.0]), 0.0
+    target, place, time_s = TargetWorldFilter(1.0), np.array([15.0, 0.0, 0.0]), 0.0
     noise = place_noise(np.array([1.0, 0, 0]), 0.2, 0.1)
     for duration_s, velocity in ways:
         for _ in range(round(duration_s / 0.05)):
@@ -197,17 +203,19 @@ def test_it_is_remembered_every_now_and_then_for_four_seconds_and_asking_changes
 
 
 def test_a_forecast_is_where_its_place_is_seen_and_dated_by_the_frames_clock():
-    earlier = [Outlook(np.array([14.0, share, 4.0]), 1.0, 3.0, 8.5, 1.2) for share in (-4.0, 3.0)]
-    now = Outlook(np.array([14.0, 0.0, 4.0]), 0.5, 1.0)
-    seen = prospect(now, SIGHTER, 10.0, known(), earlier=earlier)
-    alone = prospect(now, SIGHTER, 10.0, known())
+    earlier = [
+        PredictedRegion(np.array([14.0, share, 4.0]), 1.0, 3.0, 8.5, 1.2) for share in (-4.0, 3.0)
+    ]
+    now = PredictedRegion(np.array([14.0, 0.0, 4.0]), 0.5, 1.0)
+    seen = prospect(now, OBSERVER, 10.0, known(), earlier=earlier)
+    alone = prospect(now, OBSERVER, 10.0, known())
     assert (seen.cx, seen.cy, seen.likely, seen.possible) == (
         alone.cx,
         alone.cy,
         alone.likely,
         alone.possible,
     )
-    places = SIGHTER.image_of(np.array([one.away_m for one in earlier]), 10.0, known())
+    places = OBSERVER.image_of(np.array([one.away_m for one in earlier]), 10.0, known())
     for one, (x, y) in zip(seen.earlier, places.tolist(), strict=True):
         assert (one.cx, one.cy) == pytest.approx((x, y))
         assert has_middle(one.likely, Box(x, y, 1, 1))
@@ -226,13 +234,13 @@ def test_a_target_that_is_flown_up_to_looks_nearer_than_before():
         away = np.array([25.0 - north_m, 0.0, 5.0])
         range_m = float(np.linalg.norm(away))
         sight = LineOfSight(0.0, -math.asin(5.0 / range_m))
-        world = SightFrame.WORLD
-        estimator.observe(Sighting(sight, math.log(1.0 / range_m), now_s, world, False))
+        world = BearingFrame.WORLD
+        estimator.observe(BearingObservation(sight, math.log(1.0 / range_m), now_s, world, False))
         attitude = Attitude(0, 0, 0, 0, 0, 0, now_s)
         position = LocalPosition(north_m, 0, -5, 2.5, 0, 0, now_s)
         estimate = estimator.estimate(now_s)
         servo.update(estimate, VehicleState(attitude, position, "OFFBOARD", True, True), HOLD)
-    then = servo.earlier_outlooks(now_s)
+    then = servo.pursuit.earlier_predictions(now_s)
     assert len(then) >= 5
     for one in then:
         was_m = math.hypot(25.0 - 2.5 * one.seen_s, 5.0)

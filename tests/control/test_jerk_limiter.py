@@ -6,7 +6,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import example, given
 
-from follower_control.jerklimit import JerkLimit
+from follower_control.envelope.jerk_limiter import JerkLimit
 
 TOP, ACCELERATION, JERK = 8.0, 3.0, 10.0
 inside = st.builds(

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimate import TargetEstimate
-from follower_control.flight_context import FlightContext
-from follower_control.pid import Pid, PidSettings
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import Mode, ServoSettings
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.pid import Pid, PidSettings
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 DT = 0.02
 SIZE, DISTANCE = 1.5, 15.0
@@ -85,7 +85,7 @@ def seen(now_s: float) -> TargetEstimate:
         log_scale_rate_s=-0.02,
         covariance=np.eye(6),
         last_seen_s=now_s,
-        frame=SightFrame.WORLD,
+        frame=BearingFrame.WORLD,
     )
 
 
@@ -128,9 +128,11 @@ CHANGES = [
 ]
 
 
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("mode", list(FollowMode))
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: next(iter(change)))
-def test_no_setting_makes_a_step_in_the_setpoint(mode: Mode, change: dict[str, object]) -> None:
+def test_no_setting_makes_a_step_in_the_setpoint(
+    mode: FollowMode, change: dict[str, object]
+) -> None:
     began = ServoSettings(target_size_m=SIZE, distance_m=DISTANCE, mode=mode)
     pursuit = Pursuit(began)
     pursuit.fly(100)
@@ -172,6 +174,7 @@ BEGAN = EnvelopeSettings(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     st.floats(0.5, 9.0),

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.sighter import Sighter
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount, LineOfSight, rotation
-from follower_vision.track import Track, TrackState
+from follower_control.target.observation import BearingFrame, BearingObserver
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.state import Attitude
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight, rotation
+from follower_vision.trackers.track import Track, TrackState
 
 CAMERA = CameraModel.from_fov(640, 480, math.radians(70))
 DISTORTED = CameraModel.from_fov(640, 480, math.radians(70), (-0.25, 0.07, 0.001, -0.001, 0.0))
@@ -32,16 +31,18 @@ def known(roll=0.0, pitch=0.0, yaw=0.0, time_s=10.0) -> AttitudeHistory:
 
 
 def test_right_of_the_centre_is_positive_azimuth_and_above_is_positive_elevation():
-    sighting = Sighter(CAMERA, CameraMount()).sight(track(Box(420, 100, 30, 30)), known())
-    assert sighting.line_of_sight.azimuth_rad > 0.1
-    assert sighting.line_of_sight.elevation_rad > 0.1
+    observed = BearingObserver(CAMERA, CameraMount()).observe(track(Box(420, 100, 30, 30)), known())
+    assert observed.line_of_sight.azimuth_rad > 0.1
+    assert observed.line_of_sight.elevation_rad > 0.1
 
 
 def test_heading_is_added_and_the_mount_s_pitch_lowers_the_centre():
-    sighting = Sighter(CAMERA, DOWN_20).sight(track(Box(320, 240, 30, 30)), known(yaw=2.0))
-    assert sighting.frame is SightFrame.WORLD
-    assert sighting.line_of_sight.azimuth_rad == pytest.approx(2.0)
-    assert sighting.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
+    observed = BearingObserver(CAMERA, DOWN_20).observe(
+        track(Box(320, 240, 30, 30)), known(yaw=2.0)
+    )
+    assert observed.frame is BearingFrame.WORLD
+    assert observed.line_of_sight.azimuth_rad == pytest.approx(2.0)
+    assert observed.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
 
 
 @given(
@@ -57,32 +58,34 @@ def test_tilting_does_not_move_a_target_in_the_world(azimuth, elevation, roll, p
     (x, y), *_ = DISTORTED.pixels([turn.T @ target.vector])
     assume(30 < x < 610 and 30 < y < 450)
     history = known(roll, pitch, azimuth + off)
-    sighting = Sighter(DISTORTED, DOWN_20).sight(track(Box(x, y, 8, 8)), history)
-    np.testing.assert_allclose(sighting.line_of_sight.vector, target.vector, atol=1e-6)
+    observed = BearingObserver(DISTORTED, DOWN_20).observe(track(Box(x, y, 8, 8)), history)
+    np.testing.assert_allclose(observed.line_of_sight.vector, target.vector, atol=1e-6)
 
 
 def test_the_attitude_is_the_one_at_the_exposure_not_the_present_one():
     history = AttitudeHistory()
     for i in range(50):
         history.add(Attitude(0, 0, 0.02 * i, 0, 0, 1.0, 0.02 * i))
-    sighting = Sighter(CAMERA, CameraMount(), latency_s=0.1).sight(
+    observed = BearingObserver(CAMERA, CameraMount(), latency_s=0.1).observe(
         track(Box(320, 240, 20, 20), captured_s=0.5), history
     )
-    assert sighting.time_s == pytest.approx(0.4)
-    assert sighting.line_of_sight.azimuth_rad == pytest.approx(0.4)
+    assert observed.time_s == pytest.approx(0.4)
+    assert observed.line_of_sight.azimuth_rad == pytest.approx(0.4)
 
 
 def test_without_telemetry_the_direction_is_the_body_s():
-    sighting = Sighter(CAMERA, DOWN_20).sight(track(Box(320, 240, 20, 20)), AttitudeHistory())
-    assert sighting.frame is SightFrame.BODY
-    assert sighting.line_of_sight.azimuth_rad == pytest.approx(0)
-    assert sighting.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
+    observed = BearingObserver(CAMERA, DOWN_20).observe(
+        track(Box(320, 240, 20, 20)), AttitudeHistory()
+    )
+    assert observed.frame is BearingFrame.BODY
+    assert observed.line_of_sight.azimuth_rad == pytest.approx(0)
+    assert observed.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
 
 
 @pytest.mark.parametrize("time_s", [5.0, 15.0])
 def test_with_telemetry_but_no_attitude_for_that_time_there_is_no_sighting(time_s):
     box = Box(320, 240, 20, 20)
-    assert Sighter(CAMERA, DOWN_20).sight(track(box), known(time_s=time_s)) is None
+    assert BearingObserver(CAMERA, DOWN_20).observe(track(box), known(time_s=time_s)) is None
 
 
 @pytest.mark.parametrize("camera", [CAMERA, DISTORTED], ids=["pinhole", "distorted"])
@@ -102,14 +105,14 @@ def test_the_scale_is_the_angle_wherever_in_the_image(camera, azimuth, elevation
     left, right = pixel(-half, 0), pixel(half, 0)
     top, bottom = pixel(0, half), pixel(0, -half)
     box = Box.from_xywh(left[0], top[1], right[0] - left[0], bottom[1] - top[1])
-    sighting = Sighter(camera, CameraMount()).sight(track(box), AttitudeHistory())
-    assert math.exp(sighting.log_scale) == pytest.approx(size, rel=0.06)
+    observed = BearingObserver(camera, CameraMount()).observe(track(box), AttitudeHistory())
+    assert math.exp(observed.log_scale) == pytest.approx(size, rel=0.06)
 
 
 def test_half_the_distance_is_log_two_more_scale():
-    sighter = Sighter(CAMERA, CameraMount())
-    near = sighter.sight(track(Box(320, 240, 40, 20)), AttitudeHistory())
-    far = sighter.sight(track(Box(320, 240, 20, 10)), AttitudeHistory())
+    observer = BearingObserver(CAMERA, CameraMount())
+    near = observer.observe(track(Box(320, 240, 40, 20)), AttitudeHistory())
+    far = observer.observe(track(Box(320, 240, 20, 10)), AttitudeHistory())
     assert near.log_scale - far.log_scale == pytest.approx(math.log(2), abs=0.002)
 
 
@@ -125,14 +128,17 @@ def test_half_the_distance_is_log_two_more_scale():
     ids=["inside", "left", "right", "top", "bottom"],
 )
 def test_a_box_over_the_border_is_marked(box, is_cut):
-    assert Sighter(CAMERA, CameraMount()).sight(track(box), known()).is_cut is is_cut
+    assert BearingObserver(CAMERA, CameraMount()).observe(track(box), known()).is_cut is is_cut
 
 
 def test_a_time_that_is_not_finite_gives_no_sighting():
     box = Box(320, 240, 20, 20)
-    assert Sighter(CAMERA, CameraMount()).sight(track(box, math.nan), AttitudeHistory()) is None
+    assert (
+        BearingObserver(CAMERA, CameraMount()).observe(track(box, math.nan), AttitudeHistory())
+        is None
+    )
 
 
 def test_a_latency_that_is_not_finite_is_refused():
     with pytest.raises(ValueError, match="latency"):
-        Sighter(CAMERA, CameraMount(), math.nan)
+        BearingObserver(CAMERA, CameraMount(), math.nan)

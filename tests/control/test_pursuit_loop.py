@@ -14,16 +14,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimator import TargetEstimator
-from follower_control.flight_context import FlightContext
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import Mode, ServoSettings
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame, Sighting, to_sight
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_vision.lineofsight import LineOfSight, wrap_angle
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.target.estimator import TargetEstimator
+from follower_control.target.observation import BearingFrame, BearingObservation, to_line_of_sight
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 
 SIZE, DISTANCE, PITCH = 1.8, 15.0, math.radians(-20)
 STEP, CONTROL_EVERY, SIGHT_EVERY, DELAY = 0.01, 2, 3, 0.1
@@ -133,7 +133,7 @@ def fly(
     seconds: float,
     servo_settings: ServoSettings | None = None,
     telemetry: bool = True,
-    changes: dict[float, Mode] | None = None,
+    changes: dict[float, FollowMode] | None = None,
 ) -> Flight:
     """Fly and measure; `changes` says at which times the mode changes, and to which one."""
     rng = np.random.default_rng(0)
@@ -150,14 +150,16 @@ def fly(
         distance = math.hypot(*relative, up - vehicle.height)
         away = np.array([*relative, vehicle.height - up])
         sight = LineOfSight.from_vector(away)
-        down = SightFrame.DOWN if servo.mode is Mode.OVERHEAD else SightFrame.WORLD
+        down = BearingFrame.DOWN if servo.mode is FollowMode.OVERHEAD else BearingFrame.WORLD
         if tick % SIGHT_EVERY == 0:
             noise = rng.normal(0, (0.005, 0.005, 0.03))
-            true = to_sight(away, down)
+            true = to_line_of_sight(away, down)
             noisy = LineOfSight(
                 wrap_angle(true.azimuth_rad + noise[0]), true.elevation_rad + noise[1]
             )
-            seen.append(Sighting(noisy, math.log(SIZE / distance) + noise[2], now_s, down))
+            seen.append(
+                BearingObservation(noisy, math.log(SIZE / distance) + noise[2], now_s, down)
+            )
         if tick % CONTROL_EVERY:
             continue
         while seen and seen[0].time_s <= now_s - DELAY:
@@ -177,7 +179,7 @@ def fly(
             target_bearing_rad=errors.azimuth_rad,
             target_speed_m_s=errors.target_speed_m_s,
         )
-        if servo.mode is Mode.OVERHEAD:
+        if servo.mode is FollowMode.OVERHEAD:
             context = replace(context, target_range_m=100.0)
         allowed = envelope.limit(asked, now_s, context).allowed
         vehicle.sent.append((now_s, allowed))
@@ -236,6 +238,7 @@ def test_it_turns_to_the_target_before_it_closes_in(vehicle, bearing_deg):
     assert np.abs(flight.of("range", 14) / DISTANCE - 1).max() < 0.15
 
 
+@pytest.mark.slow
 @vehicles
 @pytest.mark.parametrize(("speed", "median"), [(5.0, 0.12), (8.0, 0.3)])
 def test_a_car_is_followed_at_its_distance_and_through_its_stop(vehicle, speed, median):
@@ -279,15 +282,16 @@ def test_an_unknown_target_is_kept_at_the_size_it_had(vehicle):
     assert np.abs(flight.of("range", 36) / held - 1).max() < 0.15
 
 
-def modal(mode: Mode, **others: object) -> ServoSettings:
+def modal(mode: FollowMode, **others: object) -> ServoSettings:
     return ServoSettings(mode=mode, target_size_m=SIZE, distance_m=DISTANCE, **others)
 
 
+@pytest.mark.slow
 @vehicles
 @pytest.mark.parametrize("side_deg", [90, -120])
 def test_beside_a_car_it_takes_its_side_and_stays_there(vehicle, side_deg):
     """The car drives north, so that the bearing from it is the side itself."""
-    settings = modal(Mode.SIDE, side_deg=side_deg)
+    settings = modal(FollowMode.SIDE, side_deg=side_deg)
     flight = fly(vehicle(), drive(4.0, 3.0, 60.0), 30, servo_settings=settings)
     off = (flight.of("bearing_deg", 20) - side_deg + 180) % 360 - 180
     assert np.abs(off).max() < 8
@@ -295,10 +299,11 @@ def test_beside_a_car_it_takes_its_side_and_stays_there(vehicle, side_deg):
     assert np.abs(flight.of("azimuth_deg", 3)).max() < 8
 
 
+@pytest.mark.slow
 @vehicles
 @pytest.mark.parametrize("speed", [3.0, -3.0])
 def test_it_circles_a_standing_target_at_its_speed_and_distance(vehicle, speed):
-    settings = modal(Mode.ORBIT, orbit_m_s=speed, hold_height=True)
+    settings = modal(FollowMode.ORBIT, orbit_m_s=speed, hold_height=True)
     flight = fly(vehicle(), standing(15.0), 40, servo_settings=settings)
     rate = np.degrees(np.gradient(np.unwrap(np.radians(flight.bearing_deg)), flight.time))
     wanted = math.degrees(speed / math.sqrt(DISTANCE**2 - 36))
@@ -310,7 +315,7 @@ def test_it_circles_a_standing_target_at_its_speed_and_distance(vehicle, speed):
 @vehicles
 def test_above_a_car_it_stays_above(vehicle):
     start = vehicle(height=12.0)
-    flight = fly(start, drive(4.0, 8.0, 60.0), 30, servo_settings=modal(Mode.OVERHEAD))
+    flight = fly(start, drive(4.0, 8.0, 60.0), 30, servo_settings=modal(FollowMode.OVERHEAD))
     assert flight.of("beside", 18).max() < 1.5
     assert np.abs(flight.of("height", 18) / DISTANCE - 1).max() < 0.15
 
@@ -318,9 +323,15 @@ def test_above_a_car_it_stays_above(vehicle):
 @vehicles
 def test_a_change_of_mode_in_flight_begins_with_the_setpoint_that_was_flown(vehicle):
     """The law's answer may go anywhere from there, but not at once."""
-    modes = (Mode.ORBIT, Mode.WATCH, Mode.SIDE, Mode.OVERHEAD, Mode.CHASE)
+    modes = (
+        FollowMode.ORBIT,
+        FollowMode.WATCH,
+        FollowMode.SIDE,
+        FollowMode.OVERHEAD,
+        FollowMode.CHASE,
+    )
     changes = {9.0 + 1.5 * i: mode for i, mode in enumerate(modes)}
-    flight = fly(vehicle(), drive(5.0), 17, servo_settings=modal(Mode.CHASE), changes=changes)
+    flight = fly(vehicle(), drive(5.0), 17, servo_settings=modal(FollowMode.CHASE), changes=changes)
     for time_s in changes:
         now = next(i for i, time in enumerate(flight.time) if time >= time_s)
         a, b = flight.flown[now - 1], flight.asked[now]

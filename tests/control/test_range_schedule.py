@@ -8,19 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimate import TargetEstimate
-from follower_control.estimator import EstimatorSettings
-from follower_control.nudge import Nudge
-from follower_control.pid import Pid, PidSettings
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import ServoSettings
-from follower_control.setpoint import HOLD
-from follower_control.sighting import SightFrame
-from follower_control.tuning.axes import Axis, Follower, axis_loop
-from follower_control.tuning.conditions import Conditions
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.output_blend import StickOffset
+from follower_control.servo.pid import Pid, PidSettings
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import ServoSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimator import EstimatorSettings
+from follower_control.target.observation import BearingFrame
+from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
+from follower_control.tuning.axis_loop import Conditions
 from follower_control.tuning.response_model import ResponseModel, VehicleModel
-from follower_control.vehicle import VehicleState
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import VehicleState
 
 ANSWER = ResponseModel(1.0, 0.2, 0.4)
 VEHICLE = VehicleModel(ANSWER, ANSWER, ANSWER, ANSWER)
@@ -29,7 +29,7 @@ STEP_S = 0.02
 
 def loop_at(range_m: float, schedule: bool):
     servo = ServoSettings(distance_m=16.0, schedule_range=schedule)
-    follower = Follower(servo, EstimatorSettings(), EnvelopeSettings())
+    follower = LoopSettings(servo, EstimatorSettings(), EnvelopeSettings())
     return axis_loop(Axis.RANGE, servo.range, VEHICLE, follower, Conditions(range_m=range_m))
 
 
@@ -48,15 +48,15 @@ def test_with_it_the_loop_is_about_as_robust_at_every_distance(range_m: float) -
 
 def estimate(now_s: float, range_m: float) -> TargetEstimate:
     return TargetEstimate(
-        now_s, 0.0, 0.0, math.log(2.0 / range_m), 0, 0, 0, np.eye(6), now_s, SightFrame.BODY
+        now_s, 0.0, 0.0, math.log(2.0 / range_m), 0, 0, 0, np.eye(6), now_s, BearingFrame.BODY
     )
 
 
-def flown(servo: VisualServo, ranges_m: list[float], nudges: dict[int, Nudge]) -> list[float]:
+def flown(servo: VisualServo, ranges_m: list[float], nudges: dict[int, StickOffset]) -> list[float]:
     asked, allowed = [], HOLD
     for i, range_m in enumerate(ranges_m):
         if i in nudges:
-            servo.nudge(nudges[i])
+            servo.set_offset(nudges[i])
         allowed = servo.update(estimate(i * STEP_S, range_m), VehicleState(), allowed)
         asked.append(allowed.forward_m_s)
     return asked
@@ -75,13 +75,13 @@ def test_a_nudge_near_changes_the_setpoint_without_a_step() -> None:
     settings = ServoSettings(target_size_m=2.0, distance_m=16.0)
     # The distance goes from 16 m to 4 m at 2 m/s, and the vehicle with it, half a metre behind.
     ranges = [max(16.5 - max(0.0, i * STEP_S - 1.0) * 2.0, 4.1) for i in range(500)]
-    asked = flown(VisualServo(settings), ranges, {50: Nudge(distance_m=-12.0)})
+    asked = flown(VisualServo(settings), ranges, {50: StickOffset(distance_m=-12.0)})
     assert np.abs(np.diff(asked[2:])).max() < 0.15
 
 
 def test_at_a_nudged_distance_the_same_error_in_metres_asks_for_about_the_same() -> None:
     asked = []
-    for distance_m, nudge in ((16.0, Nudge(distance_m=-12.0)), (16.0, Nudge())):
+    for distance_m, nudge in ((16.0, StickOffset(distance_m=-12.0)), (16.0, StickOffset())):
         gains = PidSettings(kp=0.5, kd=0.3)  # an integral remembers the way there
         servo = VisualServo(ServoSettings(target_size_m=2.0, distance_m=distance_m, range=gains))
         wanted = distance_m + nudge.distance_m

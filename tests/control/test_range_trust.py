@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimate import TargetEstimate
-from follower_control.flight_context import FlightContext
-from follower_control.pursuit_sight import SIZE_ERROR
-from follower_control.servo import VisualServo
-from follower_control.servo_errors import ServoErrors
-from follower_control.servo_settings import RangeFrom, ServoSettings
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.pursuit_state import SIZE_ERROR, ServoErrors
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 DT, HEIGHT, RANGE = 0.02, 6.0, 12.0
 KEEP_OUT = EnvelopeSettings().min_distance_m or 0.0
@@ -33,7 +32,7 @@ def errors(range_from: RangeFrom, unseen_s: float = 0.0, placed: bool = True) ->
         now_s = i * DT
         seen = TargetEstimate(
             now_s, 0.0, -math.asin(HEIGHT / RANGE), -math.log(RANGE), 0, 0, 0,
-            np.eye(6) * 1e-4, min(now_s, 3.0), SightFrame.WORLD,
+            np.eye(6) * 1e-4, min(now_s, 3.0), BearingFrame.WORLD,
         )  # fmt: skip
         vehicle = VehicleState(
             attitude=Attitude(0, 0, 0, 0, 0, 0, now_s),
@@ -70,6 +69,7 @@ def test_the_least_range_is_not_negative() -> None:
     assert replace(found, range_deviation_m=99.0).least_range_m == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     speed=st.floats(0.0, 8.0),
@@ -108,7 +108,7 @@ def test_where_the_ground_says_nothing_the_size_that_fitted_before_counts() -> N
         now_s, elevation = i * DT, -30.0 if i < 100 else -4.0
         seen = TargetEstimate(
             now_s, 0.0, math.radians(elevation), math.log(0.9 / 6.0), 0, 0, 0,
-            np.eye(6) * 1e-4, now_s, SightFrame.WORLD,
+            np.eye(6) * 1e-4, now_s, BearingFrame.WORLD,
         )  # fmt: skip
         vehicle = VehicleState(
             attitude=Attitude(0, 0, 0, 0, 0, 0, now_s),
@@ -128,7 +128,7 @@ def test_by_the_ground_it_sinks_with_the_speed_that_was_sent_until_that_is_in_va
             now_s = i * DT
             seen = TargetEstimate(
                 now_s, 0.0, -math.asin(HEIGHT / RANGE), -math.log(RANGE), 0, 0, 0,
-                np.eye(6) * 1e-4, now_s, SightFrame.WORLD,
+                np.eye(6) * 1e-4, now_s, BearingFrame.WORLD,
             )  # fmt: skip
             vehicle = VehicleState(
                 attitude=Attitude(0, 0, 0, 0, 0, 0, now_s),

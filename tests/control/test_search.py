@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from follower_control.estimate import TargetEstimate
-from follower_control.search import Search, SearchSettings
-from follower_control.setpoint import HOLD
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.servo.search import Search, SearchSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 STEP_S = 0.05
 
 
 def estimate(
-    azimuth_deg: float, rate_deg_s: float = 0.0, frame: SightFrame = SightFrame.WORLD
+    azimuth_deg: float, rate_deg_s: float = 0.0, frame: BearingFrame = BearingFrame.WORLD
 ) -> TargetEstimate:
     return TargetEstimate(
         time_s=0.0,
@@ -173,7 +173,7 @@ def test_by_itself_it_keeps_its_height() -> None:
 
 def test_what_is_not_known_is_not_moved_by() -> None:
     table = Turntable(0.0, climb_m=4.0)
-    for last in (None, estimate(30.0, frame=SightFrame.BODY)):
+    for last in (None, estimate(30.0, frame=BearingFrame.BODY)):
         table.search.start(last, replace(table.vehicle, position=None))
         assert table.search.update(table.vehicle, 0.0) == HOLD
     table.search.start(estimate(30.0), table.vehicle)

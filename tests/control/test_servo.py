@@ -7,16 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from follower_control.estimate import TargetEstimate
-from follower_control.moved_estimate import seen_from
-from follower_control.nudge import Nudge
-from follower_control.pid import PidSettings
-from follower_control.relative_motion import level_rate
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import Mode, ServoSettings
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.servo.output_blend import StickOffset
+from follower_control.servo.pid import PidSettings
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.target.estimate import TargetEstimate, level_rate, reproject
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 SIZE, DISTANCE, DT = 1.5, 15.0, 0.02
 SETTINGS = ServoSettings(target_size_m=SIZE, distance_m=DISTANCE)
@@ -34,7 +32,7 @@ def target(range_m=DISTANCE, azimuth_deg=0.0, elevation_deg=-20.0, **others) -> 
         log_scale_rate_s=0.0,
         covariance=np.eye(6),
         last_seen_s=0.0,
-        frame=SightFrame.WORLD,
+        frame=BearingFrame.WORLD,
     )
     return replace(start, **others)
 
@@ -176,19 +174,19 @@ def test_after_a_gap_in_our_velocities_an_unseen_target_may_be_anywhere():
     servo.start()
     for i in range(100):
         servo.update(target(time_s=i * DT, last_seen_s=i * DT), vehicle(i * DT), HOLD)
-    directions = servo.might_be(vehicle(2.2), 2.2)
+    directions = servo.pursuit.possible_bearings(vehicle(2.2), 2.2)
     assert directions is not None
     assert np.abs(directions).min() < 0.01
-    assert servo.might_be(vehicle(2.2), 3.2) is None
+    assert servo.pursuit.possible_bearings(vehicle(2.2), 3.2) is None
     for now_s in (3.3, 3.4, 3.6):
-        assert servo.might_be(vehicle(now_s, north_m_s=10.0), now_s) is None
-        assert servo.outlook(now_s) is None
+        assert servo.pursuit.possible_bearings(vehicle(now_s, north_m_s=10.0), now_s) is None
+        assert servo.pursuit.predicted_region(now_s) is None
 
 
 def test_our_own_climbing_is_no_part_of_the_climb_that_is_fed_forward():
     away = np.array([12.0, 0.0, 5.0])
-    rising = seen_from(target(), away, np.array([0.0, 0.0, 1.5]), SIZE)
-    closing = seen_from(target(), away, np.array([-2.0, 0.0, 0.0]), SIZE)
+    rising = reproject(target(), away, np.array([0.0, 0.0, 1.5]), SIZE)
+    closing = reproject(target(), away, np.array([-2.0, 0.0, 0.0]), SIZE)
     assert level_rate(rising, 13.0) == pytest.approx(0.0, abs=1e-12)
     assert level_rate(closing, 13.0) == pytest.approx(-2.0)
     assert rising.elevation_rate_rad_s == pytest.approx(-1.5 * 12.0 / 13.0**2)
@@ -211,6 +209,7 @@ def test_nothing_exceeds_the_settings_speeds(range_m, azimuth_deg, elevation_deg
     assert asked.right_m_s == 0
 
 
+@pytest.mark.slow
 def test_forward_falls_smoothly_with_the_azimuth_error_and_ends_off_axis():
     settings = replace(SETTINGS, range=PidSettings(kp=0.5))
     errors_deg = range(0, 60, 2)
@@ -246,7 +245,7 @@ def test_closing_in_slower_begins_without_a_step(sink_share):
 
 
 def test_watching_only_turns():
-    asked = answer(target(40, 10, 0), replace(SETTINGS, mode=Mode.WATCH))
+    asked = answer(target(40, 10, 0), replace(SETTINGS, mode=FollowMode.WATCH))
     assert asked.yaw_rate_rad_s > 0.1
     assert (asked.forward_m_s, asked.right_m_s, asked.down_m_s) == (0, 0, 0)
 
@@ -339,14 +338,14 @@ def test_while_the_envelope_holds_it_the_integrals_do_not_grow():
 
 
 def test_with_the_image_alone_it_still_centres_and_closes_in():
-    body = target(25, 8, -20, frame=SightFrame.BODY)
+    body = target(25, 8, -20, frame=BearingFrame.BODY)
     asked = answer(body, state=VehicleState())
     assert asked.yaw_rate_rad_s > 0.1
     assert asked.forward_m_s > 0.5
 
 
 def test_in_the_body_s_frame_the_azimuth_rate_is_our_own_turning_and_not_fed_forward():
-    body = target(azimuth_rate_rad_s=-0.5, frame=SightFrame.BODY)
+    body = target(azimuth_rate_rad_s=-0.5, frame=BearingFrame.BODY)
     assert answer(body, state=VehicleState()).yaw_rate_rad_s == pytest.approx(0)
 
 
@@ -374,7 +373,7 @@ def test_nonsense_settings_are_refused(options):
 
 def nudged(nudge):
     servo = VisualServo(SETTINGS, MOUNT_PITCH)
-    servo.nudge(nudge)
+    servo.set_offset(nudge)
     asked = HOLD
     for i in range(60):
         asked = servo.update(replace(target(), time_s=i * DT), vehicle(i * DT), asked)
@@ -384,12 +383,12 @@ def nudged(nudge):
 @pytest.mark.parametrize(
     ("nudge", "index", "sign"),
     [
-        (Nudge(distance_m=4), 0, -1),
-        (Nudge(distance_m=-4), 0, 1),
-        (Nudge(elevation_rad=0.2), 2, 1),
-        (Nudge(elevation_rad=-0.2), 2, -1),
-        (Nudge(azimuth_rad=-0.2), 3, 1),
-        (Nudge(side_m_s=1.0), 1, 1),
+        (StickOffset(distance_m=4), 0, -1),
+        (StickOffset(distance_m=-4), 0, 1),
+        (StickOffset(elevation_rad=0.2), 2, 1),
+        (StickOffset(elevation_rad=-0.2), 2, -1),
+        (StickOffset(azimuth_rad=-0.2), 3, 1),
+        (StickOffset(side_m_s=1.0), 1, 1),
     ],
     ids=["back off", "come closer", "lower", "higher", "nose right", "go right"],
 )

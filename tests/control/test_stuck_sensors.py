@@ -2,12 +2,12 @@
 
 import math
 
-from follower_control.liveness import REPEATS, Liveness, PositionLiveness
-from follower_control.vehicle import Attitude, LocalPosition
+from follower_control.vehicle.stale_data import REPEATS, StuckPositionDetector, StuckSensorDetector
+from follower_control.vehicle.state import Attitude, LocalPosition
 
 
 def fed(speed_m_s: float, seconds: float, moves: bool) -> float:
-    liveness = PositionLiveness()
+    liveness = StuckPositionDetector()
     for step in range(round(seconds / 0.1) + 1):
         now_s = 0.1 * step
         north_m = speed_m_s * now_s if moves else 5.0
@@ -20,12 +20,12 @@ def attitude(roll_rad: float, time_s: float) -> Attitude:
 
 
 def test_nothing_is_known_before_the_first() -> None:
-    assert PositionLiveness().age_s(1.0) == math.inf
-    assert Liveness().age_s(1.0) == math.inf
+    assert StuckPositionDetector().age_s(1.0) == math.inf
+    assert StuckSensorDetector().age_s(1.0) == math.inf
 
 
 def test_an_attitude_that_comes_again_and_again_is_given_up_at_once() -> None:
-    liveness = Liveness()
+    liveness = StuckSensorDetector()
     for step in range(REPEATS):
         liveness.note(attitude(0.05, 0.02 * step), 0.02 * step)
     assert liveness.age_s(0.1) == 0.1
@@ -36,7 +36,7 @@ def test_an_attitude_that_comes_again_and_again_is_given_up_at_once() -> None:
 
 
 def test_an_attitude_that_lives_is_as_old_as_its_last_change() -> None:
-    liveness = Liveness()
+    liveness = StuckSensorDetector()
     for step in range(100):
         liveness.note(attitude(1e-7 * step, 0.02 * step), 0.02 * step)
         assert liveness.age_s(0.02 * step) == 0.0
@@ -53,7 +53,7 @@ def test_a_vehicle_that_stands_still_may_say_the_same_for_long() -> None:
 
 
 def test_no_new_position_makes_it_grow_old() -> None:
-    liveness = PositionLiveness()
+    liveness = StuckPositionDetector()
     position = LocalPosition(0, 0, 0, 0, 0, 0, 0.0)
     liveness.note(position, 0.0)
     liveness.note(position, 5.0)
@@ -61,7 +61,7 @@ def test_no_new_position_makes_it_grow_old() -> None:
 
 
 def test_a_place_that_does_not_change_while_the_vehicle_is_sent_away_is_not_believed() -> None:
-    liveness = PositionLiveness()
+    liveness = StuckPositionDetector()
     for step in range(30):
         now_s = 0.1 * step
         liveness.note(LocalPosition(5, 0, -10, 0, 0, 0, now_s), now_s, sent_m=0.101)
@@ -75,7 +75,7 @@ def test_a_place_that_does_not_change_while_the_vehicle_is_sent_away_is_not_beli
 
 
 def test_a_place_that_changes_is_believed_however_far_the_vehicle_is_sent() -> None:
-    liveness = PositionLiveness()
+    liveness = StuckPositionDetector()
     for step in range(100):
         now_s = 0.1 * step
         liveness.note(LocalPosition(1e-3 * (step // 4), 0, -10, 0, 0, 0, now_s), now_s, 0.4)

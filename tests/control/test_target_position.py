@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.estimate import TargetEstimate
-from follower_control.servo_settings import RangeFrom, ServoSettings
-from follower_control.sighting import SightFrame
-from follower_control.target_fix import TargetFixSettings, target_fix
-from follower_control.vehicle import LocalPosition, VehicleState
-from follower_vision.camera import Vector
+from follower_control.servo.position_fix import PositionNoise, target_fix
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.state import LocalPosition, VehicleState
+from follower_vision.geometry.camera_model import Vector
 
 SIZE = 1.8
 BY_SIZE = ServoSettings(target_size_m=SIZE)
 BY_GROUND = ServoSettings(range_from=RangeFrom.GROUND, target_middle_m=0.5)
-EXACT = TargetFixSettings(0.0, 0.0, 0.0, 0.0, 0.0)
+EXACT = PositionNoise(0.0, 0.0, 0.0, 0.0, 0.0)
 OWN = np.array((10.0, -5.0, -12.0)), np.array((3.0, 1.0, -0.5))
 
 
@@ -38,7 +38,7 @@ def seen(place: Vector, velocity: Vector, covariance: Vector | None = None) -> T
         log_scale_rate_s=-range_rate / range_m,
         covariance=np.zeros((6, 6)) if covariance is None else covariance,
         last_seen_s=5.0,
-        frame=SightFrame.WORLD,
+        frame=BearingFrame.WORLD,
     )
 
 
@@ -102,7 +102,7 @@ def test_drawn_errors_spread_as_the_covariance_says(servo: ServoSettings) -> Non
             true.log_scale_rate_s + draw[5],
         )
         other = target_fix(
-            TargetEstimate(5.0, *numbers, np.zeros((6, 6)), 5.0, SightFrame.WORLD),
+            TargetEstimate(5.0, *numbers, np.zeros((6, 6)), 5.0, BearingFrame.WORLD),
             vehicle(),
             servo,
             EXACT,
@@ -116,7 +116,7 @@ def test_drawn_errors_spread_as_the_covariance_says(servo: ServoSettings) -> Non
 
 def test_what_else_is_uncertain_adds_to_it() -> None:
     true = seen(np.array((28.0, 6.0, -0.5)), np.zeros(3))
-    fix = target_fix(true, vehicle(), BY_GROUND, replace(EXACT, position_m=2.0, velocity_m_s=0.7))
+    fix = target_fix(true, vehicle(), BY_GROUND, EXACT._replace(position_m=2.0, velocity_m_s=0.7))
     assert fix is not None
     assert (fix.horizontal_m, fix.vertical_m) == pytest.approx((2.0, 2.0), abs=1e-6)
     # Climbing faster than thought would look like a target that moves away.
@@ -130,7 +130,7 @@ def test_what_else_is_uncertain_adds_to_it() -> None:
         (seen(np.array((28.0, 6.0, -0.5)), np.zeros(3)), vehicle(4.0), BY_GROUND),
         (seen(np.array((28.0, 6.0, -30.0)), np.zeros(3)), vehicle(), BY_GROUND),
         (
-            replace(seen(np.array((28.0, 6.0, -0.5)), np.zeros(3)), frame=SightFrame.BODY),
+            replace(seen(np.array((28.0, 6.0, -0.5)), np.zeros(3)), frame=BearingFrame.BODY),
             vehicle(),
             BY_SIZE,
         ),
@@ -141,9 +141,3 @@ def test_what_is_not_known_is_not_told(
     estimate: TargetEstimate, state: VehicleState, servo: ServoSettings
 ) -> None:
     assert target_fix(estimate, state, servo) is None
-
-
-@pytest.mark.parametrize("value", [-0.1, 1e3, math.nan])
-def test_a_deviation_is_a_small_number_that_is_not_negative(value: float) -> None:
-    with pytest.raises(ValueError, match="deviations"):
-        TargetFixSettings(position_m=value)

@@ -7,17 +7,21 @@ import control
 import numpy as np
 import pytest
 
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimator import EstimatorSettings
-from follower_control.pid import PidSettings
-from follower_control.servo_settings import RangeFrom, ServoSettings
-from follower_control.tuning.axes import Axis, Follower, axis_loop
-from follower_control.tuning.conditions import Conditions, LoopDelays
-from follower_control.tuning.margins import bandwidth_rad_s, frequencies, margins_of
-from follower_control.tuning.rational import Rational, integrator, low_pass
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.pid import PidSettings
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.estimator import EstimatorSettings
+from follower_control.tuning.axes import Axis, LoopSettings, SteadyFilter, axis_loop
+from follower_control.tuning.axis_loop import Conditions, LoopDelays
+from follower_control.tuning.rational import (
+    Rational,
+    bandwidth_rad_s,
+    frequencies,
+    integrator,
+    margins_of,
+)
 from follower_control.tuning.response_model import ResponseModel, VehicleModel
-from follower_control.tuning.steady_filter import SteadyFilter
-from follower_control.tuning.synthesis import Wish, tune
+from follower_control.tuning.synthesis import TuningGoal, tune
 
 VEHICLE = VehicleModel(
     forward=ResponseModel(1.0, 0.3, 0.4, 1.0),
@@ -25,7 +29,7 @@ VEHICLE = VehicleModel(
     down=ResponseModel(1.0, 0.15, 0.3, 0.7),
     yaw_rate=ResponseModel(1.0, 0.17, 0.2),
 )
-FOLLOWER = Follower(ServoSettings(), EstimatorSettings(), EnvelopeSettings())
+FOLLOWER = LoopSettings(ServoSettings(), EstimatorSettings(), EnvelopeSettings())
 HERE = Conditions()
 
 
@@ -58,7 +62,7 @@ def test_a_loop_without_delay_that_never_turns_far_bears_any_gain() -> None:
 
 def test_the_margins_agree_with_python_control() -> None:
     grid = frequencies()
-    plant = Rational((2.0,), (0.3, 1.0)) * integrator() * low_pass(0.1)
+    plant = Rational((2.0,), (0.3, 1.0)) * integrator() * Rational((1.0,), (0.1, 1.0))
     found = margins_of(grid, plant.at(grid))
     gain, phase, stability, crossing, crossover, _ = control.stability_margins(plant.system())
     assert found.gain == pytest.approx(gain, rel=1e-3)
@@ -70,7 +74,9 @@ def test_the_margins_agree_with_python_control() -> None:
 
 def test_the_bandwidth_of_a_low_pass_is_one_over_its_time_constant() -> None:
     grid = frequencies()
-    assert bandwidth_rad_s(grid, low_pass(0.5).at(grid)) == pytest.approx(2.0, rel=1e-3)
+    assert bandwidth_rad_s(grid, Rational((1.0,), (0.5, 1.0)).at(grid)) == pytest.approx(
+        2.0, rel=1e-3
+    )
     assert bandwidth_rad_s(grid, Rational((1.0,)).at(grid)) == math.inf
 
 
@@ -147,7 +153,7 @@ def test_tuned_gains_keep_the_sensitivity_and_settle(
     axis: Axis, range_from: RangeFrom, most: float
 ) -> None:
     follower = replace(FOLLOWER, servo=ServoSettings(range_from=range_from))
-    found = tune(axis, VEHICLE, follower, HERE, Wish(max_sensitivity=most, jitter_factor=3.0))
+    found = tune(axis, VEHICLE, follower, HERE, TuningGoal(max_sensitivity=most, jitter_factor=3.0))
     assert found.reached, found.because
     assert found.loop.is_stable()
     assert found.loop.margins().max_sensitivity <= most
@@ -155,10 +161,10 @@ def test_tuned_gains_keep_the_sensitivity_and_settle(
 
 
 def test_a_wanted_bandwidth_is_met_or_said_to_be_out_of_reach() -> None:
-    slow = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=0.8))
+    slow = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, TuningGoal(bandwidth_rad_s=0.8))
     assert slow.reached
     assert slow.loop.bandwidth_rad_s() == pytest.approx(0.8, rel=0.1)
-    fast = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=15.0))
+    fast = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, TuningGoal(bandwidth_rad_s=15.0))
     assert not fast.reached
     assert fast.because
     assert fast.loop.margins().max_sensitivity <= 1.6
@@ -166,13 +172,13 @@ def test_a_wanted_bandwidth_is_met_or_said_to_be_out_of_reach() -> None:
 
 def test_what_no_gains_can_do_is_told_by_its_own_reason() -> None:
     """A bandwidth below the slowest loop that is tried has nothing to do with the margins."""
-    below = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, Wish(bandwidth_rad_s=0.01))
+    below = tune(Axis.AZIMUTH, VEHICLE, FOLLOWER, HERE, TuningGoal(bandwidth_rad_s=0.01))
     assert not below.reached
     assert below.gains == FOLLOWER.gains(Axis.AZIMUTH)
     assert "0.01 rad/s" in below.because
     assert "Ms" not in below.because
     late = Conditions(delays=LoopDelays(camera_s=4.0, extra_s=4.0))
-    robust = tune(Axis.ELEVATION, VEHICLE, FOLLOWER, late, Wish(max_sensitivity=1.1))
+    robust = tune(Axis.ELEVATION, VEHICLE, FOLLOWER, late, TuningGoal(max_sensitivity=1.1))
     assert not robust.reached
     assert "Ms reaches 1.1" in robust.because
 
@@ -180,14 +186,14 @@ def test_what_no_gains_can_do_is_told_by_its_own_reason() -> None:
 def test_gains_of_zero_are_a_beginning_like_any_other() -> None:
     """They shake nothing, so that no gains would shake little enough beside them."""
     servo = replace(ServoSettings(), azimuth=PidSettings(kp=0.0))
-    found = tune(Axis.AZIMUTH, VEHICLE, replace(FOLLOWER, servo=servo), HERE, Wish())
+    found = tune(Axis.AZIMUTH, VEHICLE, replace(FOLLOWER, servo=servo), HERE, TuningGoal())
     assert found.reached, found.because
     assert found.gains.kp > 0.1
 
 
 def test_an_envelope_that_allows_little_keeps_the_gains_low() -> None:
     tight = replace(FOLLOWER, envelope=EnvelopeSettings(max_yaw_rate_deg_s=5.0))
-    found = tune(Axis.AZIMUTH, VEHICLE, tight, HERE, Wish())
+    found = tune(Axis.AZIMUTH, VEHICLE, tight, HERE, TuningGoal())
     assert math.degrees(0.15 * found.gains.kp) <= 5.0
     assert "envelope" in found.because
 
@@ -203,8 +209,8 @@ def test_what_is_no_model_or_wish_is_refused() -> None:
         lambda: LoopDelays(camera_s=0.05, stamp_error_s=0.1),
         lambda: Conditions(range_m=0.0),
         lambda: Conditions(elevation_rad=2.0),
-        lambda: Wish(max_sensitivity=1.0),
-        lambda: Wish(bandwidth_rad_s=0.0),
+        lambda: TuningGoal(max_sensitivity=1.0),
+        lambda: TuningGoal(bandwidth_rad_s=0.0),
         lambda: SteadyFilter.of(1.0, 0.0, 0.03),
         lambda: Rational((1.0,), (0.0,)),
         lambda: Rational((1.0,), (1.0,), -1.0),

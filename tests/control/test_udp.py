@@ -1,8 +1,9 @@
 """The UDP transport under a flood."""
 
 import threading
+from contextlib import closing
 
-from follower_control.udp import UdpTransport
+from follower_control.common.transport import UdpTransport
 
 
 def test_a_flood_does_not_hold_up_who_listens() -> None:
@@ -39,3 +40,16 @@ def test_what_was_left_comes_with_the_next_call_in_its_order() -> None:
     peer.close()
     assert (len(first), len(second), third) == (2 * 256, 2 * 44, b"")
     assert first + second == b"".join(number.to_bytes(2, "big") for number in range(300))
+
+
+def test_a_pair_takes_the_port_that_is_preferred_or_else_any_free_one(free_port):
+    port = free_port()
+    first, second = UdpTransport.pair(port), UdpTransport.pair(port)
+    with closing(first[0]), closing(first[1]), closing(second[0]), closing(second[1]):
+        assert first[0].port == port
+        assert second[0].port not in (0, port)
+        for number, (listener, speaker) in enumerate((first, second)):
+            speaker.send(bytes([number]))
+            assert listener.receive() == bytes([number])
+            listener.send(b"answer")
+            assert speaker.receive() == b"answer"

@@ -6,9 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.present_motion import PresentMotion, heading_velocity
-from follower_control.setpoint import HOLD
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import (
+    Attitude,
+    LocalPosition,
+    PresentMotion,
+    VehicleState,
+    heading_velocity,
+)
 
 YAW_RAD = 0.7
 
@@ -21,7 +26,7 @@ def told(north_m_s: float, time_s: float, yaw_rate_rad_s: float = 0.1) -> Vehicl
 def heard(*vehicles: VehicleState) -> PresentMotion:
     motion = PresentMotion()
     for vehicle in vehicles:
-        motion.hear(vehicle)
+        motion.update(vehicle)
     return motion
 
 

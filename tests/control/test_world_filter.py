@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.moving_target import MovingTarget, place_noise
-from follower_control.own_path import OwnPath
-from follower_control.vehicle import LocalPosition
+from follower_control.target.world_filter import TargetWorldFilter, place_noise
+from follower_control.vehicle.position_history import PositionHistory
+from follower_control.vehicle.state import LocalPosition
 
 NOISE = place_noise(np.array([1.0, 0.0, 0.0]), along_m=2.0, across_m=0.1)
 VELOCITY = np.array([3.0, -1.0, 0.2])
 
 
-def followed(seconds: float = 12.0, hz: float = 30.0) -> MovingTarget:
+def followed(seconds: float = 12.0, hz: float = 30.0) -> TargetWorldFilter:
     """Return a target that goes steadily from (10, 5, -2), seen for so long."""
-    target = MovingTarget(1.5)
+    target = TargetWorldFilter(1.5)
     for i in range(round(seconds * hz)):
         target.observe(np.array([10.0, 5.0, -2.0]) + VELOCITY * i / hz, NOISE, i / hz)
     return target
@@ -29,9 +29,9 @@ def test_a_steady_target_is_predicted_without_error() -> None:
     assert place == pytest.approx(np.array([10.0, 5.0, -2.0]) + 14.0 * VELOCITY, abs=0.01)
 
 
-def circling(turn_deg_s: float, speed: float = 5.0, seconds: float = 10.0) -> MovingTarget:
+def circling(turn_deg_s: float, speed: float = 5.0, seconds: float = 10.0) -> TargetWorldFilter:
     """Return a target that turns steadily, to the right if positive, seen until it goes north."""
-    target, turn = MovingTarget(1.5), math.radians(turn_deg_s)
+    target, turn = TargetWorldFilter(1.5), math.radians(turn_deg_s)
     for t in np.arange(-seconds, 1e-9, 1 / 30).tolist():
         north, east = speed / turn * math.sin(turn * t), speed / turn * (1 - math.cos(turn * t))
         target.observe(np.array([north, east, 0.0]), NOISE * 0.01, t)
@@ -56,7 +56,7 @@ def test_across_the_line_of_sight_a_change_of_speed_may_be_followed_sooner() -> 
     sights = np.array([1.0, 0.0, 0.0])
 
     def after_a_start(across_m_s2: float | None, axis: int) -> float:
-        target = MovingTarget(0.2, across_m_s2)
+        target = TargetWorldFilter(0.2, across_m_s2)
         for t in np.arange(0.0, 6.0, 1 / 30).tolist():
             place = np.zeros(3)
             place[axis] = 2.0 * max(t - 5.0, 0.0)
@@ -68,7 +68,7 @@ def test_across_the_line_of_sight_a_change_of_speed_may_be_followed_sooner() -> 
 
 
 def test_a_target_that_hardly_moves_is_not_taken_to_turn() -> None:
-    target, rng = MovingTarget(1.5), np.random.default_rng(1)
+    target, rng = TargetWorldFilter(1.5), np.random.default_rng(1)
     for t in np.arange(0.0, 8.0, 1 / 30).tolist():
         target.observe(rng.normal(0.0, 0.1, 3), NOISE * 0.01, t)
     now, later = (target.at(t) for t in (8.0, 11.0))
@@ -79,7 +79,7 @@ def test_a_target_that_hardly_moves_is_not_taken_to_turn() -> None:
 def test_whatever_is_seen_the_speed_stays_what_it_was(
     north: float, east: float, every_s: float
 ) -> None:
-    target = MovingTarget(1.5)
+    target = TargetWorldFilter(1.5)
     for i in range(4):
         target.observe(np.array([north * i, east * i * i, 0.0]), NOISE, i * every_s)
     now, later = (target.at(3 * every_s + s)[1] for s in (0.0, 3.0))
@@ -115,7 +115,7 @@ def test_noise_lies_along_the_line_of_sight() -> None:
 def test_a_target_twice_as_large_is_twice_as_far_away() -> None:
     target = followed()
     here, before = np.array([1.0, 2.0, -3.0]), target.at(12.0)[0]
-    still = MovingTarget(1.5)
+    still = TargetWorldFilter(1.5)
     still.observe(before, NOISE, 12.0)
     still.rescale(here, 2.0)
     assert still.at(12.0)[0] == pytest.approx(here + 2 * (before - here))
@@ -152,7 +152,7 @@ def told(now_s: float, north_m_s: float, north_m: float = 0.0) -> LocalPosition:
 
 
 def test_the_way_is_added_up_from_velocities_whatever_positions_say() -> None:
-    path = OwnPath()
+    path = PositionHistory()
     kept = [path.add(told(0.02 * i, 0.2 * i, 99.0 * (i % 3))) for i in range(51)]
     assert kept == [False] + [True] * 50
     there, here = path.at(0.51), path.at(1.0)
@@ -163,7 +163,7 @@ def test_the_way_is_added_up_from_velocities_whatever_positions_say() -> None:
 
 
 def test_after_the_newest_the_velocity_leads_on_for_a_moment() -> None:
-    path = OwnPath()
+    path = PositionHistory()
     path.add(told(0.0, 4.0))
     path.add(told(0.1, 4.0))
     soon = path.at(0.3)
@@ -175,7 +175,7 @@ def test_after_the_newest_the_velocity_leads_on_for_a_moment() -> None:
 
 @pytest.mark.parametrize("rate_hz", [10, 50, 200])
 def test_the_way_of_the_last_six_seconds_is_known_whatever_the_rate(rate_hz: int) -> None:
-    path = OwnPath()
+    path = PositionHistory()
     for number in range(30 * rate_hz):
         path.add(told(number / rate_hz, 2.0))
     now_s = 30.0 - 1 / rate_hz
@@ -189,7 +189,7 @@ def test_the_way_of_the_last_six_seconds_is_known_whatever_the_rate(rate_hz: int
 
 
 def test_a_gap_begins_another_path() -> None:
-    path = OwnPath()
+    path = PositionHistory()
     path.add(told(0.0, 4.0))
     assert not path.add(told(2.0, 4.0))
     assert path.at(1.0) is None
@@ -205,7 +205,7 @@ def test_a_gap_begins_another_path() -> None:
 def test_a_velocity_that_is_wrong_is_given_up(rate_hz: int, speed: float) -> None:
     """Passing close by: seen first at full speed; and left for a standing one beside it."""
     noise = place_noise(np.array([1.0, 0.0, 0.0]), 0.36, 0.06)
-    target = MovingTarget(1.5)
+    target = TargetWorldFilter(1.5)
     for number in range(rate_hz):
         target.observe(np.array([12.0, speed * number / rate_hz, 0.0]), noise, number / rate_hz)
     assert target.at(1.0)[1][1] == pytest.approx(speed, rel=0.1)
@@ -217,7 +217,7 @@ def test_a_velocity_that_is_wrong_is_given_up(rate_hz: int, speed: float) -> Non
 
 def test_a_single_place_that_is_far_off_leaves_the_velocity() -> None:
     noise = place_noise(np.array([1.0, 0.0, 0.0]), 0.36, 0.06)
-    target = MovingTarget(1.5)
+    target = TargetWorldFilter(1.5)
     for number in range(90):
         off_m = 8.0 if number == 60 else 0.0
         target.observe(np.array([12.0, 0.1 * number + off_m, 0.0]), noise, number / 30)
@@ -242,7 +242,7 @@ def test_where_it_may_be_spreads_with_the_time_and_holds_where_it_went() -> None
 def test_errors_of_size_that_last_are_not_taken_for_motion() -> None:
     def fastest_m_s(slow_m: float) -> float:
         rng, error, north = np.random.default_rng(7), 0.0, np.array([1.0, 0.0, 0.0])
-        target, speeds = MovingTarget(0.6), []
+        target, speeds = TargetWorldFilter(0.6), []
         for number in range(1200):
             kept = math.exp(-1 / 30 / 1.5)
             error = kept * error + math.sqrt(1 - kept * kept) * float(rng.normal())
@@ -256,7 +256,7 @@ def test_errors_of_size_that_last_are_not_taken_for_motion() -> None:
 
 def test_with_errors_of_size_that_last_it_still_comes_to_the_truth() -> None:
     north = np.array([1.0, 0.0, 0.0])
-    target = MovingTarget(0.6)
+    target = TargetWorldFilter(0.6)
     for number in range(600):
         seen = (12.0 + 3.0 * number / 30) * north
         target.observe(seen, place_noise(north, 0.36, 0.06), number / 30, north, 0.96)
@@ -287,8 +287,8 @@ def test_a_place_far_off_is_believed_for_good_only_if_it_is_seen_there_for_a_whi
 
 @pytest.mark.parametrize("off_m", [7.0, -7.0])
 def test_a_glimpse_that_is_somewhat_off_turns_nothing_unless_it_lasts(off_m: float) -> None:
-    def hidden_then_seen(seconds: float) -> MovingTarget:
-        target = MovingTarget(1.5, 4.0)
+    def hidden_then_seen(seconds: float) -> TargetWorldFilter:
+        target = TargetWorldFilter(1.5, 4.0)
         for number in range(360):
             at = number / 30
             target.observe(at * VELOCITY, NOISE, at, np.array([1.0, 0.0, 0.0]))

@@ -1,8 +1,7 @@
 """What a program writes into a page leaves everything else as it was."""
 
 import pytest
-
-from follower.marked_part import with_part
+from marked_part import with_part
 
 PAGE = "before\n<a>\nold\n</a>\nafter\n"
 

@@ -14,18 +14,17 @@ import pytest
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower.supervisor import Reason, State
-from follower_control.estimate import TargetEstimate
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_sim.kinematics import BodyState
-from follower_sim.score import PursuitGoal
-from follower_sim.truth_sample import TruthSample
-from follower_vision.box import Box
-from follower_vision.lineofsight import LineOfSight, wrap_angle
-from follower_vision.track import Track, TrackState
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.scoring.score import PursuitGoal
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
+from follower_vision.trackers.track import Track, TrackState
 
 SIZE_M = 2.4
 GOAL = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-25))
@@ -43,20 +42,20 @@ class SyntheticFlight:
 MakeFlight = Callable[..., SyntheticFlight]
 
 
-def state_at(t: float, end_s: float) -> tuple[State, Reason]:
+def state_at(t: float, end_s: float) -> tuple[SupervisorState, SupervisorReason]:
     table = (
-        (1.0, State.IDLE, Reason.NO_TARGET),
-        (4.0, State.TRACKING, Reason.NOT_FLYING),
-        (5.0, State.READY, Reason.WAITING_FOR_PILOT),
-        (0.55 * end_s, State.FOLLOWING, Reason.TARGET_SEEN),
-        (0.55 * end_s + 0.8, State.COASTING, Reason.TARGET_UNSEEN),
-        (0.55 * end_s + 2.3, State.SEARCHING, Reason.TARGET_LOST),
-        (end_s - 1.0, State.FOLLOWING, Reason.TARGET_SEEN),
+        (1.0, SupervisorState.IDLE, SupervisorReason.NO_TARGET),
+        (4.0, SupervisorState.TRACKING, SupervisorReason.NOT_FLYING),
+        (5.0, SupervisorState.READY, SupervisorReason.WAITING_FOR_PILOT),
+        (0.55 * end_s, SupervisorState.FOLLOWING, SupervisorReason.TARGET_SEEN),
+        (0.55 * end_s + 0.8, SupervisorState.COASTING, SupervisorReason.TARGET_UNSEEN),
+        (0.55 * end_s + 2.3, SupervisorState.SEARCHING, SupervisorReason.TARGET_LOST),
+        (end_s - 1.0, SupervisorState.FOLLOWING, SupervisorReason.TARGET_SEEN),
     )
     for until, state, reason in table:
         if t < until:
             return state, reason
-    return State.RELEASED, Reason.STOP_REQUESTED
+    return SupervisorState.RELEASED, SupervisorReason.STOP_REQUESTED
 
 
 def target_at(t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +73,7 @@ def make_flight(
     log, truth = FlightLog(), []
     position, velocity, yaw = np.array([0.0, 0.0, -8.0]), np.zeros(3), -0.3
     asked = allowed = HOLD
-    before: State | None = None
+    before: SupervisorState | None = None
     captured_s: float | None = None
     for step in range(round(duration_s / CONTROL_S)):
         t = step * CONTROL_S
@@ -121,7 +120,7 @@ def make_flight(
             )
         )
         estimate = None
-        if state is not State.IDLE:
+        if state is not SupervisorState.IDLE:
             estimate = estimate_of(time_s, sight, yaw, range_m, telemetry, rng)
         log.controls.append(
             ControlRecord(
@@ -161,7 +160,7 @@ def heading_to_world(setpoint: VelocitySetpoint, yaw: float) -> np.ndarray:
 
 def track_record(
     number: int,
-    state: State,
+    state: SupervisorState,
     azimuth: float,
     sight: LineOfSight,
     range_m: float,
@@ -169,8 +168,11 @@ def track_record(
 ) -> TrackRecord:
     captured_s = START_S + number * FRAME_S - 0.05
     track = None
-    if state is not State.IDLE:
-        seen = {State.COASTING: TrackState.COASTING, State.SEARCHING: TrackState.LOST}
+    if state is not SupervisorState.IDLE:
+        seen = {
+            SupervisorState.COASTING: TrackState.COASTING,
+            SupervisorState.SEARCHING: TrackState.LOST,
+        }
         side = 420 * SIZE_M / range_m
         box = Box(320 + 420 * azimuth, 240 - 420 * (sight.elevation_rad + 0.44), side * 1.2, side)
         kind = seen.get(state, TrackState.TRACKING)
@@ -200,7 +202,7 @@ def estimate_of(
         log_scale_rate_s=0.0,
         covariance=np.eye(6) * 1e-5,
         last_seen_s=time_s,
-        frame=SightFrame.WORLD if telemetry else SightFrame.BODY,
+        frame=BearingFrame.WORLD if telemetry else BearingFrame.BODY,
     )
 
 

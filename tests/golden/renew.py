@@ -17,13 +17,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from follower.flightlog import FlightLog
-from follower.recorder import FlightFileError, open_flight
-from follower.replay.command import ReplayOptions, replay_flight
-from follower.replay.comparison import compare
-from follower.replay.verdict import print_comparison
-from follower.simulate import simulate
-from follower.simulation_options import SimulationOptions
+from follower.apps.replay.comparison import compare, print_comparison
+from follower.apps.replay.run import replay_flight
+from follower.flight.log import FlightLog
+from follower.recording import FlightFileError, open_flight
+from follower.simulation.options import SimulationOptions
+from follower.simulation.run import simulate
 
 HERE = Path("tests", "golden")
 """From the root of the repository, so that no recording names a folder of this machine."""
@@ -52,7 +51,7 @@ def fly(name: str, folder: Path) -> Path:
             str(HERE / f"{name}.yaml"), FLIGHTS[name], lockstep=True, out=folder, video=False
         )
     )
-    replay_flight(ReplayOptions(folder / name, save=True, out=folder))
+    replay_flight(folder / name, save=True, out=folder)
     return folder / f"{name}-replayed"
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.world.world import World
 
 
 def small_scenario(**changes: Any) -> Scenario:

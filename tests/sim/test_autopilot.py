@@ -1,7 +1,9 @@
 """The simulated autopilot from bytes to motion, in both flavours."""
 
 import math
+import runpy
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_control.transport import MemoryTransport
-from follower_sim.autopilot import SimAutopilot
+from follower_control.common.transport import MemoryTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState, Triple
-from follower_sim.step_replay import Companion
 
+STEP_REPLAY = Path(__file__).parents[2] / "benchmarks" / "autopilot_steps" / "step_replay.py"
+Companion = runpy.run_path(str(STEP_REPLAY))["Companion"]
 FLAVOURS = ("px4", "ardupilot")
 SETPOINT_MODE = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 VELOCITY_AND_YAW_RATE = 0x5C7
@@ -201,6 +204,7 @@ def test_with_yaw_ardupilot_spins_in_a_body_frame_and_px4_turns_there() -> None:
     assert turning.yaw_deg == pytest.approx(100.0, abs=2.0)
 
 
+@pytest.mark.slow
 def test_ignoring_the_vertical_velocity_stops_ardupilot_and_fails_px4_safe() -> None:
     ardupilot, px4 = engaged("ardupilot"), engaged("px4")
     for flight in (ardupilot, px4):
@@ -229,6 +233,7 @@ def test_velocities_that_are_not_finite_stop_it(flavour: str) -> None:
     assert flight.autopilot.mode == SETPOINT_MODE[flavour]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flavour", "horizontal", "up", "down", "yaw_deg_s"),
     [("ardupilot", 10.2, 4.9, 5.2, 60.0), ("px4", 9.8, 2.9, 1.5, 193.0)],
@@ -261,6 +266,7 @@ def test_addresses(flavour: str, system: int, component: int, obeyed: bool) -> N
     assert flight.texts == []
 
 
+@pytest.mark.slow
 def test_ardupilot_flies_on_for_three_seconds_and_stops_after_11_8_m() -> None:
     flight = engaged("ardupilot")
     flight.run(8.0, velocity(3.0))
@@ -345,6 +351,7 @@ def test_the_pilots_mode_ends_the_obedience(flavour: str) -> None:
     assert flight.speed_m_s > 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_it_arms_takes_off_lands_and_disarms(flavour: str) -> None:
     flight = Flight(flavour, height_m=0.0)
@@ -376,6 +383,7 @@ def test_it_disarms_by_itself_when_nothing_follows(flavour: str) -> None:
     assert not flight.autopilot.armed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_return_ends_on_the_ground_at_the_start(flavour: str) -> None:
     flight = engaged(flavour)
@@ -411,6 +419,7 @@ def test_heartbeats_carry_the_true_modes() -> None:
     assert px4.of("HEARTBEAT")[-1].custom_mode == 4 << 16 | 3 << 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flavour", "attitude_hz"), [("px4", 100), ("ardupilot", 50)])
 def test_rates(flavour: str, attitude_hz: int) -> None:
     flight = Flight(flavour)
@@ -485,6 +494,7 @@ def test_faults() -> None:
     assert flight.autopilot.mode == "RTL"
 
 
+@pytest.mark.slow
 def test_lost_packets_are_a_share_and_the_same_ones_each_time() -> None:
     counts = []
     for _ in range(2):
@@ -548,6 +558,7 @@ def _is_sane(autopilot: SimAutopilot) -> bool:
     return all(map(math.isfinite, numbers)) and math.hypot(*state.velocity_m_s) < 60.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.sampled_from(FLAVOURS), st.lists(st.binary(max_size=300), max_size=8))
 def test_arbitrary_bytes_do_no_harm(flavour: str, packets: list[bytes]) -> None:
@@ -601,6 +612,7 @@ messages = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(st.sampled_from(FLAVOURS), st.floats(0.0, 20.0), st.lists(messages, max_size=12))
 def test_arbitrary_messages_do_no_harm(flavour: str, height: float, sent: list[Any]) -> None:

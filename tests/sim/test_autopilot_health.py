@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from follower_control.transport import MemoryTransport
-from follower_sim.autopilot import SimAutopilot
+from follower_control.common.transport import MemoryTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 
 INT32, REAL32 = 6, 9

@@ -1,6 +1,5 @@
 """The simulated autopilot over a real socket, against pymavlink's own client."""
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,25 +9,19 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from follower_sim.autopilot import SimAutopilot, run_autopilot
+from follower_control.common.transport import UdpTransport
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
-from follower_sim.udp import open_autopilot_port
 from follower_vision.clock import MonotonicClock
 
 mavlink = mavutil.mavlink
 _PATIENCE_S = 20.0
 
 
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @contextmanager
 def _running(flavour: str, port: int) -> Iterator[SimAutopilot]:
     clock, stop = MonotonicClock(), threading.Event()
-    transport = open_autopilot_port("127.0.0.1", port)
+    transport = UdpTransport.connect("127.0.0.1", port)
     start = BodyState(clock.now(), (0.0, 0.0, 0.0), attitude_rad=(0.0, 0.0, 1.0))
     autopilot = SimAutopilot(flavour, transport, start)
     thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
@@ -69,8 +62,10 @@ class Client:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
-def test_a_mavutil_client_arms_takes_off_and_flies(flavour: str) -> None:
-    port = _free_port()
+def test_a_mavutil_client_arms_takes_off_and_flies(
+    flavour: str, free_port: Callable[[], int]
+) -> None:
+    port = free_port()
     client = Client(port)
     with _running(flavour, port) as autopilot:
         assert client.link.wait_heartbeat(timeout=_PATIENCE_S) is not None
@@ -89,23 +84,3 @@ def test_a_mavutil_client_arms_takes_off_and_flies(flavour: str) -> None:
         _, pitch, _ = autopilot.state.attitude_rad
         assert client.link.messages["ATTITUDE"].pitch == pytest.approx(pitch, abs=0.1)
     client.link.close()
-
-
-def test_a_port_in_use_is_named() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("", 0))
-        port = taken.getsockname()[1]
-        with pytest.raises(OSError, match=f"autopilot cannot use UDP port {port}: .*in use"):
-            open_autopilot_port("127.0.0.1", 14540, port)
-
-
-def test_it_speaks_first_from_the_port_it_was_given() -> None:
-    own_port = _free_port()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
-        peer.bind(("127.0.0.1", 0))
-        peer.settimeout(2.0)
-        transport = open_autopilot_port("127.0.0.1", peer.getsockname()[1], own_port)
-        transport.send(b"hello")
-        data, sender = peer.recvfrom(100)
-        assert (data, sender[1]) == (b"hello", own_port)
-        transport.close()

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from follower_sim.mesh import Mesh
-from follower_sim.scenery import DISTANT_KINDS, SIZES_M, SceneryKind, distant_mesh, scenery_mesh
-from follower_sim.shapes import ball, box, prism, ring
-from follower_sim.solid import Solid
-from follower_sim.targets import HEIGHTS_M, TargetKind, target_mesh
+from follower_sim.bodies.mesh import Mesh, ball, box, prism, ring
+from follower_sim.bodies.targets import HEIGHTS_M, TargetKind, target_mesh
+from follower_sim.world.scenery import (
+    DISTANT_KINDS,
+    SIZES_M,
+    SceneryKind,
+    distant_mesh,
+    scenery_mesh,
+)
+from follower_sim.world.solid import Solid
 
 RED = (30, 40, 220)
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from follower_sim.kinematics import BodyState
-from follower_sim.render import Renderer
-from follower_sim.scenario import Scenario
-from follower_sim.truth import TruthTeller
-from follower_sim.world import World
-from follower_vision.box import Box
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scoring.ground_truth import GroundTruth
+from follower_sim.world.render import Renderer
+from follower_sim.world.world import World
 from follower_vision.detection import OnnxDetector, detector_names, make_detector
+from follower_vision.geometry.box import Box
 from follower_vision.models import FileState, ModelStore
-from follower_vision.network import ModelError
+from follower_vision.onnx_network import ModelError
 
 NAME = "follower-detector"
 
@@ -47,6 +47,7 @@ def test_a_missing_part_of_the_package_is_named(tmp_path: Path) -> None:
         store.paths(store.model(NAME))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("colour", "azimuth_deg"), [("#e0401c", 20), ("#2a62c8", 200), ("#e8e8e8", 110)]
 )
@@ -69,7 +70,7 @@ def test_it_finds_the_car_in_a_rendered_frame(
     place = (-10 * math.cos(azimuth), -10 * math.sin(azimuth), -5.0)
     body = BodyState(0.0, place, attitude_rad=(0.0, math.radians(-3), azimuth))
     image = Renderer(world).render(0.0, body)
-    true = TruthTeller(world).truth(0.0, body).box
+    true = GroundTruth(world).seen(0.0, body).box
     assert true is not None
     region = Box(true.cx, true.cy, 5 * true.scale, 5 * true.scale)
     best = detector.detect(image, region)[0]

@@ -8,15 +8,15 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import Phase, example, given, settings
 
-from follower_control.envelope import Envelope
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.fence import Fence
-from follower_control.flight_context import FlightContext
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_sim.demand import Demand
-from follower_sim.firmware import ARDUCOPTER, PX4
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.fence import Fence
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_sim.autopilot.firmware import ARDUCOPTER, PX4
 from follower_sim.kinematics import BodyState
-from follower_sim.vehicle import STEP_S, Vehicle
+from follower_sim.vehicle.response import Demand
+from follower_sim.vehicle.vehicle import STEP_S, SimulatedVehicle
 
 CONTROL_STEPS = 4
 NOTCHED = ((-40.0, -40.0), (-40.0, 40.0), (40.0, 40.0), (0.0, 0.0), (40.0, -40.0))
@@ -29,7 +29,7 @@ manoeuvres = st.lists(st.tuples(wishes, st.floats(0.3, 6.0)), min_size=1, max_si
 starts = st.tuples(st.floats(-35, -5), st.floats(-35, 35), st.floats(-math.pi, math.pi))
 
 FEW = settings(
-    max_examples=15,
+    max_examples=8,
     derandomize=True,
     database=None,
     phases=(Phase.explicit, Phase.generate),
@@ -41,7 +41,7 @@ def fly(firmware, start, manoeuvre, limits=SETTINGS) -> list[BodyState]:
     """Ask for one velocity after the other and then to hold; return the way."""
     north, east, yaw = start
     body = BodyState(0.0, (north, east, -12.0), attitude_rad=(0.0, 0.0, yaw))
-    vehicle, envelope = Vehicle(firmware.response, body), Envelope(limits)
+    vehicle, envelope = SimulatedVehicle(firmware.response, body), Envelope(limits)
     envelope.start(HOLD, 0.0)
     way, step = [vehicle.state], 0
     for asked, seconds in (*manoeuvre, (HOLD, 1.0)):
@@ -63,6 +63,7 @@ def demand(setpoint: VelocitySetpoint, yaw: float) -> Demand:
     return Demand((level.real, level.imag, setpoint.down_m_s), setpoint.yaw_rate_rad_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
 @FEW
 @given(start=starts, manoeuvre=manoeuvres)
@@ -78,6 +79,7 @@ def test_the_polygon_is_never_left(firmware, start, manoeuvre) -> None:
         assert fence.contains(complex(*state.position_m[:2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
 @FEW
 @given(start=starts, manoeuvre=manoeuvres)
@@ -87,6 +89,7 @@ def test_between_floor_and_ceiling_it_stays(firmware, start, manoeuvre) -> None:
     assert max(heights) < SETTINGS.ceiling_m + 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
 @pytest.mark.parametrize("away", [3.0, 30.0])
 def test_outside_it_comes_back_if_asked_and_otherwise_stays(firmware, away: float) -> None:
@@ -106,7 +109,7 @@ def approach(firmware, asked: VelocitySetpoint, start_m: float, height_m: float)
     """Fly at a standing target ahead on the ground for 15 s; return the distances to it."""
     settings = EnvelopeSettings(fence_radius_m=None, min_distance_m=6.0, min_height_m=1.0)
     body = BodyState(0.0, (0.0, 0.0, -height_m))
-    vehicle, envelope = Vehicle(firmware.response, body), Envelope(settings)
+    vehicle, envelope = SimulatedVehicle(firmware.response, body), Envelope(settings)
     envelope.start(HOLD, 0.0)
     distances = []
     for step in range(0, 3000, CONTROL_STEPS):
@@ -145,6 +148,7 @@ def test_it_stops_before_a_target(firmware, asked, start_m: float, height_m: flo
     assert min(approach(firmware, asked, start_m, height_m)) > 6.0 - 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
 @pytest.mark.parametrize("speed", [3.0, 6.0, 10.0])
 def test_from_any_speed_it_stops_within_the_radius(firmware, speed: float) -> None:

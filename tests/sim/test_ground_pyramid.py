@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from follower_sim.ground_map import GroundMap
-from follower_sim.ground_pyramid import GroundPyramid, Plane
+from follower_sim.world.ground_pyramid import GroundMap, GroundPyramid, Plane
 
 NORTH_M, EAST_M = 40.0, -25.0
 

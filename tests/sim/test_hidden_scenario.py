@@ -9,10 +9,10 @@ import pytest
 
 from follower_sim.camera import SimCamera
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario_file import load_scenario
-from follower_sim.truth import TruthTeller
-from follower_sim.world import World
-from follower_vision.frame import Image
+from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.scoring.ground_truth import GroundTruth
+from follower_sim.world.world import World
+from follower_vision.images.frame import Image
 
 FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "demo.yaml"
 
@@ -27,10 +27,11 @@ def behind(time_s: float) -> BodyState:
     return BodyState(time_s, (55.0, 0.0, -5.8), attitude_rad=(0.0, 0.0, 0.15))
 
 
+@pytest.mark.slow
 def test_the_car_is_wholly_hidden_for_three_seconds_and_stays_in_the_frame(world: World) -> None:
-    teller = TruthTeller(world)
+    seen_at = GroundTruth(world).seen
     times = np.arange(24.0, 34.0, 0.1)
-    truth = [teller.truth(float(time_s), behind(float(time_s))) for time_s in times]
+    truth = [seen_at(float(time_s), behind(float(time_s))) for time_s in times]
     visible = np.array([one.visible_share for one in truth])
     assert visible[0] > 0.8
     assert visible[-1] > 0.8
@@ -39,12 +40,13 @@ def test_the_car_is_wholly_hidden_for_three_seconds_and_stays_in_the_frame(world
 
 
 def test_the_look_alike_is_in_sight_while_the_car_is_not(world: World) -> None:
-    others = TruthTeller(world).others(28.5, behind(28.5))
+    others = GroundTruth(world).others(28.5, behind(28.5))
     assert len(others) == 1
     width, height = world.scenario.camera.width, world.scenario.camera.height
     assert others[0].visible_share(width, height) > 0.9
 
 
+@pytest.mark.slow
 def test_a_shaken_camera_gives_blurred_pictures_for_its_time_alone() -> None:
     scenario = load_scenario(FILE)
     fault = scenario.faults[0]

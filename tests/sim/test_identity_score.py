@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from follower_sim.identity_score import IdentityScore, TrackedFrame, identity_score
-from follower_sim.kinematics import BodyState
-from follower_sim.truth_sample import TruthSample
+from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.scoring.identity_score import IdentityScore, TrackedFrame, identity_score
 
 
 def truth(gone_s: float, back_s: float) -> list[TruthSample]:

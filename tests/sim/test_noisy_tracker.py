@@ -6,46 +6,44 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from follower_control.strict_yaml import SettingsError
-from follower_sim.blind_camera import BlindCamera
-from follower_sim.camera import SimCamera
+from follower_control.common.strict_config import SettingsError
+from follower_sim.camera import BlindCamera, SimCamera
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario import Scenario
-from follower_sim.scene_overrides import overridden
-from follower_sim.stand_in import PRODUCER, StandIn
-from follower_sim.stand_in_settings import StandInSettings
-from follower_sim.truth import TargetTruth
-from follower_sim.world import World
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.lineofsight import LineOfSight
-from follower_vision.track import TrackState
+from follower_sim.noisy_tracker import PRODUCER, NoisyTracker
+from follower_sim.scenario.scenario import NoisyTrackerSettings, Scenario
+from follower_sim.scenario.scenario_file import overridden
+from follower_sim.world.silhouettes import SeenBody
+from follower_sim.world.world import World
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import TrackState
 
 BOX = Box(320, 240, 60, 40)
 SIDE = math.sqrt(60 * 40)
-QUIET = StandInSettings(centre_noise=0, size_noise=0, false_share=0, recognise_s=0)
+QUIET = NoisyTrackerSettings(centre_noise=0, size_noise=0, false_share=0, recognise_s=0)
 PERIOD_S = 1 / 30
 
 
-def truth(visible: float = 1.0, in_frame: float = 1.0, box: Box | None = BOX) -> TargetTruth:
-    zero = (0.0, 0.0, 0.0)
-    return TargetTruth(0.0, box, in_frame, visible, zero, zero, 10.0, LineOfSight(0.0, 0.0))
+def truth(visible: float = 1.0, in_frame: float = 1.0, box: Box | None = BOX) -> SeenBody:
+    return SeenBody(box, in_frame, visible)
 
 
 def stand_in(
-    settings: StandInSettings, truth_at: Callable[[float], TargetTruth], seed: int = 0
-) -> StandIn:
-    return StandIn(truth_at, (640, 480), settings, np.random.default_rng(seed))
+    settings: NoisyTrackerSettings, truth_at: Callable[[float], SeenBody], seed: int = 0
+) -> NoisyTracker:
+    return NoisyTracker(truth_at, (640, 480), settings, np.random.default_rng(seed))
 
 
 def frame(number: int) -> Frame:
     return Frame(np.zeros((48, 64, 3), np.uint8), number * PERIOD_S, number)
 
 
-def states(settings: StandInSettings, hidden: range, count: int, seed: int = 0) -> list[TrackState]:
+def states(
+    settings: NoisyTrackerSettings, hidden: range, count: int, seed: int = 0
+) -> list[TrackState]:
     """Return the states of `count` frames of which some are hidden."""
 
-    def truth_at(stamp_s: float) -> TargetTruth:
+    def truth_at(stamp_s: float) -> SeenBody:
         return truth(0.0 if round(stamp_s / PERIOD_S) in hidden else 1.0)
 
     sight = stand_in(settings, truth_at, seed)
@@ -63,7 +61,7 @@ def test_without_noise_it_gives_the_true_box_and_says_who_it_is() -> None:
 
 
 def test_its_noise_has_the_spread_and_the_slowness_that_were_asked_for() -> None:
-    settings = StandInSettings(centre_noise=0.05, size_noise=0.1, noise_s=0.3, false_share=0)
+    settings = NoisyTrackerSettings(centre_noise=0.05, size_noise=0.1, noise_s=0.3, false_share=0)
     sight = stand_in(settings, lambda _: truth())
     sight.start(frame(0), BOX)
     boxes = [sight.step(frame(number)).box for number in range(1, 12_000)]
@@ -77,7 +75,7 @@ def test_its_noise_has_the_spread_and_the_slowness_that_were_asked_for() -> None
 
 
 def test_offset_and_size_factor_last() -> None:
-    settings = StandInSettings(
+    settings = NoisyTrackerSettings(
         centre_noise=0, size_noise=0, offset=(0.1, -0.2), size_factor=0.5, false_share=0
     )
     box = stand_in(settings, lambda _: truth()).select(frame(0))
@@ -90,7 +88,7 @@ def test_offset_and_size_factor_last() -> None:
     "unseen", [truth(visible=0.3), truth(in_frame=0.3), truth(box=None, in_frame=0)]
 )
 def test_a_hidden_target_or_one_outside_of_the_frame_is_neither_selected_nor_seen(
-    unseen: TargetTruth,
+    unseen: SeenBody,
 ) -> None:
     sight = stand_in(QUIET, lambda _: unseen)
     assert sight.select(frame(0)) is None
@@ -108,7 +106,7 @@ def test_a_hidden_target_is_coasted_after_then_lost_then_found_again() -> None:
 
 
 def test_recognising_takes_as_long_on_average_as_was_asked() -> None:
-    settings = StandInSettings(false_share=0, recognise_s=0.5)
+    settings = NoisyTrackerSettings(false_share=0, recognise_s=0.5)
     takes = []
     for seed in range(150):
         seen = states(settings, range(5, 25), 200, seed)
@@ -117,7 +115,7 @@ def test_recognising_takes_as_long_on_average_as_was_asked() -> None:
 
 
 def test_something_else_is_taken_for_the_target_as_often_as_was_asked() -> None:
-    settings = StandInSettings(false_share=0.5, false_after_s=0.2, false_s=0.3)
+    settings = NoisyTrackerSettings(false_share=0.5, false_after_s=0.2, false_s=0.3)
     mistaken = [
         TrackState.TRACKING in states(settings, range(5, 200), 190, seed)[5:] for seed in range(120)
     ]
@@ -127,7 +125,7 @@ def test_something_else_is_taken_for_the_target_as_often_as_was_asked() -> None:
 
 def test_the_same_seed_sees_the_same() -> None:
     def boxes(seed: int) -> list[Box]:
-        sight = stand_in(StandInSettings(), lambda _: truth(), seed)
+        sight = stand_in(NoisyTrackerSettings(), lambda _: truth(), seed)
         sight.start(frame(0), BOX)
         return [sight.step(frame(number)).box for number in range(1, 20)]
 
@@ -143,8 +141,8 @@ def test_it_has_to_be_started() -> None:
     "wrong", [{"centre_noise": -1.0}, {"size_factor": 0.0}, {"false_share": 1.5}]
 )
 def test_settings_that_mean_nothing_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="stand-in"):
-        StandInSettings(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        NoisyTrackerSettings(**wrong)  # type: ignore[arg-type]
 
 
 def test_the_blind_camera_has_the_times_of_the_seeing_one() -> None:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from follower_sim.ball import Ball
-from follower_sim.corridor import Corridor, ball_of, hides
+from follower_sim.bodies.mesh import Mesh
 from follower_sim.kinematics import Triple
-from follower_sim.mesh import Mesh
-from follower_sim.solid import Solid
+from follower_sim.world.silhouettes import BoundingSphere, Corridor, ball_of, hides
+from follower_sim.world.solid import Solid
 
-FORWARD = Ball((10.0, 0.0, 0.0), 1.0)
+FORWARD = BoundingSphere((10.0, 0.0, 0.0), 1.0)
 EYE = (0.0, 0.0, 0.0)
 
 
 def test_what_is_between_hides_and_what_is_beside_behind_or_beyond_does_not() -> None:
-    assert hides(Ball((5.0, 1.5, 0.0), 1.0), FORWARD, EYE)
-    assert not hides(Ball((5.0, 2.5, 0.0), 1.0), FORWARD, EYE)
-    assert not hides(Ball((-3.0, 0.0, 0.0), 1.0), FORWARD, EYE)
-    assert not hides(Ball((12.0, 0.0, 0.0), 1.0), FORWARD, EYE)
+    assert hides(BoundingSphere((5.0, 1.5, 0.0), 1.0), FORWARD, EYE)
+    assert not hides(BoundingSphere((5.0, 2.5, 0.0), 1.0), FORWARD, EYE)
+    assert not hides(BoundingSphere((-3.0, 0.0, 0.0), 1.0), FORWARD, EYE)
+    assert not hides(BoundingSphere((12.0, 0.0, 0.0), 1.0), FORWARD, EYE)
 
 
 def test_whatever_hides_is_found_wherever_camera_and_target_have_moved() -> None:
@@ -29,7 +28,7 @@ def test_whatever_hides_is_found_wherever_camera_and_target_have_moved() -> None
     found = 0
     for _ in range(400):
         eye, target = eye + rng.normal(0, 1, 3), target + rng.normal(0, 1, 3)
-        ball, place = Ball(triple(target), float(rng.uniform(0.5, 3))), triple(eye)
+        ball, place = BoundingSphere(triple(target), float(rng.uniform(0.5, 3))), triple(eye)
         hiding = [solid for solid in standing if hides(ball_of(solid), ball, place)]
         about = [solid for one, solid in corridor.about(place, ball) if hides(one, ball, place)]
         assert about == hiding

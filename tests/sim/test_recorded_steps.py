@@ -2,14 +2,19 @@
 
 import math
 import os
+import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from follower_sim.recorded_step import RecordedStep, SentSetpoint
-from follower_sim.step_metrics import crossing, fall, rise
-from follower_sim.step_replay import fly_again
+from follower_sim.scoring.recorded_step import RecordedStep, SentSetpoint
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "autopilot_steps"
+_metrics = runpy.run_path(str(BENCHMARK / "step_metrics.py"))
+crossing, fall, rise = (_metrics[name] for name in ("crossing", "fall", "rise"))
+stepped_signals, max_tilt_deg = _metrics["stepped_signals"], _metrics["max_tilt_deg"]
+fly_again = runpy.run_path(str(BENCHMARK / "step_replay.py"))["fly_again"]
 
 _SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 DATA = Path(os.environ.get("FOLLOWER_DATA", _SHARED)) / "autopilot_steps"
@@ -48,7 +53,7 @@ STEPS = {
 def recorded(name: str) -> RecordedStep:
     path = DATA / f"{name}.csv"
     if not path.exists():
-        pytest.skip(f"no recording {path.name}; set FOLLOWER_DATA to the folder of the data")
+        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
     return RecordedStep.load(path)
 
 
@@ -60,17 +65,17 @@ def test_every_recorded_step_is_met_within_15_percent_or_the_readings_noise(
 ) -> None:
     real = recorded(name)
     flown = fly_again(flavour, real)
-    for true, ours in zip(real.stepped, flown.stepped, strict=True):
+    for true, ours in zip(stepped_signals(real), stepped_signals(flown), strict=True):
         assert rise(real, true).disagreements(rise(flown, ours)) == []
         assert fall(real, true).disagreements(fall(flown, ours)) == []
-    if real.max_tilt_deg > 5.0:
-        assert flown.max_tilt_deg == pytest.approx(real.max_tilt_deg, rel=0.15)
+    if max_tilt_deg(real) > 5.0:
+        assert max_tilt_deg(flown) == pytest.approx(max_tilt_deg(real), rel=0.15)
 
 
 def step_of(
     velocity: tuple[float, float, float], yaw_rate_deg_s: float = 0.0, seconds: float = 8.0
 ) -> RecordedStep:
-    """Return the set-points of a step as they were recorded, without a recording."""
+    """Return the setpoints of a step as they were recorded, without a recording."""
     zero = SentSetpoint(0.0, 8, 0x5C7, (0.0, 0.0, 0.0), 0.0)
     step = SentSetpoint(1.5, 8, 0x5C7, velocity, math.radians(yaw_rate_deg_s))
     end = SentSetpoint(1.5 + seconds, 8, 0x5C7, (0.0, 0.0, 0.0), 0.0)
@@ -79,6 +84,7 @@ def step_of(
     return RecordedStep("step", times, nothing, nothing, np.zeros(2), (zero, step, end))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flavour", "velocity", "yaw_rate", "t63", "t90", "overshoot", "steady"),
     [
@@ -105,7 +111,7 @@ def test_the_table_of_facts(
     steady: float,
 ) -> None:
     flown = fly_again(flavour, step_of(velocity, yaw_rate))
-    (signal,) = flown.stepped
+    (signal,) = stepped_signals(flown)
     metrics = rise(flown, signal)
     assert metrics.t63_s == pytest.approx(t63, rel=0.15)
     if t90 is not None:
@@ -115,6 +121,7 @@ def test_the_table_of_facts(
     assert metrics.steady == pytest.approx(steady, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flavour", "lag_deg", "allowed_deg"),
     # 15 %; PX4's recording errs by 0.09 m/s of 2 m/s before the step, which is 2.5 deg more.
@@ -129,6 +136,7 @@ def test_the_velocity_lags_behind_a_turning_nose(
     assert math.degrees(math.atan2(-right, forward)) == pytest.approx(lag_deg, abs=allowed_deg)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flavour", "distance_m"), [("ardupilot", 2.95), ("px4", 3.6)])
 def test_the_stop_from_3_m_s_takes_its_distance(flavour: str, distance_m: float) -> None:
     flown = fly_again(flavour, step_of((3.0, 0.0, 0.0)))
@@ -152,7 +160,7 @@ def test_metrics_of_a_known_curve() -> None:
     north = np.stack([signal, np.zeros_like(signal), np.zeros_like(signal)])
     still = np.zeros_like(north)
     curve = RecordedStep("curve", time_s, north, still, still[0], step.sent)
-    (stepped,) = curve.stepped
+    (stepped,) = stepped_signals(curve)
     metrics = rise(curve, stepped)
     assert metrics.t63_s == pytest.approx(-math.log(0.37), abs=0.01)
     assert metrics.t90_s == pytest.approx(math.log(10.0), abs=0.01)

@@ -8,18 +8,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from follower_sim.ground import GroundPainter, PixelRays
-from follower_sim.ground_map import GroundMap
-from follower_sim.ground_pyramid import Ground, GroundPyramid
+from follower_sim.bodies.mesh import ball, box
 from follower_sim.kinematics import BodyState
-from follower_sim.lens import Lens
-from follower_sim.painter import SolidBatch, SolidPainter
-from follower_sim.render import pixel_rays
-from follower_sim.shapes import ball, box
-from follower_sim.solid import Solid
-from follower_sim.view import View
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount
+from follower_sim.view import CameraView
+from follower_sim.world.ground import GroundPainter, PixelRays
+from follower_sim.world.ground_pyramid import Ground, GroundMap, GroundPyramid
+from follower_sim.world.painter import LensProjection, SolidBatch, SolidPainter
+from follower_sim.world.render import pixel_rays
+from follower_sim.world.solid import Solid
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount
 
 LEVEL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 STRAIGHT = CameraModel.from_fov(320, 240, math.radians(75))
@@ -41,13 +39,14 @@ def centroid(image: np.ndarray) -> np.ndarray:
     return np.array([((columns + 0.5) * weight).sum(), ((rows + 0.5) * weight).sum()]) / total
 
 
-def painted(camera: CameraModel, solids: list[Solid], view: View) -> np.ndarray:
+def painted(camera: CameraModel, solids: list[Solid], view: CameraView) -> np.ndarray:
     image = np.zeros((camera.height, camera.width, 3), np.uint8)
-    painter = SolidPainter(Lens(camera))
+    painter = SolidPainter(LensProjection(camera))
     painter.paint(image, painter.select([SolidBatch.of(solids)], view), view)
     return image
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(cameras, attitudes, st.floats(40, 280), st.floats(40, 200), st.floats(6, 40))
 def test_a_small_ball_is_drawn_at_its_projection(
@@ -57,7 +56,7 @@ def test_a_small_ball_is_drawn_at_its_projection(
     row: float,
     distance: float,
 ) -> None:
-    view = View.of(BodyState(0, (3.0, -4.0, -9.0), attitude_rad=attitude), MOUNT)
+    view = CameraView.of(BodyState(0, (3.0, -4.0, -9.0), attitude_rad=attitude), MOUNT)
     ray = camera.rays([[column, row]])[0]
     place = view.position_m + view.world_to_camera.T @ ray * distance
     mesh = ball(0.012 * distance, (0, 0, 0), (200, 200, 200))
@@ -73,16 +72,18 @@ corners = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(corners)
 def test_a_face_that_is_left_out_would_colour_nothing(face: list[tuple[int, int]]) -> None:
     polygon = cv2.convexHull(np.array(face, np.int32))
     image = np.zeros((STRAIGHT.height, STRAIGHT.width), np.uint8)
     cv2.fillConvexPoly(image, polygon, (255,), cv2.LINE_AA, 4)
-    (in_image,) = SolidPainter(Lens(STRAIGHT)).in_image(np.array([face], np.int32))
+    (in_image,) = SolidPainter(LensProjection(STRAIGHT)).in_image(np.array([face], np.int32))
     assert in_image or not image.any()
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(cameras, attitudes, st.floats(30, 290), st.floats(30, 210), st.floats(3, 30))
 def test_a_mark_on_the_ground_is_drawn_at_its_projection(
@@ -92,7 +93,7 @@ def test_a_mark_on_the_ground_is_drawn_at_its_projection(
     row: float,
     height: float,
 ) -> None:
-    view = View.of(BodyState(0, (20.0, 35.0, -height), attitude_rad=attitude), MOUNT)
+    view = CameraView.of(BodyState(0, (20.0, 35.0, -height), attitude_rad=attitude), MOUNT)
     ray = view.world_to_camera.T @ camera.rays([[column, row]])[0]
     assume(ray[2] > 0.3)
     place = view.position_m + ray * height / ray[2]
@@ -115,7 +116,7 @@ def test_a_mark_on_the_ground_is_drawn_at_its_projection(
 def test_the_ground_ends_at_the_horizon(
     camera: CameraModel, attitude: tuple[float, float, float]
 ) -> None:
-    view = View.of(BodyState(0, (0.0, 0.0, -8.0), attitude_rad=attitude), MOUNT)
+    view = CameraView.of(BodyState(0, (0.0, 0.0, -8.0), attitude_rad=attitude), MOUNT)
     white = GroundMap(np.full((60, 60, 3), 255, np.uint8), 30000.0, -30000.0, 1000.0)
     drawn = np.zeros((camera.height, camera.width, 3), np.uint8)
     both = Ground(GroundPyramid([white]), GroundPyramid([white]))
@@ -132,7 +133,7 @@ def test_pixels_that_look_exactly_along_the_horizon_see_no_ground_and_do_no_harm
     white = GroundPyramid([GroundMap(np.full((60, 60, 3), 255, np.uint8), 30.0, -30.0, 1.0)])
     drawn = np.zeros((48, 64, 3), np.uint8)
     painter = GroundPainter(Ground(white, white), PixelRays(columns, rows, 20.0), (0, 0, 0), 1e9)
-    painter.paint(drawn, View(np.array([0.0, 0.0, -5.0]), LEVEL))
+    painter.paint(drawn, CameraView(np.array([0.0, 0.0, -5.0]), LEVEL))
     assert not drawn[:25].any()
     assert drawn[25:].all()
 
@@ -145,7 +146,7 @@ def test_east_is_to_the_right_when_looking_north(yaw_deg: float) -> None:
         [10 * math.cos(yaw) - 3 * math.sin(yaw), 10 * math.sin(yaw) + 3 * math.cos(yaw), -5.0]
     )
     mesh = ball(0.3, (0, 0, 0), (200, 200, 200))
-    view = View.of(body, CameraMount())
+    view = CameraView.of(body, CameraMount())
     image = painted(STRAIGHT, [Solid.placed(mesh, ahead_right, np.eye(3), UP)], view)
     image[image > 0] = 255
     x, y = centroid(image)
@@ -154,7 +155,7 @@ def test_east_is_to_the_right_when_looking_north(yaw_deg: float) -> None:
 
 
 def test_nearer_bodies_hide_farther_ones() -> None:
-    view = View.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
+    view = CameraView.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
     near = Solid.placed(box((1, 4, 4), (0, 0, 255), (0, 0, -1)), (10, 0, 0), np.eye(3), UP)
     far = Solid.placed(box((1, 4, 4), (0, 255, 0), (0, 0, -1)), (15, 0, 0), np.eye(3), UP)
     for order in ([near, far], [far, near]):
@@ -165,7 +166,7 @@ def test_nearer_bodies_hide_farther_ones() -> None:
 def test_a_wall_that_reaches_behind_the_camera_fills_its_side_of_the_image(
     camera: CameraModel,
 ) -> None:
-    view = View.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
+    view = CameraView.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
     wall = Solid.placed(box((60, 1, 40), (90, 90, 90), (0, 0, -20)), (0, 2.5, 0), np.eye(3), UP)
     image = painted(camera, [wall], view)
     edge = camera.pixels([[2, 0, 29.99]])[0, 0]
@@ -182,13 +183,13 @@ def test_a_body_anywhere_is_drawn_within_its_projected_outline(
     east: float,
     down: float,
 ) -> None:
-    view = View.of(BodyState(0, (0.0, 0.0, -6.0), attitude_rad=attitude), MOUNT)
+    view = CameraView.of(BodyState(0, (0.0, 0.0, -6.0), attitude_rad=attitude), MOUNT)
     body = Solid.placed(box((4, 2, 1.5), (230, 230, 230)), (north, east, down), np.eye(3), UP)
     corners = view.to_camera(body.vertices)
     image = painted(camera, [body], view)
     if (corners[:, 2] < 0).all():
         assert not image.any()
-    elif (corners[:, 2] > 0.5).all() and not Lens(camera).outside(corners).any():
+    elif (corners[:, 2] > 0.5).all() and not LensProjection(camera).outside(corners).any():
         rows, columns = np.nonzero(image[..., 0] > 115)
         hull = camera.pixels(corners)
         if len(rows):
@@ -200,7 +201,7 @@ def test_a_body_anywhere_is_drawn_within_its_projected_outline(
 
 def test_the_lens_never_folds_points_from_outside_into_the_image() -> None:
     camera = CameraModel.from_fov(320, 240, math.radians(60), (-0.25, 0.0, 0.0, 0.0, 0.0))
-    view = View.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
+    view = CameraView.of(BodyState(0, (0.0, 0.0, -1.0)), CameraMount())
     for right in np.linspace(6, 60, 30):
         aside = Solid.placed(box((1, 1, 1), (90, 90, 90)), (5, right, 0), np.eye(3), UP)
         assert not painted(camera, [aside], view).any()

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from follower_sim.kinematics import BodyState
-from follower_sim.render import Renderer
-from follower_sim.truth import TruthTeller
-from follower_sim.world import World
-from follower_vision.acquire import ColourSearchSettings, colour_from_hex, find_by_colour
+from follower_sim.scoring.ground_truth import GroundTruth
+from follower_sim.world.render import Renderer
+from follower_sim.world.world import World
+from follower_vision.selection import ColourSearchSettings, colour_from_hex, find_by_colour
 
 HOVER = BodyState(10, (0.0, 0.0, -6.0))
 
@@ -25,9 +25,10 @@ def sharpness(image: np.ndarray) -> float:
     return float(cv2.Laplacian(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.CV_64F).var())
 
 
+@pytest.mark.slow
 def test_the_car_is_drawn_where_the_truth_says(small_world: World, renderer: Renderer) -> None:
     image = renderer.render(10, HOVER)
-    truth = TruthTeller(small_world).truth(10, HOVER)
+    truth = GroundTruth(small_world).seen(10, HOVER)
     found = find_by_colour(image, colour_from_hex("#e0401c"), ColourSearchSettings())[0]
     assert truth.box is not None
     assert found.iou(truth.box) > 0.7
@@ -58,6 +59,7 @@ def test_motion_blur_is_centred_on_the_middle_of_the_exposure(renderer: Renderer
     assert math.hypot(*shift) < 0.3
 
 
+@pytest.mark.slow
 def test_the_car_is_as_sharp_as_before_when_the_camera_moves_along(
     make_world: Callable[..., World],
 ) -> None:
@@ -66,13 +68,14 @@ def test_the_car_is_as_sharp_as_before_when_the_camera_moves_along(
     renderer = Renderer(world)
     body = BodyState(0, (0.0, 0.0, -6.0), (1.0, 0.0, 0.0))
     still, along = renderer.render(0, body), renderer.render(0, body, 0.01)
-    box = TruthTeller(world).truth(0, body).box
+    box = GroundTruth(world).seen(0, body).box
     assert box is not None
     rows, columns = slice(int(box.top), int(box.bottom)), slice(int(box.left), int(box.right))
     difference = cv2.absdiff(still, along)[rows, columns]
     assert float(np.median(difference)) <= 2
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_picture(make_world: Callable[..., World]) -> None:
     scatter = [{"kind": "fir", "count": 5, "clear_m": 5, "within_m": 30}]
     pictures = [

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-from follower.scenario_start import gimbal_of
-from follower_control.strict_yaml import SettingsError
+from follower.simulation.components import gimbal_of
+from follower_control.common.strict_config import SettingsError
 from follower_sim.kinematics import BodyState
-from follower_sim.render import Renderer
-from follower_sim.scenario import Scenario
-from follower_sim.scenario_file import load_scenario
-from follower_sim.truth import TruthTeller, target_truth
-from follower_sim.world import World
-from follower_vision.acquire import colour_from_hex, find_by_colour
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.scoring.ground_truth import GroundTruth
+from follower_sim.world.render import Renderer
+from follower_sim.world.world import World
+from follower_vision.selection import colour_from_hex, find_by_colour
 
 FOLDER = Path(__file__).parents[2] / "configs" / "scenarios"
 SHIPPED = sorted(FOLDER.glob("*.yaml"))
@@ -115,7 +115,7 @@ def test_a_shipped_target_can_be_found_by_its_colour_after_take_off(path: Path) 
     )
     gimbal = gimbal_of(scenario)
     camera = body if gimbal is None else gimbal.camera(body)
-    truth = TruthTeller(world).truth(10.0, body, camera)
+    truth = GroundTruth(world).seen(10.0, camera)
     image = Renderer(world).render(10.0, camera)
     select = scenario.select
     found = find_by_colour(image, colour_from_hex(select.colour), select.search)
@@ -146,9 +146,9 @@ def test_the_winding_road_starts_behind_the_car_and_turned_away(winding: Scenari
     north, east = winding.start.at
     heading_rad = math.radians(winding.start.heading_deg)
     body = BodyState(0, (north, east, 0), attitude_rad=(0, 0, heading_rad))
-    truth = target_truth(world, 0, body)
+    truth = GroundTruth(world).sample(0, body)
     assert 20 < truth.range_m < 30
-    assert 20 < math.degrees(truth.line_of_sight.azimuth_rad) < 40
+    assert 20 < math.degrees(truth.azimuth_rad) < 40
 
 
 def test_yaml_says_it_all(winding: Scenario) -> None:

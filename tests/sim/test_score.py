@@ -8,12 +8,18 @@ import math
 
 import pytest
 
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_sim.commanded import PursuitStep, commanded_peaks
-from follower_sim.criteria import Criteria, checks, verdict
-from follower_sim.kinematics import BodyState
-from follower_sim.score import PursuitGoal, PursuitScore, line_of_sight_errors, pursuit_score
-from follower_sim.truth_sample import TruthSample
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.scenario.scenario import Criteria
+from follower_sim.scoring.criteria import checks, verdict
+from follower_sim.scoring.score import (
+    PursuitGoal,
+    PursuitScore,
+    PursuitStep,
+    commanded_peaks,
+    line_of_sight_errors,
+    pursuit_score,
+)
 
 GOAL = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-20))
 RATE_HZ = 50

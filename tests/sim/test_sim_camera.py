@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from follower_sim.camera import Delivery, SimCamera
+from follower_sim.camera import Delivery, Sensor, SimCamera
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario import CameraSettings
-from follower_sim.sensor import Sensor
-from follower_sim.world import World
+from follower_sim.scenario.scenario import SimCameraSettings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 SMALL = {"width": 64, "height": 48}
@@ -30,7 +29,7 @@ class Blank:
 
 def camera(make_world: Callable[..., World], **settings: object) -> SimCamera:
     world = make_world(camera={**SMALL, **settings})
-    return SimCamera(world, hover, start_s=100.0, renderer=Blank())  # type: ignore[arg-type]
+    return SimCamera(world, hover, start_s=100.0, render=Blank().render)
 
 
 def taken(source: SimCamera, count: int) -> list[Delivery | None]:
@@ -107,7 +106,7 @@ def faulty(make_world: Callable[..., World], kind: str) -> SimCamera:
         camera={**SMALL, "jitter_s": 0.0, "rate_hz": 10},
         faults=[{"kind": kind, "from_s": 0.45, "until_s": 0.95}],
     )
-    return SimCamera(world, hover, start_s=100.0, renderer=Blank())  # type: ignore[arg-type]
+    return SimCamera(world, hover, start_s=100.0, render=Blank().render)
 
 
 def test_a_black_camera_shows_only_noise(make_world: Callable[..., World]) -> None:
@@ -170,7 +169,7 @@ def test_a_picture_that_nobody_looked_at_has_its_times_and_its_size(
 
 
 def test_noise_has_the_strength_asked_for_and_no_bias() -> None:
-    settings = CameraSettings(noise=4, vignetting=0, exposure_drift=0)
+    settings = SimCameraSettings(noise=4, vignetting=0, exposure_drift=0)
     sensor = Sensor(settings, np.random.default_rng(1))
     flat = np.full((480, 640, 3), 128, np.uint8)
     first, second = (sensor.expose(flat, 0, sensor.grain()).astype(float) for _ in range(2))
@@ -180,7 +179,7 @@ def test_noise_has_the_strength_asked_for_and_no_bias() -> None:
 
 
 def test_vignetting_darkens_the_corners_alone() -> None:
-    settings = CameraSettings(noise=0, vignetting=0.4, exposure_drift=0)
+    settings = SimCameraSettings(noise=0, vignetting=0.4, exposure_drift=0)
     image = Sensor(settings, np.random.default_rng(1)).expose(
         np.full((480, 640, 3), 200, np.uint8), 0, (0, 0)
     )
@@ -189,7 +188,7 @@ def test_vignetting_darkens_the_corners_alone() -> None:
 
 
 def test_the_exposure_drifts_within_its_amplitude() -> None:
-    sensor = Sensor(CameraSettings(exposure_drift=0.1), np.random.default_rng(1))
+    sensor = Sensor(SimCameraSettings(exposure_drift=0.1), np.random.default_rng(1))
     gains = [sensor.gain(t) for t in np.arange(0, 120, 0.1)]
     assert 0.9 <= min(gains) < 0.96
     assert 1.04 < max(gains) <= 1.1

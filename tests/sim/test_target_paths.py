@@ -7,9 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from follower_sim.course import Course
-from follower_sim.paths import TargetPath
-from follower_sim.speed_profile import SpeedChange, SpeedProfile
+from follower_sim.paths.spline import Course, SpeedChange, SpeedProfile, TargetPath
 
 PROFILE = SpeedProfile(
     [SpeedChange(2, 5, 1.5), SpeedChange(12, 0, 2.0), SpeedChange(20, 7, 1.5)],

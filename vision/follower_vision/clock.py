@@ -1,7 +1,5 @@
 """Time is handed in: one monotonic clock for the whole system, or a simulated one."""
 
-from __future__ import annotations
-
 import time
 from typing import Protocol
 
@@ -14,7 +12,7 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, time_s: float) -> None:
-        """Return once `now() >= time_s`."""
+        """Return once `now() >= time_s`, in seconds."""
         ...
 
 
@@ -29,14 +27,14 @@ class MonotonicClock:
         return time.monotonic() - self._origin
 
     def sleep_until(self, time_s: float) -> None:
-        """Sleep until `time_s`, or not at all if that has passed."""
+        """Sleep until `time_s` in seconds, or not at all if that has passed."""
         remaining = time_s - self.now()
         if remaining > 0:
             time.sleep(remaining)
 
 
 class SimulatedClock:
-    """A clock that stands still until it is told otherwise: lockstep runs and tests."""
+    """A clock that stands still until it is set: lockstep runs and tests."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now = start_s
@@ -46,5 +44,5 @@ class SimulatedClock:
         return self._now
 
     def sleep_until(self, time_s: float) -> None:
-        """Jump to `time_s`; time never runs backwards."""
+        """Jump to `time_s` in seconds; time never runs backwards."""
         self._now = max(self._now, time_s)

@@ -1,20 +1,20 @@
 """Finds a target in the pixels from a description of it: "the orange thing"."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.box import Box
-from follower_vision.boxgrowth import grown_to_contrast
-from follower_vision.frame import Image
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
 
+_REFERENCE_LINES = 3
+_LEAST_CONTRAST = 14.0
+_FOREGROUND_SHARE = 0.4
 Mask = npt.NDArray[np.uint8]
 _GREY_SATURATION = 50
 _MOST_COMPONENTS = 60
@@ -22,6 +22,70 @@ _LEAST_FILL = 0.25
 _LEAST_PART = 0.08
 _LARGE_PX = 3000
 """Of two things of the same colour the larger one is meant, until both are as large as this."""
+_REACHES = (0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
+"""Half the side of the part looked at, as shares of the image's longer side."""
+_LARGEST_PX = 640
+"""Larger images are made smaller: a click is not to hold up vision."""
+_INNER = 0.72
+"""The ring of surroundings begins at this share of the reach."""
+_BINS = 24
+_RARE = 0.25
+_LEAST_PX = 12
+_LEAST_SIDE_PX = 3
+_NEAR_PX = 4.0
+_Rect = tuple[int, int, int, int]
+
+
+def grown_to_contrast(image: Image, box: Box, max_growth_ratio: float) -> Box:
+    """Return the box with each edge moved out over lines that differ from what lies beyond.
+
+    A car's coloured body is surrounded by its dark wheels and windows; the road begins behind
+    them. For each edge, the lines just beyond the largest growth stand for the surroundings, and
+    the edge moves over those lines of which at least 40 % differ from them in Lab.
+
+    Args:
+        image: (H, W, 3) uint8 BGR.
+        box: whole pixels are taken.
+        max_growth_ratio: the furthest that an edge moves, as a share of the box's side.
+    """
+    x, y, w, h = (round(value) for value in box.xywh)
+    across, down = round(w * max_growth_ratio), round(h * max_growth_ratio)
+    margin = max(across, down) + _REFERENCE_LINES
+    lab = _lab_around(image, (x, y, w, h), margin)
+    if lab is None:
+        return box
+    columns = slice(margin, margin + w)
+    rows = slice(margin, margin + h)
+    top = _growth(lab[:margin, columns][::-1], down)
+    bottom = _growth(lab[margin + h :, columns], down)
+    left = _growth(lab[rows, :margin].swapaxes(0, 1)[::-1], across)
+    right = _growth(lab[rows, margin + w :].swapaxes(0, 1), across)
+    return Box.from_xywh(x - left, y - top, w + left + right, h + top + bottom)
+
+
+def _lab_around(
+    image: Image, whole: tuple[int, int, int, int], margin: int
+) -> npt.NDArray[np.float32] | None:
+    """The box and a margin in Lab; None where the margin leaves the image."""
+    x, y, w, h = whole
+    height, width = image.shape[:2]
+    if x < margin or y < margin or x + w + margin > width or y + h + margin > height:
+        return None
+    patch = image[y - margin : y + h + margin, x - margin : x + w + margin]
+    return cv2.cvtColor(patch, cv2.COLOR_BGR2Lab).astype(np.float32)
+
+
+def _growth(lines: npt.NDArray[Any], most: int) -> int:
+    """How many of the lines (nearest the box first) belong to the target, at most `most`."""
+    if most < 1:
+        return 0
+    beyond = lines[most : most + _REFERENCE_LINES].reshape(-1, 3)
+    middle = np.median(beyond, axis=0)
+    spread = np.median(np.abs(beyond - middle).sum(axis=1))
+    distance = np.abs(lines[:most] - middle).sum(axis=2)
+    share = (distance > max(_LEAST_CONTRAST, 3 * spread)).mean(axis=1)
+    differs = share >= _FOREGROUND_SHARE
+    return int(most if differs.all() else np.argmin(differs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +118,6 @@ class ColourSearchSettings:
     merge_gap_ratio: float = 0.35
     max_growth_ratio: float = 0.2
     max_candidates: int = 8
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __post_init__(self) -> None:
         if not 0 < self.hue_tolerance_deg <= 180:
@@ -90,10 +152,10 @@ def find_by_colour(
 
     Args:
         image: (H, W, 3) uint8 BGR.
-        colour_bgr: (blue, green, red), 0 to 255, as the target looks in good light.
+        colour_bgr: (blue, green, red), 0 to 255, as the target appears in good light.
         settings: what is alike and what is too small.
     """
-    mask = _without_specks(colour_mask(image, colour_bgr, settings))
+    mask = np.asarray(cv2.medianBlur(colour_mask(image, colour_bgr, settings), 3), np.uint8)
     parts = _components(mask)
     largest = settings.max_area_share * image.shape[0] * image.shape[1]
     boxes = [
@@ -136,11 +198,6 @@ def _in_range(
     hsv: npt.NDArray[Any], low: tuple[float, float, float], high: tuple[float, float, float]
 ) -> Mask:
     return np.asarray(cv2.inRange(hsv, np.array(low, float), np.array(high, float)), np.uint8)
-
-
-def _without_specks(mask: Mask) -> Mask:
-    """Noise makes single pixels of any colour; a target is denser than that."""
-    return np.asarray(cv2.medianBlur(mask, 3), np.uint8)
 
 
 def _components(mask: Mask) -> list[Box]:
@@ -197,3 +254,75 @@ def _score(image: Image, mask: Mask, box: Box, reference: tuple[float, float, fl
     paler = abs(saturation - reference[1]) / 80
     off = paler**2 + (turn**2 if reference[1] >= _GREY_SATURATION else 0.0)
     return math.exp(-off) * (count / box.area) * math.sqrt(min(1.0, count / _LARGE_PX))
+
+
+def box_around(image: Image, x: float, y: float) -> Box | None:
+    """Return the box of what stands out from its surroundings at a point, None if nothing does.
+
+    In ever larger squares about the point, the pixels whose colour is rare in the ring at the
+    square's border are taken for the thing, and what is connected under the point is its extent.
+    The largest square counts in which that does not reach the ring: in smaller ones it may be a
+    part, such as a shirt. Within a large thing the ring has its own colours, and on open ground
+    nothing is rare.
+
+    Args:
+        image: (H, W, 3) uint8 BGR.
+        x: of the point, in pixels.
+        y: likewise.
+    """
+    zoom = min(1.0, _LARGEST_PX / max(image.shape[:2]))
+    small = cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
+    lab = cv2.cvtColor(small, cv2.COLOR_BGR2Lab)
+    place = int(x * zoom), int(y * zoom)
+    sides = (max(round(reach * max(small.shape[:2])), 8) for reach in _REACHES)
+    found = [rect for side in sides if (rect := _within(lab, *place, side)) is not None]
+    return Box.from_xywh(*(length / zoom for length in found[-1])) if found else None
+
+
+def _within(lab: npt.NDArray[Any], x: int, y: int, side: int) -> _Rect | None:
+    height, width = lab.shape[:2]
+    left, right = max(x - side, 0), min(x + side + 1, width)
+    top, bottom = max(y - side, 0), min(y + side + 1, height)
+    part = lab[top:bottom, left:right]
+    if min(part.shape[:2]) < _LEAST_SIDE_PX:
+        return None
+    rows = np.abs(np.arange(top, bottom) - y)[:, None]
+    columns = np.abs(np.arange(left, right) - x)[None, :]
+    ring = np.maximum(rows, columns) > _INNER * side
+    rect = _under(_rare(part, ring), ring, x - left, y - top)
+    return None if rect is None else (rect[0] + left, rect[1] + top, rect[2], rect[3])
+
+
+def _rare(part: npt.NDArray[Any], ring: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Return 1 where a pixel's colour is rare in the ring, else 0."""
+    bins = (part.astype(np.int32) * _BINS) >> 8
+    # Light and shade matter less than colour.
+    index = (bins[..., 0] // 2 * _BINS + bins[..., 1]) * _BINS + bins[..., 2]
+    counts = np.bincount(index[ring], minlength=_BINS**3 // 2).astype(np.float32)
+    cube = counts.reshape(_BINS // 2, _BINS, _BINS)
+    for axis in range(3):
+        cube = cube + np.roll(cube, 1, axis) + np.roll(cube, -1, axis)
+    density = cube.ravel()[index]
+    usual = float(np.median(density[ring]))
+    mask = np.asarray(density < _RARE * usual, np.uint8)
+    kernel = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(cv2.medianBlur(mask, 3), cv2.MORPH_CLOSE, kernel)
+    return np.asarray(closed, np.uint8)
+
+
+def _under(mask: npt.NDArray[np.uint8], ring: npt.NDArray[Any], x: int, y: int) -> _Rect | None:
+    """Return the box of the component at a point, or just beside it, unless it is in the ring."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    rows, columns = np.nonzero(labels)
+    if not len(rows):
+        return None
+    distances = np.hypot(rows - y, columns - x)
+    nearest = int(np.argmin(distances))
+    if distances[nearest] > _NEAR_PX:
+        return None
+    label = labels[rows[nearest], columns[nearest]]
+    left, top, across, down, area = (int(value) for value in stats[label])
+    too_small = area < _LEAST_PX or min(across, down) < _LEAST_SIDE_PX
+    if too_small or np.any(ring[labels == label]):
+        return None
+    return left, top, across, down

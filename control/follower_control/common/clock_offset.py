@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from follower_vision.camera import Vector
+from follower_vision.geometry.camera_model import Vector
 
 _GRID_S = 0.02
 _FINE_S = 0.002

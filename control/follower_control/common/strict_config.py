@@ -1,12 +1,11 @@
 """YAML into settings, strictly: what is mistyped is refused, in one line that helps."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -30,6 +29,41 @@ _UNITS = {
 
 class SettingsError(ValueError):
     """Settings cannot be used; the message is one line that says where and why."""
+
+
+class StrictFields:
+    """Base of a settings dataclass: pydantic refuses a key that it has no field for."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
+
+
+def check_ranges(settings: object, **ranges: tuple[float, float]) -> None:
+    """Refuse a setting that lies outside its range or is NaN; one that is None is not checked.
+
+    Args:
+        settings: has an attribute of each name.
+        ranges: smallest and largest value of each, in the setting's own unit.
+
+    Raises:
+        ValueError: names the setting, its range and its value.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(settings, name)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name} lies between {low:g} and {high:g}, not {value:g}")
+
+
+def check_positive(settings: object, *names: str) -> None:
+    """Refuse a setting that is not a finite number above 0; one that is None is not checked.
+
+    Raises:
+        ValueError: names the setting and its value.
+    """
+    for name in names:
+        value = getattr(settings, name)
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{name} is finite and positive, not {value:g}")
 
 
 class _Loader(yaml.SafeLoader):
@@ -178,3 +212,13 @@ def _section_of(annotation: Any) -> Any:
         return _section_of(get_args(annotation)[1])
     inner = [_section_of(a) for a in get_args(annotation) if a is not type(None)]
     return inner[0] if inner else annotation
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `below` with what `above` says instead, section by section."""
+    result = dict(below)
+    for key, value in above.items():
+        known = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(known, Mapping)
+        result[key] = merged(known, value) if both and known is not None else value
+    return result

@@ -1,15 +1,66 @@
-"""MAVLink's usual carrier: UDP."""
+"""The seam between MAVLink and whatever carries its bytes."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import socket
+from collections import deque
+from typing import Protocol
 
+_LOOPBACK = "127.0.0.1"
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
 _MOST_PEERS = 8
 _MOST_AT_ONCE = 256
 """Of datagrams: who floods the port does not hold up the control loop that listens there."""
+
+
+class Transport(Protocol):
+    """Carries bytes to and from one peer; never blocks."""
+
+    def send(self, data: bytes) -> None:
+        """Send one packet. A packet that cannot be sent now is dropped, as UDP does."""
+        ...
+
+    def receive(self) -> bytes:
+        """Return what has arrived since the last call, b"" if nothing has."""
+        ...
+
+    def close(self) -> None:
+        """Release the port; sending and receiving end."""
+        ...
+
+
+class MemoryTransport:
+    """One end of a pair in memory: lockstep runs, where the kernel's timing must not matter."""
+
+    def __init__(self, inbox: deque[bytes], outbox: deque[bytes]) -> None:
+        self._inbox = inbox
+        self._outbox = outbox
+
+    @classmethod
+    def pair(cls) -> tuple[MemoryTransport, MemoryTransport]:
+        """Make the two ends."""
+        a: deque[bytes] = deque()
+        b: deque[bytes] = deque()
+        return cls(a, b), cls(b, a)
+
+    def send(self, data: bytes) -> None:
+        """Put a packet into the other end's inbox."""
+        self._outbox.append(bytes(data))
+
+    def receive(self) -> bytes:
+        """Return all that the other end has sent."""
+        if not self._inbox:
+            return b""
+        data = b"".join(self._inbox)
+        self._inbox.clear()
+        return data
+
+    def close(self) -> None:
+        """Forget what has arrived."""
+        self._inbox.clear()
 
 
 class UdpTransport:
@@ -51,6 +102,21 @@ class UdpTransport:
         """
         address = socket.gethostbyname(host)
         return cls(socket.socket(socket.AF_INET, socket.SOCK_DGRAM), (address, port))
+
+    @classmethod
+    def pair(cls, preferred_port: int = 0) -> tuple[UdpTransport, UdpTransport]:
+        """Return a listener on this computer, and who speaks to it first.
+
+        Args:
+            preferred_port: the listener's, if it is free; any free one otherwise.
+        """
+        try:
+            listener = cls.listen(_LOOPBACK, preferred_port)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+            listener = cls.listen(_LOOPBACK, 0)
+        return listener, cls.connect(_LOOPBACK, listener.port)
 
     @property
     def port(self) -> int:

@@ -5,21 +5,16 @@ and jerk. All limits are in the heading frame in which setpoints are flown; the 
 turning heading is not counted.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from dataclasses import dataclass
 
-from follower_control.bound import Bound
-from follower_control.clip import clip
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.fence import Fence
-from follower_control.flight_context import FlightContext
-from follower_control.jerklimit import JerkLimit
-from follower_control.limit import Limit
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.stopping_short import moves_on_m, too_near_m
+from follower_control.common.small_matrix import clip
+from follower_control.envelope.fence import Fence
+from follower_control.envelope.flight_context import FlightContext, moves_on_m, too_near_m
+from follower_control.envelope.jerk_limiter import JerkLimit, Limit, VelocityBound
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 
 SLACK = 1e-9
 """What rounding may add to a speed limit, m/s."""
@@ -31,7 +26,7 @@ HUGE = 1e6
 """Larger components are cut to this before arithmetic that could overflow, m/s."""
 
 TURN_AHEAD_S = 1.0
-"""So far ahead it is looked where the velocity goes while the nose turns."""
+"""So far ahead the velocity is predicted while the nose turns."""
 
 NOTICEABLE = 0.05
 """A smaller difference between asked and allowed velocity is not reported, m/s."""
@@ -46,7 +41,7 @@ _AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
 _LONGEST_AGAINST_S, _SLOWER_M_S = 3.0, 0.1
 """What is not slower by then goes the wrong way, as by a heading that is not true."""
 
-_NO_WAY = tuple(Bound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
+_NO_WAY = tuple(VelocityBound(way, 0.0, Limit.POSITION_UNKNOWN) for way in (1, -1, 1j, -1j))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +144,10 @@ class Envelope:
     def limit(
         self, asked: VelocitySetpoint, now_s: float, context: FlightContext
     ) -> LimitedSetpoint:
-        """Return what is allowed of `asked`; any numbers whatever are taken."""
+        """Return what is allowed of `asked` at `now_s` (seconds).
+
+        Any numbers whatever are taken.
+        """
         self._limits = []
         wanted = asked if asked.is_finite else self._refused()
         interval_s = self._interval(now_s)
@@ -213,11 +211,11 @@ class Envelope:
         return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
 
     def _braked(
-        self, velocity: complex, context: FlightContext, bounds: tuple[Bound, ...]
+        self, velocity: complex, context: FlightContext, bounds: tuple[VelocityBound, ...]
     ) -> complex:
         """Ask for less than a bound allows, or for back, while the vehicle itself is too fast.
 
-        PX4 lets a quarter of its velocity go only slowly.
+        PX4 loses the last quarter of its velocity only slowly.
         """
         known = context.known("yaw_rad", "north_m_s", "east_m_s")
         own = 0j if known is None else complex(*known[1:]) * cmath.rect(1.0, -known[0])
@@ -247,7 +245,7 @@ class Envelope:
             return yaw_rate
         return self._cut(yaw_rate, self._settings.braking_m_s2 / speed, Limit.FENCE)
 
-    def _fence(self, context: FlightContext, turn: float) -> tuple[Bound, ...]:
+    def _fence(self, context: FlightContext, turn: float) -> tuple[VelocityBound, ...]:
         radius = self._settings.fence_radius_m
         if radius is None:
             return ()
@@ -257,10 +255,10 @@ class Envelope:
         yaw, north, east = known
         room_m = radius - self._settings.fence_margin_m - math.hypot(north, east)
         speed = self._braking_speed(room_m)
-        bound = Bound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE)
+        bound = VelocityBound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE)
         return bound.while_turning(turn)
 
-    def _polygon_fence(self, context: FlightContext, turn: float) -> tuple[Bound, ...]:
+    def _polygon_fence(self, context: FlightContext, turn: float) -> tuple[VelocityBound, ...]:
         s = self._settings
         if s.fence_m is None and s.fence_deg is None:
             return ()
@@ -384,17 +382,17 @@ class Envelope:
         return -low - SLACK <= velocity.real <= high + SLACK
 
 
-def _nearness(context: FlightContext, closing: float | None) -> tuple[Bound, ...]:
+def _nearness(context: FlightContext, closing: float | None) -> tuple[VelocityBound, ...]:
     """Return how fast a target may be come nearer to, at most `closing`; None is no limit."""
     if closing is None:
         return ()
     known = context.known("target_range_m", "target_bearing_rad")
     if known is None:
-        return (Bound(1, 0.0, Limit.RANGE_UNKNOWN),)
+        return (VelocityBound(1, 0.0, Limit.RANGE_UNKNOWN),)
     (elevation,) = context.known("target_elevation_rad") or (0.0,)
     # What goes past above a target comes no nearer to it.
     level = min(math.cos(elevation) / _LEVEL, 1.0)
-    return (Bound.towards(known[1], closing / max(level, 1e-3), Limit.TARGET_NEAR),)
+    return (VelocityBound.towards(known[1], closing / max(level, 1e-3), Limit.TARGET_NEAR),)
 
 
 def _horizontal(setpoint: VelocitySetpoint) -> complex:

@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
-from follower_control.bound import Bound
-from follower_control.limit import Limit
+from follower_control.envelope.jerk_limiter import Limit, VelocityBound
 
 _EARTH_RADIUS_M = 6378137.0
 _TOUCHING_M = 1e-6
@@ -40,7 +39,10 @@ class Fence:
 
     @classmethod
     def around(cls, origin_deg: tuple[float, float], corners_deg: Corners) -> Fence:
-        """Make a fence from (latitude, longitude) corners, seen from the origin of positions."""
+        """Make a fence from (latitude, longitude) corners in degrees.
+
+        Around the origin of positions.
+        """
         latitude, longitude = origin_deg
         north = math.radians(1.0) * _EARTH_RADIUS_M
         east = north * math.cos(math.radians(latitude))
@@ -56,12 +58,12 @@ class Fence:
         return crossings % 2 == 1 and self.distance_m(place) > _TOUCHING_M
 
     def distance_m(self, place: complex) -> float:
-        """Return the distance to the nearest side."""
+        """Return the distance to the nearest side, metres."""
         return min(abs(_nearest(side, place) - place) for side in self._sides)
 
     def bounds(
         self, place: complex, margin_m: float, speed_at: Callable[[float], float]
-    ) -> tuple[Bound, ...]:
+    ) -> tuple[VelocityBound, ...]:
         """Return how fast the vehicle may move in which directions; in the world's axes.
 
         Inside, towards each side only so fast that it stops before it. Outside, only back.
@@ -74,11 +76,12 @@ class Fence:
         if self.contains(place):
             ways = [_nearest(side, place) - place for side in self._sides]
             return tuple(
-                Bound(way / abs(way), speed_at(abs(way) - margin_m), Limit.FENCE) for way in ways
+                VelocityBound(way / abs(way), speed_at(abs(way) - margin_m), Limit.FENCE)
+                for way in ways
             )
         back = self._way_back(place)
         return tuple(
-            Bound(-back * cmath.rect(1.0, turn), 0.0, Limit.FENCE)
+            VelocityBound(-back * cmath.rect(1.0, turn), 0.0, Limit.FENCE)
             for turn in (0.0, _BACK_RAD, -_BACK_RAD)
         )
 

@@ -1,14 +1,22 @@
-"""A velocity that follows a wish with limited acceleration and jerk and never leaves its bounds.
+"""A velocity that follows a setpoint with limited acceleration and jerk, within its bounds.
 
 Velocities in the plane are complex numbers: forward + 1j * right. One axis alone is a real part.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 
 BLEND_STEPS = 12
+
+ROUNDING = 1e-9
+"""A velocity just brought to a bound may exceed it by this much, m/s."""
+_STRAIGHT_RAD = math.radians(1)
+_TURN_STEP_RAD = math.radians(20)
 
 
 class JerkLimit:
@@ -41,7 +49,7 @@ class JerkLimit:
 
     @property
     def reach(self) -> float:
-        """The largest speed on the way to where the velocity would come to rest by itself."""
+        """The largest speed, m/s, on the way to where the velocity would come to rest by itself."""
         at_rest = self.velocity + self.acceleration * abs(self.acceleration) / (2 * self._max_jerk)
         return max(abs(self.velocity), abs(at_rest))
 
@@ -51,7 +59,10 @@ class JerkLimit:
         self.velocity = velocity if self._is_within(velocity) else self._scaled_in(velocity)
 
     def step(self, wanted: complex, interval_s: float) -> complex:
-        """Move towards `wanted`, which is finite, for `interval_s`; return the new velocity."""
+        """Move towards `wanted`, which is finite, for `interval_s`.
+
+        Return the new velocity, m/s.
+        """
         if interval_s <= 0:
             return self.velocity
         eased = self._moved_towards(0.0, interval_s)
@@ -108,3 +119,77 @@ class JerkLimit:
             middle = (low + high) / 2
             low, high = (middle, high) if self._is_within(velocity * middle) else (low, middle)
         return velocity * low
+
+
+class Limit(StrEnum):
+    """What kept a setpoint from being allowed as asked."""
+
+    NOT_FINITE = "not finite"
+    SPEED = "speed"
+    DOUBT = "doubtful estimate"
+    CLIMB = "climb speed"
+    DESCENT = "descent speed"
+    YAW_RATE = "yaw rate"
+    MIN_HEIGHT = "minimum height"
+    MIN_CLEARANCE = "minimum clearance"
+    CEILING = "ceiling"
+    HEIGHT_UNKNOWN = "height unknown"
+    FENCE = "fence"
+    POSITION_UNKNOWN = "position unknown"
+    TARGET_NEAR = "minimum distance"
+    RANGE_UNKNOWN = "range unknown"
+    ACCELERATION = "acceleration"
+    YAW_ACCELERATION = "yaw acceleration"
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityBound:
+    """A speed limit in one direction; velocities are complex numbers, forward + 1j * right, m/s.
+
+    Attributes:
+        direction: a complex number of length 1.
+        max_speed_m_s: in that direction, not negative; standing still keeps every bound.
+        limit: what it is there for.
+    """
+
+    direction: complex
+    max_speed_m_s: float
+    limit: Limit
+
+    @classmethod
+    def towards(cls, bearing_rad: float, max_speed_m_s: float, limit: Limit) -> VelocityBound:
+        """Make a bound on the speed, m/s, towards a bearing from the nose, rad.
+
+        Right is positive.
+        """
+        return cls(cmath.rect(1.0, bearing_rad), max_speed_m_s, limit)
+
+    def turned(self, angle_rad: float) -> VelocityBound:
+        """Return the same bound for axes that are turned by minus this angle, rad."""
+        return VelocityBound(
+            self.direction * cmath.rect(1.0, angle_rad), self.max_speed_m_s, self.limit
+        )
+
+    def while_turning(self, turn_rad: float) -> tuple[VelocityBound, ...]:
+        """Return bounds that keep this one also while the axes turn, with the velocity in them."""
+        if abs(turn_rad) < _STRAIGHT_RAD:
+            return (self,)
+        count = math.ceil(abs(turn_rad) / _TURN_STEP_RAD)
+        return (self, *(self.turned(-turn_rad * (i + 1) / count) for i in range(count)))
+
+    def excess(self, velocity: complex) -> float:
+        """Return by how many m/s a velocity is too fast in this direction, 0 if it is not."""
+        return max(0.0, self.speed(velocity) - self.max_speed_m_s)
+
+    def kept(self, velocity: complex) -> complex:
+        """Take away what is too fast; motion across the direction stays."""
+        return velocity - self.excess(velocity) * self.direction
+
+    def share(self, velocity: complex) -> float:
+        """Return what share of a velocity keeps the bound; 1 if all of it does."""
+        speed = self.speed(velocity)
+        return 1.0 if speed <= self.max_speed_m_s + ROUNDING else self.max_speed_m_s / speed
+
+    def speed(self, velocity: complex) -> float:
+        """Return a velocity's speed in this direction, m/s, negative if it goes the other way."""
+        return (velocity * self.direction.conjugate()).real

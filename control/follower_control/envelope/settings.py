@@ -1,13 +1,10 @@
 """The envelope's limits."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
 
-from follower_control.estimate_trust import TrustSettings
-from follower_control.fence import check_corners
+from follower_control.common.strict_config import check_positive
+from follower_control.envelope.fence import check_corners
+from follower_control.target.estimator import TrustSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +21,7 @@ class EnvelopeSettings:
         max_yaw_acceleration_deg_s2: either way.
         min_height_m: above home; no descent below it.
         ceiling_m: above home; no climb above it.
-        min_clearance_m: above what is below, where a rangefinder or a terrain map tells it.
+        min_clearance_m: above what is below, where a rangefinder or a terrain map gives it.
         fence_radius_m: around home; no motion away from home beyond it.
         fence_m: corners (north, east) in metres from home of a polygon that is not left; outside
             of it, there is only motion back.
@@ -37,8 +34,6 @@ class EnvelopeSettings:
         reaction_s: how long the vehicle takes to answer, counted before it brakes.
         max_interval_s: longer pauses between two calls count as this long.
     """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     max_speed_m_s: float = 10.0
     max_climb_m_s: float = 2.0
@@ -61,10 +56,8 @@ class EnvelopeSettings:
     max_interval_s: float = 0.1
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, float | int) and not 0 < value < math.inf:
-                raise ValueError(f"{one.name} is finite and positive, not {value}")
+        others = {"fence_m", "fence_deg", "trust"}
+        check_positive(self, *(one.name for one in fields(self) if one.name not in others))
         if self.braking_m_s2 > self.max_acceleration_m_s2:
             raise ValueError("braking_m_s2 is at most max_acceleration_m_s2")
         low, high = self.min_height_m, self.ceiling_m

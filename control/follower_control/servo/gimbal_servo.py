@@ -1,18 +1,16 @@
 """The law that keeps the target in the middle of a gimbal's camera."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from follower_control.attitude_history import turned_on
-from follower_control.clip import clip
-from follower_control.estimate import TargetEstimate
-from follower_control.gimbal import STILL, GimbalRates, camera_to_world
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, GimbalState
-from follower_vision.lineofsight import LineOfSight, wrap_angle
+from follower_control.common.small_matrix import clip
+from follower_control.common.strict_config import check_positive, check_ranges
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.attitude_history import turned_on
+from follower_control.vehicle.gimbal import STILL, GimbalRates, camera_to_world
+from follower_control.vehicle.state import Attitude, GimbalState
+from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 
 _STALE_S = 0.5
 _AHEAD_S = 0.1
@@ -33,8 +31,6 @@ class GimbalSettings:
         widest_deg: largest yaw from the nose, either way.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     enabled: bool = False
     device: int = 0
     gain_s: float = 3.0
@@ -44,14 +40,10 @@ class GimbalSettings:
     widest_deg: float = 150.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.device <= 255:
-            raise ValueError(f"device is a number from 0 to 255, not {self.device}")
-        if not all(0 < value < math.inf for value in (self.gain_s, self.max_rate_deg_s)):
-            raise ValueError(f"gain_s and max_rate_deg_s are positive, not {self}")
+        check_ranges(self, device=(0, 255), widest_deg=(0.01, 360))
+        check_positive(self, "gain_s", "max_rate_deg_s")
         if not -90 <= self.lowest_deg < self.highest_deg <= 90:
             raise ValueError("-90 <= lowest_deg < highest_deg <= 90 does not hold")
-        if not 0 < self.widest_deg <= 360:
-            raise ValueError(f"widest_deg lies between 0 and 360, not {self.widest_deg}")
 
 
 class GimbalServo:
@@ -72,11 +64,14 @@ class GimbalServo:
         vehicle: Attitude | None,
         now_s: float,
     ) -> GimbalRates:
-        """Return the rates for now; still where the target or the gimbal is not known."""
+        """Return the rates for `now_s` (seconds).
+
+        Zero where the target or the gimbal is not known.
+        """
         if estimate is None or gimbal is None or vehicle is None or not gimbal.is_finite:
             return STILL
         age_s = now_s - gimbal.time_s
-        if estimate.frame is SightFrame.BODY or not 0 <= age_s + _AHEAD_S <= _STALE_S + _AHEAD_S:
+        if estimate.frame is BearingFrame.BODY or not 0 <= age_s + _AHEAD_S <= _STALE_S + _AHEAD_S:
             return STILL
         ahead_s = min(max(age_s, 0.0), _AHEAD_S)
         now = GimbalState(turned_on(gimbal.attitude, ahead_s), gimbal.is_level, gimbal.from_north)
@@ -85,7 +80,7 @@ class GimbalServo:
         wanted = LineOfSight.from_vector(estimate.direction)
         turn = wrap_angle(wanted.azimuth_rad - looks.azimuth_rad)
         rise = wanted.elevation_rad - looks.elevation_rad
-        in_world = estimate.frame is SightFrame.WORLD
+        in_world = estimate.frame is BearingFrame.WORLD
         yaw = (estimate.azimuth_rate_rad_s if in_world else 0.0) + self._settings.gain_s * turn
         pitch = (estimate.elevation_rate_rad_s if in_world else 0.0) + self._settings.gain_s * rise
         if abs(looks.elevation_rad) > _STEEPEST_RAD:

@@ -1,17 +1,15 @@
 """Velocity across the line of sight: staying on one side of the target, or going round it."""
 
-from __future__ import annotations
-
 import cmath
 import math
 
-from follower_control.pid import Pid
-from follower_control.servo_settings import Mode, ServoSettings
-from follower_control.target_motion import TargetMotion
-from follower_vision.lineofsight import wrap_angle
+from follower_control.servo.pid import Pid
+from follower_control.servo.settings import FollowMode, OverheadYaw, ServoSettings
+from follower_control.target.world_filter import TargetMotion
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 
-class Sideways:
+class LateralControl:
     """The part of `side` and `orbit` that chasing has not.
 
     The bearing is that of the vehicle as seen from the target, from north and clockwise. The
@@ -23,7 +21,7 @@ class Sideways:
         most = settings.max_sideways_m_s / settings.distance_m
         self._bearing_pid = Pid(settings.bearing, -most, most)
         self._rate_pid = Pid(settings.orbit_rate, -most, most)
-        self.start(Mode.CHASE)
+        self.start(FollowMode.CHASE)
 
     def change(self, settings: ServoSettings) -> None:
         """Go on by other settings; the loops go on where they were."""
@@ -34,12 +32,12 @@ class Sideways:
         self._bearing_pid.change(settings.bearing, -most, most)
         self._rate_pid.change(settings.orbit_rate, -most, most)
 
-    def start(self, mode: Mode, right_m_s: float = 0.0) -> None:
-        """Begin at the present velocity to the right; the side is that of the settings."""
+    def start(self, mode: FollowMode, right_m_s: float = 0.0) -> None:
+        """Begin at the present velocity to the right, m/s; the side is that of the settings."""
         self._mode = mode
         self._side_rad = math.radians(self._settings.side_deg)
         self._present: float | None = right_m_s
-        self._bump = 0.0
+        self._step = 0.0
         self._asked = right_m_s
         self._bearing_pid.start()
         self._rate_pid.start()
@@ -49,7 +47,7 @@ class Sideways:
         offset: complex,
         offset_rate: complex,
         target: TargetMotion,
-        nudge_m_s: float,
+        offset_m_s: float,
         allowed_m_s: float,
         interval_s: float,
     ) -> float:
@@ -59,37 +57,43 @@ class Sideways:
             offset: horizontal vector to the target; north + 1j * east.
             offset_rate: its rate, m/s.
             target: how it moves.
-            nudge_m_s: added; `side` moves its side by it.
-            allowed_m_s: what was let through of the last answer.
+            offset_m_s: added; `side` moves its side by it.
+            allowed_m_s: what the envelope allowed of the last answer.
             interval_s: since the last update.
         """
         reach = max(abs(offset), 1.0)
         azimuth = cmath.phase(offset)
-        cut = -(self._asked - allowed_m_s) / reach
-        if self._mode is Mode.ORBIT:
+        saturation = -(self._asked - allowed_m_s) / reach
+        if self._mode is FollowMode.ORBIT:
             turning = (offset_rate * cmath.rect(1.0, -azimuth)).imag / reach
-            round_rad_s = self._orbit(turning, reach, cut, interval_s)
+            round_rad_s = self._orbit(turning, reach, saturation, interval_s)
         else:
-            round_rad_s = self._stay(azimuth, target, nudge_m_s / reach, cut, interval_s)
+            round_rad_s = self._stay(azimuth, target, offset_m_s / reach, saturation, interval_s)
         # Going to the right takes us round the target against the clock.
-        wanted = _across(target.velocity_m_s, azimuth) - round_rad_s * reach + nudge_m_s
+        across_m_s = (target.velocity_m_s * cmath.rect(1.0, -azimuth)).imag
+        wanted = across_m_s - round_rad_s * reach + offset_m_s
         self._asked = self._faded(wanted, interval_s)
         return self._asked
 
     def _stay(
-        self, azimuth: float, target: TargetMotion, nudge: float, cut: float, interval_s: float
+        self,
+        azimuth: float,
+        target: TargetMotion,
+        offset: float,
+        saturation: float,
+        interval_s: float,
     ) -> float:
         """Return the rate of going round the target, positive is clockwise from above."""
         if target.course_rad is None:
             return 0.0
-        self._side_rad -= nudge * interval_s
+        self._side_rad -= offset * interval_s
         error = wrap_angle(target.course_rad + self._side_rad - azimuth - math.pi)
-        return self._bearing_pid.update(error, -error, interval_s, cut=cut)
+        return self._bearing_pid.update(error, -error, interval_s, saturation=saturation)
 
-    def _orbit(self, turning: float, reach: float, cut: float, interval_s: float) -> float:
+    def _orbit(self, turning: float, reach: float, saturation: float, interval_s: float) -> float:
         """Return the rate likewise; an autopilot that flies too slowly is asked for more."""
         wanted = self._orbit_rate(reach)
-        return self._rate_pid.update(wanted - turning, turning, interval_s, wanted, cut)
+        return self._rate_pid.update(wanted - turning, turning, interval_s, wanted, saturation)
 
     def _orbit_rate(self, reach: float) -> float:
         s = self._settings
@@ -100,12 +104,67 @@ class Sideways:
     def _faded(self, wanted: float, interval_s: float) -> float:
         """Begin at the present velocity and let the difference fade."""
         if self._present is not None:
-            self._bump, self._present = self._present - wanted, None
+            self._step, self._present = self._present - wanted, None
         else:
-            self._bump *= math.exp(-interval_s / self._settings.bearing.bumpless_s)
-        return wanted + self._bump
+            self._step *= math.exp(-interval_s / self._settings.bearing.bumpless_s)
+        return wanted + self._step
 
 
-def _across(velocity: complex, azimuth: float) -> float:
-    """Return what of a velocity goes to the right of a direction."""
-    return (velocity * cmath.rect(1.0, -azimuth)).imag
+class OverheadControl:
+    """Two loops, north and east, from the target's place below to horizontal velocity.
+
+    The target's own velocity is fed forward. The loops work on the angle off the vertical, so that
+    their gains hold at any height.
+    """
+
+    def __init__(self, settings: ServoSettings) -> None:
+        self._settings = settings
+        self._north, self._east = (Pid(settings.overhead) for _ in range(2))
+        self.change(settings)
+        self.start()
+
+    def change(self, settings: ServoSettings) -> None:
+        """Go on by other settings, without a step in the loops' outputs."""
+        before, self._settings = self._settings, settings
+        most = settings.max_forward_m_s / settings.distance_m
+        unit = settings.distance_m / before.distance_m
+        for loop in (self._north, self._east):
+            loop.change(settings.overhead, -most, most, unit)
+
+    def start(self, present_m_s: complex = 0.0) -> None:
+        """Begin at the present velocity, north + 1j * east, m/s."""
+        self._asked = present_m_s
+        self._north.start(present_m_s.real / self._settings.distance_m)
+        self._east.start(present_m_s.imag / self._settings.distance_m)
+
+    def update(
+        self,
+        offset: complex,
+        range_m: float,
+        target: TargetMotion,
+        allowed_m_s: complex,
+        interval_s: float,
+    ) -> complex:
+        """Return the horizontal velocity, north + 1j * east, m/s.
+
+        Args:
+            offset: horizontal vector to the target, likewise, metres.
+            range_m: distance to it.
+            target: how it moves.
+            allowed_m_s: what the envelope allowed of the last answer.
+            interval_s: since the last update.
+        """
+        distance = self._settings.distance_m
+        saturation = (self._asked - allowed_m_s) / distance
+        angle, ahead = offset / range_m, target.velocity_m_s / distance
+        self._asked = distance * complex(
+            self._north.update(angle.real, -angle.real, interval_s, ahead.real, saturation.real),
+            self._east.update(angle.imag, -angle.imag, interval_s, ahead.imag, saturation.imag),
+        )
+        return self._asked
+
+    def heading_error(self, target: TargetMotion, yaw_rad: float) -> float:
+        """Return by how much to turn right, rad, for the nose to be where it is wanted."""
+        if self._settings.overhead_yaw is OverheadYaw.FREE or target.course_rad is None:
+            return 0.0
+        return wrap_angle(target.course_rad - yaw_rad)

@@ -1,12 +1,11 @@
-"""A PID loop that takes measured intervals and is told how much of its output was cut."""
-
-from __future__ import annotations
+"""A PID loop that takes measured intervals and the saturation of its last output."""
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-_SHORTEST_S = 1e-3
+from follower_control.common.strict_config import check_ranges
+
+_SHORTEST_S, _MOST = 1e-3, 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +23,6 @@ class PidSettings:
         bumpless_s: time constant with which the step at the start is faded out.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     kp: float
     ki: float = 0.0
     kd: float = 0.0
@@ -35,36 +32,32 @@ class PidSettings:
     bumpless_s: float = 0.5
 
     def __post_init__(self) -> None:
-        if not all(0 <= gain < math.inf for gain in (self.kp, self.ki, self.kd)):
-            raise ValueError(f"gains are finite and not negative, not {self}")
-        if not 0 <= self.cut_tolerance < math.inf:
-            raise ValueError(f"cut_tolerance is finite and not negative, not {self.cut_tolerance}")
-        times = (self.derivative_filter_s, self.tracking_s, self.bumpless_s)
-        if not all(_SHORTEST_S <= time < math.inf for time in times):
-            raise ValueError(f"time constants are finite and at least {_SHORTEST_S} s, not {self}")
+        gains = ("kp", "ki", "kd", "cut_tolerance")
+        times = ("derivative_filter_s", "tracking_s", "bumpless_s")
+        check_ranges(self, **dict.fromkeys(gains, (0.0, _MOST)))
+        check_ranges(self, **dict.fromkeys(times, (_SHORTEST_S, _MOST)))
 
 
 class Pid:
     """output = kp error + ki integral of error - kd rate of the measurement + feed-forward.
 
-    The derivative acts on the measurement, so that a new wish gives no kick. What was allowed of
-    the last output is told with the next update: the integral does not grow further beyond it
-    (conditional integration) and gives way towards it, but never past zero (back-calculation),
-    after Åström and Hägglund, "Advanced PID Control", ch. 3.5.
+    The derivative acts on the measurement, so that a new setpoint gives no kick. How much
+    the last output was saturated is given with the next update: the integral does not grow further
+    beyond it (conditional integration) and gives way towards it, but never past zero
+    (back-calculation), after Åström and Hägglund, "Advanced PID Control", ch. 3.5.
 
     Args:
         settings: gains and time constants.
         lowest: smallest output.
         highest: largest output.
 
-    Raises:
-        ValueError: the limits leave no room.
+    Attributes:
+        integral: what the integral contributes to the output.
     """
 
     def __init__(
         self, settings: PidSettings, lowest: float = -math.inf, highest: float = math.inf
     ) -> None:
-        _check_room(lowest, highest)
         self._settings = settings
         self._lowest, self._highest = lowest, highest
         self._error = 0.0
@@ -75,10 +68,10 @@ class Pid:
 
         The difference to what the loop would have said by itself fades out over `bumpless_s`.
         """
-        self._integral = 0.0
+        self.integral = 0.0
         self._rate = 0.0
         self._measurement: float | None = None
-        self._bump = 0.0
+        self._step = 0.0
         self._excess = 0.0
         self._error = 0.0
         self._gain = 1.0
@@ -104,24 +97,15 @@ class Pid:
             highest: largest output, likewise.
             unit: the output's new unit in the old one: the integral is rescaled by it.
             gain: the factor on the gains that the next update will be given.
-
-        Raises:
-            ValueError: the limits leave no room.
         """
-        _check_room(lowest, highest)
         before, self._settings = self._settings, settings
         self._lowest, self._highest = lowest, highest
-        self._integral /= unit
+        self.integral /= unit
         self._excess /= unit
         self._present = None if self._present is None else self._present / unit
         gained = (gain * settings.kp - self._gain * before.kp / unit) * self._error
         damped = (gain * settings.kd - self._gain * before.kd / unit) * self._rate
-        self._bump = self._bump / unit - (gained - damped)
-
-    @property
-    def integral(self) -> float:
-        """What the integral contributes to the output."""
-        return self._integral
+        self._step = self._step / unit - (gained - damped)
 
     def update(
         self,
@@ -129,7 +113,7 @@ class Pid:
         measurement: float,
         interval_s: float,
         feed_forward: float = 0.0,
-        cut: float = 0.0,
+        saturation: float = 0.0,
         gain: float = 1.0,
     ) -> float:
         """Return the output for now.
@@ -139,22 +123,22 @@ class Pid:
             measurement: what the derivative acts on.
             interval_s: time since the last update.
             feed_forward: added to the output.
-            cut: how much of the last output was not carried out: last output minus allowed.
+            saturation: how much of the last output was not carried out: last output minus allowed.
             gain: factor on all three gains; what is integrated already stays as it is.
 
         Raises:
             ValueError: the interval is not positive, or a number is not finite.
         """
-        numbers = (error, measurement, interval_s, feed_forward, cut, gain)
+        numbers = (error, measurement, interval_s, feed_forward, saturation, gain)
         if not all(map(math.isfinite, numbers)):
             raise ValueError("a PID loop needs finite numbers")
         if interval_s <= 0:
             raise ValueError(f"a PID loop needs a positive interval, not {interval_s}")
         self._error, self._gain = error, gain
         self._differentiate(measurement, interval_s)
-        self._integrate(gain * error, interval_s, cut + self._excess)
+        self._integrate(gain * error, interval_s, saturation + self._excess)
         kp, kd = gain * self._settings.kp, gain * self._settings.kd
-        wanted = kp * error + self._integral - kd * self._rate
+        wanted = kp * error + self.integral - kd * self._rate
         return self._limited(self._faded(wanted + feed_forward, interval_s))
 
     def _differentiate(self, measurement: float, interval_s: float) -> None:
@@ -164,28 +148,23 @@ class Pid:
             self._rate += share * (slope - self._rate)
         self._measurement = measurement
 
-    def _integrate(self, error: float, interval_s: float, cut: float) -> None:
-        if abs(cut) <= self._settings.cut_tolerance:
-            cut = 0.0
-        if error * cut <= 0:
-            self._integral += self._settings.ki * error * interval_s
-        if self._integral * cut > 0:
-            give = abs(cut) * min(1.0, interval_s / self._settings.tracking_s)
-            self._integral -= math.copysign(min(give, abs(self._integral)), cut)
+    def _integrate(self, error: float, interval_s: float, saturation: float) -> None:
+        if abs(saturation) <= self._settings.cut_tolerance:
+            saturation = 0.0
+        if error * saturation <= 0:
+            self.integral += self._settings.ki * error * interval_s
+        if self.integral * saturation > 0:
+            give = abs(saturation) * min(1.0, interval_s / self._settings.tracking_s)
+            self.integral -= math.copysign(min(give, abs(self.integral)), saturation)
 
     def _faded(self, output: float, interval_s: float) -> float:
         if self._present is not None:
-            self._bump, self._present = self._present - output, None
+            self._step, self._present = self._present - output, None
         else:
-            self._bump *= math.exp(-interval_s / self._settings.bumpless_s)
-        return output + self._bump
+            self._step *= math.exp(-interval_s / self._settings.bumpless_s)
+        return output + self._step
 
     def _limited(self, output: float) -> float:
         limited = min(max(output, self._lowest), self._highest)
         self._excess = output - limited
         return limited
-
-
-def _check_room(lowest: float, highest: float) -> None:
-    if not lowest < highest:
-        raise ValueError(f"an output needs room, not {lowest} to {highest}")

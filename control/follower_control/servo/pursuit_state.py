@@ -1,30 +1,135 @@
 """What the servo sees of a pursuit: distance, errors, and how the target moves."""
 
-from __future__ import annotations
-
 import cmath
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from follower_control.clip import clip
-from follower_control.estimate import TargetEstimate
-from follower_control.ground_range import ranged_by_ground
-from follower_control.known_size import KnownSize
-from follower_control.moved_estimate import seen_again, seen_from
-from follower_control.moving_target import MovingTarget, place_noise
-from follower_control.outlook import Outlook
-from follower_control.own_path import OwnPath
-from follower_control.reference import Reference
-from follower_control.relative_motion import OLD_S, azimuth_of
-from follower_control.servo_errors import ServoErrors
-from follower_control.servo_settings import Mode, RangeFrom, ServoSettings
-from follower_control.sighting import SightFrame
-from follower_control.target_motion import TargetMotion
-from follower_control.vehicle import LocalPosition, VehicleState
-from follower_vision.camera import Vector
-from follower_vision.lineofsight import wrap_angle
+from follower_control.common.small_matrix import clip, length
+from follower_control.servo.output_blend import NO_OFFSET, StickOffset
+from follower_control.servo.settings import FollowMode, RangeFrom, ServoSettings
+from follower_control.target.estimate import (
+    OLD_S,
+    TargetEstimate,
+    azimuth_of,
+    reproject,
+    seen_again,
+)
+from follower_control.target.ground_range import ranged_by_ground
+from follower_control.target.image_prediction import PredictedRegion
+from follower_control.target.observation import BearingFrame, SizeMemory
+from follower_control.target.world_filter import TargetMotion, TargetWorldFilter, place_noise
+from follower_control.vehicle.position_history import PositionHistory
+from follower_control.vehicle.state import LocalPosition, VehicleState
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import wrap_angle
+
+
+@dataclass(frozen=True, slots=True)
+class ServoErrors:
+    """What the servo saw of the pursuit at its last update, for logs and displays.
+
+    Attributes:
+        azimuth_rad: target right of the nose is positive.
+        elevation_rad: target above where it is wanted is positive.
+        log_range: logarithm of the range over the wanted range; too far is positive.
+        range_m: distance to the target, as good as `target_size_m` is.
+        target_speed_m_s: the target's own speed away from us; 0 without telemetry.
+        range_deviation_m: standard deviation of `range_m`.
+        is_level: whether the target's size agrees with the range by the ground, if that counts.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    log_range: float
+    range_m: float
+    target_speed_m_s: float
+    range_deviation_m: float = 0.0
+    is_level: bool = True
+
+    @property
+    def least_range_m(self) -> float:
+        """The distance, taken to be a standard deviation less: what it is safe to count on."""
+        return max(self.range_m - self.range_deviation_m, 0.0)
+
+    @property
+    def sure_speed_m_s(self) -> float:
+        """The target's speed away from us as far as it is safe to count on.
+
+        On ground that rises a target seems to run away, for its distance seems to grow.
+        """
+        return self.target_speed_m_s if self.is_level else min(self.target_speed_m_s, 0.0)
+
+
+DISTANCE_M_S = 2.0
+ANGLE_RAD_S = math.radians(15)
+SIDE_M_S2 = 1.5
+"""How fast a stick offset takes effect, and how fast it is taken back."""
+
+_NEAREST_SHARE = 0.25
+_STEEPEST_RAD = math.radians(85)
+
+
+class Reference:
+    """Follows stick offsets smoothly.
+
+    Without an offset it is what the settings say, to the last bit.
+
+    Args:
+        distance_m: wanted distance. An offset brings it down to a quarter of this at most.
+        elevation_rad: wanted elevation of the target.
+
+    Attributes:
+        distance_m: wanted now.
+        elevation_rad: wanted now.
+        azimuth_rad: where the target is wanted, right of the nose.
+        side_m_s: wanted velocity around the target, to the right.
+    """
+
+    def __init__(self, distance_m: float, elevation_rad: float) -> None:
+        self._distance_m, self._elevation_rad = distance_m, elevation_rad
+        self._offset = NO_OFFSET
+        self.start()
+
+    def start(self) -> None:
+        """Begin without any offset."""
+        self.distance_m = self._distance_m
+        self.elevation_rad = self._elevation_rad
+        self.azimuth_rad = self.side_m_s = 0.0
+
+    def change(self, distance_m: float, elevation_rad: float) -> None:
+        """Go on towards another distance and elevation, as smoothly as after an offset."""
+        self._distance_m, self._elevation_rad = distance_m, elevation_rad
+
+    def set_offset(self, offset: StickOffset) -> None:
+        """Go on towards this shift; one with a number that is not finite is no shift."""
+        self._offset = offset if offset.is_finite else NO_OFFSET
+
+    def step(self, interval_s: float) -> None:
+        """Let so much time pass."""
+        turn = ANGLE_RAD_S * interval_s
+        nearest = _NEAREST_SHARE * self._distance_m
+        distance = max(self._distance_m + self._offset.distance_m, nearest)
+        elevation = clip(self._elevation_rad + self._offset.elevation_rad, self._steepest)
+        azimuth = clip(self._offset.azimuth_rad, _STEEPEST_RAD)
+        self.distance_m = _towards(self.distance_m, distance, DISTANCE_M_S * interval_s)
+        self.elevation_rad = _towards(self.elevation_rad, elevation, turn)
+        self.azimuth_rad = _towards(self.azimuth_rad, azimuth, turn)
+        self.side_m_s = _towards(self.side_m_s, self._offset.side_m_s, SIDE_M_S2 * interval_s)
+
+    @property
+    def _steepest(self) -> float:
+        return max(_STEEPEST_RAD, abs(self._elevation_rad))
+
+
+def _towards(present: float, wanted: float, reach: float) -> float:
+    return (
+        wanted
+        if abs(wanted - present) <= reach
+        else present + math.copysign(reach, wanted - present)
+    )
+
 
 _LOG_TEN = math.log(10)
 _STRAIGHT_DOWN_RAD = -math.pi / 2
@@ -49,7 +154,7 @@ _LARGER = 1.25
 nearer than it says."""
 
 
-class PursuitSight:
+class PursuitState:
     """Compares estimates with what is wanted, and keeps the target's size and motion.
 
     With telemetry, the target is kept as a place in the world that moves steadily: what is told of
@@ -68,11 +173,11 @@ class PursuitSight:
         self._settings = settings
         self._reference = reference
         self.target = TargetMotion(settings.course_filter_s)
-        self._own = OwnPath()
-        self._moving = MovingTarget(
+        self._own = PositionHistory()
+        self._moving = TargetWorldFilter(
             settings.target_acceleration_m_s2, settings.target_acceleration_across_m_s2
         )
-        self._known = KnownSize()
+        self._known = SizeMemory()
         self.start()
 
     def start(self) -> None:
@@ -130,14 +235,14 @@ class PursuitSight:
         if self._wanted_log_scale is None:
             self._wanted_log_scale = estimate.log_scale
 
-    def seen(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
+    def world_estimate(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
         """Return what is known of the target now, by its motion in the world and our own.
 
         Without telemetry, and in the body's frame, that is the estimate itself.
         """
         position = vehicle.position
         fresh = vehicle.position_age_s(estimate.time_s) <= OLD_S
-        if position is None or not fresh or estimate.frame is SightFrame.BODY:
+        if position is None or not fresh or estimate.frame is BearingFrame.BODY:
             self._own.clear()
             self._forget()
             return estimate
@@ -154,7 +259,7 @@ class PursuitSight:
             return self._ranged(estimate, position, 0.0)[0]
         self._here_m, self._velocity_m_s = here, velocity
         own = np.array(position.numbers[3:])
-        return seen_from(estimate, place - here, velocity - own, size_m)
+        return reproject(estimate, place - here, velocity - own, size_m)
 
     @property
     def knows_motion(self) -> bool:
@@ -166,7 +271,7 @@ class PursuitSight:
         """Whether the target's motion in the world is known, by a distance by the ground."""
         return self._by_ground and self.knows_motion
 
-    def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
+    def possible_bearings(self, vehicle: VehicleState, now_s: float) -> Vector | None:
         """Return azimuths from north under which an unseen target may be by now; None if unknown.
 
         They spread with the time since it was seen, about the one of where it went.
@@ -182,9 +287,9 @@ class PursuitSight:
             return None
         self._moving.drop_unproven(now_s)
         away = self._moving.might_be_m(now_s) - here
-        return np.asarray(np.arctan2(away[:, 1], away[:, 0]))
+        return np.array([math.atan2(east, north) for north, east, _ in away.tolist()])
 
-    def outlook(self, time_s: float) -> Outlook | None:
+    def predicted_region(self, time_s: float) -> PredictedRegion | None:
         """Return where the target can have been then, seen from us; None if it is not known.
 
         After some seconds unseen it can be on any side of us.
@@ -194,7 +299,7 @@ class PursuitSight:
             return None
         return _outlook(self._moving, time_s, here)
 
-    def earlier_outlooks(self, time_s: float) -> list[Outlook]:
+    def earlier_predictions(self, time_s: float) -> list[PredictedRegion]:
         """Return the same by what was believed in the last seconds, the latest first."""
         here = self._own.at(time_s)
         if here is None:
@@ -204,9 +309,9 @@ class PursuitSight:
             seen_s = then.time_s
             there = None if seen_s is None else self._own.at(seen_s)
             if seen_s is not None and there is not None:
-                was_m = float(np.linalg.norm(then.at(seen_s)[0] - there))
+                was_m = length(then.at(seen_s)[0] - there)
                 outlook = _outlook(then, time_s, here)
-                away_m = float(np.linalg.norm(outlook.away_m))
+                away_m = length(outlook.away_m)
                 nearer = max(was_m, _NEAREST_M) / max(away_m, _NEAREST_M)
                 outlooks.append(replace(outlook, seen_s=seen_s, nearer=nearer))
         return outlooks
@@ -262,12 +367,12 @@ class PursuitSight:
         return replace(estimate, log_scale=math.log(size_m) - log_range), False
 
     def errors(
-        self, estimate: TargetEstimate, yaw: float, mode: Mode, interval_s: float
+        self, estimate: TargetEstimate, yaw: float, mode: FollowMode, interval_s: float
     ) -> ServoErrors:
         """Return how far the pursuit is from what is wanted, `interval_s` after the last time."""
         range_m = self.range_m(estimate)
         wanted = self._reference.elevation_rad
-        wanted = _STRAIGHT_DOWN_RAD if mode is Mode.OVERHEAD else wanted
+        wanted = _STRAIGHT_DOWN_RAD if mode is FollowMode.OVERHEAD else wanted
         velocity = complex(0.0)
         if self._velocity_m_s is not None:
             velocity = complex(*self._velocity_m_s[:2].tolist())
@@ -308,13 +413,13 @@ class PursuitSight:
         return wanted - estimate.log_scale
 
 
-def _outlook(moving: MovingTarget, time_s: float, here_m: Vector) -> Outlook:
+def _outlook(moving: TargetWorldFilter, time_s: float, here_m: Vector) -> PredictedRegion:
     likely_m, possible_m = (moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
-    return Outlook(moving.at(time_s)[0] - here_m, likely_m, possible_m)
+    return PredictedRegion(moving.at(time_s)[0] - here_m, likely_m, possible_m)
 
 
 def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:
     """Return what of a velocity leads away from us; from above, that is sinking, which none is."""
-    if estimate.frame is SightFrame.DOWN:
+    if estimate.frame is BearingFrame.DOWN:
         return 0.0
     return (velocity_m_s * cmath.rect(1.0, -azimuth_of(estimate))).real

@@ -1,17 +1,15 @@
 """Looking for a target that was lost."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from follower_control.estimate import TargetEstimate
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import VehicleState
-from follower_vision.camera import Vector
-from follower_vision.lineofsight import wrap_angle
+from follower_control.common.strict_config import check_ranges
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import VehicleState
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 _GAIN_PER_S = 1.5
 _REACHED_RAD = math.radians(3)
@@ -40,8 +38,6 @@ class SearchSettings:
         climb_m_s: and so fast.
     """
 
-    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
-
     turn: bool = True
     turn_rate_deg_s: float = 20.0
     look_s: float = 2.0
@@ -51,18 +47,15 @@ class SearchSettings:
     climb_m_s: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.turn_rate_deg_s <= 90:
-            raise ValueError(f"turn_rate_deg_s lies between 0 and 90, not {self.turn_rate_deg_s}")
-        if not 0 <= self.look_s < 3600:
-            raise ValueError(f"look_s is a time in seconds, not {self.look_s}")
-        if not 0 <= self.stay_s < 3600:
-            raise ValueError(f"stay_s is a time in seconds, not {self.stay_s}")
-        if not 0 <= self.sweep_deg <= 180:
-            raise ValueError(f"sweep_deg lies between 0 and 180, not {self.sweep_deg}")
-        if not 0 <= self.climb_m <= 100:
-            raise ValueError(f"climb_m lies between 0 and 100 m, not {self.climb_m}")
-        if not 0 < self.climb_m_s <= 5:
-            raise ValueError(f"climb_m_s lies between 0 and 5 m/s, not {self.climb_m_s}")
+        check_ranges(
+            self,
+            turn_rate_deg_s=(0.01, 90),
+            look_s=(0, 3600),
+            stay_s=(0, 3600),
+            sweep_deg=(0, 180),
+            climb_m=(0, 100),
+            climb_m_s=(0.01, 5),
+        )
 
 
 class Search:
@@ -97,7 +90,7 @@ class Search:
         self._right_rad = self._left_rad = 0.0
         position = vehicle.position
         self._top_m = None if position is None else position.height_m + self._settings.climb_m
-        if last is None or last.frame is SightFrame.BODY or vehicle.attitude is None:
+        if last is None or last.frame is BearingFrame.BODY or vehicle.attitude is None:
             return
         ahead = _AHEAD_S * last.azimuth_rate_rad_s
         ahead = min(max(ahead, -_FARTHEST_AHEAD_RAD), _FARTHEST_AHEAD_RAD)
@@ -110,12 +103,12 @@ class Search:
 
         Then the side to which it moves comes first.
         """
-        if self._leg == 0 and target.frame is SightFrame.WORLD:
+        if self._leg == 0 and target.frame is BearingFrame.WORLD:
             self._centre_rad = target.azimuth_rad
             self._side = math.copysign(1.0, target.azimuth_rate_rad_s)
 
     def spread(self, azimuths_rad: Vector | None) -> None:
-        """Look so far to either side that all of these azimuths from north are seen."""
+        """Look so far to either side that all of these azimuths, (N,) rad from north, are seen."""
         if azimuths_rad is None or self._centre_rad is None or len(azimuths_rad) == 0:
             return
         self._left_rad, self._right_rad = _sides(self._centre_rad, azimuths_rad)
@@ -143,14 +136,10 @@ class Search:
         if self._looked_s is None:
             self._looked_s = now_s
         s = self._settings
-        look_s = s.look_s + s.stay_s if self._leg == 0 and self._all_in_view else s.look_s
+        all_in_view = 0 < max(self._right_rad, self._left_rad) <= self._seen_rad
+        look_s = s.look_s + s.stay_s if self._leg == 0 and all_in_view else s.look_s
         if self._sweep > 0 and now_s - self._looked_s >= look_s:
             self._leg += 1
-
-    @property
-    def _all_in_view(self) -> bool:
-        """Whether it is known where the target may be by now, and seen from the middle."""
-        return 0 < max(self._right_rad, self._left_rad) <= self._seen_rad
 
     @property
     def _wanted_off_rad(self) -> float:

@@ -1,35 +1,29 @@
 """The law that turns an estimate of the target into a velocity setpoint."""
 
-from __future__ import annotations
-
 import cmath
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
 
-from follower_control.clip import clip
-from follower_control.closing_in import fastest_closing_m_s
-from follower_control.estimate import TargetEstimate
-from follower_control.fade import Fade
-from follower_control.nudge import Nudge
-from follower_control.outlook import Outlook
-from follower_control.overhead import Overhead
-from follower_control.pid import Pid
-from follower_control.pursuit_sight import PursuitSight
-from follower_control.reference import Reference
-from follower_control.relative_motion import (
+from follower_control.common.small_matrix import clip
+from follower_control.servo.lateral import LateralControl, OverheadControl
+from follower_control.servo.output_blend import OutputBlend, StickOffset, fastest_closing_m_s
+from follower_control.servo.pid import Pid
+from follower_control.servo.pursuit_state import PursuitState, Reference, ServoErrors
+from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.target.estimate import (
     OLD_S,
+    TargetEstimate,
     centred_share,
     heading_at,
     level_rate,
     offset,
     offset_rate,
 )
-from follower_control.servo_errors import ServoErrors
-from follower_control.servo_settings import Mode, ServoSettings
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sideways import Sideways
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import VehicleState
-from follower_vision.camera import Vector
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import VehicleState
 
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
@@ -38,19 +32,43 @@ _IN_VAIN_S = 3.0
 """After how long a velocity that was sent and is not reached is not counted on any more."""
 
 _STEEPEST_RAD = math.radians(60)
-_AROUND = (Mode.SIDE, Mode.ORBIT)
+_AROUND = (FollowMode.SIDE, FollowMode.ORBIT)
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """What one update of the servo works with.
+
+    Attributes:
+        errors: how far the pursuit is from what is wanted.
+        estimate: the target, predicted to now.
+        yaw_rad: our heading, in the estimate's frame.
+        allowed: what the envelope allowed of the last setpoint.
+        interval_s: since the last update.
+    """
+
+    errors: ServoErrors
+    estimate: TargetEstimate
+    yaw_rad: float
+    allowed: VelocitySetpoint
+    interval_s: float
 
 
 class VisualServo:
     """Turns to the target, rises and sinks with it and holds its size in the image.
 
-    What else it does depends on the mode, which may change in flight; see `Mode`.
+    What else it does depends on the mode, which may change in flight; see `FollowMode`.
 
     Args:
         settings: what is wanted, and the gains.
         mount_pitch_rad: the camera's pitch against the body, at which elevation the target is kept
             if the settings say nothing else.
         max_descent_m_s: how fast the vehicle may sink; the settings may allow less.
+
+    Attributes:
+        pursuit: the target's motion in the world, and the errors against what is wanted.
+        mode: which way to follow.
+        errors: the errors at the last update, None before the first.
     """
 
     def __init__(
@@ -61,15 +79,15 @@ class VisualServo:
     ) -> None:
         self._settings = s = settings
         self._max_descent_m_s = max_descent_m_s
-        self._mode = s.mode
+        self.mode = s.mode
         self._mount_pitch = mount_pitch_rad
         self._reference = Reference(s.distance_m, self._wanted_elevation)
         self._azimuth_pid, self._elevation_pid = Pid(s.azimuth), Pid(s.elevation)
         self._range_pid = Pid(s.range)
-        self._sight = PursuitSight(s, self._reference)
-        self._sideways = Sideways(s)
-        self._overhead = Overhead(s)
-        self._fade = Fade(s.range.bumpless_s)
+        self.pursuit = PursuitState(s, self._reference)
+        self._sideways = LateralControl(s)
+        self._overhead = OverheadControl(s)
+        self._fade = OutputBlend(s.range.bumpless_s)
         self._take(settings, settings)
         self.start()
 
@@ -92,14 +110,14 @@ class VisualServo:
     def change(self, settings: ServoSettings, max_descent_m_s: float = math.inf) -> None:
         """Go on by other settings, without a step in the setpoint; the mode stays as it is.
 
-        What is wanted goes over to the new wish as smoothly as after a nudge; the rest of what the
+        What is wanted changes as smoothly as after a stick offset; the rest of what the
         new settings change in the setpoint fades in.
         """
         before = self._settings
         self._max_descent_m_s = max_descent_m_s
         self._take(settings, before)
         self._reference.change(settings.distance_m, self._wanted_elevation)
-        self._sight.change(settings)
+        self.pursuit.change(settings)
         self._sideways.change(settings)
         self._overhead.change(settings)
         if self._last_s is not None:
@@ -110,9 +128,9 @@ class VisualServo:
 
         Without a `target_size_m`, the next estimate's size is the one that will be held.
         """
-        self._errors: ServoErrors | None = None
+        self.errors: ServoErrors | None = None
         self._reference.start()
-        self._sight.start()
+        self.pursuit.start()
         self.resume(present)
 
     def resume(self, present: VelocitySetpoint = HOLD) -> None:
@@ -125,42 +143,16 @@ class VisualServo:
         self._in_vain_m_s = 0.0
         self._fade.start()
 
-    @property
-    def mode(self) -> Mode:
-        """Which way to follow."""
-        return self._mode
-
-    def change_mode(self, mode: Mode, present: VelocitySetpoint) -> None:
+    def change_mode(self, mode: FollowMode, present: VelocitySetpoint) -> None:
         """Follow another way from now on; continues from `present`, the last setpoint flown."""
-        if mode is not self._mode:
-            self._mode = mode
+        if mode is not self.mode:
+            self.mode = mode
             self.resume(present)
             self._fade.start(self._asked)
 
-    def nudge(self, nudge: Nudge) -> None:
-        """Shift what is wanted, smoothly, until another nudge comes."""
-        self._reference.nudge(nudge)
-
-    @property
-    def errors(self) -> ServoErrors | None:
-        """What the last update saw, None before the first."""
-        return self._errors
-
-    def whereabouts(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
-        """Return what is known of the target by its motion in the world, without steering by it."""
-        return self._sight.seen(estimate, vehicle)
-
-    def might_be(self, vehicle: VehicleState, now_s: float) -> Vector | None:
-        """Return azimuths from north under which an unseen target may be by now, if known."""
-        return self._sight.might_be(vehicle, now_s)
-
-    def outlook(self, time_s: float) -> Outlook | None:
-        """Return where the target can have been then, seen from us; None if it is not known."""
-        return self._sight.outlook(time_s)
-
-    def earlier_outlooks(self, time_s: float) -> list[Outlook]:
-        """Return the same by what was believed in the last seconds, the latest first."""
-        return self._sight.earlier_outlooks(time_s)
+    def set_offset(self, offset: StickOffset) -> None:
+        """Shift what is wanted, smoothly, until another stick offset comes."""
+        self._reference.set_offset(offset)
 
     def update(
         self, estimate: TargetEstimate, vehicle: VehicleState, allowed: VelocitySetpoint
@@ -175,9 +167,9 @@ class VisualServo:
             estimate: the target, predicted to now.
             vehicle: newest telemetry; without a position the target's speed is not fed
                 forward.
-            allowed: what the envelope let through of the last setpoint.
+            allowed: what the envelope allowed of the last setpoint.
         """
-        estimate = self._sight.seen(estimate, vehicle)
+        estimate = self.pursuit.world_estimate(estimate, vehicle)
         yaw = heading_at(estimate, vehicle)
         if yaw is None:
             self.resume()
@@ -188,121 +180,108 @@ class VisualServo:
         if self._last_s is None:
             self._begin(estimate, yaw)
         self._reference.step(interval_s)
-        self._errors = self._sight.errors(estimate, yaw, self._mode, interval_s)
+        self.errors = self.pursuit.errors(estimate, yaw, self.mode, interval_s)
         if interval_s > 0:
             self._last_s = estimate.time_s
-            steered = self._steer(self._errors, estimate, yaw, allowed, interval_s)
+            step = _Step(self.errors, estimate, yaw, allowed, interval_s)
+            steered = self._LAWS[self.mode](self, step)
             self._asked = self._fade.update(steered, interval_s)
         return self._asked
 
     def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
-        self._sight.hold_size(estimate)
-        range_m, distance_m = self._sight.range_m(estimate), self._settings.distance_m
+        self.pursuit.hold_size(estimate)
+        range_m, distance_m = self.pursuit.range_m(estimate), self._settings.distance_m
         present = complex(self._asked.forward_m_s, self._asked.right_m_s)
         ahead, rise = self._asked.forward_m_s, self._climb / range_m
-        if self._mode in _AROUND:
+        if self.mode in _AROUND:
             azimuth = cmath.phase(offset(estimate, range_m)) - yaw
             ahead = (present * cmath.rect(1.0, -azimuth)).real
-            self._sideways.start(self._mode, (present * cmath.rect(1.0, -azimuth)).imag)
+            self._sideways.start(self.mode, (present * cmath.rect(1.0, -azimuth)).imag)
             self._forward = self._wanted = ahead
-        if self._mode is Mode.OVERHEAD:
+        if self.mode is FollowMode.OVERHEAD:
             self._overhead.start(present * cmath.rect(1.0, yaw))
             ahead = -self._climb
         self._azimuth_pid.start(self._asked.yaw_rate_rad_s)
         self._elevation_pid.start(rise)
         self._range_pid.start(ahead / distance_m)
 
-    def _steer(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        yaw: float,
-        allowed: VelocitySetpoint,
-        interval_s: float,
-    ) -> VelocitySetpoint:
-        if self._mode is Mode.OVERHEAD:
-            return self._stay_above(errors, estimate, yaw, allowed, interval_s)
-        yaw_rate = self._turn(errors, estimate, allowed, interval_s)
-        if self._mode is Mode.WATCH:
-            return VelocitySetpoint(yaw_rate_rad_s=yaw_rate)
+    def _chase(self, step: _Step) -> VelocitySetpoint:
+        """Turn to the target, keep its distance and height; go round it where the mode says so."""
+        yaw_rate = self._turn(step)
         # Chasing is along the nose; what goes round the target is along the line of sight.
-        along = cmath.rect(1.0, errors.azimuth_rad) if self._mode in _AROUND else complex(1.0)
-        let_through = complex(allowed.forward_m_s, allowed.right_m_s) / along
-        self._wanted = self._close_in(errors, estimate, let_through.real, interval_s)
-        self._forward = self._slow_enough(errors, estimate, interval_s)
+        along = cmath.rect(1.0, step.errors.azimuth_rad) if self.mode in _AROUND else complex(1.0)
+        allowed = complex(step.allowed.forward_m_s, step.allowed.right_m_s) / along
+        self._wanted = self._close_in(step, allowed.real)
+        self._forward = self._slow_enough(step)
         right = self._reference.side_m_s
-        if self._mode in _AROUND:
-            place, drift = (f(estimate, errors.range_m) for f in (offset, offset_rate))
+        if self.mode in _AROUND:
+            place, drift = (f(step.estimate, step.errors.range_m) for f in (offset, offset_rate))
             right = self._sideways.update(
-                place, drift, self._sight.target, right, let_through.imag, interval_s
+                place, drift, self.pursuit.target, right, allowed.imag, step.interval_s
             )
             # The velocity comes later than the nose turns.
             turning = clip((drift / place).imag if place else 0.0, 1.0)
             along *= cmath.rect(1.0, turning * TURN_LAG_S)
-        off_nose = errors.azimuth_rad - self._reference.azimuth_rad
+        off_nose = step.errors.azimuth_rad - self._reference.azimuth_rad
         centred = centred_share(off_nose, self._centred, self._off_axis)
         velocity = complex(self._forward * centred, right * centred) * along
         return VelocitySetpoint(
             forward_m_s=velocity.real,
             right_m_s=velocity.imag,
-            down_m_s=self._sink(errors, estimate, allowed, interval_s),
+            down_m_s=self._sink(step),
             yaw_rate_rad_s=yaw_rate,
         )
 
-    def _stay_above(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        yaw: float,
-        allowed: VelocitySetpoint,
-        interval_s: float,
-    ) -> VelocitySetpoint:
+    def _watch(self, step: _Step) -> VelocitySetpoint:
+        """Only turn to the target."""
+        return VelocitySetpoint(yaw_rate_rad_s=self._turn(step))
+
+    def _stay_above(self, step: _Step) -> VelocitySetpoint:
         """Go with the target, keep the height above it, turn the nose if that is wanted."""
-        heading = cmath.rect(1.0, yaw)
-        place = offset(estimate, errors.range_m)
-        let_through = complex(allowed.forward_m_s, allowed.right_m_s) * heading
+        heading = cmath.rect(1.0, step.yaw_rad)
+        place = offset(step.estimate, step.errors.range_m)
+        allowed = complex(step.allowed.forward_m_s, step.allowed.right_m_s) * heading
         velocity = self._overhead.update(
-            place, errors.range_m, self._sight.target, let_through, interval_s
+            place, step.errors.range_m, self.pursuit.target, allowed, step.interval_s
         )
         velocity /= heading
         # Closing in is sinking here.
-        sink = self._close_in(errors, estimate, allowed.down_m_s, interval_s)
+        sink = self._close_in(step, step.allowed.down_m_s)
         self._forward = self._wanted = sink
-        error = self._overhead.heading_error(self._sight.target, yaw)
-        cut = self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s
+        error = self._overhead.heading_error(self.pursuit.target, step.yaw_rad)
+        saturation = self._asked.yaw_rate_rad_s - step.allowed.yaw_rate_rad_s
         return VelocitySetpoint(
             forward_m_s=velocity.real,
             right_m_s=velocity.imag,
             down_m_s=clip(sink, self._settings.max_vertical_m_s),
-            yaw_rate_rad_s=self._azimuth_pid.update(error, -error, interval_s, cut=cut),
+            yaw_rate_rad_s=self._azimuth_pid.update(
+                error, -error, step.interval_s, saturation=saturation
+            ),
         )
 
-    def _turn(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        allowed: VelocitySetpoint,
-        interval_s: float,
-    ) -> float:
+    _LAWS: ClassVar[dict[FollowMode, Callable[..., VelocitySetpoint]]] = {
+        FollowMode.CHASE: _chase,
+        FollowMode.WATCH: _watch,
+        FollowMode.SIDE: _chase,
+        FollowMode.ORBIT: _chase,
+        FollowMode.OVERHEAD: _stay_above,
+    }
+    """What each mode does with a step."""
+
+    def _turn(self, step: _Step) -> float:
         """Yaw rate; the target's own angular rate is known only in the world's frame."""
-        in_world = estimate.frame is SightFrame.WORLD
-        error = errors.azimuth_rad - self._reference.azimuth_rad
+        in_world = step.estimate.frame is BearingFrame.WORLD
+        error = step.errors.azimuth_rad - self._reference.azimuth_rad
         return self._azimuth_pid.update(
             error,
-            -errors.azimuth_rad,
-            interval_s,
-            feed_forward=estimate.azimuth_rate_rad_s if in_world else 0.0,
-            cut=self._asked.yaw_rate_rad_s - allowed.yaw_rate_rad_s,
+            -step.errors.azimuth_rad,
+            step.interval_s,
+            feed_forward=step.estimate.azimuth_rate_rad_s if in_world else 0.0,
+            saturation=self._asked.yaw_rate_rad_s - step.allowed.yaw_rate_rad_s,
         )
 
-    def _sink(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        allowed: VelocitySetpoint,
-        interval_s: float,
-    ) -> float:
+    def _sink(self, step: _Step) -> float:
         """Downward velocity: the loop's output is the climb over the range.
 
         Closing in on a target that lies below, it would sink in the image by itself. Fed forward
@@ -311,25 +290,19 @@ class VisualServo:
         """
         if self._settings.hold_height:
             return 0.0
-        slope = math.tan(clip(estimate.height_angle_rad, _STEEPEST_RAD))
-        leaving = self._leaving(errors, estimate, allowed, interval_s)
-        climb = errors.range_m * self._elevation_pid.update(
-            errors.elevation_rad,
-            -errors.elevation_rad,
-            interval_s,
-            feed_forward=-slope * leaving / errors.range_m,
-            cut=(self._climb + allowed.down_m_s) / errors.range_m,
+        slope = math.tan(clip(step.estimate.height_angle_rad, _STEEPEST_RAD))
+        leaving = self._leaving(step)
+        climb = step.errors.range_m * self._elevation_pid.update(
+            step.errors.elevation_rad,
+            -step.errors.elevation_rad,
+            step.interval_s,
+            feed_forward=-slope * leaving / step.errors.range_m,
+            saturation=(self._climb + step.allowed.down_m_s) / step.errors.range_m,
         )
         self._climb = climb
         return -clip(climb, self._settings.max_vertical_m_s)
 
-    def _leaving(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        allowed: VelocitySetpoint,
-        interval_s: float,
-    ) -> float:
+    def _leaving(self, step: _Step) -> float:
         """Return how fast the level distance will grow when the vehicle flies as was sent.
 
         It rises and sinks as late as it speeds up: by its present speed it would climb after a
@@ -337,52 +310,44 @@ class VisualServo:
         some seconds it will not reach. What is sent after a distance by size is as uneven as that,
         so that there the present speed counts.
         """
-        now = level_rate(estimate, errors.range_m)
-        if not self._sight.is_by_ground or estimate.frame is not SightFrame.WORLD:
-            return now
-        sent = complex(allowed.forward_m_s, allowed.right_m_s)
-        closing = (sent * cmath.rect(1.0, -errors.azimuth_rad)).real
-        behind = closing - (errors.target_speed_m_s - now)
-        share = 1.0 - math.exp(-interval_s / _IN_VAIN_S)
+        present = level_rate(step.estimate, step.errors.range_m)
+        if not self.pursuit.is_by_ground or step.estimate.frame is not BearingFrame.WORLD:
+            return present
+        sent = complex(step.allowed.forward_m_s, step.allowed.right_m_s)
+        closing = (sent * cmath.rect(1.0, -step.errors.azimuth_rad)).real
+        behind = closing - (step.errors.target_speed_m_s - present)
+        share = 1.0 - math.exp(-step.interval_s / _IN_VAIN_S)
         self._in_vain_m_s += share * (behind - self._in_vain_m_s)
-        return now - (behind - self._in_vain_m_s)
+        return present - (behind - self._in_vain_m_s)
 
-    def _close_in(
-        self,
-        errors: ServoErrors,
-        estimate: TargetEstimate,
-        allowed_m_s: float,
-        interval_s: float,
-    ) -> float:
+    def _close_in(self, step: _Step, allowed_m_s: float) -> float:
         """Velocity towards the target, before it is slowed for one off-axis."""
         distance = self._settings.distance_m
         return distance * self._range_pid.update(
-            errors.log_range,
-            estimate.log_scale,
-            interval_s,
-            feed_forward=errors.target_speed_m_s / distance,
-            cut=(self._wanted - allowed_m_s) / distance,
+            step.errors.log_range,
+            step.estimate.log_scale,
+            step.interval_s,
+            feed_forward=step.errors.target_speed_m_s / distance,
+            saturation=(self._wanted - allowed_m_s) / distance,
             gain=self._range_share,
         )
 
-    def _slow_enough(
-        self, errors: ServoErrors, estimate: TargetEstimate, interval_s: float
-    ) -> float:
+    def _slow_enough(self, step: _Step) -> float:
         """Return the wanted velocity towards the target, so slow that sinking keeps pace with it.
 
         What was flown faster than that at the start fades away.
         """
         s = self._settings
-        if s.sink_share == 0 or s.hold_height or not self._sight.knows_motion:
+        if s.sink_share == 0 or s.hold_height or not self.pursuit.knows_motion:
             return self._wanted
         sink_m_s = s.sink_share * min(self._max_descent_m_s, s.max_vertical_m_s)
-        fastest = max(errors.target_speed_m_s, 0.0) + fastest_closing_m_s(
-            estimate.height_angle_rad, errors.elevation_rad, errors.range_m, sink_m_s
+        fastest = max(step.errors.target_speed_m_s, 0.0) + fastest_closing_m_s(
+            step.estimate.height_angle_rad, step.errors.elevation_rad, step.errors.range_m, sink_m_s
         )
         if self._too_fast_m_s is None:
             self._too_fast_m_s = max(self._wanted - fastest, 0.0)
         else:
-            self._too_fast_m_s *= math.exp(-interval_s / s.range.bumpless_s)
+            self._too_fast_m_s *= math.exp(-step.interval_s / s.range.bumpless_s)
         return min(self._wanted, fastest + self._too_fast_m_s)
 
     @property

@@ -1,29 +1,16 @@
 """What is wanted of a pursuit, and the gains."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, ClassVar
 
-from follower_control.pid import PidSettings
+from follower_control.common.strict_config import check_ranges
+from follower_control.servo.pid import PidSettings
 
-_LARGEST = {
-    "distance_m": 500.0,
-    "target_size_m": 200.0,
-    "max_forward_m_s": 50.0,
-    "max_backward_m_s": 50.0,
-    "max_vertical_m_s": 50.0,
-    "max_sideways_m_s": 50.0,
-    "max_yaw_rate_deg_s": 720.0,
-}
-"""What no pursuit wants more of; a value beyond it is likely to be in another unit."""
-_LEAST_SHARE = 1e-6
-"""Of these, what no pursuit wants less of: the logarithm and the inverse are numbers still."""
+_TINY = 1e-6
+"""A share of the largest value: of what is smaller, logarithm and inverse are no numbers."""
 
 
-class Mode(StrEnum):
+class FollowMode(StrEnum):
     """What the servo does about the target."""
 
     CHASE = "chase"
@@ -44,8 +31,8 @@ class RangeFrom(StrEnum):
     SIZE = "size"
     """Its size in the image."""
     GROUND = "ground"
-    """Where the line of sight meets level ground, if telemetry tells our height; else its size.
-    For a target that stands on the ground and looks larger or smaller from other sides."""
+    """Where the line of sight meets level ground, if telemetry has our height; else its size.
+    For a target that stands on the ground and has another size from other sides."""
 
 
 class OverheadYaw(StrEnum):
@@ -65,7 +52,7 @@ class ServoSettings:
     for elevation; and per unit of log scale: forward velocity over `distance_m` for range.
 
     Attributes:
-        mode: which way to follow; see `Mode`.
+        mode: which way to follow; see `FollowMode`.
         distance_m: wanted distance to the target.
         target_size_m: the square root of the target's width times its height as seen. None holds
             the size that the target has in the image at the start; `distance_m` then says about
@@ -94,9 +81,9 @@ class ServoSettings:
             rest is for a target that brakes. What a target that is seen too low needs of it comes
             first. 0 closes in however fast the range loop wants.
         schedule_range: scale the range loop's gains with the distance that is wanted now, when a
-            nudge brings the vehicle nearer or farther than `distance_m`: the loop stays as fast and
-            as robust as it is at `distance_m`. Without it, a quarter of the distance makes the gain
-            four times as high, and the margins thin.
+            stick offset brings the vehicle nearer or farther than `distance_m`: the loop stays as
+            fast and as robust as it is at `distance_m`. Without it, a quarter of the distance makes
+            the gain four times as high, and the margins thin.
         side_deg: for `side`: where to stay, from the target's course, clockwise seen from above:
             0 is ahead of it, 90 on its right, 180 behind it.
         orbit_m_s: for `orbit`: speed round the target; positive is clockwise seen from above.
@@ -113,9 +100,7 @@ class ServoSettings:
             height above the target.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    mode: Mode = Mode.CHASE
+    mode: FollowMode = FollowMode.CHASE
     distance_m: float = 15.0
     target_size_m: float | None = None
     range_from: RangeFrom = RangeFrom.SIZE
@@ -153,33 +138,25 @@ class ServoSettings:
     )
 
     def __post_init__(self) -> None:
-        for name, most in _LARGEST.items():
-            value = getattr(self, name)
-            least = _LEAST_SHARE * most
-            if value is not None and not least <= value <= most:
-                raise ValueError(f"{name} lies between {least:g} and {most:g}, not {value:g}")
+        check_ranges(
+            self,
+            distance_m=(500 * _TINY, 500),
+            target_size_m=(200 * _TINY, 200),
+            max_forward_m_s=(50 * _TINY, 50),
+            max_backward_m_s=(50 * _TINY, 50),
+            max_vertical_m_s=(50 * _TINY, 50),
+            max_sideways_m_s=(50 * _TINY, 50),
+            max_yaw_rate_deg_s=(720 * _TINY, 720),
+            target_acceleration_m_s2=(50 * _TINY, 50),
+            target_acceleration_across_m_s2=(50 * _TINY, 50),
+            target_middle_m=(0, 500),
+            elevation_deg=(-90, 90),
+            side_deg=(-360, 360),
+            orbit_m_s=(-self.max_sideways_m_s, self.max_sideways_m_s),
+            orbit_deg_s=(-90, 90),
+            course_filter_s=(0, 3600),
+            size_error_share=(0, 0.5),
+            sink_share=(0, 1),
+        )
         if not 0 <= self.centred_deg < self.off_axis_deg <= 180:
             raise ValueError("0 <= centred_deg < off_axis_deg <= 180 does not hold")
-        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
-            raise ValueError(f"elevation_deg lies within ±90, not {self.elevation_deg}")
-        self._check_modes()
-
-    def _check_modes(self) -> None:
-        if not 0 <= self.target_middle_m < math.inf:
-            raise ValueError(f"target_middle_m is not negative, not {self.target_middle_m}")
-        if not abs(self.side_deg) <= 360:
-            raise ValueError(f"side_deg lies within ±360, not {self.side_deg}")
-        if not abs(self.orbit_m_s) <= self.max_sideways_m_s:
-            raise ValueError(f"orbit_m_s lies within max_sideways_m_s, not {self.orbit_m_s}")
-        if self.orbit_deg_s is not None and not abs(self.orbit_deg_s) <= 90:
-            raise ValueError(f"orbit_deg_s lies within ±90, not {self.orbit_deg_s}")
-        if not 0 <= self.course_filter_s < math.inf:
-            raise ValueError(f"course_filter_s is not negative, not {self.course_filter_s}")
-        if not 0 <= self.size_error_share <= 0.5:
-            raise ValueError(f"size_error_share lies within 0 and 0.5, not {self.size_error_share}")
-        if not 0 <= self.sink_share <= 1:
-            raise ValueError(f"sink_share lies within 0 and 1, not {self.sink_share}")
-        for name in ("target_acceleration_m_s2", "target_acceleration_across_m_s2"):
-            most = getattr(self, name)
-            if most is not None and not 0 < most <= 50:
-                raise ValueError(f"{name} lies above 0 and not above 50, not {most}")

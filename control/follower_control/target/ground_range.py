@@ -1,12 +1,10 @@
 """How far away a target can be at most: the line of sight ends on the ground."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
-from follower_control.estimate import TargetEstimate
-from follower_control.sighting import SightFrame
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
 
 _LOWEST_M = 1.0
 """Below this height, its error is too large a share of it for a range."""
@@ -17,7 +15,7 @@ _MARGIN = 1.25
 
 
 def range_to_ground(height_m: float, elevation_rad: float) -> float:
-    """Return how far a line of sight reaches before it meets level ground, with some margin.
+    """Return after how many metres a line of sight meets level ground, with some margin.
 
     No target is farther away than that, whatever its box says: a box that has shrunk onto a part
     of the target must not pull the vehicle into it. Infinite where nothing can be said: close to
@@ -48,10 +46,10 @@ def ranged_by_ground(
         climb_m_s: how fast that grows.
     """
     elevation = max(estimate.height_angle_rad, -math.pi / 2)
-    if above_m < _LOWEST_M or elevation > -_FLATTEST_RAD or estimate.frame is SightFrame.BODY:
+    if above_m < _LOWEST_M or elevation > -_FLATTEST_RAD or estimate.frame is BearingFrame.BODY:
         return estimate
     range_m = above_m / math.sin(-elevation)
     growth = climb_m_s / above_m
-    if estimate.frame is SightFrame.WORLD:
+    if estimate.frame is BearingFrame.WORLD:
         growth -= estimate.elevation_rate_rad_s / math.tan(elevation)
     return replace(estimate, log_scale=math.log(size_m / range_m), log_scale_rate_s=-growth)

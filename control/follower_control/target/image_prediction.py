@@ -1,23 +1,30 @@
 """Where a target can be, seen from us, and where in an image that is."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.gimbal_history import GimbalHistory
-from follower_control.sighter import Sighter
-from follower_vision.box import Box
-from follower_vision.camera import Vector
-from follower_vision.prospect import Forecast, Prospect
+from follower_control.common.small_matrix import length
+from follower_control.target.observation import BearingObserver
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.gimbal import GimbalHistory
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.trackers.target_tracker import MotionForecast, TargetPrediction
 
 _NEAREST_SHARE = 0.2
 _UP_SHARE = 0.5
-_ROUND, _CROSS = (np.arange(count) * math.tau / count for count in (12, 4))
+
+
+def _directions(count: int) -> Vector:
+    """Return unit vectors all around, (2, count): away from us, and to the right."""
+    angles = [number * math.tau / count for number in range(count)]
+    return np.array([[math.cos(angle) for angle in angles], [math.sin(angle) for angle in angles]])
+
+
+_ROUND, _CROSS = _directions(12), _directions(4)
 """Directions to the places about one: enough for a region, and for how far off it may be."""
 
 _ANGLE_RAD, _TIME_S = math.radians(2.0), 0.05
@@ -25,7 +32,7 @@ _ANGLE_RAD, _TIME_S = math.radians(2.0), 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
+class PredictedRegion:
     """Where a target can be at a time.
 
     Attributes:
@@ -50,30 +57,30 @@ class Outlook:
         Args:
             reach_m: how far.
             angle_rad: what directions may be wrong by; comes on top.
-            around: (N,) directions from there, 0 away from us.
+            around: (2, N) directions from there: away from us, and to the right.
         """
-        distance_m = float(np.linalg.norm(self.away_m))
+        distance_m = length(self.away_m)
         level_m = math.hypot(self.away_m[0], self.away_m[1])
         ahead = np.array([self.away_m[0], self.away_m[1], 0.0]) / max(level_m, 1e-6)
         across = np.array([-ahead[1], ahead[0], 0.0])
         slack_m = angle_rad * distance_m
         up = np.array([0.0, 0.0, _UP_SHARE * reach_m + slack_m])
         nearest_m = min(level_m, _NEAREST_SHARE * distance_m)
-        along_m = np.maximum(level_m + (reach_m + slack_m) * np.cos(around), nearest_m)
-        across_m = (reach_m + slack_m) * np.sin(around)
-        circle = np.outer(along_m, ahead) + np.outer(across_m, across)
+        along_m = np.maximum(level_m + (reach_m + slack_m) * around[0], nearest_m)
+        across_m = (reach_m + slack_m) * around[1]
+        circle = along_m[:, None] * ahead + across_m[:, None] * across
         circle[:, 2] = self.away_m[2]
         return np.vstack([self.away_m, circle, self.away_m + up, self.away_m - up])
 
 
 def prospect(
-    outlook: Outlook,
-    sighter: Sighter,
+    outlook: PredictedRegion,
+    sighter: BearingObserver,
     captured_s: float,
     attitudes: AttitudeHistory,
     gimbal: GimbalHistory | None = None,
-    earlier: Sequence[Outlook] = (),
-) -> Prospect | None:
+    earlier: Sequence[PredictedRegion] = (),
+) -> TargetPrediction | None:
     """Return where in an image the target can be; None where the camera's direction is not known.
 
     Args:
@@ -101,10 +108,10 @@ def prospect(
     offset_s = captured_s - time_s
     seen = np.split(pixels, np.cumsum([len(one) for one in places])[:-1])
     forecasts = tuple(
-        Forecast(one.seen_s + offset_s, *_middle(places), _about(places), one.nearer)
+        MotionForecast(one.seen_s + offset_s, *_middle(places), _about(places), one.nearer)
         for one, places in zip(earlier, seen[2:], strict=True)
     )
-    return Prospect(*_middle(seen[0]), _about(seen[0]), _about(seen[1]), forecasts)
+    return TargetPrediction(*_middle(seen[0]), _about(seen[0]), _about(seen[1]), forecasts)
 
 
 def _middle(pixels: Vector) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import copy
 import math
 from collections import deque
@@ -10,8 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from follower_control.clip import clip
-from follower_vision.camera import Vector
+from follower_control.common.small_matrix import (
+    clip,
+    inverse_of_covariance,
+    largest_eigenvalue,
+    product,
+    quadratic_form,
+)
+from follower_vision.geometry.camera_model import Vector
 
 _START_SPEED_M_S = 3.0
 _FAR_OFF = 25.0
@@ -55,7 +62,7 @@ class _Belief:
     turn_rad_s: float
 
 
-class MovingTarget:
+class TargetWorldFilter:
     """A Kalman filter on the target's place (north, east, down), for one that moves steadily.
 
     Its places are those of the world. So our own motion, which telemetry tells at once, never
@@ -154,7 +161,7 @@ class MovingTarget:
     def _believed(self, time_s: float) -> _Belief:
         return _Belief(self._state.copy(), self._covariance, time_s, self._turn_rad_s)
 
-    def earlier(self) -> Iterator[MovingTarget]:
+    def earlier(self) -> Iterator[TargetWorldFilter]:
         """Yield it as it was believed to be in the last seconds, the latest first."""
         for belief in reversed(self._past):
             then = copy.copy(self)
@@ -191,21 +198,18 @@ class MovingTarget:
 
         It is taken to turn steadily, as sharply as one of its speed may, to either side.
         """
-        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+        ahead_s = self._unseen_s(time_s)
         place, (north, east, down) = self._state[:3], self._state[3:6].tolist()
         speed = math.hypot(north, east)
         sharpest = min(_SIDEWAYS_M_S2 / max(speed, 1e-3), _FASTEST_TURN)
-        half = ahead_s * sharpest * np.linspace(-0.5, 0.5, _WAYS)
-        # A chord of an arc is shorter than it, and points halfway.
-        chord = ahead_s * np.sinc(half / math.pi)
-        moved = np.stack(
-            [
-                chord * (north * np.cos(half) - east * np.sin(half)),
-                chord * (north * np.sin(half) + east * np.cos(half)),
-                np.full(_WAYS, ahead_s * down),
-            ],
-            axis=1,
-        )
+        moved = np.empty((_WAYS, 3))
+        for number in range(_WAYS):
+            half = ahead_s * sharpest * (number / (_WAYS - 1) - 0.5)
+            c, s = math.cos(half), math.sin(half)
+            # A chord of an arc is shorter than it, and points halfway.
+            chord = ahead_s * (s / half if half else 1.0)
+            moved[number] = chord * (north * c - east * s), chord * (north * s + east * c), 0.0
+        moved[:, 2] = ahead_s * down
         return np.asarray(place + np.concatenate([moved, moved / 2]))
 
     def reach_m(self, time_s: float, deviations: float, acceleration_m_s2: float) -> float:
@@ -216,11 +220,8 @@ class MovingTarget:
             deviations: so many standard deviations of what was seen count.
             acceleration_m_s2: how hard it may have braked, sped up or turned since then.
         """
-        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
-        c = self._covariance
-        mixed = c[:3, 3:6] + c[3:6, :3]
-        spread = c[:3, :3] + ahead_s * mixed + ahead_s**2 * c[3:6, 3:6]
-        deviation_m = math.sqrt(max(float(np.linalg.eigvalsh(spread)[-1]), 0.0))
+        ahead_s = self._unseen_s(time_s)
+        deviation_m = math.sqrt(max(largest_eigenvalue(self._spread(ahead_s)), 0.0))
         return deviations * deviation_m + acceleration_m_s2 * ahead_s**2 / 2
 
     def deviation_m(self, time_s: float, direction: Vector) -> float:
@@ -228,10 +229,18 @@ class MovingTarget:
 
         Nothing being seen, it grows with the time.
         """
-        ahead_s = 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
-        along = np.concatenate([direction, ahead_s * direction, [0.0]])
-        variance = float(along @ self._covariance @ along) + self._density * ahead_s**3 / 3
-        return math.sqrt(max(variance, 0.0))
+        ahead_s = self._unseen_s(time_s)
+        variance = quadratic_form(self._spread(ahead_s), direction)
+        return math.sqrt(max(variance + self._density * ahead_s**3 / 3, 0.0))
+
+    def _unseen_s(self, time_s: float) -> float:
+        return 0.0 if self._time_s is None else max(time_s - self._time_s, 0.0)
+
+    def _spread(self, ahead_s: float) -> Vector:
+        """Return the 3x3 covariance of its place so much later, at a steady velocity."""
+        c = self._covariance
+        mixed = c[:3, 3:6] + c[3:6, :3]
+        return np.asarray(c[:3, :3] + ahead_s * mixed + ahead_s**2 * c[3:6, 3:6])
 
     def rescale(self, from_m: Vector, factor: float) -> None:
         """Put it so many times as far from a place, in the same direction."""
@@ -242,7 +251,7 @@ class MovingTarget:
     def _begin(self, place_m: Vector, noise_m2: Vector, velocity_m_s: Vector, slow: Vector) -> None:
         self._state = np.concatenate([place_m, velocity_m_s, [0.0]])
         self._covariance = np.zeros((7, 7))
-        self._covariance[:3, :3] = noise_m2 + np.outer(slow, slow)
+        self._covariance[:3, :3] = noise_m2 + slow[:, None] * slow
         self._covariance[3:6, 3:6] = _START_SPEED_M_S**2 * np.eye(3)
         self._covariance[6, 6] = 1.0
         # What the first place has of that error is in the place that is believed.
@@ -277,31 +286,37 @@ class MovingTarget:
         direction: Vector | None,
         slow: Vector,
     ) -> None:
-        kept = math.exp(-elapsed_s / _SLOW_S)
-        move = np.eye(7)
-        move[0, 3] = move[1, 4] = move[2, 5] = elapsed_s
-        move[6, 6] = kept
-        state = move @ self._state
-        covariance = move @ self._covariance @ move.T
-        covariance[:6, :6] += self._drive(elapsed_s, direction)
-        covariance[6, 6] += 1 - kept * kept
-        sees = np.zeros((3, 7))
-        sees[:, :3], sees[:, 6] = np.eye(3), slow
-        off = place_m - sees @ state
-        seen = covariance @ sees.T
-        inverse = np.linalg.inv(sees @ seen + noise_m2)
-        distance2 = float(off @ inverse @ off)
+        state, covariance = self._moved(elapsed_s, direction)
+        # The place is seen, and with it so much of the slow error: H = (I, 0, slow).
+        off = place_m - (state[:3] + slow * state[6])
+        seen = covariance[:, :3] + covariance[:, 6:] * slow
+        inverse = inverse_of_covariance(seen[:3] + slow[:, None] * seen[6] + noise_m2)
+        distance2 = quadratic_form(inverse, off)
         if elapsed_s > _GONE_S and distance2 > _ODD:
             self._doubt(elapsed_s)
         if distance2 > _FAR_OFF:
             self._miss(place_m, noise_m2, elapsed_s, slow)
             return
         self._misses = 0
-        gain = seen @ inverse
-        left = covariance - gain @ seen.T
-        before, self._state = self._state, state + gain @ off
+        gain = product(seen, inverse)
+        left = covariance - product(gain, seen.T)
+        before, self._state = self._state, state + product(gain, off[:, None])[:, 0]
         self._covariance = (left + left.T) / 2
         self._watch_turn(before[3:6], elapsed_s)
+
+    def _moved(self, elapsed_s: float, direction: Vector | None) -> tuple[Vector, Vector]:
+        """Return state and covariance after so long: F x, and F P F' + Q."""
+        kept = math.exp(-elapsed_s / _SLOW_S)
+        state, covariance = self._state.copy(), self._covariance.copy()
+        state[:3] += elapsed_s * state[3:6]
+        state[6] *= kept
+        covariance[:3] += elapsed_s * covariance[3:6]
+        covariance[6] *= kept
+        covariance[:, :3] += elapsed_s * covariance[:, 3:6]
+        covariance[:, 6] *= kept
+        covariance[:6, :6] += self._drive(elapsed_s, direction)
+        covariance[6, 6] += 1 - kept * kept
+        return state, covariance
 
     def _watch_turn(self, before_m_s: Vector, elapsed_s: float) -> None:
         """Take in by how much its course has turned since the last sighting."""
@@ -318,7 +333,7 @@ class MovingTarget:
         t = elapsed_s
         density = self._density * np.eye(3)
         if direction is not None and self._density_across != self._density:
-            along = np.outer(direction, direction)
+            along = direction[:, None] * direction
             density = self._density * along + self._density_across * (np.eye(3) - along)
         drive = np.empty((6, 6))
         drive[:3, :3], drive[3:, 3:] = t**3 / 3 * density, t * density
@@ -328,5 +343,56 @@ class MovingTarget:
 
 def place_noise(direction: Vector, along_m: float, across_m: float) -> Vector:
     """Return the 3x3 covariance of a place that is seen in a direction, a unit vector."""
-    along = np.outer(direction, direction)
+    along = direction[:, None] * direction
     return np.asarray(along_m**2 * along + across_m**2 * (np.eye(3) - along))
+
+
+_UNDER_WAY_M_S = 1.0
+"""A target that is slower has no course of its own; it keeps the one it had."""
+
+
+class TargetMotion:
+    """The target's horizontal velocity and its course; vectors are north + 1j * east.
+
+    Args:
+        filter_s: time constant of the velocity.
+    """
+
+    def __init__(self, filter_s: float) -> None:
+        self.change(filter_s)
+        self.start()
+
+    def start(self) -> None:
+        """Forget everything: there is no course before the target goes somewhere."""
+        self._course_rad: float | None = None
+        self.reset()
+
+    def change(self, filter_s: float) -> None:
+        """Go on with another time constant."""
+        self._filter_s = filter_s
+
+    def reset(self) -> None:
+        """Forget the velocity; the course stays."""
+        self._known = False
+        self.velocity_m_s: complex = 0.0
+
+    @property
+    def course_rad(self) -> float | None:
+        """Where the target goes, from north; where it went last if it stands; None before."""
+        return self._course_rad
+
+    def update(self, velocity_m_s: complex, interval_s: float) -> complex:
+        """Return the target's velocity, smoothed.
+
+        Args:
+            velocity_m_s: as it is seen now.
+            interval_s: since the last update; 0 changes nothing.
+        """
+        if not self._known:
+            self.velocity_m_s, self._known = velocity_m_s, True
+        elif interval_s > 0:
+            share = interval_s / (interval_s + self._filter_s)
+            self.velocity_m_s += share * (velocity_m_s - self.velocity_m_s)
+        if abs(self.velocity_m_s) > _UNDER_WAY_M_S:
+            self._course_rad = cmath.phase(self.velocity_m_s)
+        return self.velocity_m_s

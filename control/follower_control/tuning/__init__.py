@@ -1,4 +1,10 @@
-"""Models of the follow loops, and gains from them.
+"""Models of the follow loops, and gains from them. Nothing else uses python-control or SciPy.
+
+Uses: All of `follower_control`.
+Start at: `response_model.ResponseModel`, `axes`, `synthesis`.
+
+Uses: All of `follower_control`.
+Start at: `response_model.ResponseModel`, `axes`, `synthesis`.
 
 `ResponseModel` says how a vehicle answers a velocity or yaw rate, `fit_response` finds one from a
 recording with confidence intervals. `axis_loop` puts vehicle, estimator, delays and PID together

@@ -9,16 +9,80 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.estimator import EstimatorSettings
-from follower_control.pid import PidSettings
-from follower_control.pursuit_sight import ACROSS, ALONG, ALONG_GROUND
-from follower_control.servo_settings import RangeFrom, ServoSettings
-from follower_control.tuning.axis_loop import AxisLoop
-from follower_control.tuning.conditions import Conditions
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo.pid import PidSettings
+from follower_control.servo.pursuit_state import ACROSS, ALONG, ALONG_GROUND
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.estimator import EstimatorSettings
+from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.rational import ONE, Rational, integrator
 from follower_control.tuning.response_model import ResponseModel, VehicleModel
-from follower_control.tuning.steady_filter import SteadyFilter
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyFilter:
+    """A constant-velocity filter with constant gains, as if it ran without pauses.
+
+    Its poles are those of the sampled filter at its frame rate; a target that moves steadily is
+    followed without error, as the sampled one does.
+
+    Attributes:
+        rate_gain_per_s2: k2 of the denominator s² + k1 s + k2.
+        gain_per_s: k1.
+        noise: standard deviation of what it is fed.
+        interval_s: between two frames.
+    """
+
+    rate_gain_per_s2: float
+    gain_per_s: float
+    noise: float
+    interval_s: float
+
+    @classmethod
+    def of(cls, acceleration: float, noise: float, interval_s: float) -> SteadyFilter:
+        """Settle the filter.
+
+        Args:
+            acceleration: root of the spectral density of the white acceleration, per sqrt(Hz).
+            noise: standard deviation of one measurement.
+            interval_s: between two frames.
+
+        Raises:
+            ValueError: one of them is not above 0.
+        """
+        if min(acceleration, noise, interval_s) <= 0:
+            raise ValueError("a filter has acceleration, noise and interval above 0")
+        t, q = interval_s, acceleration**2
+        move = np.array([[1.0, t], [0.0, 1.0]])
+        drive = q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
+        seen = np.array([[1.0, 0.0]])
+        before = solve_discrete_are(move.T, seen.T, drive, np.array([[noise**2]]))
+        gain = before @ seen.T / (before[0, 0] + noise**2)
+        poles = np.log(np.linalg.eigvals((np.eye(2) - gain @ seen) @ move).astype(complex)) / t
+        return cls(float(np.prod(poles).real), float(-np.sum(poles).real), noise, t)
+
+    @property
+    def natural_frequency_rad_s(self) -> float:
+        """How fast it follows, rad/s."""
+        return math.sqrt(self.rate_gain_per_s2)
+
+    def value(self, age_s: float) -> Rational:
+        """Return from the measured value, `age_s` seconds old, to the one predicted to now."""
+        k1, k2 = self.gain_per_s, self.rate_gain_per_s2
+        return Rational((k1 + age_s * k2, k2), (1.0, k1, k2), age_s)
+
+    @property
+    def missed(self) -> Rational:
+        """From the measured value to what the filter does not follow of it: one less `value`."""
+        return Rational((1.0, 0.0, 0.0), (1.0, self.gain_per_s, self.rate_gain_per_s2))
+
+    def rate(self, age_s: float) -> Rational:
+        """Return from the measured value, `age_s` seconds old, to the rate."""
+        k1, k2 = self.gain_per_s, self.rate_gain_per_s2
+        return Rational((k2, 0.0), (1.0, k1, k2), age_s)
 
 
 class Axis(StrEnum):
@@ -30,7 +94,7 @@ class Axis(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Follower:
+class LoopSettings:
     """All settings that the loops depend on."""
 
     servo: ServoSettings
@@ -50,7 +114,7 @@ def axis_loop(
     axis: Axis,
     gains: PidSettings,
     vehicle: VehicleModel,
-    follower: Follower,
+    follower: LoopSettings,
     conditions: Conditions,
 ) -> AxisLoop:
     """Return one axis with these gains, which need not be those of the settings."""
@@ -69,7 +133,7 @@ def _without_derivative(gains: PidSettings) -> Rational:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sight:
+class _TargetFilters:
     """From where the target is to what is known of it: the estimator, then the place it is kept at.
 
     Our own motion is known at once, by telemetry. But the estimator follows the target as seen from
@@ -88,31 +152,21 @@ class _Sight:
         """Return from the quantity, seen `age_s` late, to its rate."""
         return self.estimator.value(0.0) * self.place.rate(age_s)
 
-    @property
-    def missed(self) -> Rational:
-        """From what our own motion did to the quantity to what of it is taken for the target's."""
-        return self.estimator.missed
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of one sighting."""
-        return self.estimator.noise
-
 
 def _azimuth(
-    gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
+    gains: PidSettings, vehicle: VehicleModel, follower: LoopSettings, conditions: Conditions
 ) -> AxisLoop:
     """Yaw is known from telemetry at once: the camera's delay stands before the target alone.
 
     A wrong stamp lets our own turning look like the target's for as long as it is wrong.
     """
     delays = conditions.delays
-    sight = _direction_sight(follower, conditions, Axis.AZIMUTH)
+    filters = _direction_filters(follower, conditions, Axis.AZIMUTH)
     controller = pid(gains)
-    seen = controller * sight.value(0.0) + sight.rate(0.0)
+    seen = controller * filters.value(0.0) + filters.rate(0.0)
     own: tuple[Rational, ...] = (controller,)
     if delays.stamp_error_s:
-        late = delays.sight_s
+        late = delays.image_age_s
         own = (*own, seen.scaled(-1.0).delayed(late - delays.stamp_error_s), seen.delayed(late))
     return AxisLoop(
         Axis.AZIMUTH,
@@ -120,52 +174,48 @@ def _azimuth(
         _plant(vehicle.yaw_rate, conditions, 0.0),
         integrator(),
         own,
-        controller * sight.value(delays.sight_s) + sight.rate(delays.sight_s),
-        (),
+        controller * filters.value(delays.image_age_s) + filters.rate(delays.image_age_s),
         _without_derivative(gains),
-        sight.noise,
+        filters.estimator.noise,
         delays.frame_interval_s,
-        "rad/s",
         1.0,
     )
 
 
 def _elevation(
-    gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
+    gains: PidSettings, vehicle: VehicleModel, follower: LoopSettings, conditions: Conditions
 ) -> AxisLoop:
-    sight = _direction_sight(follower, conditions, Axis.ELEVATION)
-    seen = pid(gains) * sight.place.value(conditions.delays.sight_s)
+    filters = _direction_filters(follower, conditions, Axis.ELEVATION)
+    seen = pid(gains) * filters.place.value(conditions.delays.image_age_s)
     return AxisLoop(
         Axis.ELEVATION,
         "rad",
         _plant(vehicle.down, conditions, _smoothing_s(follower, conditions)),
         integrator(math.cos(conditions.elevation_rad)),
-        (pid(gains), (seen * sight.missed).scaled(-1.0)),
-        pid(gains) * sight.value(conditions.delays.sight_s),
-        (),
+        (pid(gains), (seen * filters.estimator.missed).scaled(-1.0)),
+        pid(gains) * filters.value(conditions.delays.image_age_s),
         _without_derivative(gains),
-        sight.noise,
+        filters.estimator.noise,
         conditions.delays.frame_interval_s,
-        "m/s",
         conditions.range_m,
     )
 
 
 def _range(
-    gains: PidSettings, vehicle: VehicleModel, follower: Follower, conditions: Conditions
+    gains: PidSettings, vehicle: VehicleModel, follower: LoopSettings, conditions: Conditions
 ) -> AxisLoop:
     """The target's speed is fed forward; our own is no part of it, but for what is missed.
 
     With the climb that keeps the elevation the vehicle flies along the line of sight.
     """
     servo, delays = follower.servo, conditions.delays
-    sight = _range_sight(follower, conditions)
+    filters = _range_filters(follower, conditions)
     level, scale = math.cos(conditions.elevation_rad), servo.distance_m / conditions.range_m
     if servo.schedule_range:
         share = 1 / scale
         gains = replace(gains, kp=share * gains.kp, ki=share * gains.ki, kd=share * gains.kd)
     # The speed is horizontal, the range is along the line of sight.
-    value, rate = (f(delays.sight_s) for f in (sight.place.value, sight.place.rate))
+    value, rate = (f(delays.image_age_s) for f in (filters.place.value, filters.place.rate))
     seen = pid(gains) * value + rate.scaled(1.0 / (scale * level))
     own = pid(gains) * value + rate.scaled(level / scale)
     return AxisLoop(
@@ -173,13 +223,11 @@ def _range(
         "log",
         _plant(vehicle.forward, conditions, _smoothing_s(follower, conditions)),
         integrator(scale * level if servo.hold_height else scale / level),
-        (pid(gains), (own * sight.missed).scaled(-1.0)),
-        seen * sight.estimator.value(0.0),
-        (),
+        (pid(gains), (own * filters.estimator.missed).scaled(-1.0)),
+        seen * filters.estimator.value(0.0),
         _without_derivative(gains),
-        sight.noise,
+        filters.estimator.noise,
         delays.frame_interval_s,
-        "m/s",
         servo.distance_m,
     )
 
@@ -191,13 +239,13 @@ def _plant(model: ResponseModel, conditions: Conditions, smoothing_s: float) -> 
     return (ONE * model.linear).delayed(held_s)
 
 
-def _smoothing_s(follower: Follower, conditions: Conditions) -> float:
+def _smoothing_s(follower: LoopSettings, conditions: Conditions) -> float:
     """Return by how much the envelope's jerk limit delays a velocity that changes steadily."""
     jerk = follower.envelope.max_jerk_m_s3
     return conditions.delays.control_interval_s + conditions.acceleration_m_s2 / (2 * jerk)
 
 
-def _direction_filter(follower: Follower, conditions: Conditions, axis: Axis) -> SteadyFilter:
+def _direction_filter(follower: LoopSettings, conditions: Conditions, axis: Axis) -> SteadyFilter:
     s = follower.estimator
     share = s.direction_noise_share * conditions.size_m / conditions.range_m
     noise = math.hypot(math.radians(s.direction_noise_deg), share)
@@ -209,26 +257,28 @@ def _direction_filter(follower: Follower, conditions: Conditions, axis: Axis) ->
     return SteadyFilter.of(acceleration, noise, conditions.delays.frame_interval_s)
 
 
-def _direction_sight(follower: Follower, conditions: Conditions, axis: Axis) -> _Sight:
+def _direction_filters(
+    follower: LoopSettings, conditions: Conditions, axis: Axis
+) -> _TargetFilters:
     estimator = _direction_filter(follower, conditions, axis)
-    return _Sight(estimator, _place_filter(ACROSS, follower, conditions))
+    return _TargetFilters(estimator, _place_filter(ACROSS, follower, conditions))
 
 
-def _range_sight(follower: Follower, conditions: Conditions) -> _Sight:
-    """Return the sight of the log scale, or of the elevation where the ground tells the range."""
+def _range_filters(follower: LoopSettings, conditions: Conditions) -> _TargetFilters:
+    """Return what is known of the log scale, or of the elevation for a range by the ground."""
     s, interval_s = follower.estimator, conditions.delays.frame_interval_s
     if follower.servo.range_from is RangeFrom.SIZE:
         scale = SteadyFilter.of(s.log_scale_acceleration_s2, s.log_scale_noise, interval_s)
-        return _Sight(scale, _place_filter(ALONG, follower, conditions))
+        return _TargetFilters(scale, _place_filter(ALONG, follower, conditions))
     direction = _direction_filter(follower, conditions, Axis.ELEVATION)
     slope = 1 / max(abs(math.tan(conditions.elevation_rad)), 0.05)
     estimator = SteadyFilter(
         direction.rate_gain_per_s2, direction.gain_per_s, slope * direction.noise, interval_s
     )
-    return _Sight(estimator, _place_filter(ALONG_GROUND, follower, conditions))
+    return _TargetFilters(estimator, _place_filter(ALONG_GROUND, follower, conditions))
 
 
-def _place_filter(share: float, follower: Follower, conditions: Conditions) -> SteadyFilter:
+def _place_filter(share: float, follower: LoopSettings, conditions: Conditions) -> SteadyFilter:
     """Return the filter on the target's place, over the distance."""
     servo = follower.servo
     most, across = servo.target_acceleration_m_s2, servo.target_acceleration_across_m_s2

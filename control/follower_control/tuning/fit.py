@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.optimize import least_squares
 
 from follower_control.tuning.rational import Array
-from follower_control.tuning.response_data import ResponseData, TooLittleError
-from follower_control.tuning.response_model import ResponseModel
+from follower_control.tuning.response_model import ResponseData, ResponseModel, TooLittleError
 
 FIT_SHARE = 0.6
 """The part of the excitation, from the beginning, that the fit sees; it is judged by the rest."""
@@ -34,6 +34,16 @@ _BOUNDS = {
     "lead_s": (1e-3, 20.0),
     "rate_limit": (0.02, 100.0),
 }
+
+_FAMILIES: tuple[tuple[str, ...], ...] = (
+    ("gain", "dead_time_s", "time_constant_s"),
+    ("gain", "dead_time_s", "time_constant_s", "damping"),
+    ("gain", "dead_time_s", "time_constant_s", "damping", "lead_s"),
+)
+_LEAST_OBSERVATIONS = 12
+_SPREAD = 1.3
+"""The largest distance over the smallest from which on a slope can be fitted."""
+_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +81,6 @@ class ResponseFit:
     samples: int
     offsets: tuple[float, ...]
     splits_s: tuple[float, ...]
-
-
-_FAMILIES: tuple[tuple[str, ...], ...] = (
-    ("gain", "dead_time_s", "time_constant_s"),
-    ("gain", "dead_time_s", "time_constant_s", "damping"),
-    ("gain", "dead_time_s", "time_constant_s", "damping", "lead_s"),
-)
-Predictor = Callable[[Array], Array]
 
 
 def fit_response(records: Sequence[ResponseData], least_excitation: float = 0.0) -> ResponseFit:
@@ -204,7 +206,7 @@ class _Problem:
         ]
         logs = min(runs, key=lambda run: float(run.cost)).x
         held = self._residuals(_model(names, logs), fitted=False)
-        rms = _rms(held) if len(held) else 0.0
+        rms = float(np.sqrt(np.mean(held**2))) if len(held) else 0.0
         return _Solution(names, np.asarray(logs, np.float64), rms)
 
     def limited(self, free: _Solution) -> _Solution:
@@ -344,5 +346,62 @@ def _correlated(scores: Array, lag: int) -> Array:
     return np.asarray(total, np.float64)
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+@dataclass(frozen=True, slots=True)
+class SizeFit:
+    """What the target measures.
+
+    Attributes:
+        size_m: the root of its width times its height, as seen, with slope 1.
+        slope: how the angle falls with the distance; None where the distance hardly varied. Far
+            from 1, the box does not keep to the target, or the distance is wrong.
+        spread: of single observations about the relation, as a share; in the held-out last third.
+        samples: how many observations were fitted.
+    """
+
+    size_m: Interval
+    slope: Interval | None
+    spread: float
+    samples: int
+
+
+def fit_size(angles_rad: Sequence[float], ranges_m: Sequence[float]) -> SizeFit:
+    """Fit the relation to observations in the order of time.
+
+    Observations far enough from each other are wanted: what neighbours share counts as news here.
+
+    Raises:
+        TooLittleError: there are too few, or some are not finite and above 0.
+    """
+    angles = np.asarray(angles_rad, np.float64)
+    ranges = np.asarray(ranges_m, np.float64)
+    if len(angles) < _LEAST_OBSERVATIONS:
+        raise TooLittleError(
+            f"only {len(angles)} observations of a target on the ground, "
+            f"{_LEAST_OBSERVATIONS} are needed"
+        )
+    if not (np.all(np.isfinite(angles * ranges)) and min(angles.min(), ranges.min()) > 0):
+        raise TooLittleError("sizes and distances are finite and above 0")
+    logs = np.asarray(np.log(angles * ranges), np.float64)
+    first = 2 * len(logs) // 3
+    held_out = logs[first:] - logs[:first].mean()
+    return SizeFit(
+        _mean(logs),
+        _slope(np.log(angles), np.log(ranges)),
+        float(np.sqrt(np.mean(held_out**2))),
+        len(logs),
+    )
+
+
+def _mean(logs: Array) -> Interval:
+    width = float(stats.t.ppf(0.5 + _CONFIDENCE / 2, len(logs) - 1) * stats.sem(logs))
+    middle = float(logs.mean())
+    return Interval(math.exp(middle), math.exp(middle - width), math.exp(middle + width))
+
+
+def _slope(angles: Array, ranges: Array) -> Interval | None:
+    if float(np.ptp(ranges)) < math.log(_SPREAD):
+        return None
+    line = stats.linregress(ranges, angles)
+    width = float(stats.t.ppf(0.5 + _CONFIDENCE / 2, len(ranges) - 2) * line.stderr)
+    slope = -float(line.slope)
+    return Interval(slope, slope - width, slope + width)

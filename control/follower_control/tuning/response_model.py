@@ -1,12 +1,15 @@
 """How a vehicle answers a velocity or yaw rate that is asked for: a few numbers."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from follower_control.tuning.rational import Rational
+import numpy as np
+from scipy.signal import cont2discrete, lfilter, lfiltic
+
+from follower_control.common.strict_config import check_positive, check_ranges
+from follower_control.tuning.rational import Array, Rational
+
+STEP_S = 0.01
+"""Models are stepped at this interval between the samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +27,6 @@ class ResponseModel:
             Left out of the linear model.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     gain: float
     dead_time_s: float
     time_constant_s: float
@@ -34,18 +35,8 @@ class ResponseModel:
     rate_limit: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.gain < math.inf:
-            raise ValueError(f"gain is finite and above 0, not {self.gain}")
-        if not 0 <= self.dead_time_s < math.inf:
-            raise ValueError(f"dead_time_s is finite and not negative, not {self.dead_time_s}")
-        if not 0 < self.time_constant_s < math.inf:
-            raise ValueError(f"time_constant_s is finite and above 0, not {self.time_constant_s}")
-        if self.damping is not None and not 0 < self.damping < math.inf:
-            raise ValueError(f"damping is finite and above 0, not {self.damping}")
-        if not 0 <= self.lead_s < math.inf:
-            raise ValueError(f"lead_s is finite and not negative, not {self.lead_s}")
-        if self.rate_limit is not None and not self.rate_limit > 0:
-            raise ValueError(f"rate_limit is above 0, not {self.rate_limit}")
+        check_positive(self, "gain", "time_constant_s", "damping", "rate_limit")
+        check_ranges(self, dead_time_s=(0, 3600), lead_s=(0, 3600))
 
     @property
     def order(self) -> int:
@@ -74,9 +65,108 @@ class VehicleModel:
         yaw_rate: the turning of the nose.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     forward: ResponseModel
     right: ResponseModel
     down: ResponseModel
     yaw_rate: ResponseModel
+
+
+class TooLittleError(ValueError):
+    """A recording does not show what was asked of it; the message says why and what would do."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseData:
+    """One unbroken stretch.
+
+    Attributes:
+        name: of the recording.
+        input_s: (M,) times at which the input changed, rising; it stays in between.
+        inputs: (M,) what was asked for from then on.
+        output_s: (N,) times of the samples, rising.
+        outputs: (N,) what was measured.
+    """
+
+    name: str
+    input_s: Array
+    inputs: Array
+    output_s: Array
+    outputs: Array
+
+    def __post_init__(self) -> None:
+        parts = (self.input_s, self.inputs, self.output_s, self.outputs)
+        if not all(np.all(np.isfinite(part)) for part in parts):
+            raise TooLittleError(f"{self.name}: there are numbers in it that are not finite")
+        if len(self.input_s) != len(self.inputs) or len(self.output_s) != len(self.outputs):
+            raise ValueError(f"{self.name}: as many times as values are needed")
+        for times in (self.input_s, self.output_s):
+            if np.any(np.diff(times) <= 0):
+                raise TooLittleError(f"{self.name}: its times do not rise")
+
+    @property
+    def length_s(self) -> float:
+        """From the first sample to the last, seconds."""
+        return float(self.output_s[-1] - self.output_s[0]) if len(self.output_s) else 0.0
+
+    def predicted(self, model: ResponseModel) -> Array:
+        """Return what the model says for each sample, (N,), at rest before the first input.
+
+        Free running: it is given the inputs and never a measured output.
+        """
+        start, end = float(self.output_s[0]), float(self.output_s[-1])
+        begin = min(start, float(self.input_s[0]))
+        count = max(2, int(np.ceil((end - begin) / STEP_S)) + 2)
+        edges = np.asarray(begin + STEP_S * np.arange(count), np.float64)
+        seen = np.asarray(edges - model.dead_time_s, np.float64)
+        asked = _held_mean(self.input_s, self.inputs, seen)
+        first = float(self.inputs[0])
+        answer = _simulated(model, asked, first)
+        return np.asarray(np.interp(self.output_s, edges, answer), np.float64)
+
+
+def _held_mean(times_s: Array, values: Array, edges_s: Array) -> Array:
+    """Return the mean input of the interval that ends at each edge, shape (N,)."""
+    area = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(times_s))])
+    total = np.interp(edges_s, times_s, area)
+    total += np.where(edges_s < times_s[0], (edges_s - times_s[0]) * values[0], 0.0)
+    total += np.where(edges_s > times_s[-1], (edges_s - times_s[-1]) * values[-1], 0.0)
+    means = np.diff(total) / np.diff(edges_s)
+    return np.concatenate([[values[0]], means])
+
+
+def _simulated(model: ResponseModel, asked: Array, first: float) -> Array:
+    if model.rate_limit is not None:
+        return _limited(model, asked, first)
+    linear = model.linear
+    discrete = cont2discrete(
+        (np.atleast_1d(linear.numerator), np.atleast_1d(linear.denominator)), STEP_S, "zoh"
+    )
+    b, a = np.ravel(discrete[0]), np.ravel(discrete[1])
+    steady = model.gain * first
+    state = lfiltic(b, a, np.full(len(a), steady), np.full(len(b), first))
+    # The mean of an interval acts until its end, where the sample is: one step earlier than lfilter
+    # would have it.
+    shifted = np.concatenate([asked[1:], asked[-1:]])
+    answer, _ = lfilter(b, a, shifted, zi=state)
+    return np.asarray(answer, np.float64)
+
+
+def _limited(model: ResponseModel, asked: Array, first: float) -> Array:
+    """Step the model with its output's rate held within the limit."""
+    limit, t = model.rate_limit or np.inf, model.time_constant_s
+    a2, a1, _ = (0.0, *model.denominator) if model.order == 1 else model.denominator
+    gain, lead = model.gain, model.lead_s
+    value, rate = gain * first, 0.0
+    answer = np.empty(len(asked))
+    before = first
+    for i, u in enumerate(asked.tolist()):
+        wanted = gain * (u + lead * (u - before) / STEP_S)
+        before = u
+        if a2 == 0:
+            goal = (wanted - value) * (1 - np.exp(-STEP_S / t)) / STEP_S
+        else:
+            goal = (rate + STEP_S * (wanted - value) / a2) / (1 + STEP_S * a1 / a2)
+        rate = min(max(goal, -limit), limit)
+        value += rate * STEP_S
+        answer[i] = value
+    return answer

@@ -5,20 +5,17 @@ Control", ch. 4 and 7: Ms ≤ 1.6 leaves a gain margin of at least 2.7 and a pha
 36 degrees.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
 
 import numpy as np
 
-from follower_control.pid import PidSettings
-from follower_control.tuning.axes import Axis, Follower, axis_loop
-from follower_control.tuning.axis_loop import AxisLoop
-from follower_control.tuning.conditions import Conditions
-from follower_control.tuning.margins import bandwidth_rad_s, frequencies, margins_of
+from follower_control.common.strict_config import check_positive, check_ranges
+from follower_control.servo.pid import PidSettings
+from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
+from follower_control.tuning.axis_loop import AxisLoop, Conditions
+from follower_control.tuning.rational import bandwidth_rad_s, frequencies, max_sensitivity_of
 from follower_control.tuning.response_model import VehicleModel
 
 _GRID = frequencies(0.03, 40.0)[::3]
@@ -34,7 +31,7 @@ _SMOOTH_PEAK = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class TuningGoal:
     """What a loop is to be like.
 
     Attributes:
@@ -45,22 +42,14 @@ class Wish:
             within the envelope. None: 9 degrees of azimuth, 5 of elevation, a fifth of the range.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     bandwidth_rad_s: float | None = None
     max_sensitivity: float = 1.6
     jitter_factor: float = 1.5
     error: float | None = None
 
     def __post_init__(self) -> None:
-        if self.bandwidth_rad_s is not None and not 0.01 <= self.bandwidth_rad_s <= 30:
-            raise ValueError(
-                f"a bandwidth lies between 0.01 and 30 rad/s, not {self.bandwidth_rad_s:g}"
-            )
-        if not 1.1 <= self.max_sensitivity <= 4:
-            raise ValueError(f"Ms lies between 1.1 and 4, not {self.max_sensitivity:g}")
-        if not self.jitter_factor > 0 or (self.error is not None and not self.error > 0):
-            raise ValueError("jitter_factor and error are above 0")
+        check_ranges(self, bandwidth_rad_s=(0.01, 30), max_sensitivity=(1.1, 4))
+        check_positive(self, "jitter_factor", "error")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +59,7 @@ class Tuned:
     Attributes:
         gains: of the loop.
         loop: with them.
-        reached: whether everything that was wished for holds.
+        reached: whether all goals hold.
         because: what the gains end at, in words.
     """
 
@@ -89,15 +78,19 @@ class _Candidate:
 
 
 def tune(
-    axis: Axis, vehicle: VehicleModel, follower: Follower, conditions: Conditions, wish: Wish
+    axis: Axis,
+    vehicle: VehicleModel,
+    follower: LoopSettings,
+    conditions: Conditions,
+    goal: TuningGoal,
 ) -> Tuned:
     """Return gains for one axis.
 
     For each ratio of integral and derivative to proportional gain, the gain is raised from almost
-    nothing until one of the wishes would no longer hold. Of the ends, the one with the highest
-    bandwidth is taken; with a bandwidth wished for, of those that reach it, the most robust one.
+    nothing until one of the goals would no longer hold. Of the ends, the one with the highest
+    bandwidth is taken; with a bandwidth asked for, of those that reach it, the most robust one.
     """
-    search = _Search(axis, vehicle, follower, conditions, wish)
+    search = _Search(axis, vehicle, follower, conditions, goal)
     ends = [one for start in search.starts() if (one := search.raised(start)) is not None]
     found = [one for one in ends if search.settles(one.gains)]
     if not found:
@@ -105,7 +98,7 @@ def tune(
         loop = axis_loop(axis, present, vehicle, follower, conditions)
         return Tuned(present, loop, False, f"{search.why_none(ends)}: kept as they are")
     best = max(found, key=lambda one: one.bandwidth_rad_s)
-    wanted = wish.bandwidth_rad_s
+    wanted = goal.bandwidth_rad_s
     reached = wanted is None or best.bandwidth_rad_s >= 0.97 * wanted
     if wanted is not None and reached:
         able = [one for one in found if one.bandwidth_rad_s >= 0.97 * wanted]
@@ -119,16 +112,16 @@ class _Search:
         self,
         axis: Axis,
         vehicle: VehicleModel,
-        follower: Follower,
+        follower: LoopSettings,
         conditions: Conditions,
-        wish: Wish,
+        goal: TuningGoal,
     ) -> None:
         self._axis, self._vehicle, self._follower = axis, vehicle, follower
-        self._conditions, self._wish = conditions, wish
+        self._conditions, self._goal = conditions, goal
         self._present = follower.gains(axis)
         jitter = self._loop(self._present).jitter()
         # Gains of zero do not shake: nothing to compare others with.
-        self._most_jitter = wish.jitter_factor * jitter if jitter > 0 else math.inf
+        self._most_jitter = goal.jitter_factor * jitter if jitter > 0 else math.inf
 
     def starts(self) -> Iterator[PidSettings]:
         """Yield gains of almost nothing with each ratio between them."""
@@ -177,19 +170,19 @@ class _Search:
 
     def _judged(self, gains: PidSettings) -> _Candidate:
         """Return what gains are worth, and what does not hold with them."""
-        loop, wish = self._loop(gains), self._wish
+        loop, goal = self._loop(gains), self._goal
         following = loop.following(_GRID)
         bandwidth = bandwidth_rad_s(_GRID, following)
-        sensitivity = margins_of(_GRID, loop.open_loop(_GRID)).max_sensitivity
+        sensitivity = max_sensitivity_of(loop.open_loop(_GRID))
         because = ""
-        if sensitivity > 0.995 * wish.max_sensitivity:
-            because = f"Ms reaches {wish.max_sensitivity:g}"
-        elif wish.bandwidth_rad_s is not None and bandwidth > 1.03 * wish.bandwidth_rad_s:
-            because = f"the wanted bandwidth of {wish.bandwidth_rad_s:g} rad/s is there"
-        elif float(np.abs(following).max()) > max(_SMOOTH_PEAK, wish.max_sensitivity / 1.2):
+        if sensitivity > 0.995 * goal.max_sensitivity:
+            because = f"Ms reaches {goal.max_sensitivity:g}"
+        elif goal.bandwidth_rad_s is not None and bandwidth > 1.03 * goal.bandwidth_rad_s:
+            because = f"the wanted bandwidth of {goal.bandwidth_rad_s:g} rad/s is there"
+        elif float(np.abs(following).max()) > max(_SMOOTH_PEAK, goal.max_sensitivity / 1.2):
             because = "it would swing about what is wanted"
         elif loop.jitter() > self._most_jitter:
-            because = f"the setpoints shake {wish.jitter_factor:g} times as much as now"
+            because = f"the setpoints shake {goal.jitter_factor:g} times as much as now"
         elif self._demand(loop, gains, bandwidth) > 1.0:
             because = "a usual error asks for all that the envelope allows"
         return _Candidate(gains, bandwidth, sensitivity, because)
@@ -197,7 +190,7 @@ class _Search:
     def _demand(self, loop: AxisLoop, gains: PidSettings, bandwidth_rad_s: float) -> float:
         """Return what a usual error asks for, over what the envelope allows."""
         envelope = self._follower.envelope
-        error = self._wish.error or _USUAL_ERROR[self._axis]
+        error = self._goal.error or _USUAL_ERROR[self._axis]
         asked = loop.motion_scale * gains.kp * error
         fastest, hardest = {
             Axis.AZIMUTH: (envelope.max_yaw_rate_deg_s, envelope.max_yaw_acceleration_deg_s2),

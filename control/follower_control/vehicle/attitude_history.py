@@ -1,35 +1,24 @@
 """A short memory of the vehicle's attitude, to look up how it was when a frame was taken."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from itertools import pairwise
 
-from follower_control.vehicle import Attitude
-from follower_vision.lineofsight import wrap_angle
+from follower_control.vehicle.state import Attitude
+from follower_vision.geometry.line_of_sight import wrap_angle
+
+_CAPACITY = 256
+_EXTRAPOLATE_S = 0.1
+"""How far past the newest sample its body rates are trusted."""
+_GAP_S = 0.5
+"""Two samples further apart than this are not interpolated between."""
 
 
 class AttitudeHistory:
-    """The newest attitudes in order of time; used by one thread.
+    """The newest attitudes in order of time; used by one thread."""
 
-    Args:
-        capacity: how many samples are kept; older ones are forgotten.
-        extrapolate_s: how far past the newest sample the body rates are trusted.
-        gap_s: two samples further apart than this are not interpolated between.
-
-    Raises:
-        ValueError: the capacity is less than 2, or a time is negative or not finite.
-    """
-
-    def __init__(self, capacity: int = 256, extrapolate_s: float = 0.1, gap_s: float = 0.5) -> None:
-        if capacity < 2:
-            raise ValueError(f"an attitude history keeps at least 2 samples, not {capacity}")
-        if not (0 <= extrapolate_s < math.inf and 0 <= gap_s < math.inf):
-            raise ValueError(f"times are finite and not negative, not {extrapolate_s}, {gap_s}")
-        self._samples: deque[Attitude] = deque(maxlen=capacity)
-        self._extrapolate_s = extrapolate_s
-        self._gap_s = gap_s
+    def __init__(self) -> None:
+        self._samples: deque[Attitude] = deque(maxlen=_CAPACITY)
 
     def __len__(self) -> int:
         """How many samples are kept now."""
@@ -55,18 +44,18 @@ class AttitudeHistory:
         """Return the attitude at `time_s`, None where it is not known.
 
         Between samples it is interpolated, angle by angle and the short way round; after the
-        newest it is turned on by the body rates for at most `extrapolate_s`.
+        newest it is turned on by the body rates for at most 0.1 s.
         """
         if not self._samples or not math.isfinite(time_s):
             return None
         newest = self._samples[-1]
         if time_s >= newest.time_s:
             ahead = time_s - newest.time_s
-            return turned_on(newest, ahead) if ahead <= self._extrapolate_s else None
+            return turned_on(newest, ahead) if ahead <= _EXTRAPOLATE_S else None
         for later, earlier in pairwise(reversed(self._samples)):
             if earlier.time_s <= time_s:
                 gap = later.time_s - earlier.time_s
-                return _between(earlier, later, time_s) if gap <= self._gap_s else None
+                return _between(earlier, later, time_s) if gap <= _GAP_S else None
         return None
 
 

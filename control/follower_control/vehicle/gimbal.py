@@ -1,11 +1,45 @@
-"""A short memory of how the gimbal held its camera."""
+"""The rates that a gimbal is given, and the attitude of its camera."""
 
-from __future__ import annotations
+from dataclasses import dataclass, replace
 
-from dataclasses import replace
+from follower_control.common.small_matrix import product
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.state import Attitude, GimbalState
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
 
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.vehicle import GimbalState
+
+@dataclass(frozen=True, slots=True)
+class GimbalRates:
+    """How fast a gimbal's camera is to turn, against the world.
+
+    Attributes:
+        pitch_rad_s: up is positive.
+        yaw_rad_s: to the right is positive.
+    """
+
+    pitch_rad_s: float = 0.0
+    yaw_rad_s: float = 0.0
+
+
+STILL = GimbalRates()
+"""Keep looking where it looks."""
+
+
+def camera_to_world(gimbal: GimbalState, vehicle: Attitude) -> Vector:
+    """Return the 3x3 matrix from camera axes (right, down, forward) to the world's.
+
+    Args:
+        gimbal: how it holds the camera.
+        vehicle: its attitude at the same time.
+    """
+    camera = gimbal.attitude
+    if not gimbal.is_level:
+        body = rotation(vehicle.roll_rad, vehicle.pitch_rad, vehicle.yaw_rad)
+        turn = rotation(camera.roll_rad, camera.pitch_rad, camera.yaw_rad)
+        return along_camera_axes(product(body, turn))
+    yaw = camera.yaw_rad + (0.0 if gimbal.from_north else vehicle.yaw_rad)
+    return along_camera_axes(rotation(camera.roll_rad, camera.pitch_rad, yaw))
 
 
 class GimbalHistory:

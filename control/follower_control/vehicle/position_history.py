@@ -1,15 +1,13 @@
 """A short memory of how the vehicle moved, to look up where it was when a frame was taken."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from follower_control.vehicle import LocalPosition
-from follower_vision.camera import Vector
+from follower_control.vehicle.state import LocalPosition
+from follower_vision.geometry.camera_model import Vector
 
 _KEPT_S = 6.0
 _AHEAD_S = 0.5
@@ -23,7 +21,7 @@ class _Point:
     velocity_m_s: Vector
 
 
-class OwnPath:
+class PositionHistory:
     """The way that the vehicle went, added up from its velocities.
 
     Positions are not taken: they jump when the autopilot's own estimate is corrected, and the

@@ -1,7 +1,5 @@
 """What is asked of the vehicle."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,10 +1,9 @@
-"""Tells a sensor that repeats itself from one that lives."""
-
-from __future__ import annotations
+"""Finds sensors whose values are stuck, and values that are not finite."""
 
 import math
+from dataclasses import replace
 
-from follower_control.vehicle import Attitude, LocalPosition
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 _MOVING_M_S = 0.3
 _SENT_M = 2.0
@@ -12,7 +11,7 @@ REPEATS = 5
 """After so many repetitions in a row a sensor is not waited for any longer: it hangs."""
 
 
-class Liveness:
+class StuckSensorDetector:
     """How long attitudes have not changed, whatever time stamps they come with.
 
     A stream may go on while what feeds it has hung. A real attitude has noise: it never comes twice
@@ -25,26 +24,26 @@ class Liveness:
         self._repeats = 0
 
     def note(self, attitude: Attitude, now_s: float) -> None:
-        """Look at a new attitude that has come."""
+        """Take a new attitude that has arrived."""
         if attitude.numbers != self._numbers:
             self._numbers, self._changed_s, self._repeats = attitude.numbers, now_s, 0
         else:
             self._repeats += 1
 
     def age_s(self, now_s: float) -> float:
-        """Return how long the numbers have been the same.
+        """Return for how many seconds the numbers have been the same.
 
         Infinity before the first, and where they have been repeated too often to be waited for.
         """
         return math.inf if self._repeats >= REPEATS else now_s - self._changed_s
 
 
-class PositionLiveness:
+class StuckPositionDetector:
     """How long positions have contradicted themselves.
 
-    One that stays the same to the last bit while it tells of a velocity is fed by nobody, and so is
+    One that stays the same to the last bit while it reports a velocity is fed by nobody, and so is
     one that stays the same while the vehicle is sent metres away; that is believed again when it
-    changes. One that tells of standing still may else be the same for long: it may be measured
+    changes. One that reports standing still may else be the same for long: it may be measured
     coarsely.
     """
 
@@ -55,7 +54,7 @@ class PositionLiveness:
         self._sent_m = 0.0
 
     def note(self, position: LocalPosition | None, now_s: float, sent_m: float = 0.0) -> None:
-        """Look at the newest position, the same one again if there is no newer.
+        """Take the newest position, the same one again if there is no newer.
 
         Args:
             position: the newest.
@@ -76,7 +75,7 @@ class PositionLiveness:
             self._repeats += 1
 
     def age_s(self, now_s: float) -> float:
-        """Return how long none has come that can be believed.
+        """Return for how many seconds no credible position has arrived.
 
         Infinity before the first, and where one has been repeated too often to be waited for.
         """
@@ -86,3 +85,28 @@ class PositionLiveness:
 def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:
     moves = math.hypot(position.north_m_s, position.east_m_s, position.down_m_s) > _MOVING_M_S
     return moves and last.numbers == position.numbers
+
+
+class FiniteTelemetryFilter:
+    """Puts the last finite attitude and position in the place of those with NaN or infinity.
+
+    They keep their time, and so grow old as if nothing had come.
+    """
+
+    def __init__(self) -> None:
+        self._attitude: Attitude | None = None
+        self._position: LocalPosition | None = None
+
+    def of(self, vehicle: VehicleState) -> VehicleState:
+        """Return the state with nothing in it that is not finite."""
+        if vehicle.attitude is not self._attitude and _is_finite(vehicle.attitude):
+            self._attitude = vehicle.attitude
+        if vehicle.position is not self._position and _is_finite(vehicle.position):
+            self._position = vehicle.position
+        if vehicle.attitude is self._attitude and vehicle.position is self._position:
+            return vehicle
+        return replace(vehicle, attitude=self._attitude, position=self._position)
+
+
+def _is_finite(part: Attitude | LocalPosition | None) -> bool:
+    return part is None or part.is_finite

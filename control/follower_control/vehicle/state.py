@@ -1,16 +1,23 @@
 """What a link knows about the vehicle, each part with the time at which it was true."""
 
-from __future__ import annotations
-
 import math
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
+
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 
 ENTRY_S = 2.5
 """How long after our last setpoint the mode that needs them may turn out to have been taken.
 
 PX4 lets a pilot into OFFBOARD for COM_OF_LOSS_T (1 s) after a setpoint, goes into its failsafe
-0.25 s after that time without another, and tells its mode by itself once a second.
+0.25 s after that time without another, and sends its mode unasked once a second.
 """
+
+_KEPT_SAMPLES = 5
+_LEAST_SAMPLES = 3
+_OUTLIER_M_S = 2.0
+_OUTLIER_RAD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +44,15 @@ class Attitude:
 
     @property
     def turn_rate_rad_s(self) -> float:
-        """How fast it turns, about whichever axis."""
+        """How fast it turns, about whichever axis, rad/s."""
         return math.hypot(self.roll_rate_rad_s, self.pitch_rate_rad_s, self.yaw_rate_rad_s)
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """The angles and the rates."""
+        """The angles, rad, and the body rates, rad/s."""
         return (
-            self.roll_rad,
-            self.pitch_rad,
-            self.yaw_rad,
-            self.roll_rate_rad_s,
-            self.pitch_rate_rad_s,
-            self.yaw_rate_rad_s,
+            *(self.roll_rad, self.pitch_rad, self.yaw_rad),
+            *(self.roll_rate_rad_s, self.pitch_rate_rad_s, self.yaw_rate_rad_s),
         )
 
     @property
@@ -78,14 +81,10 @@ class LocalPosition:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """The position and the velocity."""
+        """The position, metres NED, and the velocity, m/s."""
         return (
-            self.north_m,
-            self.east_m,
-            self.down_m,
-            self.north_m_s,
-            self.east_m_s,
-            self.down_m_s,
+            *(self.north_m, self.east_m, self.down_m),
+            *(self.north_m_s, self.east_m_s, self.down_m_s),
         )
 
     @property
@@ -170,7 +169,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """The newest of everything; a part never heard of is None.
+    """The newest of everything; a part never received is None.
 
     Attributes:
         attitude: newest attitude.
@@ -183,12 +182,12 @@ class VehicleState:
         failsafe: the autopilot says that it is in a failsafe or worse.
         entries: how often it was seen to enter that mode.
         entered_by_itself: it did so out of a failsafe the last time, or was armed and in it when
-            it was first heard: nobody chose the mode for us.
+            it was first received: nobody chose the mode for us.
         rc: the pilot's sticks and switches, None where the autopilot does not show them.
         gimbal: how a gimbal holds its camera, None without one.
         clearance: height above what is below, None where nothing measures it.
-        origin: where the origin of local positions is, None before it is told.
-        answered_s: when it last answered something that we had asked, so that it hears us; None
+        origin: where the origin of local positions is, None before it is received.
+        answered_s: when it last answered something that we had asked, so that it receives us; None
             before the first time.
     """
 
@@ -209,22 +208,79 @@ class VehicleState:
     answered_s: float | None = None
 
     def attitude_age_s(self, now_s: float) -> float:
-        """Age of the attitude; infinite if there is none."""
+        """Age of the attitude, seconds; infinite if there is none."""
         return math.inf if self.attitude is None else now_s - self.attitude.time_s
 
     def position_age_s(self, now_s: float) -> float:
-        """Age of the position; infinite if there is none."""
+        """Age of the position, seconds; infinite if there is none."""
         return math.inf if self.position is None else now_s - self.position.time_s
 
     def heartbeat_age_s(self, now_s: float) -> float:
-        """Age of the last heartbeat; infinite if there was none."""
+        """Age of the last heartbeat, seconds; infinite if there was none."""
         return math.inf if self.heartbeat_s is None else now_s - self.heartbeat_s
 
     def answer_age_s(self, now_s: float) -> float:
-        """How long it has not answered us; 0 for one that never did."""
+        """For how many seconds it has not answered us; 0 for one that never did."""
         return 0.0 if self.answered_s is None else now_s - self.answered_s
 
     def fresh_rc(self, now_s: float, within_s: float) -> RcChannels | None:
         """Return the pilot's channels unless they are older than that."""
         fresh = self.rc is not None and 0 <= now_s - self.rc.time_s <= within_s
         return self.rc if fresh else None
+
+
+class PresentMotion:
+    """The newest velocity and yaw rate of telemetry, unless they contradict the last few.
+
+    A setpoint stream begins where the vehicle is. A single glitch of its velocity at that time
+    would be flown for seconds, for it fades away within acceleration and jerk.
+    """
+
+    def __init__(self) -> None:
+        self._vehicle = VehicleState()
+        self._velocities: deque[tuple[float, float, float]] = deque(maxlen=_KEPT_SAMPLES)
+        self._yaw_rates: deque[float] = deque(maxlen=_KEPT_SAMPLES)
+
+    def update(self, vehicle: VehicleState) -> None:
+        """Take the newest telemetry, the same again if there is none newer."""
+        before, self._vehicle = self._vehicle, vehicle
+        position, attitude = vehicle.position, vehicle.attitude
+        if position is not None and position is not before.position:
+            self._velocities.append((position.north_m_s, position.east_m_s, position.down_m_s))
+        if attitude is not None and attitude is not before.attitude:
+            self._yaw_rates.append(attitude.yaw_rate_rad_s)
+
+    @property
+    def present(self) -> VelocitySetpoint:
+        """The motion as a setpoint in the heading's frame; standing still where it is unknown."""
+        attitude = self._vehicle.attitude
+        if not self._velocities or attitude is None:
+            return HOLD
+        parts = zip(*self._velocities, strict=True)
+        velocity = tuple(_without_outlier(part, _OUTLIER_M_S) for part in parts)
+        return _in_heading(
+            velocity, attitude.yaw_rad, _without_outlier(tuple(self._yaw_rates), _OUTLIER_RAD_S)
+        )
+
+
+def heading_velocity(vehicle: VehicleState) -> VelocitySetpoint:
+    """Return the motion of telemetry as a setpoint; standing still where it is unknown."""
+    position, attitude = vehicle.position, vehicle.attitude
+    if position is None or attitude is None:
+        return HOLD
+    velocity = position.north_m_s, position.east_m_s, position.down_m_s
+    return _in_heading(velocity, attitude.yaw_rad, attitude.yaw_rate_rad_s)
+
+
+def _in_heading(
+    velocity: tuple[float, ...], yaw_rad: float, yaw_rate_rad_s: float
+) -> VelocitySetpoint:
+    north, east, down = velocity
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return VelocitySetpoint(c * north + s * east, c * east - s * north, down, yaw_rate_rad_s)
+
+
+def _without_outlier(values: tuple[float, ...], far: float) -> float:
+    """Return the last one, or the middle one if the last is far from that."""
+    newest, middle = values[-1], median(values)
+    return newest if len(values) < _LEAST_SAMPLES or abs(newest - middle) <= far else middle

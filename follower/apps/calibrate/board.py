@@ -1,16 +1,18 @@
 """The printed board: what it looks like, and where its corners are in an image."""
 
-from __future__ import annotations
-
+import io
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Literal, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+import PIL.Image
 
-from follower_vision.frame import Image
+from follower_vision.atomic_file import write_whole_bytes
+from follower_vision.images.frame import Image
 
 Kind: TypeAlias = Literal["charuco", "chessboard"]
 Cells: TypeAlias = npt.NDArray[np.uint8]
@@ -25,6 +27,10 @@ _LEAST_CORNERS = 8
 _FREE_OF_MARKERS, _FREE_OF_CORNERS = 1 / 8, 0.3
 _UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 30, 0.01)
 _LEAST_SQUARES, _MOST_MARKERS = 3, 100
+_INCH_M = 0.0254
+_PAPERS_M = {"A4": (0.210, 0.297), "A3": (0.297, 0.420), "A2": (0.420, 0.594)}
+_MARGIN_M = 0.005
+_DOTS_A_METRE, _MOST_DOTS = 12_000, 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,3 +157,39 @@ class Board:
         refined = cv2.aruco.DetectorParameters()
         refined.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         return cv2.aruco.CharucoDetector(self._charuco, cv2.aruco.CharucoParameters(), refined)
+
+
+def write_board(board: Board, path: Path) -> str:
+    """Write the board into a .pdf or .png, to scale; return in words how large it is.
+
+    Raises:
+        ValueError: the file is to be something else.
+        OSError: it cannot be written.
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in ("pdf", "png"):
+        raise ValueError(f"--board {path}: give a name that ends in .pdf or .png")
+    across_m, down_m = board.across * board.square_m, board.down * board.square_m
+    paper, (width_m, height_m) = _paper_for(across_m, down_m)
+    cell_m = board.square_m / board.cells_a_square
+    dots_a_metre = min(_DOTS_A_METRE, _MOST_DOTS / max(width_m, height_m))
+    cell = max(1, round(cell_m * dots_a_metre))
+    image = board.cells().repeat(cell, 0).repeat(cell, 1)
+    height, width = image.shape
+    page = np.full((round(height_m * cell / cell_m), round(width_m * cell / cell_m)), 255, np.uint8)
+    top, left = (page.shape[0] - height) // 2, (page.shape[1] - width) // 2
+    page[top : top + height, left : left + width] = image
+    dpi = cell / cell_m * _INCH_M
+    encoded = io.BytesIO()
+    PIL.Image.fromarray(page).convert("1").save(encoded, kind, dpi=(dpi, dpi), resolution=dpi)
+    write_whole_bytes(path, encoded.getvalue())
+    size = f"{1e3 * across_m:g} x {1e3 * down_m:g} mm, squares of {1e3 * board.square_m:g} mm"
+    return f"{size}, on {paper}"
+
+
+def _paper_for(across_m: float, down_m: float) -> tuple[str, tuple[float, float]]:
+    """Return the smallest paper on which the board fits, upright; else a page of its own."""
+    for name, page in _PAPERS_M.items():
+        if across_m + 2 * _MARGIN_M <= page[0] and down_m + 2 * _MARGIN_M <= page[1]:
+            return name, page
+    return "a page of its own", (across_m + 4 * _MARGIN_M, down_m + 4 * _MARGIN_M)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from follower.command_options import Config
-from follower_control.strict_yaml import SettingsError
+from follower.ui.terminal.cli_options import Config
+from follower_control.common.strict_config import SettingsError
 
 if TYPE_CHECKING:
-    from follower.calibration.board import Board
+    from follower.apps.calibrate.board import Board
 
 EPILOG = """
 **Examples**
@@ -27,8 +27,8 @@ flat
 
 `follower track clip.mp4 -c wide.yaml --select person` – use it
 
-Exit code 0: there is a calibration; 1: the views do not tell the lens, and why; 2: an option or a
-source cannot be used.
+Exit code 0: there is a calibration; 1: the views do not determine the lens, and why; 2: an
+option or a source cannot be used.
 """
 _PRINTED = "The board"
 
@@ -89,8 +89,8 @@ def calibrate_command(
     Hold the board into all parts of the image, near and far, tilted to each side: 20 views are
     good. Views that are blurred or show nothing new are left out by themselves.
     """
-    from follower.calibration.printing import write_board
-    from follower.calibration.session import CalibrateOptions, run
+    from follower.apps.calibrate.board import write_board
+    from follower.apps.calibrate.session import run
 
     chosen = _board(kind, squares, square_mm)
     if board is not None:
@@ -104,11 +104,11 @@ def calibrate_command(
         return
     if source is None:
         raise SettingsError("which source? give a camera, a video or a folder; or --board OUT.PDF")
-    raise typer.Exit(run(CalibrateOptions(source, chosen, out, config, every_s)))
+    raise typer.Exit(run(source, chosen, out, config, every_s))
 
 
 def _board(kind: str, squares: str, square_mm: float) -> Board:
-    from follower.calibration.board import Board, Kind
+    from follower.apps.calibrate.board import Board, Kind
 
     if kind not in ("charuco", "chessboard"):
         raise SettingsError(f"--kind {kind}: choose charuco or chessboard")

@@ -4,15 +4,61 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower.calibration.board import Board, SeenBoard
-from follower.calibration.sharpness import blur_px
-from follower_vision.camera import CameraModel
-from follower_vision.frame import Image
+from follower.apps.calibrate.board import Board, Points, SeenBoard
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.images.frame import Image
+
+_Grey: TypeAlias = npt.NDArray[np.float32]
+
+_STEP_PX, _MOST_SAMPLES = 0.5, 201
+_REACH = 0.45
+"""Of a square's side, to either side of an edge."""
+
+
+def blur_px(board: Board, seen: SeenBoard, image: Image) -> float:
+    """Return over how many pixels the edges between squares go from black to white.
+
+    Across the middle of each edge: the contrast over the steepest slope. The median of the edges;
+    about 1.5 for a sharp image, infinity if no edge has both ends in view.
+    """
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32)
+    places = {int(one): seen.image_px[row] for row, one in enumerate(seen.ids)}
+    widths = [
+        _width_px(grey, places[one], places[other])
+        for one in places
+        for other in _neighbours(board, one)
+        if other in places
+    ]
+    return float(np.median(widths)) if widths else math.inf
+
+
+def _neighbours(board: Board, corner: int) -> list[int]:
+    columns = board.across - 1
+    right = [corner + 1] if (corner + 1) % columns else []
+    return [*right, corner + columns]
+
+
+def _width_px(grey: _Grey, one: Points, other: Points) -> float:
+    """Return the width of the edge between two corners."""
+    along = other - one
+    across = np.array([-along[1], along[0]])
+    reach_px = float(np.hypot(*across)) * _REACH
+    samples = min(_MOST_SAMPLES, 2 * math.ceil(reach_px / _STEP_PX) + 3)
+    steps = np.linspace(-_REACH, _REACH, samples)[:, None]
+    places = ((one + other) / 2 + steps * across - 0.5).astype(np.float32)
+    x, y = places[:, :1], places[:, 1:]
+    values = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = np.asarray(values, np.float64).reshape(-1)
+    steepest = float(np.abs(np.diff(profile)).max()) * (samples - 1) / (2 * reach_px)
+    return float(np.ptp(profile)) / steepest if steepest > 0 else math.inf
+
 
 MOST_VIEWS = 40
 """More take minutes to compute on a small computer and say nothing new."""
@@ -22,7 +68,7 @@ _BLURRED_PX, _BLURRED_SHARE = 4.5, 1 / 250
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class BoardView:
     """One image of the board.
 
     Attributes:
@@ -36,7 +82,7 @@ class View:
     number: int
     pose: tuple[float, float, float, float, float]
 
-    def differs_from(self, other: View) -> bool:
+    def differs_from(self, other: BoardView) -> bool:
         """Whether it shows the board somewhere else, nearer, farther, or tilted otherwise."""
         x, y, size, *normal = self.pose
         x2, y2, size2, *normal2 = other.pose
@@ -67,7 +113,7 @@ class ViewCollection:
 
     board: Board
     size: tuple[int, int] | None = None
-    views: list[View] = field(default_factory=list)
+    views: list[BoardView] = field(default_factory=list)
     images: int = 0
     without_board: int = 0
     blurred: int = 0
@@ -84,11 +130,11 @@ class ViewCollection:
         """Look at an image; return the board if it is in it.
 
         Raises:
-            ValueError: it has another size than those before.
+            SettingsError: it has another size than those before.
         """
         size = (image.shape[1], image.shape[0])
         if self.size not in (None, size):
-            raise ValueError(
+            raise SettingsError(
                 f"image {self.images + 1} has {size[0]} x {size[1]} pixels, those before it "
                 f"{self.size}: a lens is calibrated for one size"
             )
@@ -100,10 +146,10 @@ class ViewCollection:
         elif blur_px(self.board, seen, image) > max(_BLURRED_PX, _BLURRED_SHARE * size[0]):
             self.blurred += 1
         else:
-            self._keep(View(seen, self.images - 1, pose_of(seen, size)), image)
+            self._keep(BoardView(seen, self.images - 1, pose_of(seen, size)), image)
         return seen
 
-    def _keep(self, view: View, image: Image) -> None:
+    def _keep(self, view: BoardView, image: Image) -> None:
         if self.full or not all(view.differs_from(other) for other in self.views):
             self.known += 1
             return
@@ -117,14 +163,10 @@ def pose_of(seen: SeenBoard, size: tuple[int, int]) -> tuple[float, float, float
     width, height = size
     x, y = seen.image_px.mean(0) / (width, height)
     spread = float(np.ptp(seen.image_px, 0).max()) / width
-    normal = _normal(seen, CameraModel.from_fov(width, height, _GUESSED_FOV_RAD))
-    return float(x), float(y), max(spread, 1e-3), float(normal[0]), float(normal[1])
-
-
-def _normal(seen: SeenBoard, lens: CameraModel) -> npt.NDArray[np.float64]:
-    """Return the board's normal in the camera frame, pointing away from the camera."""
+    lens = CameraModel.from_fov(width, height, _GUESSED_FOV_RAD)
     _, turn, _ = cv2.solvePnP(
         seen.board_m, seen.image_px, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE
     )
     normal: npt.NDArray[np.float64] = np.asarray(cv2.Rodrigues(turn)[0], np.float64)[:, 2]
-    return normal if normal[2] >= 0 else -normal
+    away = normal if normal[2] >= 0 else -normal  # in the camera's frame, away from the camera
+    return float(x), float(y), max(spread, 1e-3), float(away[0]), float(away[1])

@@ -58,19 +58,20 @@ def evaluate_command(
     threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
 ) -> None:
     """Measure trackers on data sets: success, precision, speed; a table and an HTML report."""
-    from follower.evaluate.evaluation import EvaluateOptions, evaluate
+    import cv2
 
-    names = tuple(name.strip() for name in trackers.split(",") if name.strip())
-    options = EvaluateOptions(
-        folders=tuple(folders),
-        trackers=names,
+    from follower.apps.evaluate.run import evaluate
+
+    cv2.setNumThreads(threads)
+    code = evaluate(
+        folders,
+        [name.strip() for name in trackers.split(",") if name.strip()],
         detector=detector,
-        boxes=tuple(boxes or ()),
+        boxes=boxes or (),
         tre=tre,
         sre=sre,
         out=out,
         resume=resume,
         fps=fps,
-        threads=threads,
     )
-    raise typer.Exit(evaluate(options))
+    raise typer.Exit(code)

@@ -1,21 +1,27 @@
 """What is compared: trackers by their names on the command line."""
 
-from __future__ import annotations
-
 import os
+import time
 from dataclasses import dataclass
+from pathlib import Path
 
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
+from pydantic import TypeAdapter
+
+from follower.flight.vision.tracker_factory import make_fusion
+from follower_control.common.strict_config import SettingsError
+from follower_vision.atomic_file import write_whole
+from follower_vision.clock import Clock
 from follower_vision.detection import make_detector
-from follower_vision.frame import Frame
-from follower_vision.fusion import FusionSettings, FusionTracker
-from follower_vision.longterm import LongTermTracker
+from follower_vision.evaluation.one_pass import Sequence, read_image
+from follower_vision.fusion import FusionSettings
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
-from follower_vision.motion import MotionEstimate, MotionTracker
-from follower_vision.target_tracker import TargetTracker
-from follower_vision.track import Track, TrackState
-from follower_vision.trackers import is_tracker, make_tracker
+from follower_vision.trackers.motion_tracker import MotionEstimate, MotionTracker
+from follower_vision.trackers.registry import is_tracker, make_tracker
+from follower_vision.trackers.target_tracker import TargetTracker
+from follower_vision.trackers.track import Track, TrackState
 
 _KINDS = ("longterm", "fusion", "fusion-paper")
 _WITH_DETECTOR = frozenset({"fusion", "fusion-paper"})
@@ -65,11 +71,6 @@ class Contender:
         return (self.asked_detector or self.default_detector) if self.kind in _WITH_DETECTOR else ""
 
     @property
-    def has_states(self) -> bool:
-        """Whether the tracker ever says that it does not see its target."""
-        return bool(self.kind)
-
-    @property
     def identity(self) -> str:
         """What a stored result must agree with."""
         return f"{self.kind or 'motion'} {self.motion} {self.detector}".strip()
@@ -87,7 +88,7 @@ class Contender:
         if self.kind == "longterm":
             return LongTermTracker(motion)
         settings = FusionSettings.paper() if self.kind == "fusion-paper" else FusionSettings()
-        return FusionTracker(motion, make_detector(self.detector, store), settings)
+        return make_fusion(motion, make_detector(self.detector, store), settings)
 
 
 class AlwaysBelieved:
@@ -114,3 +115,107 @@ class AlwaysBelieved:
             frame.captured_s,
             frame.sequence,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class RunStart:
+    """Where a run starts: `kind` is "ope", "tre" or "sre"."""
+
+    kind: str
+    number: int
+    frame: int
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationResult:
+    """What a tracker answered, from its first frame on.
+
+    Attributes:
+        boxes: one a frame; None where it gave none.
+        states: one a frame; None for a tracker that knows no states.
+        busy_s: time of all updates by the clock.
+        processor_s: the same by the processor, all threads together.
+    """
+
+    boxes: tuple[Box | None, ...]
+    states: tuple[TrackState, ...] | None = None
+    busy_s: float = 0.0
+    processor_s: float = 0.0
+
+
+def run(
+    contender: Contender, sequence: Sequence, start: RunStart, rate_hz: float, clock: Clock
+) -> EvaluationResult:
+    """Run a fresh tracker from a start to the sequence's end; reading images is not timed.
+
+    Args:
+        contender: what to run.
+        sequence: what to run over.
+        start: where to begin.
+        rate_hz: the frames a second that the tracker is given.
+        clock: times the updates.
+
+    Raises:
+        OSError: an image cannot be read.
+        ModelError: a network is missing.
+    """
+    images = sequence.images[start.frame :]
+    tracker = contender.make()
+    tracks = [tracker.start(Frame(read_image(images[0]), 0.0, 0), start.box)]
+    busy_s = processor_s = 0.0
+    for number, path in enumerate(images[1:], 1):
+        frame = Frame(read_image(path), number / rate_hz, number)
+        begin_s, processor_begin_s = clock.now(), time.process_time()
+        tracks.append(tracker.step(frame))
+        busy_s += clock.now() - begin_s
+        processor_s += time.process_time() - processor_begin_s
+    boxes = (start.box, *(track.box for track in tracks[1:]))
+    states = tuple(track.state for track in tracks) if contender.kind else None
+    return EvaluationResult(boxes, states, busy_s, processor_s)
+
+
+_STORED = TypeAdapter(tuple[tuple[str, float, int, Box], EvaluationResult])
+
+
+class ResultStore:
+    """The results in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def save(
+        self,
+        contender: Contender,
+        sequence: Sequence,
+        start: RunStart,
+        rate_hz: float,
+        result: EvaluationResult,
+    ) -> None:
+        """Write a result atomically."""
+        path = self._path(contender, sequence, start)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        key = _key(contender, start, rate_hz)
+        write_whole(path, _STORED.dump_json((key, result)).decode())
+
+    def load(
+        self, contender: Contender, sequence: Sequence, start: RunStart, rate_hz: float
+    ) -> EvaluationResult | None:
+        """Return the result of the same run, None if there is none or it is of another run."""
+        path = self._path(contender, sequence, start)
+        if not path.is_file():
+            return None
+        try:
+            key, result = _STORED.validate_json(path.read_bytes())
+        except ValueError:
+            return None
+        whole = len(result.boxes) == len(sequence.images) - start.frame
+        return result if whole and key == _key(contender, start, rate_hz) else None
+
+    def _path(self, contender: Contender, sequence: Sequence, start: RunStart) -> Path:
+        name = contender.name.replace(":", "@").replace("/", "_")
+        return self._folder / name / sequence.name / f"{start.kind}-{start.number}.json"
+
+
+def _key(contender: Contender, start: RunStart, rate_hz: float) -> tuple[str, float, int, Box]:
+    return contender.identity, rate_hz, start.frame, start.box

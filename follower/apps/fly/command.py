@@ -1,23 +1,24 @@
 """The command `follower fly`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer
 
-from follower.command_options import Cockpit, Colour, Config, Out, Overrides
-from follower.fly_options import (
+from follower.ui.terminal.cli_options import (
     Camera,
+    Cockpit,
+    Colour,
+    Config,
     Connect,
     Detector,
     LinkKind,
+    Out,
+    Overrides,
     Select,
     Skip,
     Target,
     Tracker,
 )
-from follower.track_command import parse_box
 
 EPILOG = """
 **Examples**
@@ -39,11 +40,11 @@ waits for. Nothing moves: this program never arms, takes off or changes the mode
 
 3. The pilot switches to OFFBOARD (PX4) or GUIDED (ArduPilot): it follows.
 
-4. The pilot takes any other mode, or Ctrl-C: it stops and lets go. The flight's folder holds the
-recording and a report.
+4. The pilot takes any other mode, or Ctrl-C: it stops and releases the vehicle. The flight's
+folder holds the recording and a report.
 
-Copy configs/fly/px4.yaml or configs/fly/ardupilot.yaml for `-c`. Read docs/fly.md first; do the
-sign test (`follower preflight --sign-test`) before the first flight.
+Copy configs/fly/px4.yaml or configs/fly/ardupilot.yaml for `-c`. Read docs/how-to/fly.md first; do
+the sign test (`follower preflight --sign-test`) before the first flight.
 """
 
 
@@ -62,26 +63,27 @@ def fly_command(
     out: Out = Path("runs"),
     cockpit: Cockpit = False,
 ) -> None:
-    """Follow a target with a real vehicle: check, wait for the pilot, follow, let go.
+    """Follow a target with a real vehicle: check, wait for the pilot, follow, release.
 
     Exit code 0 after a flight, 1 if a preflight check refused it, 2 if an option cannot be used.
     """
-    from follower.fly.fly import fly
-    from follower.fly.options import FlyOptions
+    from follower.apps.command_settings import command_settings, lens_is_given, with_detector
+    from follower.apps.fly.session import fly
+    from follower.apps.preflight.checklist import check_names
+    from follower.apps.preflight.session import CheckScope
+    from follower.apps.target_choice import TargetChoice
+    from follower.apps.video_input import VideoInput
 
-    options = FlyOptions(
+    choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
+    settings = command_settings(config, overrides, tracker=tracker, detector=detector, link=link)
+    checks = CheckScope(check_names(skip_preflight or ()), out, lens_is_given(config, overrides))
+    code = fly(
+        with_detector(settings) if select else settings,
+        choice,
+        VideoInput(camera, realtime=True),
         connect,
-        camera,
-        target=None if target is None else parse_box(target),
-        select=select,
-        colour=colour,
-        link=link,
-        tracker=tracker,
-        detector=detector,
-        skip=tuple(skip_preflight or ()),
-        config=config,
-        overrides=tuple(overrides or ()),
-        out=out,
+        checks,
         cockpit=cockpit,
+        config=config,
     )
-    raise typer.Exit(fly(options))
+    raise typer.Exit(code)

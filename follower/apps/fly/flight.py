@@ -3,37 +3,100 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
 
-from follower.autonomy import Autonomy, Phase
-from follower.autopilot_wait import AutopilotWait
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
-from follower.flight_video import FlightVideo
-from follower.flightlog import FlightLog, TrackRecord
-from follower.fly.camera import SteadySource
-from follower.fly.waiting import waiting_for
+from follower.apps.video_input import SteadySource
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.control.takeoff_monitor import AutopilotWait
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.status import LiveStatus
+from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
+from follower.flight.supervision.release import is_resting
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.selectors import Selector
+from follower.flight.threads import RealtimeRun, VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.video_sink import FlightVideo
 from follower.links.link import Link
-from follower.live_status import LiveStatus
-from follower.operator_requests import OperatorRequests
-from follower.realtime import RealtimeRun, VisionLoop
-from follower.release import ReleaseAction, is_resting
-from follower.settings import Settings
-from follower.supervisor import State
-from follower.target_finder import TargetFinder
-from follower.vision_stage import Selector, VisionStage
+from follower.settings.settings import Settings
+from follower.settings.supervisor import ReleaseAction
 from follower_vision.clock import Clock
-from follower_vision.target_tracker import TargetTracker
+from follower_vision.trackers.target_tracker import TargetTracker
+
+_TROUBLES = {
+    SupervisorReason.LINK_SILENT: "the autopilot is silent: look after the link",
+    SupervisorReason.TELEMETRY_STALE: "attitude or position do not come: look after the link",
+    SupervisorReason.FRAMES_STALE: "no frames come: look after the camera",
+    SupervisorReason.CONTROL_LATE: "this computer is too busy",
+    SupervisorReason.TARGET_UNSEEN: "turn the camera towards the target",
+    SupervisorReason.NOT_FLYING: "pilot: arm, take off, hover where the camera sees the target",
+    SupervisorReason.NAVIGATION_POOR: "the autopilot does not know well where it is: wait",
+    SupervisorReason.BATTERY_LOW: "the battery is too low to begin: land",
+    SupervisorReason.COCKPIT_LOST: "no page is in control: open it, or take control there",
+    SupervisorReason.AUTOPILOT_FAILSAFE: "the autopilot is in a failsafe",
+}
+_CONSENTS = {
+    "command": "waiting for the operator's command",
+    "rc": "waiting for the switch on the transmitter",
+    "terminal": "press Enter to follow",
+    "cockpit": "press Allow following on the page",
+}
+_MODES = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
+
+
+def waiting_for(
+    record: ControlRecord | None,
+    autopilot: str,
+    target: str,
+    settings: Settings,
+    ending: bool = False,
+) -> str:
+    """Return what has to happen next, and who has to do it.
+
+    Args:
+        record: the newest control step, None before the first.
+        autopilot: "px4", "ardupilot" or "unknown".
+        target: in words.
+        settings: of the flight.
+        ending: the user has ended the flight.
+    """
+    if record is None or record.vehicle.heartbeat_s is None:
+        return "waiting for the autopilot"
+    mode = _MODES.get(autopilot, "OFFBOARD or GUIDED")
+    if ending:
+        still = record.vehicle.armed and record.vehicle.obeys_setpoints
+        return f"ending; pilot: leave {mode} to take over" if still else "ending"
+    if record.state is SupervisorState.IDLE:
+        return f"looking for {target}"
+    if record.state is SupervisorState.TRACKING:
+        return _TROUBLES.get(record.reason, "")
+    if record.state is SupervisorState.READY:
+        if record.reason is SupervisorReason.WAITING_FOR_PILOT:
+            return f"pilot: switch to {mode}, and it follows"
+        return _CONSENTS.get(settings.consent.kind, "")
+    if record.state is SupervisorState.RELEASED:
+        return _after_release(record, mode, settings)
+    return f"pilot: leave {mode} to take over"
+
+
+def _after_release(record: ControlRecord, mode: str, settings: Settings) -> str:
+    if record.vehicle.obeys_setpoints:
+        return f"standing still: pilot, leave {mode} to take over"
+    stopped = record.reason is SupervisorReason.STOP_REQUESTED
+    if settings.consent.kind == "mode" and settings.consent.again == "mode" and not stopped:
+        return f"yours; to follow again, fly a mode of your own and go back to {mode}"
+    if settings.consent.takes_orders_by("terminal"):
+        return "yours; consent (Enter, or on the page) to follow again, Ctrl-C ends"
+    return f"yours; {_CONSENTS.get(settings.consent.kind, 'Ctrl-C ends')}"
+
 
 _FAREWELL_S = 1.0
 _LONGEST_STOP_S = 6.0
 _STILL, _STILL_STEPS = 1e-6, 5
 """What is as good as zero in a setpoint, and how many such leave before the end."""
 _SHOW_EVERY_S = 0.1
-
-
-RunWatch: TypeAlias = Callable[["RealFlight"], None]
-"""Looks at a flight while it goes on."""
 
 
 class RealFlight:
@@ -84,8 +147,9 @@ class RealFlight:
             self._autonomy = Autonomy(link, settings.takeoff_height_m)
         self._wait = AutopilotWait(link, log)
         self._selector: Selector | None = None
+        tracks = self._vision.tracks
         self._control = ControlLoop(
-            link, self.stage, self._newest, log, self._autonomy, clock=clock
+            link, self.stage, lambda: tracks.newest, log, self._autonomy, clock=clock
         )
 
     def select(self, selector: Selector) -> None:
@@ -97,12 +161,12 @@ class RealFlight:
         self._select_in_time()
 
     def _select_in_time(self) -> None:
-        climbing = self._autonomy is not None and self._autonomy.phase is not Phase.AIRBORNE
+        climbing = self._autonomy is not None and self._autonomy.phase is not AutonomyPhase.AIRBORNE
         if self._selector is not None and not climbing:
             self._vision_stage.select(self._selector)
             self._selector = None
 
-    def run(self, watch: RunWatch) -> None:
+    def run(self, watch: Callable[[RealFlight], None]) -> None:
         """Fly until `stop` and what follows on it; `watch` is called ten times a second."""
 
         def go_on() -> bool:
@@ -117,15 +181,15 @@ class RealFlight:
         run.run(go_on, _SHOW_EVERY_S)
 
     def stop(self) -> None:
-        """Let go, from any thread: hold, then release."""
+        """Hold, then release; from any thread."""
         self._ending = True
         self.stage.request_stop()
 
     @property
     def finished(self) -> bool:
-        """Whether the vehicle was let go, and stands still, is the pilot's or had its time."""
+        """Whether the vehicle was released, and stands still, is the pilot's or had its time."""
         supervisor, vehicle = self.stage.supervisor, self._link.state
-        if not self._ending or supervisor.state is not State.RELEASED:
+        if not self._ending or supervisor.state is not SupervisorState.RELEASED:
             return False
         now_s = self._clock.now()
         waited_s = supervisor.in_state_s(now_s)
@@ -144,10 +208,10 @@ class RealFlight:
         last = self.log.controls[-_STILL_STEPS:]
         return all(abs(value) < _STILL for record in last for value in record.allowed.values)
 
-    def status(self, wish: str) -> LiveStatus:
-        """Return what a display shows of this moment; `wish` is the target in words."""
+    def status(self, target: str) -> LiveStatus:
+        """Return what a display shows now; `target` is the target in words."""
         record = self.log.controls[-1] if self.log.controls else None
-        words = waiting_for(record, self._link.autopilot_name, wish, self.settings, self._ending)
+        words = waiting_for(record, self._link.autopilot_name, target, self.settings, self._ending)
         if self._autonomy is not None and self._selector is not None:
             words = self._wait.words(self._autonomy.phase)
         if self._source.problem:
@@ -160,6 +224,3 @@ class RealFlight:
         """Return what a video shows in its corner."""
         supervisor = self.stage.supervisor
         return (f"{supervisor.state.upper()}  {supervisor.reason}",)
-
-    def _newest(self) -> TrackRecord | None:
-        return self._vision.tracks.newest

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
+from follower.ui.terminal.cli_options import (
+    Colour,
+    Config,
+    Detector,
+    Out,
+    Overrides,
+    Select,
+    Target,
+    Tracker,
+)
 
 EPILOG = """
 **Examples**
@@ -18,7 +27,8 @@ EPILOG = """
 
 `follower import clip.mp4 --telemetry 00000042.BIN --offset 12.4 --target 320,180,40,30 --at 3.5`
 
-Kinds of logs: tlog (MAVLink), .bin (ArduPilot), .ulg (PX4), .csv; docs/offline.md has the columns.
+Kinds of logs: tlog (MAVLink), .bin (ArduPilot), .ulg (PX4), .csv, whose columns are in
+docs/how-to/offline-flight.md.
 """
 
 
@@ -38,30 +48,9 @@ def import_command(
             "Found by comparing the image's turns with the gyro's if it is not given.",
         ),
     ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,W,H",
-            help="The target's box in pixels, in the frame at --at.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
-    select: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CLASS[:N]|N",
-            help="By detector, as in `follower track`.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
-    colour: Annotated[
-        str | None,
-        typer.Option(
-            metavar="#RRGGBB",
-            help="The largest thing of this colour.",
-            rich_help_panel="Which target",
-        ),
-    ] = None,
+    target: Target = None,
+    select: Select = None,
+    colour: Colour = None,
     at: Annotated[
         float,
         typer.Option(
@@ -78,19 +67,8 @@ def import_command(
             "see `camera` in the settings.",
         ),
     ] = None,
-    tracker: Annotated[
-        str | None,
-        typer.Option(
-            help="The motion tracker; see `follower trackers`.", rich_help_panel="How to track"
-        ),
-    ] = None,
-    detector: Annotated[
-        str | None,
-        typer.Option(
-            help="The detector that validates it, e.g. yolox-nano, or an .onnx file.",
-            rich_help_panel="How to track",
-        ),
-    ] = None,
+    tracker: Tracker = None,
+    detector: Detector = None,
     rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
     config: Config = None,
     overrides: Overrides = None,
@@ -101,24 +79,16 @@ def import_command(
     The code that flies follows the target and answers with setpoints. What is left is a flight's
     folder for `follower replay` and `follower inspect`, with the boxes, the setpoints and a report.
     """
-    from follower.importing.options import ImportOptions
-    from follower.importing.session import import_video
-    from follower.track_command import parse_box
+    from follower.apps.command_settings import command_settings, with_needed_detector
+    from follower.apps.import_flight.session import import_video
+    from follower.apps.target_choice import TargetChoice
+    from follower.apps.video_input import VideoInput
 
-    options = ImportOptions(
-        source,
-        telemetry=telemetry,
-        target=None if target is None else parse_box(target),
-        select=select,
-        colour=colour,
-        at_s=at,
-        offset_s=offset,
-        fov_deg=fov,
-        tracker=tracker,
-        detector=detector,
-        config=config,
-        overrides=tuple(overrides or ()),
-        out=out,
-        rate_hz=rate_hz,
+    choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
+    implied = () if fov is None else (f"camera.fov_deg={fov}",)
+    settings = command_settings(
+        config, overrides, tracker=tracker, detector=detector, implied=implied
     )
-    raise typer.Exit(import_video(options))
+    settings = with_needed_detector(settings, select is not None)
+    video = VideoInput(source, rate_hz=rate_hz)
+    raise typer.Exit(import_video(video, settings, choice, at, telemetry, offset, out))

@@ -1,16 +1,31 @@
 """Checks of the camera, its lens and the networks that look at its frames."""
 
-from __future__ import annotations
-
 import math
+import threading
+from collections import deque
+from contextlib import ExitStack
+from typing import Self
 
 import numpy as np
 
-from follower.preflight.finding import Finding, Verdict, failed, passed, unknown, warned
-from follower.preflight.snapshot import Snapshot
-from follower_control.servo_settings import Mode, RangeFrom
-from follower_vision.camera import CameraModel
+from follower.apps.preflight.check import (
+    CameraReading,
+    CheckGroup,
+    PreflightFinding,
+    Snapshot,
+    failed,
+    passed,
+    unknown,
+    warned,
+)
+from follower_control.servo.settings import FollowMode, RangeFrom
+from follower_vision.clock import Clock
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.images.frame import Frame
+from follower_vision.mailbox import Mailbox
+from follower_vision.sources.frame_source import ClosesItself, FrameSource
 
+CAMERA = CheckGroup("Camera")
 _SLOW_HZ, _TOO_SLOW_HZ = 15.0, 5.0
 _UNSTEADY = 0.5
 _OLD_S = 0.15
@@ -18,10 +33,14 @@ _DARK = 3.0
 _FROZEN_SHARE = 0.5
 _NARROW_DEG, _WIDE_DEG = 15.0, 130.0
 _MOST_FOLD = 1e-3
+LENS_ADVICE = (
+    "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
+    "camera.focal_width_px: `follower calibrate` finds them"
+)
 
 
-def camera(s: Snapshot) -> Finding:
-    """Frames come."""
+@CAMERA.check("camera", "frames come")
+def _camera(s: Snapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.frames:
         return failed(
@@ -31,8 +50,12 @@ def camera(s: Snapshot) -> Finding:
     return passed(f"{reading.frames} frames of {width}x{height} pixels from {reading.source}")
 
 
-def frame_rate(s: Snapshot) -> Finding:
-    """Frames come often and steadily."""
+@CAMERA.check(
+    "frame-rate",
+    "15 Hz with jitter below half an interval; never below 5 Hz, no gap longer than "
+    "supervisor.frame_timeout_s",
+)
+def _frame_rate(s: Snapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.interval_s > 0:
         return unknown("too few frames to tell")
@@ -48,8 +71,11 @@ def frame_rate(s: Snapshot) -> Finding:
     return passed(text)
 
 
-def frame_age(s: Snapshot) -> Finding:
-    """Frames are fresh when they are looked at."""
+@CAMERA.check(
+    "frame-age",
+    "a frame is at most 150 ms old when it is taken; never older than supervisor.frame_timeout_s",
+)
+def _frame_age(s: Snapshot) -> PreflightFinding:
     age_s = s.camera.age_s
     if not math.isfinite(age_s):
         return unknown("no frame came")
@@ -62,8 +88,8 @@ def frame_age(s: Snapshot) -> Finding:
     return passed(text)
 
 
-def picture(s: Snapshot) -> Finding:
-    """The picture shows something, and moves."""
+@CAMERA.check("picture", "the picture is not of one colour and does not stand still")
+def _picture(s: Snapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.frames:
         return unknown("no frame came")
@@ -80,8 +106,8 @@ def picture(s: Snapshot) -> Finding:
     return passed(f"contrast {reading.contrast:.0f}")
 
 
-def frame_size(s: Snapshot) -> Finding:
-    """Frames have the size for which the lens was described."""
+@CAMERA.check("frame-size", "frames have the size camera.frame_size, if that is set")
+def _frame_size(s: Snapshot) -> PreflightFinding:
     size, wanted = s.camera.size, s.settings.camera.frame_size
     if size is None:
         return unknown("no frame came")
@@ -98,28 +124,17 @@ def frame_size(s: Snapshot) -> Finding:
     return passed(text)
 
 
-def lens(s: Snapshot) -> Finding:
-    """Field of view and distortion are given and plausible."""
+@CAMERA.check(
+    "lens",
+    "a field of view of 15 to 130 deg or a focal length is set; the distortion does not fold "
+    "the image",
+)
+def _lens(s: Snapshot) -> PreflightFinding:
     if not s.lens_given:
-        return failed(
-            "neither a field of view nor a focal length is set",
-            lens_advice(),
-        )
+        return failed("neither a field of view nor a focal length is set", LENS_ADVICE)
     if s.camera.size is None:
         return unknown("no frame came")
-    return judge_lens(s.settings.camera.model(*s.camera.size))
-
-
-def lens_advice() -> str:
-    """Return what to set so that the lens is known."""
-    return (
-        "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
-        "camera.focal_width_px: `follower calibrate` finds them"
-    )
-
-
-def judge_lens(model: CameraModel) -> Finding:
-    """Judge intrinsics at the size of the frames."""
+    model = s.settings.camera.model(*s.camera.size)
     fov_deg = math.degrees(model.horizontal_fov_rad)
     text = f"{fov_deg:.0f} deg across, focal length {model.fx:.0f} px at {model.width} px"
     if folds(model):
@@ -144,8 +159,8 @@ def folds(model: CameraModel) -> bool:
     return not wrong < _MOST_FOLD * model.width
 
 
-def mount(s: Snapshot) -> Finding:
-    """The camera's mount is one that following works with."""
+@CAMERA.check("mount", "the camera does not look into the sky", needed=False)
+def _mount(s: Snapshot) -> PreflightFinding:
     c = s.settings.camera
     if s.settings.gimbal.enabled:
         return warned("held by a gimbal, which is not checked", "look whether it turns freely")
@@ -159,10 +174,15 @@ def mount(s: Snapshot) -> Finding:
     return passed(text)
 
 
-def circling(s: Snapshot) -> Finding:
-    """Going round a target, the distance does not come from its size in the image."""
+@CAMERA.check(
+    "circling",
+    "with servo.mode side or orbit the distance comes from the ground (servo.range_from): a "
+    "size changes with the side that is seen",
+    needed=False,
+)
+def _circling(s: Snapshot) -> PreflightFinding:
     servo = s.settings.servo
-    if servo.mode not in (Mode.SIDE, Mode.ORBIT):
+    if servo.mode not in (FollowMode.SIDE, FollowMode.ORBIT):
         return passed("it does not go round the target")
     if servo.range_from is RangeFrom.GROUND:
         return passed("the distance comes from the ground")
@@ -173,12 +193,104 @@ def circling(s: Snapshot) -> Finding:
     )
 
 
-def models(s: Snapshot) -> Finding:
-    """The networks' files are there and are the right ones."""
+@CAMERA.check("models", "the networks that the settings name are there, with the right SHA-256")
+def _models(s: Snapshot) -> PreflightFinding:
     if not s.models:
         return passed("no network is needed")
     bad = {name: state for name, state in s.models.items() if state != "good"}
     if bad:
         listed = ", ".join(f"{name} is {state}" for name, state in bad.items())
         return failed(listed, "`follower models pull`, `follower models verify`")
-    return Finding(Verdict.PASS, ", ".join(s.models))
+    return passed(", ".join(s.models))
+
+
+_MOST = 600
+_WINDOW_S = 3.0
+"""A stream that begins with a gap is not blamed for it for ever."""
+_EVERY_NTH_PIXEL = 4
+_JOIN_S = 3.0
+
+
+class CameraWatch(ClosesItself):
+    """Reads a source on a thread of its own while it is entered; the source stays open.
+
+    Args:
+        source: at its beginning, or live.
+        name: of the source, for people.
+        clock: on which frames are timed.
+
+    Attributes:
+        frames: the newest frame, for whoever looks at it.
+    """
+
+    def __init__(self, source: FrameSource, name: str, clock: Clock) -> None:
+        self._source = source
+        self._name = name
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._captured_s: deque[float] = deque(maxlen=_MOST)
+        self._ages_s: deque[float] = deque(maxlen=_MOST)
+        self._count = self._repeats = 0
+        self._newest: Frame | None = None
+        self._sample = np.empty((0, 0, 3), np.uint8)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera watch", daemon=True)
+        self.frames: Mailbox[Frame] = Mailbox()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.callback(self.close)  # Ctrl-C may come when the thread already reads
+            self._thread.start()
+            stack.pop_all()
+        return self
+
+    def close(self) -> None:
+        """Stop reading; the source stays open."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+
+    def reading(self) -> CameraReading:
+        """Return what was seen in the last three seconds."""
+        newest, problem = self._newest, self._source.problem or ""
+        if newest is None:
+            return CameraReading(self._name, problem)
+        with self._lock:
+            captured_s, ages_s = tuple(self._captured_s), tuple(self._ages_s)
+        # The gap that has not ended yet counts, too: a camera that has died has no next frame.
+        ended_s = max(captured_s[-1], self._clock.now() - ages_s[-1])
+        intervals = np.diff(captured_s)
+        median = float(np.median(intervals)) if len(intervals) else math.nan
+        deviation = np.abs(intervals - median)
+        return CameraReading(
+            self._name,
+            problem,
+            (newest.width, newest.height),
+            self._count,
+            median,
+            float(max(*intervals, ended_s - captured_s[-1])) if len(intervals) > 1 else math.nan,
+            float(np.percentile(deviation, 95)) if len(intervals) else math.nan,
+            float(np.percentile(ages_s, 95)),
+            float(newest.image[::_EVERY_NTH_PIXEL, ::_EVERY_NTH_PIXEL].mean(2).std()),
+            self._repeats,
+        )
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            frame = self._source.read()
+            if frame is None:
+                return
+            self._take(frame)
+
+    def _take(self, frame: Frame) -> None:
+        before, self._sample = self._sample, frame.image[::_EVERY_NTH_PIXEL, ::_EVERY_NTH_PIXEL]
+        self._newest = frame
+        self._count += 1
+        self._repeats += np.array_equal(before, self._sample)
+        with self._lock:
+            self._ages_s.append(self._clock.now() - frame.captured_s)
+            self._captured_s.append(frame.captured_s)
+            while self._captured_s[0] < frame.captured_s - _WINDOW_S:
+                self._captured_s.popleft()
+                self._ages_s.popleft()
+        self.frames.put(frame)

@@ -7,9 +7,19 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Colour, Config, Out, Overrides
-from follower.fly_options import Camera, Connect, Detector, LinkKind, Select, Skip, Target
-from follower.track_command import parse_box
+from follower.ui.terminal.cli_options import (
+    Camera,
+    Colour,
+    Config,
+    Connect,
+    Detector,
+    LinkKind,
+    Out,
+    Overrides,
+    Select,
+    Skip,
+    Target,
+)
 
 EPILOG = """
 **Examples**
@@ -34,7 +44,10 @@ def preflight_command(
     skip_preflight: Skip = None,
     as_json: Annotated[bool, typer.Option("--json", help="Everything, for programs.")] = False,
     seconds: Annotated[
-        float, typer.Option(help="How long to look at most before a check counts as failed.")
+        float,
+        typer.Option(
+            min=1, max=600, help="How long to look at most before a check counts as failed."
+        ),
     ] = 12.0,
     sign_test: Annotated[
         bool,
@@ -55,27 +68,22 @@ def preflight_command(
 
     Each check says pass, warn, fail or unknown, why, and what to do.
     """
-    from follower.fly.options import FlyOptions
+    from follower.apps.command_settings import command_settings, lens_is_given, with_detector
+    from follower.apps.preflight.checklist import check_names
+    from follower.apps.preflight.session import CheckScope, preflight
+    from follower.apps.target_choice import TargetChoice
+    from follower.apps.video_input import VideoInput
 
-    options = FlyOptions(
-        connect,
-        camera,
-        target=None if target is None else parse_box(target),
-        select=select,
-        colour=colour,
-        link=link,
-        detector=detector,
-        skip=tuple(skip_preflight or ()),
-        config=config,
-        overrides=tuple(overrides or ()),
-        out=out,
-        needs_target=sign_test,
-        look_s=seconds,
+    settings = command_settings(config, overrides, detector=detector, link=link)
+    checks = CheckScope(
+        check_names(skip_preflight or ()), out, lens_is_given(config, overrides), seconds
     )
-    if sign_test:
-        from follower.fly.sign_testing import sign_test as run_sign_test
+    source = VideoInput(camera, realtime=True)
+    if not sign_test:
+        raise typer.Exit(preflight(settings, source, connect, checks, as_json))
 
-        raise typer.Exit(run_sign_test(options))
-    from follower.fly.preflight import preflight
+    from follower.apps.preflight.sign_test import sign_test as run_sign_test
 
-    raise typer.Exit(preflight(options, as_json))
+    choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
+    settings = with_detector(settings) if select else settings
+    raise typer.Exit(run_sign_test(settings, choice, source, connect, checks.lens_given))

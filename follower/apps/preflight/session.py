@@ -1,22 +1,35 @@
-"""Looks at link and camera for some seconds, until there is enough for the checks."""
-
-from __future__ import annotations
+"""`follower preflight`: the checklist, alone."""
 
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import typer
+from rich.console import Console
+
+from follower.apps.preflight.camera_checks import CameraWatch
+from follower.apps.preflight.check import PreflightResult, Snapshot
+from follower.apps.preflight.checklist import (
+    checklist,
+    live_checklist,
+    parameters_for,
+    print_checklist,
+    run_checks,
+    to_json,
+)
+from follower.apps.preflight.computer_checks import read_computer
+from follower.apps.video_input import VideoInput
+from follower.links.connections import open_connection
 from follower.links.link import Link
-from follower.preflight.camera_watch import CameraWatch
-from follower.preflight.check import Result
-from follower.preflight.computer import read_computer
-from follower.preflight.running import parameters_for, run_checks
-from follower.preflight.snapshot import AttitudeReading, Snapshot
-from follower.settings import Settings
-from follower_control.liveness import Liveness
-from follower_vision.clock import Clock
+from follower.links.open import open_link
+from follower.recording import epoch_now_ns
+from follower.settings.settings import Settings
+from follower_control.vehicle.stale_data import StuckSensorDetector
+from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.models import ModelStore, default_folder
 
 _STEP_S = 0.02
@@ -24,57 +37,57 @@ _LEAST_S = 3.0
 _SETTLED_S = 2.0
 _WINDOW_S = 2.0
 _JUDGE_EVERY_S = 0.25
+_READY, _NOT_READY = 0, 1
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What the checks need to know beside link and camera.
+class CheckScope:
+    """What the checks need to know beside settings, link and camera.
 
     Attributes:
-        settings: that would be flown with.
+        skip: names of checks that do not refuse.
         folder: where the recording would go.
         lens_given: the settings name a field of view or a focal length.
+        longest_s: how long to watch, in seconds, before a check counts as failed.
     """
 
-    settings: Settings
+    skip: frozenset[str]
     folder: Path
     lens_given: bool
+    longest_s: float = 12.0
 
 
-class Observation:
+class LinkObserver:
     """Steps the link as a control loop would, sends no setpoint, and takes snapshots.
 
     Args:
         link: to the autopilot.
         camera: is being watched.
         clock: the system's.
-        about: see there.
+        settings: that would be flown with.
+        scope: of the checks.
     """
 
-    def __init__(self, link: Link, camera: CameraWatch, clock: Clock, about: Surroundings) -> None:
+    def __init__(
+        self, link: Link, camera: CameraWatch, clock: Clock, settings: Settings, scope: CheckScope
+    ) -> None:
         self._link = link
         self._camera = camera
         self._clock = clock
-        self._about = about
-        self._liveness = Liveness()
+        self._settings = settings
+        self._scope = scope
+        self._liveness = StuckSensorDetector()
         self._ages_s: deque[tuple[float, float]] = deque()
         self._found_s: float | None = None
-        self._models = model_states(about.settings)
-        self._computer = read_computer(about.folder)
+        self._models = model_states(settings)
+        self._computer = read_computer(scope.folder)
         link.watch_health()
 
-    def run(
-        self,
-        skip: frozenset[str],
-        show: Callable[[list[Result]], None],
-        longest_s: float,
-    ) -> list[Result]:
-        """Look until nothing refuses any more, or for `longest_s`; return what came out.
+    def run(self, show: Callable[[list[PreflightResult]], None]) -> list[PreflightResult]:
+        """Watch until nothing refuses any more, or for the scope's time; return the results.
 
         Args:
-            skip: checks that do not refuse.
             show: is given what is known so far, some times a second.
-            longest_s: of looking.
         """
         start_s = judged_s = self._clock.now()
         while True:
@@ -82,11 +95,11 @@ class Observation:
             self.step(now_s)
             if now_s - judged_s >= _JUDGE_EVERY_S:
                 judged_s = now_s
-                results = run_checks(self.snapshot(now_s), skip)
+                results = run_checks(self.snapshot(now_s), self._scope.skip)
                 show(results)
                 settled = now_s - start_s >= _LEAST_S and self._is_complete(now_s)
                 refused = any(result.refuses for result in results)
-                if (settled and not refused) or now_s - start_s >= longest_s:
+                if (settled and not refused) or now_s - start_s >= self._scope.longest_s:
                     return results
             self._clock.sleep_until(now_s + _STEP_S)
 
@@ -103,40 +116,36 @@ class Observation:
             self._ages_s.append((now_s, self._link.state.attitude_age_s(now_s)))
             while self._ages_s[0][0] < now_s - _WINDOW_S:
                 self._ages_s.popleft()
-        known = () if self._link.parameters is None else self._link.parameters.values
+        reader = self._link.parameters
         for names in parameters_for(self._link.autopilot_name):
-            if not any(name in known for name in names):
-                self._link.read_parameters(names)
+            if not any(name in reader.values for name in names):
+                reader.want(names)
 
     def snapshot(self, now_s: float) -> Snapshot:
         """Return all that is known now."""
         reader = self._link.parameters
+        age_s = self._link.state.attitude_age_s(now_s)
+        worst_s = max((age_s for _, age_s in self._ages_s), default=age_s)
+        limit_s = self._settings.supervisor.telemetry_timeout_s
         return Snapshot(
             now_s=now_s,
-            settings=self._about.settings,
+            settings=self._settings,
             link=self._link.status(now_s),
             vehicle=self._link.state,
             health=self._link.health,
-            attitude=self._attitude(now_s),
-            parameters={} if reader is None else reader.values,
-            missing_parameters=frozenset() if reader is None else reader.missing,
+            attitude_age_s=max(age_s, worst_s),
+            attitude_repeats=age_s < limit_s < self._liveness.age_s(now_s),
+            parameters=dict(reader.values),
             camera=self._camera.reading(),
             models=self._models,
-            lens_given=self._about.lens_given,
+            lens_given=self._scope.lens_given,
             computer=self._computer,
         )
 
-    def _attitude(self, now_s: float) -> AttitudeReading:
-        age_s = self._link.state.attitude_age_s(now_s)
-        limit_s = self._about.settings.supervisor.telemetry_timeout_s
-        repeats = age_s < limit_s < self._liveness.age_s(now_s)
-        worst_s = max((age_s for _, age_s in self._ages_s), default=age_s)
-        return AttitudeReading(max(age_s, worst_s), repeats)
-
     def _is_complete(self, now_s: float) -> bool:
-        """Whether everything that was asked for was told, or asked for in vain."""
+        """Whether everything that was asked for was reported, or asked for in vain."""
         reader = self._link.parameters
-        if reader is None or not self._is_settled(now_s) or self._link.health.firmware is None:
+        if not self._is_settled(now_s) or self._link.health.firmware is None:
             return False
         known, missing = reader.values, reader.missing
         groups = parameters_for(self._link.autopilot_name)
@@ -151,9 +160,61 @@ def model_states(settings: Settings) -> dict[str, str]:
     store = ModelStore(default_folder(os.environ))
     known = {model.name: model for model in store.models}
     states: dict[str, str] = {}
-    for name in (settings.tracker, settings.detector, settings.appearance):
+    for name in (settings.tracker, settings.detector, settings.fusion.model):
         if name in known:
             states |= {file: str(state) for file, state in store.verify(known[name]).items()}
         elif name is not None and name != settings.tracker:
             states[Path(name).name] = "good" if Path(name).is_file() else "missing"
     return states
+
+
+def preflight(
+    settings: Settings,
+    source: VideoInput,
+    connect: str,
+    scope: CheckScope,
+    as_json: bool = False,
+) -> int:
+    """Check everything, show the list, and return the exit code: 0 only if nothing refuses.
+
+    Args:
+        settings: that would be flown with.
+        source: the camera.
+        connect: where the autopilot speaks MAVLink.
+        scope: of the checks.
+        as_json: write JSON instead of a table.
+
+    Raises:
+        ValueError, OSError: what the user can mend, in one line.
+    """
+    console = Console()
+    clock = MonotonicClock()
+    cv2.setNumThreads(1)
+    with (
+        opened_link(connect, settings, clock) as link,
+        source.open_or_dead(clock) as frames,
+        CameraWatch(frames, source.shown, clock) as camera,
+        live_checklist(console) as live,
+    ):
+        observer = LinkObserver(link, camera, clock, settings, scope)
+        results = observer.run(lambda found: live.update(checklist(found), refresh=True))
+        snapshot = observer.snapshot(clock.now())
+    if as_json:
+        typer.echo(to_json(results, snapshot))
+    else:
+        print_checklist(console, results)
+    return _NOT_READY if any(result.refuses for result in results) else _READY
+
+
+@contextmanager
+def opened_link(connect: str, settings: Settings, clock: Clock) -> Iterator[Link]:
+    """Give a link to the autopilot that sends no setpoint by itself.
+
+    Raises:
+        ConnectionFailedError: it cannot be opened.
+    """
+    with (
+        closing(open_connection(connect)) as transport,
+        closing(open_link(transport, settings.link, clock, epoch_now_ns(clock))) as link,
+    ):
+        yield link

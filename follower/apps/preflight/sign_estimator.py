@@ -7,17 +7,25 @@ by least squares, is the identity for a camera that is mounted as described. Of 
 is diag(-1, 1), of one upside down -1, of one on its side a quarter turn.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import TypeAlias
 
 import numpy as np
 
-from follower_control.vehicle import Attitude
-from follower_vision.camera import Vector
-from follower_vision.lineofsight import CameraMount, rotation
+from follower.settings.settings import Settings
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.target.estimator import TargetEstimator
+from follower_control.target.observation import BearingObserver
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_control.vehicle.state import Attitude, VehicleState
+from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight, rotation, wrap_angle
+from follower_vision.trackers.track import Track, TrackState
 
 _LEAST_INTERVAL_S, _LONGEST_INTERVAL_S = 0.15, 0.6
 _FORGET = 0.99
@@ -26,6 +34,7 @@ _PLENTY_RAD = math.radians(90)
 _LITTLE_RAD = math.radians(15)
 _RIDGE = math.radians(1) ** 2
 _CLEAR, _SMALL = 0.5, 0.5
+_CLEAR_PER_S = 0.3
 _LEAST_GAIN, _MOST_GAIN = 0.75, 1.33
 
 
@@ -39,47 +48,54 @@ class Sign(StrEnum):
     TURNED_LEFT = "turned a quarter anticlockwise"
     UNCLEAR = "unclear"
 
-    @property
-    def is_wrong(self) -> bool:
-        """Whether the camera does not see as the settings say."""
-        return self not in (Sign.WAITING, Sign.RIGHT)
+
+@dataclass(frozen=True, slots=True)
+class DirectionJudgement:
+    """What is known of one of the image's directions.
+
+    Attributes:
+        sign: see there.
+        gain: motion seen over motion expected, 1 if the lens is as described; NaN before there is
+            enough.
+        share: how much of the motion needed was made, 0 to 1.
+    """
+
+    sign: Sign
+    gain: float
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class SignJudgement:
     """What is known of the image's two directions.
 
     Attributes:
         across: rightwards.
         down: downwards.
-        gain_across: motion seen over motion expected, 1 if the lens is as described; NaN before
-            there is enough.
-        gain_down: likewise.
-        share_across: how much of the motion needed was made, 0 to 1.
-        share_down: likewise.
         attitude_stands: the image moves much and the attitude hardly.
     """
 
-    across: Sign
-    down: Sign
-    gain_across: float
-    gain_down: float
-    share_across: float
-    share_down: float
+    across: DirectionJudgement
+    down: DirectionJudgement
     attitude_stands: bool
+
+    @property
+    def signs(self) -> tuple[Sign, Sign]:
+        """Across and down."""
+        return self.across.sign, self.down.sign
 
     @property
     def passed(self) -> bool:
         """Whether both directions are right."""
-        return self.across is self.down is Sign.RIGHT
+        return self.signs == (Sign.RIGHT, Sign.RIGHT)
 
     @property
     def is_wrong(self) -> bool:
         """Whether one of them is known to be wrong."""
-        return self.across.is_wrong or self.down.is_wrong
+        return not {Sign.WAITING, Sign.RIGHT}.issuperset(self.signs)
 
 
-class Evidence:
+class SignEvidence:
     """Collects what was seen, and forgets it slowly: a target may be moved, and stand again.
 
     Args:
@@ -114,22 +130,16 @@ class Evidence:
                 self._fold_in(expected, _angles(ray) - _angles(last_ray))
         self._last = time_s, ray, camera_to_world
 
-    def judge(self) -> Judgement:
+    def judge(self) -> SignJudgement:
         """Return what is known by now."""
         matrix = self._both @ np.linalg.inv(self._expected + _RIDGE * np.eye(2))
-        across, down = (self._sign(matrix, axis) for axis in (0, 1))
-        shares = np.minimum(self._expected_path / _ENOUGH_RAD, 1.0)
-        gains = np.where(shares >= 1.0, np.diag(matrix), np.nan)
         stands = self._seen_path > _PLENTY_RAD and self._expected_path.sum() < _LITTLE_RAD
-        return Judgement(
-            across,
-            down,
-            float(gains[0]),
-            float(gains[1]),
-            float(shares[0]),
-            float(shares[1]),
-            bool(stands),
-        )
+        return SignJudgement(self._direction(matrix, 0), self._direction(matrix, 1), bool(stands))
+
+    def _direction(self, matrix: Vector, axis: int) -> DirectionJudgement:
+        share = min(float(self._expected_path[axis]) / _ENOUGH_RAD, 1.0)
+        gain = float(matrix[axis, axis]) if share >= 1.0 else math.nan
+        return DirectionJudgement(self._sign(matrix, axis), gain, share)
 
     def _fold_in(self, expected: Vector, seen: Vector) -> None:
         for sums in (self._expected, self._both, self._expected_path):
@@ -151,6 +161,42 @@ class Evidence:
         return Sign.UNCLEAR
 
 
+class Reaction:
+    """Fits the change of the yaw rate asked for to the change of the heading.
+
+    The vehicle is turned right by hand, the target stands: it is left of the nose now, and the turn
+    asked for has to go to the left. The other way round the vehicle would spin away from it.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[float, float, float] | None = None
+        self._squares = self._products = self._path = 0.0
+
+    def add(self, time_s: float, yaw_rad: float, asked_rad_s: float) -> None:
+        """Take the heading and the yaw rate asked for at one time."""
+        if self._last is not None:
+            last_s, last_yaw, last_asked = self._last
+            if 0 <= time_s - last_s < _LEAST_INTERVAL_S:
+                return
+            if 0 <= time_s - last_s <= _LONGEST_INTERVAL_S:
+                self._fold_in(wrap_angle(yaw_rad - last_yaw), asked_rad_s - last_asked)
+        self._last = time_s, yaw_rad, asked_rad_s
+
+    def judge(self) -> Sign:
+        """Return what is known by now."""
+        if self._path < _ENOUGH_RAD:
+            return Sign.WAITING
+        slope = self._products / self._squares
+        if abs(slope) < _CLEAR_PER_S:
+            return Sign.UNCLEAR
+        return Sign.RIGHT if slope < 0 else Sign.REVERSED
+
+    def _fold_in(self, turned_rad: float, changed_rad_s: float) -> None:
+        self._path = _FORGET * self._path + abs(turned_rad)
+        self._squares = _FORGET * self._squares + turned_rad**2
+        self._products = _FORGET * self._products + turned_rad * changed_rad_s
+
+
 def gain_remark(gain: float) -> str:
     """Return what a gain says about the lens, "" if nothing."""
     if math.isnan(gain) or _LEAST_GAIN <= gain <= _MOST_GAIN:
@@ -167,3 +213,85 @@ def gain_remark(gain: float) -> str:
 def _angles(ray: Vector) -> Vector:
     """Return the angles right and down of the optical axis."""
     return np.array([math.atan2(ray[0], ray[2]), math.atan2(ray[1], ray[2])])
+
+
+DryRunCommand: TypeAlias = tuple[VelocitySetpoint, LineOfSight]
+"""What the servo asks for, and the target's direction from the nose (azimuth) and the horizon
+(elevation), in rad."""
+SignObservation: TypeAlias = tuple[float, Vector, Attitude]
+"""When the image was taken (s, the camera's latency taken off), the target's direction in the
+camera's frame, and the body's attitude at that time."""
+
+
+class DryRun:
+    """Observer, estimator and servo of the real pipeline, in `chase` mode.
+
+    The loops have no memory here: an integral would grow while the vehicle cannot follow, and then
+    hide which way an error is answered.
+
+    Args:
+        settings: all of them.
+        camera: intrinsics at the size of the frames.
+    """
+
+    def __init__(self, settings: Settings, camera: CameraModel) -> None:
+        mount, self._latency_s = settings.camera.mount, settings.camera.latency_s
+        self._camera = camera
+        self._attitudes = AttitudeHistory()
+        self._observer = BearingObserver(camera, mount, self._latency_s)
+        self._estimator = TargetEstimator(settings.estimator)
+        self._servo = VisualServo(_memoryless(settings.servo), mount.pitch_rad)
+        self._captured_s = float("-inf")
+        self._asked = VelocitySetpoint()
+
+    def step(
+        self,
+        now_s: float,
+        track: Track | None,
+        vehicle: VehicleState,
+        attitudes: Sequence[Attitude],
+    ) -> tuple[DryRunCommand | None, SignObservation | None]:
+        """Do one step.
+
+        Args:
+            now_s: time of this step.
+            track: vision's newest answer.
+            vehicle: newest telemetry.
+            attitudes: those that came since the last step.
+
+        Returns:
+            What would be asked for, None without an estimate; and the observation, None unless
+            `track` is a new one that sees the target.
+        """
+        for attitude in attitudes:
+            self._attitudes.add(attitude)
+        observation = None if track is None else self._observe(track)
+        estimate, attitude_now = self._estimator.estimate(now_s), vehicle.attitude
+        if estimate is None or attitude_now is None:
+            return None, observation
+        self._asked = self._servo.update(estimate, vehicle, self._asked)
+        azimuth = wrap_angle(estimate.azimuth_rad - attitude_now.yaw_rad)
+        direction = LineOfSight(azimuth, estimate.elevation_rad)
+        return (self._asked, direction), observation
+
+    def _observe(self, track: Track) -> SignObservation | None:
+        if track.state is not TrackState.TRACKING or track.captured_s <= self._captured_s:
+            return None
+        self._captured_s = track.captured_s
+        bearing = self._observer.observe(track, self._attitudes)
+        attitude = self._attitudes.at(track.captured_s - self._latency_s)
+        if bearing is None or attitude is None:
+            return None
+        self._estimator.observe(bearing)
+        ray = self._camera.rays([(track.box.cx, track.box.cy)])[0]
+        return bearing.time_s, ray, attitude
+
+
+def _memoryless(servo: ServoSettings) -> ServoSettings:
+    return replace(
+        servo,
+        mode=FollowMode.CHASE,
+        azimuth=replace(servo.azimuth, ki=0.0, kd=0.0),
+        elevation=replace(servo.elevation, ki=0.0, kd=0.0),
+        range=replace(servo.range, ki=0.0, kd=0.0),
+    )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Cockpit, Out, Overrides
+from follower.ui.terminal.cli_options import Cockpit, Out, Overrides
 
 EPILOG = """
 **Examples**
@@ -49,14 +49,14 @@ def replay_command(
     With **--set**, **--tracker** or **--detector** it shows what the flight would have asked for
     with other settings, open loop; the exit code is then 0.
     """
-    from follower.replay.command import ReplayOptions, replay_flight
+    from follower.apps.replay.run import replay_flight
 
     chosen = {"tracker": tracker, "detector": detector}
     named = [f"{key}={value}" for key, value in chosen.items() if value is not None]
+    changes = (*(overrides or ()), *named)
     if cockpit:
-        from follower.replay.on_page import replay_on_page
+        from follower.apps.replay.playback_page import replay_on_page
 
-        replay_on_page(flight, (*(overrides or ()), *named))
+        replay_on_page(flight, changes)
         return
-    options = ReplayOptions(flight, (*(overrides or ()), *named), save, out)
-    raise typer.Exit(replay_flight(options))
+    raise typer.Exit(replay_flight(flight, changes, save, out))

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.flight.log import FlightLog
+from follower.recording import RecordedFlight, VideoKind
+from follower.recording.machine import machine_differences
 from follower.report.series import Array
-from follower_control.estimate import TargetEstimate
-from follower_control.gimbal import GimbalRates
-from follower_vision.track import Track
+from follower.ui.terminal.console import print_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +25,53 @@ class Quantity:
     Attributes:
         name: for the table.
         unit: of its numbers, "" if it has none.
-        get: takes it from a record; None where there is none, which is compared too.
+        path: of attributes that lead to it from a record.
+        place: in a list of numbers at the path's end, None if it is none.
     """
 
     name: str
     unit: str
-    get: Callable[[Any], Any]
+    path: str
+    place: int | None = None
+
+    def of(self, record: Any) -> Any:
+        """Return it, None where there is none, which is compared too."""
+        for attribute in self.path.split("."):
+            record = None if record is None else getattr(record, attribute)
+        value = record if record is None or self.place is None else record[self.place]
+        return float(value) if isinstance(value, np.number) else value
+
+
+_COMPONENTS = (("forward", "m/s"), ("right", "m/s"), ("down", "m/s"), ("yaw rate", "rad/s"))
+TRACK_QUANTITIES = (
+    Quantity("track: state", "", "track.state"),
+    Quantity("track: centre x", "px", "track.box.cx"),
+    Quantity("track: centre y", "px", "track.box.cy"),
+    Quantity("track: width", "px", "track.box.width"),
+    Quantity("track: height", "px", "track.box.height"),
+    Quantity("track: confidence", "", "track.confidence"),
+    Quantity("track: produced by", "", "track.produced_by"),
+)
+CONTROL_QUANTITIES = (
+    Quantity("state", "", "state"),
+    Quantity("reason", "", "reason"),
+    Quantity("estimate: azimuth", "rad", "estimate.azimuth_rad"),
+    Quantity("estimate: elevation", "rad", "estimate.elevation_rad"),
+    Quantity("estimate: log scale", "", "estimate.log_scale"),
+    Quantity("estimate: azimuth rate", "rad/s", "estimate.azimuth_rate_rad_s"),
+    Quantity("estimate: elevation rate", "rad/s", "estimate.elevation_rate_rad_s"),
+    Quantity("estimate: log scale rate", "1/s", "estimate.log_scale_rate_s"),
+    Quantity("estimate: covariance", "", "estimate.covariance"),
+    *(
+        Quantity(f"{which}: {name}", unit, f"{which}.values", place)
+        for which in ("asked", "allowed")
+        for place, (name, unit) in enumerate(_COMPONENTS)
+    ),
+    Quantity("gimbal: pitch rate", "rad/s", "gimbal.pitch_rad_s"),
+    Quantity("gimbal: yaw rate", "rad/s", "gimbal.yaw_rad_s"),
+    Quantity("limits", "", "limits"),
+    Quantity("sent", "", "sent"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +136,10 @@ class Comparison:
         """Whether everything is the same to the last bit."""
         return not self.differing
 
+    def agrees(self, tolerance: float) -> bool:
+        """Return whether no number differs by more than a tolerance, and nothing else at all."""
+        return all(one.largest <= tolerance for one in self.differing)
+
     @property
     def first_s(self) -> float | None:
         """When the first difference is, None if there is none."""
@@ -120,10 +167,7 @@ def compare(recorded: FlightLog, replayed: FlightLog) -> Comparison:
 def _difference(
     quantity: Quantity, times_s: Sequence[float], pairs: Iterable[tuple[Any, Any]]
 ) -> Difference:
-    def value(record: Any) -> Any:
-        return None if record is None else quantity.get(record)
-
-    values = [(value(a), value(b)) for a, b in pairs]
+    values = [(quantity.of(a), quantity.of(b)) for a, b in pairs]
     amounts = [difference(a, b) for a, b in values]
     return Difference(
         quantity.name,
@@ -149,50 +193,90 @@ def difference(a: Any, b: Any) -> float:
     return 0.0 if a == b else 1.0
 
 
-def _of_track(get: Callable[[Track], Any]) -> Callable[[TrackRecord], Any]:
-    return lambda record: None if record.track is None else get(record.track)
+_GROWTH_S = (1.0, 5.0)
+_ELSEWHERE = 1e-9
+"""By how much control's numbers may differ on another kind of machine, which rounds otherwise."""
 
 
-def _of_estimate(get: Callable[[TargetEstimate], Any]) -> Callable[[ControlRecord], Any]:
-    return lambda record: None if record.estimate is None else get(record.estimate)
+@dataclass(frozen=True, slots=True)
+class Strictness:
+    """How strictly a replay is compared.
+
+    Attributes:
+        differences: of this machine from the one of the recording, in words.
+    """
+
+    differences: tuple[str, ...]
+
+    @classmethod
+    def of(cls, flight: RecordedFlight) -> Strictness:
+        """Return bit for bit on the same kind of machine with the same versions, else not."""
+        config = flight.config
+        return cls(tuple(machine_differences(config.versions, config.processor)))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every bit counts."""
+        return not self.differences
+
+    @property
+    def tolerance(self) -> float:
+        """The largest difference of a number that is none."""
+        return 0.0 if self.is_exact else _ELSEWHERE
+
+    def __str__(self) -> str:
+        """Return it as in "compared ..."."""
+        return "bit for bit" if self.is_exact else f"within {_ELSEWHERE:g}"
+
+    @property
+    def why(self) -> str:
+        """A sentence for the terminal."""
+        reason = "; ".join(self.differences) or "recorded on this kind of machine, same versions"
+        return f"Compared {self}: {reason}."
 
 
-def _of_gimbal(get: Callable[[GimbalRates], float]) -> Callable[[ControlRecord], Any]:
-    return lambda record: None if record.gimbal is None else get(record.gimbal)
+def pictures_are_exact(flight: RecordedFlight) -> bool:
+    """Return whether the video holds what vision saw, bit for bit.
+
+    It does if it is lossless; and if the flight is itself a saved replay, whose tracks were made
+    from these decoded pictures.
+    """
+    if "tracks_from" in flight.config.run:
+        return True
+    return bool(flight.config.group("recorder").get("video") == VideoKind.LOSSLESS)
 
 
-def _component(which: str, place: int) -> Callable[[ControlRecord], Any]:
-    return lambda record: getattr(record, which).values[place]
+def print_comparison(
+    console: Console, title: str, parts: tuple[Difference, ...], tolerance: float = 0.0
+) -> None:
+    """Print a table of what differs, or a line that nothing does by more than a tolerance."""
+    compared = max((len(one.times_s) for one in parts), default=0)
+    differing = [one for one in parts if one.count]
+    if not differing:
+        print_line(console, f"{title}: {compared} compared, identical")
+        return
+    largest = max(one.largest for one in differing)
+    if largest <= tolerance:
+        same = f"the same within {tolerance:g} (the largest difference is {largest:.1e})"
+        print_line(console, f"{title}: {compared} compared, {same}")
+        return
+    print_line(console, f"{title}: {compared} compared, these differ:")
+    table = Table()
+    table.add_column("what", no_wrap=True)
+    for heading in ("differ", "first at", *(f"after {s:g} s" for s in _GROWTH_S), "largest"):
+        table.add_column(heading, justify="right")
+    for one in differing:
+        first_s = one.first_s or 0.0
+        amounts = [*(one.largest_until(first_s + after_s) for after_s in _GROWTH_S), one.largest]
+        shown = [f"{value:.2g} {one.unit}" if one.is_number else "–" for value in amounts]
+        table.add_row(one.name, str(one.count), f"{first_s:.3f} s", *shown)
+    console.print(table)
 
 
-_COMPONENTS = (("forward", "m/s"), ("right", "m/s"), ("down", "m/s"), ("yaw rate", "rad/s"))
-TRACK_QUANTITIES = (
-    Quantity("track: state", "", _of_track(lambda track: str(track.state))),
-    Quantity("track: centre x", "px", _of_track(lambda track: float(track.box.cx))),
-    Quantity("track: centre y", "px", _of_track(lambda track: float(track.box.cy))),
-    Quantity("track: width", "px", _of_track(lambda track: float(track.box.width))),
-    Quantity("track: height", "px", _of_track(lambda track: float(track.box.height))),
-    Quantity("track: confidence", "", _of_track(lambda track: float(track.confidence))),
-    Quantity("track: produced by", "", _of_track(lambda track: track.produced_by)),
-)
-CONTROL_QUANTITIES = (
-    Quantity("state and reason", "", lambda record: (str(record.state), str(record.reason))),
-    Quantity("estimate: azimuth", "rad", _of_estimate(lambda one: one.azimuth_rad)),
-    Quantity("estimate: elevation", "rad", _of_estimate(lambda one: one.elevation_rad)),
-    Quantity("estimate: log scale", "", _of_estimate(lambda one: one.log_scale)),
-    Quantity("estimate: azimuth rate", "rad/s", _of_estimate(lambda one: one.azimuth_rate_rad_s)),
-    Quantity(
-        "estimate: elevation rate", "rad/s", _of_estimate(lambda one: one.elevation_rate_rad_s)
-    ),
-    Quantity("estimate: log scale rate", "1/s", _of_estimate(lambda one: one.log_scale_rate_s)),
-    Quantity("estimate: covariance", "", _of_estimate(lambda one: one.covariance)),
-    *(
-        Quantity(f"{which}: {name}", unit, _component(which, place))
-        for which in ("asked", "allowed")
-        for place, (name, unit) in enumerate(_COMPONENTS)
-    ),
-    Quantity("gimbal: pitch rate", "rad/s", _of_gimbal(lambda one: one.pitch_rad_s)),
-    Quantity("gimbal: yaw rate", "rad/s", _of_gimbal(lambda one: one.yaw_rad_s)),
-    Quantity("limits", "", lambda record: tuple(map(str, record.limits))),
-    Quantity("sent", "", lambda record: record.sent),
-)
+def first_difference(comparison: Comparison) -> str:
+    """Return one line about where it begins, "" if it does not."""
+    first_s = comparison.first_s
+    if first_s is None:
+        return ""
+    names = [one.name for one in comparison.differing if one.first_s == first_s]
+    return f"The first difference is at {first_s:.3f} s: {', '.join(names)}."

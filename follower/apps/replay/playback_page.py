@@ -9,34 +9,32 @@ from pathlib import Path
 from pydantic import ValidationError
 from rich.console import Console
 
-from follower.cockpit.flights import Flights
-from follower.cockpit.live_settings import setting_values
-from follower.cockpit.moment import moment
-from follower.cockpit.opening import open_station
-from follower.cockpit.requests import REQUESTS, Show
-from follower.cockpit.showing import first_page
-from follower.flightlog import TrackRecord
-from follower.interrupt import StopOnInterrupt
-from follower.live_status import LiveStatus
-from follower.pace import Pace
-from follower.print_line import print_line
-from follower.recorder import RecordedFlight, open_flight
-from follower.recorder.records import FrameRecord, StepRecord
-from follower.recorder.video_queue import VIDEO
-from follower.recorder.video_reading import PictureFinder, video_problem
-from follower.replay.replay import Replay, replay_settings
-from follower.settings import Settings
-from follower.station.station import Station
-from follower.station.wire import Message
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.lockstep import Pacer
+from follower.flight.log import TrackRecord
+from follower.flight.status import LiveStatus
+from follower.recording import RecordedFlight, open_flight
+from follower.recording.messages import FrameRecord, StepRecord
+from follower.recording.video_reader import FrameFinder, video_problem
+from follower.recording.video_writer import VIDEO
+from follower.settings.settings import Settings
+from follower.ui.cockpit.publisher import initial_state, setting_values, state_message
+from follower.ui.cockpit.recordings_api import RecordingFolder
+from follower.ui.cockpit.requests import REQUESTS, ShowRecording
+from follower.ui.cockpit.start import open_station
+from follower.ui.ipc.messages import Message
+from follower.ui.ipc.server_client import UiProcessClient
+from follower.ui.terminal.console import print_line
+from follower.ui.terminal.interrupt import StopOnInterrupt
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 _SHOW_EVERY_S = 0.1
 _REFUSED: Message = {"accepted": False, "text": "this is a replay: the flight is over"}
 
 
 def replay_on_page(folder: Path, overrides: Sequence[str] = ()) -> None:
-    """Play a flight on the page, and then what people choose there, until Ctrl-C.
+    """Play a flight on the page, and then what users choose there, until Ctrl-C.
 
     Control's answers are those of today's code with these settings, from the recorded tracks.
 
@@ -51,11 +49,11 @@ def replay_on_page(folder: Path, overrides: Sequence[str] = ()) -> None:
     def say(text: str) -> None:
         print_line(console, text)
 
-    page = first_page("replay", _title(flight), settings)
+    page = initial_state("replay", _title(flight), settings)
     station = open_station(settings, True, page, runs, say)
     if station is None:
         return
-    player = Player(station, Flights(runs))
+    player = Player(station, RecordingFolder(runs))
     station.operator = player
     with station, StopOnInterrupt(player.stop):
         say("Ctrl-C ends the replay.")
@@ -64,7 +62,9 @@ def replay_on_page(folder: Path, overrides: Sequence[str] = ()) -> None:
             _play_other(player, station, runs / name, overrides)
 
 
-def _play_other(player: Player, station: Station, folder: Path, overrides: Sequence[str]) -> None:
+def _play_other(
+    player: Player, station: UiProcessClient, folder: Path, overrides: Sequence[str]
+) -> None:
     try:
         flight = open_flight(folder)
         player.play(flight, replay_settings(flight, overrides))
@@ -78,14 +78,14 @@ class _EndedError(Exception):
 
 
 class Player:
-    """Plays flights, and hears which one people choose.
+    """Plays flights, and takes the choice of another.
 
     Args:
         station: shows them.
         flights: that there are.
     """
 
-    def __init__(self, station: Station, flights: Flights) -> None:
+    def __init__(self, station: UiProcessClient, flights: RecordingFolder) -> None:
         self._station = station
         self._flights = flights
         self._chosen: str | None = None
@@ -98,8 +98,8 @@ class Player:
         try:
             wanted = REQUESTS.validate_python({k: v for k, v in request.items() if k != "number"})
         except ValidationError:
-            return _REFUSED
-        if not isinstance(wanted, Show):
+            wanted = None
+        if not isinstance(wanted, ShowRecording):
             return _REFUSED
         if wanted.flight not in {flight.name for flight in self._flights.listed()}:
             return {"accepted": False, "text": "there is no such flight"}
@@ -141,14 +141,16 @@ class Player:
 class _Showing:
     """Shows each message of a flight when its time has come."""
 
-    def __init__(self, station: Station, flight: RecordedFlight, woken: threading.Event) -> None:
+    def __init__(
+        self, station: UiProcessClient, flight: RecordedFlight, woken: threading.Event
+    ) -> None:
         self.replay: Replay | None = None
         self._station = station
         self._woken = woken
         readable = video_problem(flight.folder / VIDEO) is None
-        self._pictures = PictureFinder(flight.pictures() if readable else iter(()))
+        self._pictures = FrameFinder(flight.pictures() if readable else iter(()))
         self._clock = SimulatedClock()
-        self._pace: Pace | None = None
+        self._pace: Pacer | None = None
         self._begin_s = self._shown_s = 0.0
         self._frame: Frame | None = None
 
@@ -161,32 +163,28 @@ class _Showing:
                 self._frame = self._pictures.of(message)
             case TrackRecord():
                 self._show_frame(message)
-            case StepRecord() if time_s - self._shown_s >= _SHOW_EVERY_S:
+            case StepRecord() if self.replay and time_s - self._shown_s >= _SHOW_EVERY_S:
                 self._shown_s = time_s
-                self._show_moment()
+                self._show_state(self.replay)
 
     def _keep_pace(self, time_s: float) -> None:
         if self._pace is None:
             self._clock = SimulatedClock(time_s)
-            self._pace = Pace(self._clock)
+            self._pace = Pacer(self._clock)
             self._begin_s = self._shown_s = time_s
         if time_s > self._clock.now():
             self._clock.sleep_until(time_s)
             self._pace.wait()
 
     def _show_frame(self, record: TrackRecord) -> None:
-        frame = self._frame
-        if frame is None or frame.sequence != record.sequence:
-            return
-        tracks = () if record.track is None else (record.track,)
-        self._station.add(frame, tracks, ())
+        if self._frame is not None and self._frame.sequence == record.sequence:
+            tracks = () if record.track is None else (record.track,)
+            self._station.add(self._frame, tracks, ())
 
-    def _show_moment(self) -> None:
-        if self.replay is None:
-            return
-        log = self.replay.log
-        status = LiveStatus.of(log, self._begin_s, None, self.replay.stage.servo.errors)
-        self._station.show(moment(status, log.controls[-1] if log.controls else None))
+    def _show_state(self, replay: Replay) -> None:
+        log = replay.log
+        status = LiveStatus.of(log, self._begin_s, None, replay.stage.servo.errors)
+        self._station.show(state_message(status, log.controls[-1] if log.controls else None))
 
 
 def _title(flight: RecordedFlight) -> str:

@@ -1,25 +1,40 @@
 """A recorded flight through vision and control again, step by step as it went."""
 
-from __future__ import annotations
-
+import os
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
-from follower.control_stage import ControlStage
-from follower.excite.pattern import recorded_pattern
-from follower.excite.stage import ExcitationStage
-from follower.flightlog import ControlRecord, FlightLog, FlightSink, Selection, TrackRecord
-from follower.recorder import FlightFileError, RecordedFlight
-from follower.recorder.records import FrameRecord, StepRecord
-from follower.recorder.video_reading import PictureFinder
-from follower.settings import Settings, load_settings
-from follower.stopwatch import Stopwatch
-from follower.tracking import make_target_tracker
-from follower.vision_stage import Selector, VisionStage
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.frame import Frame
-from follower_vision.target_tracker import TargetTracker
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import (
+    ControlRecord,
+    Event,
+    FlightLog,
+    FlightSink,
+    LogRecord,
+    SelectionRecord,
+    Stopwatch,
+    TrackRecord,
+)
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.recording import FlightConfig, FlightFileError, RecordedFlight
+from follower.recording.mcap_writer import McapLog
+from follower.recording.messages import FrameRecord, StepRecord, messages_of
+from follower.recording.recorder import CONFIG, LOG, TLOG
+from follower.recording.video_reader import FrameFinder
+from follower.recording.video_writer import VIDEO
+from follower.settings.retired import without_retired
+from follower.settings.settings import Settings, load_settings
+from follower.tuning.excite.pattern import recorded_pattern
+from follower.tuning.excite.stage import ExcitationStage
+from follower_sim.kinematics import TruthSample
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
+from follower_vision.trackers.target_tracker import TargetTracker
 
 OnMessage = Callable[[float, object], None]
 
@@ -28,9 +43,9 @@ def replay_settings(flight: RecordedFlight, overrides: Sequence[str] = ()) -> Se
     """Return the flight's own settings with other values for some of them.
 
     Raises:
-        SettingsError: an override cannot be used, or a recorded setting no longer exists.
+        SettingsError: an override cannot be used, or a recorded setting is unknown.
     """
-    return load_settings(None, flight.config.settings, overrides)
+    return load_settings(None, without_retired(flight.config.settings), overrides)
 
 
 class Replay:
@@ -50,11 +65,12 @@ class Replay:
         tracker: None makes the one that the settings name.
         tracks_recorded: leave vision out and give control the recorded tracks.
         on_message: is shown each recorded message, after what it stands for was done.
-        sink: is told what comes of it, as a recorder is.
+        sink: is given what comes of it, as a recorder is.
 
     Attributes:
         log: what came of it.
         missed: how many frames vision did not get.
+        stage: control, whose errors are worth showing.
     """
 
     def __init__(
@@ -75,22 +91,17 @@ class Replay:
         self._on_message = on_message
         self._tracks: dict[int, TrackRecord] = {}
         self._frame: Frame | None = None
-        self._pictures = PictureFinder(iter(()) if tracks_recorded else flight.pictures())
+        self._pictures = FrameFinder(iter(()) if tracks_recorded else flight.pictures())
         if not tracks_recorded:
-            self._stage = VisionStage(tracker or make_target_tracker(settings))
+            self._vision = VisionStage(tracker or make_target_tracker(settings))
         camera = _camera(flight, settings, own_camera)
         needs_telemetry = flight.config.needs_telemetry
         pattern = recorded_pattern(flight.config.run)
         if pattern is None:
-            self._control = ControlStage(settings, camera, self.log, needs_telemetry)
+            self.stage = ControlStage(settings, camera, self.log, needs_telemetry)
         else:
-            self._control = ExcitationStage(settings, pattern, camera, self.log)
+            self.stage = ExcitationStage(settings, pattern, camera, self.log)
         self._steps = iter(flight.log.controls)
-
-    @property
-    def stage(self) -> ControlStage:
-        """Control, whose errors are worth showing."""
-        return self._control
 
     def run(self) -> FlightLog:
         """Go through the recording to its end and return the log.
@@ -107,7 +118,7 @@ class Replay:
     def _take(self, message: object) -> None:
         if isinstance(message, FrameRecord):
             self._frame = self._pictures.of(message)
-        elif isinstance(message, Selection) and not self._tracks_recorded:
+        elif isinstance(message, SelectionRecord) and not self._tracks_recorded:
             self._choose(message.box)
         elif isinstance(message, TrackRecord):
             self._tracks[message.sequence] = self._track(message)
@@ -116,9 +127,9 @@ class Replay:
 
     def _choose(self, box: Box | None) -> None:
         if box is None:
-            self._stage.drop()
+            self._vision.drop()
         else:
-            self._stage.select(_recorded_choice(box))
+            self._vision.select(lambda _: box)
 
     def _track(self, recorded: TrackRecord) -> TrackRecord:
         """Return vision's answer today; times are those of the recording."""
@@ -129,10 +140,10 @@ class Replay:
             self.missed += 1
             return recorded
         timer = Stopwatch()
-        self._stage.prospects = lambda *_: recorded.prospect
-        track = self._stage.step(self._frame)
+        self._vision.prospects = lambda *_: recorded.prospect
+        track = self._vision.step(self._frame)
         answer = replace(recorded, track=track, busy_s=timer.elapsed_s())
-        self._stage.learn()
+        self._vision.learn()
         self.log.add_track(answer)
         return answer
 
@@ -145,11 +156,9 @@ class Replay:
                 f"track of frame {sequence}, which is not in the log"
             )
         if recorded.situation is not None:
-            self._control.repeat_requests(recorded.situation)
-        if recorded.mode_asked is not None:
-            self._control.change_mode(recorded.mode_asked)
-        self._control.repeat_changes(recorded.changes)
-        self._control.step(
+            self.stage.repeat_requests(recorded.situation)
+        self.stage.repeat_changes(recorded.changes)
+        self.stage.step(
             recorded.time_s,
             newest,
             recorded.vehicle,
@@ -159,13 +168,88 @@ class Replay:
         )
 
 
-def _recorded_choice(box: Box) -> Selector:
-    return lambda _: box
-
-
 def _camera(flight: RecordedFlight, settings: Settings, own: bool) -> CameraModel:
     if own and flight.config.camera is not None:
         return flight.config.camera
     if not flight.frames:
         raise FlightFileError(f"{flight.folder}: no frame was recorded, nothing can be replayed")
     return settings.camera.model(flight.frames[0].width, flight.frames[0].height)
+
+
+_COMMIT_EVERY = 2000
+_KEPT = (FrameRecord, SelectionRecord, TruthSample)
+
+
+class ReplaySaver(ClosesItself):
+    """Takes the replay's log as it grows and writes a flight folder, whose video is the old one.
+
+    Args:
+        flight: what is replayed.
+        folder: exists and is empty.
+        settings: of the replay.
+        overrides: what is other in them than in the flight's, as on the command line. Such a replay
+            is labelled open loop.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+
+    def __init__(
+        self,
+        flight: RecordedFlight,
+        folder: Path,
+        settings: Settings,
+        overrides: Sequence[str] = (),
+    ) -> None:
+        label = {"open_loop": f"replayed with {', '.join(overrides)}"} if overrides else {}
+        run = {**label, **flight.config.run, "tracks_from": "the recorded video, decoded"}
+        now = FlightConfig.of(flight.config.kind, settings)
+        config = replace(
+            flight.config,
+            settings=now.settings,
+            versions=now.versions,
+            processor=now.processor,
+            models=now.models,
+            run=run,
+        )
+        (folder / CONFIG).write_text(config.to_yaml(), "utf-8")
+        self._log = McapLog(folder / LOG, config.epoch_ns, config.to_yaml())
+        self._waiting = 0
+        for name in (TLOG, VIDEO):
+            _link(flight.folder / name, folder / name)
+
+    def __call__(self, time_s: float, message: object) -> None:
+        """Copy a recorded message that the replay does not make anew."""
+        own_event = isinstance(message, Event) and message.source != "supervisor"
+        if isinstance(message, _KEPT) or own_event:
+            self._write(message, time_s)
+
+    def close(self) -> None:
+        """Finish the log."""
+        self._log.close()
+
+    def add_frame(self, frame: Frame, received_s: float) -> None:
+        """Do nothing: the recorded frame was copied."""
+
+    def add(self, record: LogRecord, time_s: float) -> None:
+        """Write what the replay made; the recorded selection was copied."""
+        if not isinstance(record, SelectionRecord):
+            for message in messages_of(record):
+                self._write(message, time_s)
+
+    def _write(self, message: object, time_s: float) -> None:
+        self._log.write(message, time_s)
+        self._waiting += 1
+        if self._waiting >= _COMMIT_EVERY:
+            self._waiting = 0
+            self._log.commit()
+
+
+def _link(source: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the disks differ; nothing if there is none."""
+    try:
+        os.link(source, target)
+    except FileNotFoundError:
+        return
+    except OSError:
+        shutil.copyfile(source, target)

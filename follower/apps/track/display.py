@@ -1,18 +1,26 @@
-"""What a person wants to see of a track while it goes on."""
+"""The terminal line of `follower track`."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
-from follower.track_run import TrackRun
-from follower_vision.live import LiveSource
-from follower_vision.paced import Paced
-from follower_vision.track import Track
+from rich.console import Console, RenderableType
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from follower.apps.track.run import TrackRun
+from follower.ui.terminal.flight_display import LiveDisplay
+from follower_vision.clock import Clock
+from follower_vision.sources.frame_source import RealtimePlayback
+from follower_vision.sources.live_source import LiveSource
+from follower_vision.trackers.track import Track
 
 
 @dataclass(frozen=True, slots=True)
 class TrackStatus:
-    """One moment of a run.
+    """How far a run has come.
 
     Attributes:
         frames: answered for so far.
@@ -36,10 +44,9 @@ class TrackStatus:
 
     @classmethod
     def of(cls, run: TrackRun) -> TrackStatus:
-        """Return the present moment of a run that goes on on another thread."""
+        """Return the status of a run on another thread."""
         source, records = run.source, run.logs[0].tracks
-        live = isinstance(source, LiveSource)
-        by_clock = isinstance(source, LiveSource | Paced)
+        by_clock = isinstance(source, LiveSource | RealtimePlayback)
         # The last target's log is the last to grow.
         frames = len(run.logs[-1].tracks)
         newest = [log.tracks[frames - 1] for log in run.logs] if frames else []
@@ -49,9 +56,9 @@ class TrackStatus:
             time_s=newest[0].captured_s - records[0].captured_s if newest else 0.0,
             tracks=tuple(record.track for record in newest if record.track is not None),
             delay_s=newest[0].done_s - newest[0].captured_s if newest and by_clock else None,
-            skipped=source.skipped if isinstance(source, LiveSource | Paced) else 0,
+            skipped=source.skipped if isinstance(source, LiveSource | RealtimePlayback) else 0,
             reconnects=max(0, source.connections - 1) if isinstance(source, LiveSource) else 0,
-            problem=source.problem if live else None,
+            problem=source.problem if isinstance(source, LiveSource) else None,
         )
 
 
@@ -59,7 +66,7 @@ def status_line(status: TrackStatus, waiting_for: str, rate_hz: float | None) ->
     """Return a status in one line.
 
     Args:
-        status: what to tell.
+        status: what to show.
         waiting_for: what is looked for while there is no track.
         rate_hz: frames answered for in a second, None while nobody knows.
     """
@@ -86,7 +93,64 @@ def counted(number: int, thing: str) -> str:
 def _targets(tracks: tuple[Track, ...]) -> str:
     if len(tracks) == 1:
         return f"{tracks[0].state:<8} {tracks[0].confidence:4.2f}"
-    numbered = enumerate(tracks, 1)
-    return "  ".join(
-        f"{number} {track.state} {track.confidence:4.2f}" for number, track in numbered
-    )
+    return "  ".join(f"{n} {one.state} {one.confidence:4.2f}" for n, one in enumerate(tracks, 1))
+
+
+_PLAIN_S = 5.0
+_RATE_OVER_S = 1.0
+_BAR_WIDTH = 30
+
+
+class TrackDisplay(LiveDisplay):
+    """Shows a run while it goes on: one line, with a bar where the number of frames is known.
+
+    On a terminal the line is redrawn at each `show`; into a file or pipe a line is written every
+    five seconds, and when the source breaks or comes back.
+
+    Args:
+        console: where to.
+        waiting_for: what is looked for while there is no track.
+        clock: the reader's time, not the frames'.
+    """
+
+    def __init__(self, console: Console, waiting_for: str, clock: Clock | None = None) -> None:
+        super().__init__(console, clock)
+        self._waiting_for = waiting_for
+        self._counts: deque[tuple[float, int]] = deque()
+        self._shown_about: tuple[str | None, bool] = (None, False)
+
+    def show(self, status: TrackStatus) -> None:
+        """Show a status; into a file only if it is time to."""
+        now_s = self._clock.now()
+        line = status_line(status, self._waiting_for, self._rate_hz(now_s, status.frames))
+        if self._live is not None:
+            self._live.update(_row(status, line), refresh=True)
+            return
+        about = status.problem, bool(status.tracks)
+        if now_s - self._shown_s >= _PLAIN_S or about != self._shown_about:
+            self._shown_s, self._shown_about = now_s, about
+            self.say(f"{_progress(status)}  {line}")
+
+    def _rate_hz(self, now_s: float, frames: int) -> float | None:
+        """Return the frames a second of about the last second."""
+        self._counts.append((now_s, frames))
+        while len(self._counts) > 2 and self._counts[1][0] <= now_s - _RATE_OVER_S:
+            self._counts.popleft()
+        before_s, before = self._counts[0]
+        return (frames - before) / (now_s - before_s) if now_s - before_s > 0.5 else None
+
+
+def _row(status: TrackStatus, line: str) -> RenderableType:
+    cells: list[RenderableType] = [_progress(status)]
+    if status.total is not None:
+        bar = ProgressBar(status.total, status.frames + status.skipped, width=_BAR_WIDTH)
+        cells.insert(0, bar)
+    row = Table.grid(padding=(0, 2))
+    row.add_row(*cells, Text(line, overflow="ellipsis", no_wrap=True))
+    return row
+
+
+def _progress(status: TrackStatus) -> str:
+    if status.total is None:
+        return f"{status.time_s:6.1f} s"
+    return f"{status.frames}/{status.total}"

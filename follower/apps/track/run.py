@@ -1,22 +1,31 @@
 """Follows targets through a source of frames, recorded or live."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-from follower.flight_video import FlightVideo
-from follower.flightlog import FlightLog, FlightSink, Selection, TrackRecord
-from follower.recorded import RecordedControl
-from follower.selecting import TargetsSelector
-from follower.stopwatch import Stopwatch
-from follower_vision.box import Box
+from follower.apps.video_input import VideoInput
+from follower.flight.control.offline import RecordedControl, recorded_settings
+from follower.flight.log import FlightLog, FlightSink, SelectionRecord, Stopwatch, TrackRecord
+from follower.flight.target.selectors import TargetsSelector
+from follower.flight.vision.video_sink import FlightVideo
+from follower.recording import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
+from follower.recording.run_folder import (
+    write_boxes,
+    write_setpoints,
+    write_target_boxes,
+)
+from follower.report.figures import write_targets_plot, write_track_plot
+from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
-from follower_vision.frame import Frame
-from follower_vision.framesource import FrameSource, SourceError
-from follower_vision.live import LiveSource
-from follower_vision.multi_target import MultiTargetTracker
-from follower_vision.track import Track
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import FrameSource, SourceError
+from follower_vision.sources.live_source import LiveSource
+from follower_vision.trackers.target_tracker import MultiTargetTracker
+from follower_vision.trackers.track import Track
 
 MakeControl = Callable[[FlightLog, Frame], RecordedControl]
 
@@ -33,7 +42,12 @@ class TrackRun:
         selector: finds the targets.
         count: how many there are.
         clock: the frames' own. A simulated one is moved along with them.
+
+    Attributes:
+        first: the frame in which the targets were found; set once `find` has found them.
     """
+
+    first: Frame
 
     def __init__(
         self,
@@ -49,20 +63,10 @@ class TrackRun:
         self._selector = selector
         self.clock = clock
         self._stop = threading.Event()
-        self._found: tuple[Frame, list[Track]] | None = None
+        self._tracks: list[Track] = []
         self._box: Box | None = None
         self._size: tuple[int, int] | None = None
         self._problem: str | None = None
-
-    @property
-    def found(self) -> bool:
-        """Whether the targets were found."""
-        return self._found is not None
-
-    @property
-    def first(self) -> Frame:
-        """The frame in which the targets were found."""
-        return self._chosen()[0]
 
     def stop(self) -> None:
         """End `find` or `follow` after the frame that is being worked on."""
@@ -90,7 +94,7 @@ class TrackRun:
             tracks = self._started(frame, boxes) if boxes else []
             self._record(frame, tracks, received_s, timer.elapsed_s())
             if tracks:
-                self._found = frame, tracks
+                self.first, self._tracks = frame, tracks
                 return True
         if not self.logs[0].tracks and not self._stop.is_set():
             raise SourceError(f"no frame could be read: {self.problem or 'the source is empty'}")
@@ -107,9 +111,9 @@ class TrackRun:
         Args:
             video: is given each frame.
             control: makes what steers by the first target, if anything is to.
-            recorder: is told all about the first target.
+            recorder: is given all about the first target.
         """
-        current, tracks = self._chosen()
+        current, tracks = self.first, self._tracks
         if recorder is not None:
             self._begin_recording(recorder, current)
         frame: Frame | None = current
@@ -123,18 +127,18 @@ class TrackRun:
                 steering.step(newest, None if frame is None else frame.captured_s)
             if frame is not None:
                 timer, received_s = Stopwatch(), self.clock.now()
-                self.logs[0].see(frame, received_s)
+                self.logs[0].pass_frame_on(frame, received_s)
                 tracks = self._tracker.step(frame)
                 self._record(frame, tracks, received_s, timer.elapsed_s())
 
     def _begin_recording(self, recorder: FlightSink, frame: Frame) -> None:
         log, record = self.logs[0], self.logs[0].tracks[-1]
         log.sink = recorder
-        log.see(frame, record.received_s)
+        log.pass_frame_on(frame, record.received_s)
         if self._box is not None:
-            chosen = Selection(frame.sequence, frame.captured_s, self._box)
-            log.select(chosen, record.received_s)
-        recorder.add_track(record)
+            chosen = SelectionRecord(frame.sequence, frame.captured_s, self._box)
+            log.pass_on(chosen, record.received_s)
+        recorder.add(record, record.done_s)
 
     def _started(self, frame: Frame, boxes: Sequence[Box]) -> list[Track]:
         try:
@@ -142,11 +146,6 @@ class TrackRun:
             return self._tracker.start(frame, boxes)
         except ValueError as error:
             raise SourceError(f"this target cannot be followed: {error}") from error
-
-    def _chosen(self) -> tuple[Frame, list[Track]]:
-        if self._found is None:
-            raise RuntimeError("no targets were found")
-        return self._found
 
     def _next(self) -> Frame | None:
         """Return the next frame, None at the end; where the size changes is an end, too."""
@@ -176,3 +175,116 @@ class TrackRun:
             log.add_track(
                 TrackRecord(track, frame.sequence, frame.captured_s, received_s, done_s, busy_s)
             )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackFiles:
+    """Where everything of one run goes.
+
+    Attributes:
+        out: takes the run's folder.
+        save: the video with overlay (MP4); None puts it into the run's folder.
+        boxes: the boxes (CSV); None puts them there, too.
+        video: whether the video is written.
+        record: whether a recording is.
+
+    Raises:
+        SettingsError: a file could not be written; says which option, and what to give instead.
+    """
+
+    out: Path = Path("runs")
+    save: Path | None = None
+    boxes: Path | None = None
+    video: bool = True
+    record: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.video and self.save is not None:
+            raise SettingsError("--save and --no-video contradict each other")
+        if self.out.exists() and not self.out.is_dir():
+            raise SettingsError(f"--out {self.out}: this is a file; give a folder")
+        if self.save and self.save.suffix.lower() != ".mp4":
+            raise SettingsError(
+                f"--save {self.save}: an MP4 is written; give a name that ends in .mp4"
+            )
+        if self.save and self.boxes and self.save.resolve() == self.boxes.resolve():
+            raise SettingsError(f"--save and --boxes are both {self.save}; give two names")
+
+    def check(self, source: Path) -> None:
+        """Refuse at once what could not be written at the end, or would overwrite the source.
+
+        Raises:
+            SettingsError: says which option, and what to give instead.
+        """
+        for option, path in (("--save", self.save), ("--boxes", self.boxes)):
+            wrong = None if path is None else _unwritable(path, source)
+            if wrong is not None:
+                raise SettingsError(f"{option} {path}: {wrong}")
+
+    def video_in(self, folder: Path) -> Path | None:
+        """Return where the video goes, None if it is not wanted."""
+        return (self.save or folder / "track.mp4") if self.video else None
+
+    def write(self, folder: Path, logs: Sequence[FlightLog]) -> list[Path]:
+        """Write all but the video; return all files there are, the video first.
+
+        Args:
+            folder: the run's own.
+            logs: one for each target; setpoints are the first one's, if it has any.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        boxes, plot = self.boxes or folder / "boxes.csv", folder / "track.png"
+        if len(logs) == 1:
+            write_boxes(boxes, logs[0].tracks)
+            write_track_plot(plot, logs[0])
+        else:
+            write_target_boxes(boxes, [log.tracks for log in logs])
+            write_targets_plot(plot, logs)
+        files = [boxes, plot]
+        if logs[0].controls:
+            files.append(folder / "setpoints.csv")
+            write_setpoints(files[-1], logs[0].controls)
+        video = self.video_in(folder)
+        return files if video is None else [video, *files]
+
+
+def _unwritable(path: Path, source: Path) -> str | None:
+    if path.is_dir():
+        return "this is a folder; give a file's name"
+    if not path.parent.is_dir():
+        return f"there is no folder {path.parent}; make it first"
+    if source.exists() and path.resolve() == source.resolve():
+        return "that is the source itself; give another name"
+    return None
+
+
+def track_recorder(
+    folder: Path, settings: Settings, source: VideoInput, count: int, clock: Clock
+) -> Recorder:
+    """Return the recorder of a run into its folder.
+
+    Of several targets the first one is recorded: the one that setpoints are made for.
+
+    Args:
+        folder: the run's own.
+        settings: of the run.
+        source: of the frames.
+        count: how many targets there are.
+        clock: the frames' own.
+
+    Raises:
+        OSError: the files cannot be made.
+    """
+    live = source.in_real_time
+    # Detection in the background, and detection that targets share, has a time of its own.
+    detection = "background" if live else "shared" if count > 1 else "inline"
+    config = FlightConfig.of(
+        "video",
+        recorded_settings(settings),
+        run={"source": source.shown, "targets": count, "detection": detection},
+        needs_telemetry=False,
+        epoch_ns=epoch_now_ns(clock) if live else LOCKSTEP_EPOCH_NS,
+    )
+    return Recorder(folder, config, clock, settings.recorder, threaded=live)

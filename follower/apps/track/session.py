@@ -1,136 +1,207 @@
 """`follower track`: targets followed through video, recorded or live."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
+from rich.table import Table
 
-from follower.candidates import summary, write_candidates
-from follower.flight_video import BackgroundVideo
-from follower.flightlog import FlightLog
-from follower.interrupt import StopOnInterrupt
-from follower.object_listing import list_objects
-from follower.object_selector import ChoiceError, ObjectSelector, Wanted
-from follower.recorded import RecordedControl
-from follower.selecting import TargetsSelector, all_selected, box_selector, colour_selector
-from follower.settings import Settings
-from follower.track_display import TrackDisplay
-from follower.track_files import TrackFiles, check_destinations, run_folder
-from follower.track_options import LIST, TrackOptions
-from follower.track_recording import track_recorder
-from follower.track_run import TrackRun
-from follower.track_status import TrackStatus, counted
-from follower.tracking import make_multi_tracker, make_settings_detector
-from follower.watched import run_watched, stop_signals
+from follower.apps.target_choice import LIST, TargetChoice, needed
+from follower.apps.track.display import TrackDisplay, TrackStatus, counted
+from follower.apps.track.run import TrackFiles, TrackRun, track_recorder
+from follower.apps.video_input import VideoInput
+from follower.flight.control.offline import RecordedControl
+from follower.flight.log import FlightLog
+from follower.flight.target.candidate_image import Candidate, numbered, summary, write_candidates
+from follower.flight.target.selectors import (
+    ChoiceError,
+    ObjectSelector,
+    TargetsSelector,
+)
+from follower.flight.vision.tracker_factory import make_multi_tracker, make_settings_detector
+from follower.flight.vision.video_sink import BackgroundVideo
+from follower.recording.run_folder import new_run_folder
+from follower.settings.settings import Settings
+from follower.ui.terminal.console import print_line
+from follower.ui.terminal.interrupt import StopOnInterrupt, run_watched, stop_signals
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.detection import Detector
-from follower_vision.framesource import FrameSource, SourceError
+from follower_vision.detection.detectors import scan
 from follower_vision.fusion import BackgroundDetection, InlineDetection
-from follower_vision.live import LiveSource
-from follower_vision.network import ModelError
-from follower_vision.paced import Paced
-from follower_vision.sources import is_live, open_source
-from follower_vision.track import TrackState
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import FrameSource, RealtimePlayback, SourceError
+from follower_vision.sources.live_source import LiveSource
+from follower_vision.trackers.track import TrackState
 
 ResultT = TypeVar("ResultT")
 
 _SUCCESS, _BROKEN_OFF, _INTERRUPTED = 0, 1, 130
 
 
-def track(options: TrackOptions) -> int:
+def list_objects(
+    source: FrameSource, detector: Detector, folder: Callable[[], Path], console: Console
+) -> int:
+    """Print and draw what is seen in the first frame in which anything is; return the exit code.
+
+    Args:
+        source: at its beginning.
+        detector: any.
+        folder: makes the folder for the picture.
+        console: where to.
+
+    Raises:
+        SourceError: nothing is seen in any frame.
+        OSError: the picture cannot be written.
+    """
+    frame, candidates = _first_seen(source, detector)
+    picture = write_candidates(folder() / "candidates.png", frame.image, candidates)
+    print_line(console, f"frame {frame.sequence}, {frame.width}x{frame.height} pixels")
+    console.print(_table(candidates))
+    choice = f"--select {candidates[0].name} or --select {candidates[0].number}"
+    print_line(console, f"follow one by {choice}, or by --target with its box")
+    print_line(console, f"  {picture}")
+    return 0
+
+
+def _first_seen(source: FrameSource, detector: Detector) -> tuple[Frame, list[Candidate]]:
+    count = 0
+    while (frame := source.read()) is not None:
+        candidates = numbered(scan(detector, frame.image), frame)
+        if candidates:
+            return frame, candidates
+        count += 1
+    reason = source.problem or "try another detector, or give --target x,y,w,h"
+    raise SourceError(f"the detector sees nothing that it knows in {count} frames; {reason}")
+
+
+def _table(candidates: Sequence[Candidate]) -> Table:
+    table = Table("number", "name", "score", "x,y,w,h", show_edge=False, pad_edge=False)
+    for one in candidates:
+        box = ",".join(f"{value:.0f}" for value in one.box.xywh)
+        table.add_row(str(one.number), one.name, f"{one.score:.2f}", box)
+    return table
+
+
+def track(settings: Settings, targets: TargetChoice, source: VideoInput, files: TrackFiles) -> int:
     """Run the command and return its exit code.
+
+    Args:
+        settings: of vision, control and the recorder.
+        targets: to follow.
+        source: of the frames.
+        files: to write.
 
     Raises:
         ValueError, OSError: what the user can mend, in one line; nothing is left behind then but
             the picture that the message names, if it names one.
     """
-    check_destinations(options)
-    settings = options.settings()
+    if not targets.given:
+        raise SettingsError(
+            "which target? give --target x,y,w,h or --select person or --colour '#rrggbb'; "
+            "--select list shows what there is"
+        )
+    files.check(Path(source.name))
     detector = make_settings_detector(settings)
-    clock: Clock = MonotonicClock() if options.in_real_time else SimulatedClock()
+    clock: Clock = MonotonicClock() if source.in_real_time else SimulatedClock()
     console = Console()
-    if LIST in options.select:
-        with _opened(options, clock) as source:
-            folder = partial(run_folder, options)
-            return list_objects(source, _needed(detector), folder, console)
-    selector = _selector(options, detector)
-    mode = BackgroundDetection if options.in_real_time else InlineDetection
+    new_folder = partial(new_run_folder, files.out, f"track-{source.short_name}")
+    if LIST in targets.select:
+        with source.open(clock) as frames:
+            return list_objects(frames, needed(detector), new_folder, console)
+    selector = targets.selector(detector)
+    mode = BackgroundDetection if source.in_real_time else InlineDetection
     with (
         stop_signals(),
-        closing(make_multi_tracker(settings, options.count, detector, mode)) as tracker,
-        _opened(options, clock) as source,
+        closing(make_multi_tracker(settings, targets.count, detector, mode)) as tracker,
+        source.open(clock) as frames,
     ):
-        run = TrackRun(source, tracker, selector, options.count, clock)
-        return TrackSession(options, settings, run, selector, console).run()
+        run = TrackRun(frames, tracker, selector, targets.count, clock)
+        display = TrackDisplay(console, str(targets))
+        session = TrackSession(settings, run, selector, source, files, str(targets), display)
+        return session.run(new_folder)
 
 
+@dataclass(frozen=True, slots=True)
 class TrackSession:
-    """One run in front of a user: the search, the pursuit, and the files afterwards."""
+    """One run in front of a user: the search, the pursuit, and the files afterwards.
 
-    def __init__(
-        self,
-        options: TrackOptions,
-        settings: Settings,
-        run: TrackRun,
-        selector: TargetsSelector,
-        console: Console,
-    ) -> None:
-        self._options = options
-        self._settings = settings
-        self._run = run
-        self._selector = selector
-        self._console = console
-        self._display = TrackDisplay(console, _wish(options))
+    Attributes:
+        _settings: of vision, control and the recorder.
+        _run: goes through the frames.
+        _selector: the run's.
+        _source: of the frames.
+        _files: to write.
+        _targets: in words.
+        _display: shows the run.
+    """
 
-    def run(self) -> int:
+    _settings: Settings
+    _run: TrackRun
+    _selector: TargetsSelector
+    _source: VideoInput
+    _files: TrackFiles
+    _targets: str
+    _display: TrackDisplay
+
+    def run(self, new_folder: Callable[[], Path]) -> int:
         """Find the targets and follow them; return the exit code.
+
+        Args:
+            new_folder: makes the run's folder, once there is something to write.
 
         Raises:
             SourceError: they were not found; nothing is written.
         """
-        found, interrupted = self._find()
+        found, interrupted = self._find(new_folder)
         if interrupted:
-            self._display.say(f"Ended while waiting for {_wish(self._options)}: nothing is written")
+            self._display.say(f"Ended while waiting for {self._targets}: nothing is written")
             return _INTERRUPTED
         if not found:
-            raise SourceError(self._nothing_found())
-        if not self._options.in_real_time:  # what steers needs the lens; nothing is written before
+            listed = isinstance(self._selector, ObjectSelector)
+            advice = "; --select list shows what the detector sees" if listed else ""
+            frames = counted(len(self._run.logs[0].tracks), "frame")
+            raise SourceError(f"{self._targets} was not seen in {frames}{advice}")
+        live = self._source.in_real_time
+        if not live:  # control needs the lens; nothing is written before
             first = self._run.first
-            self._settings.camera.model_of(self._options.source, first.width, first.height)
-        files = TrackFiles.make(self._options)
-        self._tell_choice(files.folder)
-        interrupted = self._follow(files)
+            self._settings.camera.model_of(self._source.name, first.width, first.height)
+        folder = new_folder()
+        self._report_choice(folder)
+        interrupted = self._follow(folder)
         with StopOnInterrupt():
-            written = files.write(self._run.logs)
+            written = self._files.write(folder, self._run.logs)
         if self._run.problem is not None:
             self._display.say(self._run.problem)
         self._summarise(written)
         if interrupted:
             return _INTERRUPTED
-        broken = self._run.problem is not None and not self._options.in_real_time
+        broken = self._run.problem is not None and not live
         return _BROKEN_OFF if broken else _SUCCESS
 
-    def _find(self) -> tuple[bool, bool]:
+    def _find(self, new_folder: Callable[[], Path]) -> tuple[bool, bool]:
         try:
             return self._watched(self._run.find)
         except ChoiceError as error:
-            picture = run_folder(self._options) / "candidates.png"
+            picture = new_folder() / "candidates.png"
             write_candidates(picture, error.image, error.candidates)
             raise SourceError(f"{error}; {picture} shows what may be chosen") from None
 
-    def _follow(self, files: TrackFiles) -> bool:
+    def _follow(self, folder: Path) -> bool:
         """Follow to the end; return whether the user ended it."""
-        live = self._options.in_real_time
+        live, path = self._source.in_real_time, self._files.video_in(folder)
         rate_hz = self._run.source.nominal_rate_hz
         control = None if live else partial(RecordedControl, self._settings)
-        video = None if files.video is None else BackgroundVideo(files.video, rate_hz, not live)
-        recording = track_recorder(self._options, self._settings, files.folder, self._run.clock)
-        with video or nullcontext(), recording as recorder:
+        video = None if path is None else BackgroundVideo(path, rate_hz, not live)
+        recorder = None
+        if self._files.record:
+            count, clock = len(self._run.logs), self._run.clock
+            recorder = track_recorder(folder, self._settings, self._source, count, clock)
+        with video or nullcontext(), recorder or nullcontext():
             follow = partial(self._run.follow, video, control, recorder)
             _, interrupted = self._watched(follow)
         remarks = list(() if recorder is None else recorder.remarks)
@@ -150,14 +221,7 @@ class TrackSession:
                 work, lambda: display.show(TrackStatus.of(self._run)), self._run.stop
             )
 
-    def _nothing_found(self) -> str:
-        advice = ""
-        if isinstance(self._selector, ObjectSelector):
-            advice = "; --select list shows what the detector sees"
-        frames = counted(len(self._run.logs[0].tracks), "frame")
-        return f"{_wish(self._options)} was not seen in {frames}{advice}"
-
-    def _tell_choice(self, folder: Path) -> None:
+    def _report_choice(self, folder: Path) -> None:
         """Say which objects were chosen; where there were others, show them."""
         if not isinstance(self._selector, ObjectSelector):
             return
@@ -172,7 +236,7 @@ class TrackSession:
         frames = len(logs[0].tracks)
         busy_s = sum(record.busy_s for record in logs[0].tracks)
         parts = [counted(frames, "frame"), f"target seen in {_seen(logs)}"]
-        if isinstance(source, LiveSource | Paced):
+        if isinstance(source, LiveSource | RealtimePlayback):
             parts.append(f"{source.skipped} dropped")
         if isinstance(source, LiveSource):
             parts.append(counted(max(0, source.connections - 1), "reconnect"))
@@ -180,35 +244,6 @@ class TrackSession:
         self._display.say(", ".join(parts))
         for file in files:
             self._display.say(f"  {file}")
-
-
-def _opened(options: TrackOptions, clock: Clock) -> FrameSource:
-    source = open_source(options.source, folder_rate_hz=options.rate_hz, clock=clock)
-    if options.realtime and not is_live(options.source):
-        return Paced(source, clock)
-    return source
-
-
-def _selector(options: TrackOptions, detector: Detector | None) -> TargetsSelector:
-    if options.select:
-        knows = _needed(detector)
-        wanted = [Wanted.parse(text, knows.class_names) for text in options.select]
-        return ObjectSelector(wanted, knows)
-    if options.colour is not None:
-        return all_selected([colour_selector(options.colour)])
-    return all_selected([box_selector(target) for target in options.targets])
-
-
-def _needed(detector: Detector | None) -> Detector:
-    if detector is None:
-        raise ModelError("--select needs a detector; name one by --detector")
-    return detector
-
-
-def _wish(options: TrackOptions) -> str:
-    if options.select:
-        return ", ".join(options.select)
-    return "the target" if options.colour is None else f"something of colour {options.colour}"
 
 
 def _seen(logs: Sequence[FlightLog]) -> str:

@@ -1,28 +1,24 @@
 """From the supervisor's state and the estimate to what may be sent."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
-from follower.settings import Settings
-from follower.supervisor import State
-from follower_control.coasting import slowed
-from follower_control.envelope import Envelope, LimitedSetpoint
-from follower_control.estimate import TargetEstimate
-from follower_control.estimate_trust import trust_in
-from follower_control.flight_context import FlightContext
-from follower_control.ground_range import range_to_ground
-from follower_control.present_motion import PresentMotion
-from follower_control.search import Search
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import Mode
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import VehicleState
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.settings import Settings
+from follower_control.envelope.envelope import Envelope, LimitedSetpoint
+from follower_control.envelope.flight_context import FlightContext
+from follower_control.servo.output_blend import slowed
+from follower_control.servo.search import Search
+from follower_control.servo.servo import VisualServo
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimator import trust_in
+from follower_control.target.ground_range import range_to_ground
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import PresentMotion, VehicleState
 
 
-class Steering:
+class Guidance:
     """The servo for a target that is seen, the search for a lost one, the envelope behind both.
 
     Args:
@@ -50,17 +46,17 @@ class Steering:
         return self._allowed == HOLD
 
     def sent_m(self, now_s: float) -> float:
-        """Return how far the last setpoint has sent the vehicle until now."""
+        """Return how far, in metres, the last setpoint has sent the vehicle until now."""
         speed_m_s = math.hypot(*self._allowed.values[:3])
         return speed_m_s * max(0.0, now_s - self._allowed_s)
 
-    def hear(self, vehicle: VehicleState) -> None:
+    def take_telemetry(self, vehicle: VehicleState) -> None:
         """Take the newest telemetry, whoever flies."""
-        self._motion.hear(vehicle)
+        self._motion.update(vehicle)
 
     def begin(self, vehicle: VehicleState, now_s: float) -> None:
         """Begin to steer, from the vehicle's present motion."""
-        self.hear(vehicle)
+        self.take_telemetry(vehicle)
         present = self._envelope.within_limits(self._motion.present)
         self.servo.start(present)
         self._envelope.start(present, now_s)
@@ -70,16 +66,12 @@ class Steering:
         """Begin to look for the target, from where it was last believed to be."""
         self._search.start(self._believed, vehicle)
 
-    def change_mode(self, mode: Mode) -> None:
-        """Follow another way, without a step in the setpoints."""
-        self.servo.change_mode(mode, self._allowed)
-
     def change(self, settings: Settings) -> None:
         """Go on by other settings, without a step in the setpoints."""
         before, self._settings = self._settings, settings
         self.servo.change(settings.servo, settings.envelope.max_descent_m_s)
         if settings.servo.mode is not before.servo.mode:
-            self.change_mode(settings.servo.mode)
+            self.servo.change_mode(settings.servo.mode, self._allowed)
         self._envelope.change(settings.envelope)
         self._search.change(settings.search)
 
@@ -89,14 +81,14 @@ class Steering:
         self._believed = None
 
     def stand_by(self, now_s: float) -> LimitedSetpoint:
-        """Return a hold for a vehicle that others fly."""
+        """Return a hold at `now_s`, in seconds, for a vehicle that others fly."""
         self._envelope.start(HOLD, now_s)
         self._allowed, self._allowed_s = HOLD, now_s
         return LimitedSetpoint(HOLD, HOLD, ())
 
     def step(
         self,
-        state: State,
+        state: SupervisorState,
         now_s: float,
         estimate: TargetEstimate | None,
         vehicle: VehicleState,
@@ -120,29 +112,26 @@ class Steering:
 
     def _ask(
         self,
-        state: State,
+        state: SupervisorState,
         now_s: float,
         estimate: TargetEstimate | None,
         vehicle: VehicleState,
         unseen_s: float,
     ) -> VelocitySetpoint:
         """Return what is wanted, before the envelope."""
-        if state is State.SEARCHING:
+        if state is SupervisorState.SEARCHING:
             if estimate is not None:
-                self._search.aim(self.servo.whereabouts(estimate, vehicle))
-            if self._in_world:
-                self._search.spread(self.servo.might_be(vehicle, now_s))
+                self._search.aim(self.servo.pursuit.world_estimate(estimate, vehicle))
+            believed = self._believed
+            if believed is not None and believed.frame is BearingFrame.WORLD:
+                self._search.spread(self.servo.pursuit.possible_bearings(vehicle, now_s))
             return self._search.update(vehicle, now_s)
         if not state.steers or estimate is None:
             return HOLD
         asked = self.servo.update(estimate, vehicle, self._allowed)
-        if state is State.COASTING:
+        if state is SupervisorState.COASTING:
             return slowed(asked, unseen_s, self._settings.supervisor.coast_s)
         return asked
-
-    @property
-    def _in_world(self) -> bool:
-        return self._believed is not None and self._believed.frame is SightFrame.WORLD
 
     def _context(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState

@@ -1,21 +1,19 @@
 """The link and the control stage together: what the control thread does fifty times a second."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
-from follower.autonomy import Autonomy
-from follower.control_stage import ControlStage
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.supervision.autonomy import Autonomy
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.release import Release
+from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.link import Link
 from follower.links.operator_commands import CONSENT_COMMAND, OperatorCommand
-from follower.release import Release
-from follower.situation import Order
-from follower.supervisor import State
-from follower_control.setpoint import HOLD
+from follower_control.vehicle.setpoint import HOLD
 from follower_vision.clock import Clock
 
-_ORDERS = {1.0: Order.GIVE, 0.0: Order.WITHDRAW}
+_ORDERS = {1.0: ConsentRequest.GIVE, 0.0: ConsentRequest.WITHDRAW}
 OnStep = Callable[[ControlRecord], None]
 
 
@@ -29,7 +27,10 @@ class ControlLoop:
         log: where the autopilot's words go.
         autonomy: plays the pilot in the simulator; None leaves that to the pilot.
         on_step: is shown every step, for displays and the score.
-        clock: tells how long a step took; None takes it that none takes long.
+        clock: measures how long a step took; None takes it that none takes long.
+
+    Attributes:
+        rests: the last step let the vehicle stand, or left it to somebody else.
     """
 
     def __init__(
@@ -50,15 +51,15 @@ class ControlLoop:
         self._on_step = on_step
         self._clock = clock
         self._release = Release(stage.settings.release)
-        self._before = State.IDLE
+        self._before = SupervisorState.IDLE
         self._streams = False
-        self._rests = True
+        self.rests = True
         link.watch_health()
         if stage.settings.gimbal.enabled:
             link.use_gimbal(stage.settings.gimbal.device)
 
     def step(self, now_s: float, late_s: float = 0.0) -> None:
-        """Do one step of control at `now_s`, begun `late_s` behind its schedule."""
+        """Do one step of control at `now_s`, begun `late_s` late, both in seconds."""
         self._link.poll(now_s)
         for note in self._link.take_notes():
             self._log.note(now_s, "autopilot", note)
@@ -75,20 +76,15 @@ class ControlLoop:
         self._send(record)
         if record.gimbal is not None:
             self._link.turn_gimbal(record.gimbal)
-        self._let_go(record)
+        self._ask_for_release_mode(record)
         if self._autonomy is not None and not self._release.acts:
             self._fly(self._autonomy, now_s, record.state)
         if self._on_step is not None:
             self._on_step(record)
 
-    def let_go(self) -> None:
-        """Brake and let go, in the coming steps; from any thread."""
+    def release(self) -> None:
+        """Brake and release the vehicle, in the coming steps; from any thread."""
         self._stage.request_stop()
-
-    @property
-    def rests(self) -> bool:
-        """Whether the last step let the vehicle stand, or to somebody else."""
-        return self._rests
 
     def hold(self) -> bool:
         """Send one hold: the last word of a program that ends while the vehicle is in its hands.
@@ -105,12 +101,13 @@ class ControlLoop:
 
     def _send(self, record: ControlRecord) -> None:
         before, self._before, self._streams = self._before, record.state, record.sent
-        self._rests = not record.state.engaged and (not record.sent or record.allowed == HOLD)
+        self.rests = not record.state.engaged and (not record.sent or record.allowed == HOLD)
+        released = record.state is SupervisorState.RELEASED
         if self._stood_still_since(record.time_s):
             self._log.note(record.time_s, "control", "the step took too long: nothing was sent")
         elif record.sent:
             self._link.send(record.allowed)
-        elif record.state is State.RELEASED and before.streams and not self._may_call_back:
+        elif released and before.streams and not self._may_call_back:
             # The autopilot may keep our last velocity and fly it when the pilot comes back.
             self._link.send(HOLD)
 
@@ -129,7 +126,7 @@ class ControlLoop:
         order = _ORDERS.get(command.value) if command.command == CONSENT_COMMAND else None
         consent = self._stage.settings.consent
         welcome = consent.takes_orders_by("command") and command.system == consent.command_system
-        accepted = order is Order.WITHDRAW or (order is Order.GIVE and welcome)
+        accepted = order is ConsentRequest.WITHDRAW or (order is ConsentRequest.GIVE and welcome)
         self._link.answer(command, accepted)
         if order is not None and command.is_new:
             verdict = "" if accepted else ", refused"
@@ -137,7 +134,7 @@ class ControlLoop:
         if order is not None and accepted and command.is_new:
             self._stage.order(order)
 
-    def _let_go(self, record: ControlRecord) -> None:
+    def _ask_for_release_mode(self, record: ControlRecord) -> None:
         """Have the autopilot take its own mode after a release, if that is wanted."""
         vehicle, name = self._link.state, self._link.autopilot_name
         mode = self._release.step(record.time_s, record.state, vehicle, name)
@@ -146,7 +143,7 @@ class ControlLoop:
         if mode is not None:
             self._link.enter_mode(mode)
 
-    def _fly(self, autonomy: Autonomy, now_s: float, state: State) -> None:
+    def _fly(self, autonomy: Autonomy, now_s: float, state: SupervisorState) -> None:
         before = autonomy.phase
         autonomy.step(now_s, state)
         if autonomy.phase is not before:

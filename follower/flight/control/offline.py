@@ -1,16 +1,14 @@
 """The setpoints that would be sent if a recording were a flight."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
-from follower.control_stage import ControlStage
-from follower.flightlog import FlightLog, TrackRecord
-from follower.settings import Settings
-from follower_control.vehicle import Attitude, VehicleState
-from follower_vision.frame import Frame
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog, TrackRecord
+from follower.settings.settings import Settings
+from follower_control.vehicle.state import Attitude, VehicleState
+from follower_vision.images.frame import Frame
 
 _LONGEST_GAP_S = 10.0
 """So much of what lies between two frames is stepped through; all answers are old by then."""
@@ -61,7 +59,7 @@ class RecordedControl:
         if left_out_s > 0:
             self._step_to(newest, self._due_s + _LONGEST_GAP_S)
             gap_s = left_out_s + _LONGEST_GAP_S
-            said = f"no frame for {gap_s:.0f} s: setpoints are told for the first 10 s of them"
+            said = f"no frame for {gap_s:.0f} s: setpoints are listed for the first 10 s of them"
             self._log.note(self._due_s, "video", said)
             self._due_s = end_s
         else:

@@ -1,42 +1,40 @@
 """Tracks and telemetry in, setpoints out: one step of the control loop."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Sequence
 
-from follower.flightlog import ControlRecord, FlightLog, Observation, TrackRecord
-from follower.health import judge
-from follower.human_input import HumanInput
+from follower.flight.control.guidance import Guidance
+from follower.flight.log import ControlRecord, FlightLog, ObservationRecord, Stopwatch, TrackRecord
+from follower.flight.operator_requests import NOTHING, OperatorRequests
+from follower.flight.supervision.inputs import ConsentRequest, SupervisorInputs, judge
+from follower.flight.supervision.pilot_and_operator import PilotOperatorInput
+from follower.flight.supervision.release import SetpointHandover
+from follower.flight.supervision.setpoint_stream import SetpointStream
+from follower.flight.supervision.supervisor import Supervisor, SupervisorState
 from follower.links.vehicle_health import VehicleHealth
-from follower.operator_requests import NOTHING, OperatorRequests
-from follower.release import HandBack
-from follower.setpoint_stream import SetpointStream
-from follower.setting_change import SettingChange, changed
-from follower.settings import Settings
-from follower.situation import Order, Situation
-from follower.steering import Steering
-from follower.stopwatch import Stopwatch
-from follower.supervisor import State, Supervisor
-from follower_control.attitude_history import AttitudeHistory
-from follower_control.envelope import LimitedSetpoint
-from follower_control.estimate import TargetEstimate
-from follower_control.estimator import TargetEstimator
-from follower_control.gimbal import GimbalRates
-from follower_control.gimbal_history import GimbalHistory
-from follower_control.gimbal_servo import GimbalServo
-from follower_control.liveness import Liveness, PositionLiveness
-from follower_control.outlook import prospect
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import Mode
-from follower_control.sighter import Sighter
-from follower_control.sound_telemetry import SoundTelemetry
-from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import Attitude, VehicleState
-from follower_vision.camera import CameraModel
-from follower_vision.prospect import Prospect
-from follower_vision.track import Track, TrackState
+from follower.settings.live import SettingChange, changed
+from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
+from follower_control.envelope.envelope import LimitedSetpoint
+from follower_control.servo.gimbal_servo import GimbalServo
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import FollowMode
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimator import TargetEstimator
+from follower_control.target.image_prediction import prospect
+from follower_control.target.observation import BearingObserver
+from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.gimbal import GimbalHistory, GimbalRates
+from follower_control.vehicle.stale_data import (
+    FiniteTelemetryFilter,
+    StuckPositionDetector,
+    StuckSensorDetector,
+)
+from follower_control.vehicle.state import Attitude, VehicleState
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.trackers.target_tracker import TargetPrediction
+from follower_vision.trackers.track import Track, TrackState
 
 _GOOD_DIRECTION_RAD = math.radians(5.0)
 """Standard deviation of the predicted direction beyond which nobody should steer by it."""
@@ -53,6 +51,10 @@ class ControlStage:
         log: where every step and change of state is noted.
         needs_telemetry: False for recorded video alone, which then runs in the body's frame.
         requests: what operators want is taken from there, if given.
+
+    Attributes:
+        settings: the present ones, changes in flight included.
+        supervisor: decides who moves the vehicle.
     """
 
     def __init__(
@@ -64,28 +66,29 @@ class ControlStage:
         requests: OperatorRequests | None = None,
     ) -> None:
         mount = settings.camera.mount
-        self._sighter = Sighter(camera, mount, settings.camera.latency_s)
-        self._sighter.looks_down = settings.servo.mode is Mode.OVERHEAD
+        self._observer = BearingObserver(camera, mount, settings.camera.latency_s)
+        self._observer.looks_down = settings.servo.mode is FollowMode.OVERHEAD
         self._attitudes = AttitudeHistory()
-        self._liveness = Liveness()
-        self._place_liveness = PositionLiveness()
-        self._sound = SoundTelemetry()
+        self._stuck_attitude = StuckSensorDetector()
+        self._stuck_position = StuckPositionDetector()
+        self._finite = FiniteTelemetryFilter()
         self._estimator = TargetEstimator(settings.estimator)
-        self._steering = Steering(settings)
+        self._guidance = Guidance(settings)
         autonomous = settings.autonomy == "full"
-        self._humans = HumanInput(settings.consent, settings.sticks, settings.cockpit, autonomous)
-        self._hand_back = HandBack(settings.release)
-        self._supervisor = Supervisor(settings.supervisor)
+        self._operators = PilotOperatorInput(
+            settings.consent, settings.sticks, settings.cockpit, autonomous
+        )
+        self._handover = SetpointHandover(settings.release)
+        self.supervisor = Supervisor(settings.supervisor)
         self.settings = settings
         self._asks_often = settings.link.asks_often
         self._log = log
         self._needs_telemetry = needs_telemetry
         self._newest: TrackRecord | None = None
-        self._seen_s = self._let_go_s = -math.inf
+        self._seen_s = self._released_s = -math.inf
         self._stream = SetpointStream(settings.supervisor.alone_s)
         self._gimbals = GimbalHistory() if settings.gimbal.enabled else None
         self._gimbal_servo = GimbalServo(settings.gimbal)
-        self._mode_asked: Mode | None = None
         self._health = VehicleHealth()
         self._requests = requests
         self._target_requests = 0
@@ -93,45 +96,32 @@ class ControlStage:
         self._lock = threading.Lock()  # vision asks for prospects between the steps
 
     @property
-    def supervisor(self) -> Supervisor:
-        """Who decides."""
-        return self._supervisor
-
-    @property
     def servo(self) -> VisualServo:
         """Whose errors are worth showing."""
-        return self._steering.servo
+        return self._guidance.servo
 
     def request_stop(self) -> None:
-        """Let go at the next step, whatever the state; may be called from any thread."""
-        self._humans.ask_to_stop()
+        """Release the vehicle at the next step, whatever the state; from any thread."""
+        self._operators.ask_to_stop()
 
-    def change_mode(self, mode: Mode) -> None:
-        """Follow another way from the next step on; may be called from any thread."""
-        self._mode_asked = mode
-
-    def order(self, order: Order) -> None:
+    def order(self, order: ConsentRequest) -> None:
         """Take an operator's order for the next step; may be called from any thread."""
-        self._humans.give(order)
+        self._operators.give(order)
 
-    def hear_cockpit(self) -> None:
+    def note_cockpit(self) -> None:
         """Note that the page in control is there; may be called from any thread."""
-        self._humans.cockpit.hear()
+        self._operators.cockpit.note()
 
-    def renew_consent(self) -> None:
-        """Allow following again after a release; may be called from any thread."""
-        self.order(Order.RENEW)
-
-    def repeat_requests(self, recorded: Situation) -> None:
+    def repeat_requests(self, recorded: SupervisorInputs) -> None:
         """Ask for what was asked for in a recorded situation, before its step is replayed."""
-        self._humans.repeat(recorded)
+        self._operators.repeat(recorded)
 
     def repeat_changes(self, changes: Sequence[SettingChange]) -> None:
         """Change settings with the next step, as they were changed in a recorded one."""
         self._changes_asked += changes
 
     def may_call_back(self, vehicle: VehicleState) -> bool:
-        """Whether a setpoint could end a failsafe that we have not heard of."""
+        """Whether a setpoint could end a failsafe that was not reported to us."""
         return self._stream.may_call_back(vehicle)
 
     def step(
@@ -151,83 +141,72 @@ class ControlStage:
             vehicle: newest telemetry.
             attitudes: the attitudes that came since the last step.
             late_s: how far behind its schedule the step begins, for the log.
-            health: what the vehicle told of its health; None if nothing new.
+            health: what the vehicle reported of its health; None if nothing new.
         """
         with self._lock:
-            return self._step(now_s, newest, vehicle, attitudes, late_s, health)
+            timer = Stopwatch()
+            vehicle, reported = self._finite.of(vehicle), vehicle
+            self._take_telemetry(vehicle, attitudes, now_s)
+            changes = self._take_requests(now_s)
+            news = health if health is not None and health != self._health else None
+            self._health = news or self._health
+            self._take_track(newest, now_s)
+            estimate = self._estimator.estimate(now_s)
+            situation = self._situation(now_s, estimate, vehicle)
+            state = self._decide(now_s, situation, vehicle)
+            self._handover.step(state, self.supervisor.in_state_s(now_s), vehicle, now_s)
+            self._stream.step(state, vehicle, attitudes, now_s, self._handover.done)
+            limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
+            record = ControlRecord(
+                time_s=now_s,
+                late_s=late_s,
+                busy_s=timer.elapsed_s(),
+                state=state,
+                reason=self.supervisor.reason,
+                estimate=estimate,
+                track_captured_s=None if self._newest is None else self._newest.captured_s,
+                vehicle=reported,
+                asked=limited.asked,
+                allowed=limited.allowed,
+                limits=tuple(limited.limits),
+                sent=self._stream.sent,
+                track_sequence=None if self._newest is None else self._newest.sequence,
+                situation=situation,
+                attitudes=tuple(attitudes),
+                gimbal=self._turn_gimbal(now_s, estimate, vehicle),
+                health=news,
+                changes=changes,
+            )
+            self._log.add_control(record)
+            return record
 
-    def prospect(self, captured_s: float, target_requests: int) -> Prospect | None:
+    def prospect(self, captured_s: float, target_requests: int) -> TargetPrediction | None:
         """Return where in a frame the target can be, None if that is not known; from any thread.
 
         Args:
             captured_s: the frame's time stamp.
-            target_requests: how many wishes for a target vision has carried out: of one that was
+            target_requests: how many selections of a target vision has carried out: of one that was
                 chosen a moment ago nothing is known here.
         """
         with self._lock:
-            time_s, sighter = self._sighter.exposed_s(captured_s), self._sighter
-            outlook = self.servo.outlook(time_s)
+            time_s, observer = self._observer.exposed_s(captured_s), self._observer
+            outlook = self.servo.pursuit.predicted_region(time_s)
             if outlook is None or target_requests != self._target_requests:
                 return None
-            earlier = self.servo.earlier_outlooks(time_s)
+            earlier = self.servo.pursuit.earlier_predictions(time_s)
             held = self._attitudes, self._gimbals
-            return prospect(outlook, sighter, captured_s, *held, earlier)
+            return prospect(outlook, observer, captured_s, *held, earlier)
 
-    def _step(
-        self,
-        now_s: float,
-        newest: TrackRecord | None,
-        vehicle: VehicleState,
-        attitudes: Sequence[Attitude],
-        late_s: float,
-        health: VehicleHealth | None,
-    ) -> ControlRecord:
-        timer = Stopwatch()
-        vehicle, reported = self._sound.of(vehicle), vehicle
-        self._hear(vehicle, attitudes, now_s)
-        changes = self._take_requests(now_s)
-        mode_asked = self._take_mode()
-        news = health if health is not None and health != self._health else None
-        self._health = news or self._health
-        self._take_track(newest, now_s)
-        estimate = self._estimator.estimate(now_s)
-        situation = self._situation(now_s, estimate, vehicle)
-        state = self._decide(now_s, situation, vehicle)
-        self._hand_back.step(state, self._supervisor.in_state_s(now_s), vehicle, now_s)
-        self._stream.step(state, vehicle, attitudes, now_s, self._hand_back.done)
-        limited = self._steer(now_s, state, estimate, vehicle, situation.stop_at_once)
-        record = ControlRecord(
-            time_s=now_s,
-            late_s=late_s,
-            busy_s=timer.elapsed_s(),
-            state=state,
-            reason=self._supervisor.reason,
-            estimate=estimate,
-            track_captured_s=None if self._newest is None else self._newest.captured_s,
-            vehicle=reported,
-            asked=limited.asked,
-            allowed=limited.allowed,
-            limits=tuple(limited.limits),
-            sent=self._stream.sent,
-            track_sequence=None if self._newest is None else self._newest.sequence,
-            situation=situation,
-            attitudes=tuple(attitudes),
-            gimbal=self._turn_gimbal(now_s, estimate, vehicle),
-            mode_asked=mode_asked,
-            health=news,
-            changes=changes,
-        )
-        self._log.add_control(record)
-        return record
-
-    def _hear(self, vehicle: VehicleState, attitudes: Sequence[Attitude], now_s: float) -> None:
-        """Remember what turns lines of sight, and when telemetry last was alive."""
+    def _take_telemetry(
+        self, vehicle: VehicleState, attitudes: Sequence[Attitude], now_s: float
+    ) -> None:
+        """Remember what rotates lines of sight, and when telemetry last was alive."""
         for attitude in attitudes:
             if self._attitudes.add(attitude):
-                self._liveness.note(attitude, now_s)
-        sent_m = self._steering.sent_m(now_s) if self._stream.held else 0.0
-        self._place_liveness.note(vehicle.position, now_s, sent_m)
-        self._steering.hear(vehicle)
+                self._stuck_attitude.note(attitude, now_s)
+        sent_m = self._guidance.sent_m(now_s) if self._stream.held else 0.0
+        self._stuck_position.note(vehicle.position, now_s, sent_m)
+        self._guidance.take_telemetry(vehicle)
         if self._gimbals is not None and vehicle.gimbal is not None:
             self._gimbals.add(vehicle.gimbal)
 
@@ -237,9 +216,9 @@ class ControlStage:
         for note in asked.notes:
             self._log.note(now_s, "operator", note)
         for order in asked.orders:
-            self._humans.give(order)
+            self._operators.give(order)
         if asked.stop:
-            self._humans.press_stop()
+            self._operators.press_stop()
         if asked.settings is not None:
             self._change_settings(asked.settings)
         return (*self._repeated_changes(now_s), *asked.changes)
@@ -256,33 +235,25 @@ class ControlStage:
     def _change_settings(self, settings: Settings) -> None:
         """Go on by other settings, without a step in the setpoints."""
         self.settings = settings
-        self._steering.change(settings)
-        self._supervisor.change(settings.supervisor)
+        self._guidance.change(settings)
+        self.supervisor.change(settings.supervisor)
         self._stream.change(settings.supervisor.alone_s)
-        self._sighter.looks_down = self.servo.mode is Mode.OVERHEAD
-
-    def _take_mode(self) -> Mode | None:
-        """Begin to follow the way that was asked for, and return it."""
-        mode, self._mode_asked = self._mode_asked, None
-        if mode is not None:
-            self._steering.change_mode(mode)
-            self._sighter.looks_down = mode is Mode.OVERHEAD
-        return mode
+        self._observer.looks_down = self.servo.mode is FollowMode.OVERHEAD
 
     def _steer(
         self,
         now_s: float,
-        state: State,
+        state: SupervisorState,
         estimate: TargetEstimate | None,
         vehicle: VehicleState,
         stop_at_once: bool,
     ) -> LimitedSetpoint:
-        brakes = vehicle.obeys_setpoints and not self._steering.stands
-        ready = state is State.READY and not brakes
+        brakes = vehicle.obeys_setpoints and not self._guidance.stands
+        ready = state is SupervisorState.READY and not brakes
         if ready or not self._stream.sent or stop_at_once:
-            return self._steering.stand_by(now_s)
-        self.servo.nudge(self._humans.nudge)
-        return self._steering.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
+            return self._guidance.stand_by(now_s)
+        self.servo.set_offset(self._operators.sticks.nudge)
+        return self._guidance.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
 
     def _turn_gimbal(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
@@ -307,50 +278,52 @@ class ControlStage:
         """Forget the target before this one, which an operator chose, or wanted none."""
         self._estimator.reset()
         self._seen_s = -math.inf
-        if track is not None and track.captured_s > self._let_go_s:
-            self._humans.choose()
-        self._steering.take_another()
+        if track is not None and track.captured_s > self._released_s:
+            self._operators.choose()
+        self._guidance.take_another()
 
     def _observe(self, track: Track, now_s: float) -> None:
         self._seen_s = track.captured_s
-        sighting = self._sighter.sight(track, self._attitudes, self._gimbals)
-        if sighting is not None:
-            verdict = self._estimator.observe(sighting)
-            self._log.observe(Observation(now_s, sighting, verdict))
+        observation = self._observer.observe(track, self._attitudes, self._gimbals)
+        if observation is not None:
+            verdict = self._estimator.observe(observation)
+            self._log.pass_on(ObservationRecord(now_s, observation, verdict), now_s)
 
-    def _decide(self, now_s: float, situation: Situation, vehicle: VehicleState) -> State:
-        before, reason = self._supervisor.state, self._supervisor.reason
-        state = self._supervisor.step(situation, now_s)
-        if state is not before or self._supervisor.reason is not reason:
-            self._log.note(now_s, "supervisor", f"{state}: {self._supervisor.reason}")
+    def _decide(
+        self, now_s: float, situation: SupervisorInputs, vehicle: VehicleState
+    ) -> SupervisorState:
+        before, reason = self.supervisor.state, self.supervisor.reason
+        state = self.supervisor.step(situation, now_s)
+        if state is not before or self.supervisor.reason is not reason:
+            self._log.note(now_s, "supervisor", f"{state}: {self.supervisor.reason}")
         if state.engaged and not before.engaged:
-            self._steering.begin(vehicle, now_s)
-            self._humans.begin(vehicle)
-        if state is State.RELEASED and before is not state:
-            self._let_go_s = now_s
+            self._guidance.begin(vehicle, now_s)
+            self._operators.begin(vehicle)
+        if state is SupervisorState.RELEASED and before is not state:
+            self._released_s = now_s
             if self._requests is not None:
-                self._requests.let_go()
-        if state is State.SEARCHING and before is not state:
-            self._steering.begin_search(vehicle)
+                self._requests.on_release()
+        if state is SupervisorState.SEARCHING and before is not state:
+            self._guidance.begin_search(vehicle)
         return state
 
     def _situation(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
-    ) -> Situation:
-        newest, state = self._newest, self._supervisor.state
+    ) -> SupervisorInputs:
+        newest, state = self._newest, self.supervisor.state
         track = None if newest is None else newest.track
-        humans = self._humans
-        humans.step(vehicle, state, now_s)
+        operators = self._operators
+        operators.step(vehicle, state, now_s)
         telemetry_age_s = max(
             vehicle.attitude_age_s(now_s),
             vehicle.position_age_s(now_s),
-            self._liveness.age_s(now_s),
-            self._place_liveness.age_s(now_s),
+            self._stuck_attitude.age_s(now_s),
+            self._stuck_position.age_s(now_s),
         )
-        engaged = self._supervisor.state.engaged
+        engaged = self.supervisor.state.engaged
         unseen_s = self._unseen_s(track, now_s)
         verdict = judge(self._health, self.settings.health, engaged, now_s)
-        return Situation(
+        return SupervisorInputs(
             target_chosen=track is not None,
             unseen_s=unseen_s,
             estimate_good=estimate is not None and self._is_good(estimate, unseen_s),
@@ -358,28 +331,28 @@ class ControlStage:
             telemetry_age_s=telemetry_age_s if self._needs_telemetry else 0.0,
             frame_age_s=math.inf if newest is None else now_s - newest.captured_s,
             control_gap_s=self._stream.gap_s(now_s),
-            mode_allows=humans.mode_allows(vehicle, state),
+            mode_allows=operators.mode_allows(vehicle, state),
             flying=vehicle.armed and vehicle.landed is not True,
-            stop_requested=humans.stop_requested,
-            consent_renewed=humans.consent_renewed,
-            in_state_s=self._supervisor.in_state_s(now_s),
-            consent_given=humans.consent_given,
+            stop_requested=operators.stop_requested,
+            consent_renewed=operators.consent.renewed,
+            in_state_s=self.supervisor.in_state_s(now_s),
+            consent_given=operators.consent.given,
             failsafe=vehicle.failsafe,
-            sticks_moved=humans.sticks_moved,
+            sticks_moved=operators.sticks.taken_over,
             mode_left=self._stream.was_left(vehicle),
             stream_held=self._stream.held,
             answer_age_s=vehicle.answer_age_s(now_s) if self._asks_often else 0.0,
-            order=humans.order,
+            order=operators.order,
             battery_low=verdict.battery_low,
             navigation_poor=verdict.navigation_poor,
-            stop_at_once=humans.stop_at_once,
-            cockpit_lost=humans.cockpit_lost,
+            stop_at_once=operators.stop_at_once,
+            cockpit_lost=operators.cockpit_lost,
         )
 
     def _is_good(self, estimate: TargetEstimate, unseen_s: float) -> bool:
         """Whether the predicted direction may be steered by; while coasting, settings say."""
         limit = _GOOD_DIRECTION_RAD
-        if unseen_s > 0 and self._supervisor.state.steers:
+        if unseen_s > 0 and self.supervisor.state.steers:
             limit = math.radians(self.settings.supervisor.coast_within_deg)
         variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
         return variance < limit**2

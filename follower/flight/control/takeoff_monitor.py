@@ -1,13 +1,11 @@
-"""What a flight without a pilot waits for before it begins, in words, and when it gives up."""
-
-from __future__ import annotations
+"""How far an autopilot is on its way into the air."""
 
 import math
 from itertools import takewhile
 
-from follower.autonomy import Phase
-from follower.flightlog import Event, FlightLog
-from follower.links.connection import ConnectionFailedError
+from follower.flight.log import Event, FlightLog
+from follower.flight.supervision.autonomy import AutonomyPhase
+from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
 
 _ANSWER_WITHIN_S = 15.0
@@ -15,12 +13,12 @@ _SETTLE_WITHIN_S = 90.0
 """A freshly started ArduPilot has a position after 20 to 40 s."""
 _AIRBORNE_WITHIN_S = 180.0
 _LATELY_S = 5.0
-_BELOW = (None, Phase.CONNECTING, Phase.ARMING, Phase.TAKING_OFF)
-_ASKING = (Phase.ARMING, Phase.TAKING_OFF)
+_BELOW = (None, AutonomyPhase.CONNECTING, AutonomyPhase.ARMING, AutonomyPhase.TAKING_OFF)
+_ASKING = (AutonomyPhase.ARMING, AutonomyPhase.TAKING_OFF)
 
 
 class AutopilotWait:
-    """Looks at how far an autopilot is on its way into the air.
+    """Watches how far an autopilot is on its way into the air.
 
     Args:
         link: to it.
@@ -33,22 +31,22 @@ class AutopilotWait:
         self._connected_s = math.inf
         self._settled_s = math.inf
 
-    def words(self, phase: Phase | None) -> str:
+    def words(self, phase: AutonomyPhase | None) -> str:
         """Return the phase with what is waited for in it, "" where a pilot flies."""
         if phase is None:
             return ""
         why = ""
-        if phase is Phase.CONNECTING and self._link.connected:
+        if phase is AutonomyPhase.CONNECTING and self._link.connected:
             why = self._missing()
         elif phase in _ASKING:
             why = self._refusal()
         return f"{phase}: {why}" if why else str(phase)
 
-    def check(self, phase: Phase | None, now_s: float) -> None:
-        """Refuse to wait for ever; looked at until it flies.
+    def check(self, phase: AutonomyPhase | None, now_s: float) -> None:
+        """Refuse to wait for ever; called at `now_s` (seconds) until it flies.
 
         Raises:
-            ConnectionFailedError: no autopilot was heard for some time, its telemetry stays
+            ConnectionFailedError: no autopilot sent a heartbeat for some time, its telemetry stays
                 incomplete, or it does not take off.
         """
         missing = self._missing()
@@ -72,7 +70,7 @@ class AutopilotWait:
             )
         self._check_taking_off(phase, now_s)
 
-    def _check_taking_off(self, phase: Phase | None, now_s: float) -> None:
+    def _check_taking_off(self, phase: AutonomyPhase | None, now_s: float) -> None:
         if phase in _ASKING:
             self._settled_s = min(self._settled_s, now_s)
         if now_s - self._settled_s > _AIRBORNE_WITHIN_S:
@@ -84,11 +82,11 @@ class AutopilotWait:
     def _missing(self) -> str:
         vehicle = self._link.state
         if vehicle.attitude is None:
-            return "no attitude is told yet"
+            return "no attitude received yet"
         if vehicle.position is None:
             return "the estimator has no position yet"
         if self._link.altitude_msl_m is None:
-            return "no height above the sea is told yet"
+            return "no height above mean sea level received yet"
         return ""
 
     def _refusal(self) -> str:

@@ -1,13 +1,11 @@
 """Flying without a pilot, in the simulator alone: arm, take off, hand over, take back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import StrEnum
 
+from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.link import Link
-from follower.supervisor import State
-from follower_control.vehicle import LocalPosition, VehicleState
+from follower_control.vehicle.state import LocalPosition, VehicleState
 
 _RETRY_S = 1.0
 _REACHED_SHARE = 0.93
@@ -19,7 +17,7 @@ _HOVERS_S, _TELLS_LANDED_S = 1.0, 3.0
 say whether an armed vehicle stands on the ground."""
 
 
-class Phase(StrEnum):
+class AutonomyPhase(StrEnum):
     """How far the flight has come."""
 
     CONNECTING = "connecting"
@@ -40,7 +38,7 @@ class Autonomy:
 
     Attributes:
         phase: how far the flight has come.
-        resumes: after letting go, take the mode again when the supervisor is ready again, because
+        resumes: after a release, take the mode again when the supervisor is ready again, because
             an operator consented anew.
     """
 
@@ -50,33 +48,33 @@ class Autonomy:
         self._asked_s = float("-inf")
         self._ground_down_m: float | None = None
         self._still_since_s: float | None = None
-        self.phase = Phase.CONNECTING
+        self.phase = AutonomyPhase.CONNECTING
         self.resumes = False
 
-    def step(self, now_s: float, state: State) -> None:
+    def step(self, now_s: float, state: SupervisorState) -> None:
         """Do what the phase asks for; `state` is the supervisor's."""
-        if state is State.RELEASED:
-            self.phase = Phase.DONE
-        elif self.resumes and self.phase is Phase.DONE and state is State.READY:
-            self.phase = Phase.AIRBORNE
-        actions: dict[Phase, Callable[[float], None]] = {
-            Phase.CONNECTING: self._connect,
-            Phase.ARMING: self._arm,
-            Phase.TAKING_OFF: self._climb,
-            Phase.DONE: self._finish,
+        if state is SupervisorState.RELEASED:
+            self.phase = AutonomyPhase.DONE
+        elif self.resumes and self.phase is AutonomyPhase.DONE and state is SupervisorState.READY:
+            self.phase = AutonomyPhase.AIRBORNE
+        actions: dict[AutonomyPhase, Callable[[float], None]] = {
+            AutonomyPhase.CONNECTING: self._connect,
+            AutonomyPhase.ARMING: self._arm,
+            AutonomyPhase.TAKING_OFF: self._climb,
+            AutonomyPhase.DONE: self._finish,
         }
         if self.phase in actions:
             actions[self.phase](now_s)
-        elif state is State.READY:
+        elif state is SupervisorState.READY:
             self._ask(now_s, self._link.enter_setpoint_mode)
         elif state.engaged:
-            self.phase = Phase.FOLLOWING
+            self.phase = AutonomyPhase.FOLLOWING
 
     def _connect(self, _now_s: float) -> None:
         vehicle = self._link.state
         ready = vehicle.position is not None and self._link.altitude_msl_m is not None
         if self._link.connected and vehicle.attitude is not None and ready:
-            self.phase = Phase.ARMING
+            self.phase = AutonomyPhase.ARMING
 
     def _arm(self, now_s: float) -> None:
         vehicle = self._link.state
@@ -102,12 +100,13 @@ class Autonomy:
         if flies and still_s < _HOVERS_S:
             return  # it may be landing, or climb by somebody else's command
         self._ground_down_m = position.down_m
-        self.phase = Phase.AIRBORNE if flies else Phase.TAKING_OFF
+        self.phase = AutonomyPhase.AIRBORNE if flies else AutonomyPhase.TAKING_OFF
 
     def _climb(self, now_s: float) -> None:
         position = self._link.state.position
         if not self._link.state.armed:
-            self.phase = Phase.ARMING  # what is armed and does not take off disarms by itself
+            # What is armed and does not take off disarms by itself.
+            self.phase = AutonomyPhase.ARMING
             return
         if position is None or self._ground_down_m is None:
             return
@@ -115,7 +114,7 @@ class Autonomy:
         if climbed_m < _ON_GROUND_M:
             self._ask(now_s, lambda: self._link.take_off(self._height_m))
         if climbed_m > _REACHED_SHARE * self._height_m and abs(position.down_m_s) < _SETTLED_M_S:
-            self.phase = Phase.AIRBORNE
+            self.phase = AutonomyPhase.AIRBORNE
 
     def _finish(self, now_s: float) -> None:
         if self._link.state.obeys_setpoints:

@@ -1,12 +1,15 @@
 """What the supervisor decides by."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-class Order(StrEnum):
+from follower.links.vehicle_health import EstimatorHealth, VehicleHealth
+from follower.settings.supervisor import HealthSettings
+
+
+class ConsentRequest(StrEnum):
     """What an operator asked for since the last step."""
 
     NONE = "none"
@@ -19,7 +22,7 @@ class Order(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class SupervisorInputs:
     """All that a decision depends on. Ages and durations in seconds; never-seen is infinite.
 
     Attributes:
@@ -36,7 +39,7 @@ class Situation:
             and nobody left it since following began.
         flying: armed and not landed.
         stop_requested: the operator pressed stop.
-        consent_renewed: after letting go, the operator chose a target or consented anew.
+        consent_renewed: after a release, the operator chose a target or consented anew.
         in_state_s: since the present state was entered.
         consent_given: the second consent stands; always so where none is asked for.
         failsafe: the autopilot says that it is in a failsafe.
@@ -70,9 +73,59 @@ class Situation:
     sticks_moved: bool = False
     mode_left: bool = False
     answer_age_s: float = 0.0
-    order: Order = Order.NONE
+    order: ConsentRequest = ConsentRequest.NONE
     battery_low: bool = False
     navigation_poor: bool = False
     stop_at_once: bool = False
     cockpit_lost: bool = False
     stream_held: bool = False
+
+
+_NEEDED = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_HORIZ
+_PLACED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
+"""These bits are the same in ESTIMATOR_STATUS and EKF_STATUS_REPORT."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthVerdict:
+    """What the vehicle's health allows.
+
+    Attributes:
+        battery_low: too little is left.
+        navigation_poor: the autopilot does not know well where it is, or how it moves.
+    """
+
+    battery_low: bool = False
+    navigation_poor: bool = False
+
+
+def judge(
+    health: VehicleHealth, settings: HealthSettings, engaged: bool, now_s: float
+) -> HealthVerdict:
+    """Return the verdict; what was never reported, or long ago, is no objection. Pure.
+
+    Args:
+        health: what the vehicle reported.
+        settings: what is asked.
+        engaged: whether following has begun; less battery is enough to go on.
+        now_s: the present, in seconds.
+    """
+    sensors, gps, estimator = health.sensors, health.gps, health.estimator
+    least = settings.battery_to_go_on if engaged else settings.battery_to_start
+    low = False
+    if sensors is not None and now_s - sensors.time_s <= settings.stale_s:
+        low = sensors.battery_share is not None and sensors.battery_share < least
+    poor = False
+    if gps is not None and now_s - gps.time_s <= settings.stale_s:
+        poor = settings.gps_fix is not None and gps.fix_type < settings.gps_fix
+    if estimator is not None and now_s - estimator.time_s <= settings.stale_s:
+        poor = poor or _is_poor(estimator, settings.largest_ratio)
+    return HealthVerdict(low, poor)
+
+
+def _is_poor(estimator: EstimatorHealth, largest_ratio: float) -> bool:
+    flags = estimator.flags
+    knows = flags & _NEEDED == _NEEDED and bool(flags & _PLACED)
+    lost = bool(flags & mavlink.ESTIMATOR_CONST_POS_MODE) or estimator.gps_glitch
+    ratio = max(estimator.velocity_ratio, estimator.horizontal_ratio)
+    return not knows or lost or not ratio <= largest_ratio

@@ -1,12 +1,10 @@
 """Whether a setpoint is sent in a step: a stream that is flown by is not broken off."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
-from follower.supervisor import State
-from follower_control.vehicle import ENTRY_S, Attitude, VehicleState
+from follower.flight.supervision.supervisor import SupervisorState
+from follower_control.vehicle.state import ENTRY_S, Attitude, VehicleState
 
 _NEEDS_STREAM = "OFFBOARD"
 _LATE_S = 0.25
@@ -19,52 +17,46 @@ class SetpointStream:
     """Decides, step by step, whether a setpoint is sent.
 
     Args:
-        alone_s: after so long without a step the autopilot may fly by itself.
+        alone_s: after so many seconds without a step the autopilot may fly by itself.
+
+    Attributes:
+        sent: a setpoint was to be sent in the last step.
+        held: the vehicle flew by the stream in the last step, in somebody's chosen mode.
     """
 
     def __init__(self, alone_s: float) -> None:
         self.change(alone_s)
         self._streamed_s = self._stalled_s = self._stood_still_s = -math.inf
         self._last_step_s: float | None = None
-        self._sent = self._held = False
+        self.sent = self.held = False
         self._entries = 0
 
     def change(self, alone_s: float) -> None:
-        """Go on with another time."""
+        """Go on with another time, in seconds."""
         self._alone_s = alone_s
-
-    @property
-    def sent(self) -> bool:
-        """Whether a setpoint was to be sent in the last step."""
-        return self._sent
-
-    @property
-    def held(self) -> bool:
-        """Whether the vehicle flew by the stream in the last step, in somebody's chosen mode."""
-        return self._held
 
     def was_left(self, vehicle: VehicleState) -> bool:
         """Whether a vehicle that flew by the stream no longer does, or did not in between."""
         stays = vehicle.obeys_setpoints and vehicle.entries == self._entries
-        return self._held and not stays
+        return self.held and not stays
 
     def gap_s(self, now_s: float) -> float:
-        """Return how long ago the last step was, 0 before the first."""
+        """Return how many seconds ago the last step was, 0 before the first."""
         return 0.0 if self._last_step_s is None else now_s - self._last_step_s
 
     def may_call_back(self, vehicle: VehicleState) -> bool:
-        """Whether a setpoint could end a failsafe that we have not heard of.
+        """Whether a setpoint could end a failsafe that was not reported to us.
 
         While our loop stood still PX4 may have gone into it, and a setpoint calls it back into
         OFFBOARD. What waited for us then may be old, and a line may hand it over bit by bit; the
-        first heartbeat after that tells.
+        first heartbeat after that decides.
         """
         heard_s = -math.inf if vehicle.heartbeat_s is None else vehicle.heartbeat_s
         return vehicle.mode == _NEEDS_STREAM and heard_s <= self._stood_still_s
 
     def step(
         self,
-        state: State,
+        state: SupervisorState,
         vehicle: VehicleState,
         attitudes: Sequence[Attitude],
         now_s: float,
@@ -80,9 +72,9 @@ class SetpointStream:
             handed_back: the vehicle was given to its autopilot: nothing more is sent.
         """
         self._note_stall(attitudes, now_s)
-        self._sent = not handed_back and self._sends(state, vehicle, now_s)
-        self._streamed_s = now_s if self._sent else self._streamed_s
-        self._held = self._sent and vehicle.obeys_setpoints and not vehicle.entered_by_itself
+        self.sent = not handed_back and self._sends(state, vehicle, now_s)
+        self._streamed_s = now_s if self.sent else self._streamed_s
+        self.held = self.sent and vehicle.obeys_setpoints and not vehicle.entered_by_itself
         self._entries = vehicle.entries
         self._last_step_s = now_s
 
@@ -96,7 +88,7 @@ class SetpointStream:
         if self._stood_still_s == self._last_step_s and not caught_up:
             self._stood_still_s = now_s
 
-    def _sends(self, state: State, vehicle: VehicleState, now_s: float) -> bool:
+    def _sends(self, state: SupervisorState, vehicle: VehicleState, now_s: float) -> bool:
         """Whether a setpoint is to be sent.
 
         A stream that the autopilot flies by is not broken off, whatever the state: silence would
@@ -106,6 +98,6 @@ class SetpointStream:
         """
         if self.may_call_back(vehicle):
             return False
-        had_ours = state is State.RELEASED or now_s - self._streamed_s < ENTRY_S
+        had_ours = state is SupervisorState.RELEASED or now_s - self._streamed_s < ENTRY_S
         needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours
-        return state.streams or (vehicle.obeys_setpoints and (self._sent or needs_ours))
+        return state.streams or (vehicle.obeys_setpoints and (self.sent or needs_ours))

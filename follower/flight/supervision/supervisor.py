@@ -9,7 +9,7 @@
 | COASTING  | the target was not seen for a moment                 | servo, slowing down|
 | SEARCHING | the target is lost                                   | turn after it      |
 | HOLDING   | something is wrong, or the search took too long      | hold               |
-| RELEASED  | let go; only a new consent begins again              | hold, while heard  |
+| RELEASED  | released; only a new consent begins again            | hold, while heard  |
 
 In IDLE, TRACKING and READY, and in RELEASED once consent is renewed, the first row that applies
 decides; in RELEASED without that, none does and it stays:
@@ -74,16 +74,13 @@ without a step of ours, the autopilot may have gone home and come back into our 
 is no consent.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar
 
-from follower.situation import Situation
+from follower.flight.supervision.inputs import SupervisorInputs
+from follower.settings.supervisor import SupervisorSettings
 
 
-class State(StrEnum):
+class SupervisorState(StrEnum):
     """The supervisor's states."""
 
     IDLE = "idle"
@@ -103,18 +100,25 @@ class State(StrEnum):
     @property
     def steers(self) -> bool:
         """Whether the servo's output is sent."""
-        return self in (State.FOLLOWING, State.COASTING)
+        return self in (SupervisorState.FOLLOWING, SupervisorState.COASTING)
 
     @property
     def streams(self) -> bool:
         """Whether setpoints are sent at all. PX4 wants the stream before it enters OFFBOARD."""
-        return self is State.READY or self.engaged
+        return self is SupervisorState.READY or self.engaged
 
 
-ENGAGED = frozenset({State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING})
+ENGAGED = frozenset(
+    {
+        SupervisorState.FOLLOWING,
+        SupervisorState.COASTING,
+        SupervisorState.SEARCHING,
+        SupervisorState.HOLDING,
+    }
+)
 
 
-class Reason(StrEnum):
+class SupervisorReason(StrEnum):
     """Why the supervisor is where it is."""
 
     NO_TARGET = "no target"
@@ -145,177 +149,139 @@ class Reason(StrEnum):
     AWAITING_CONSENT = "let go, waiting for consent"
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorSettings:
-    """How long each trouble is borne, in seconds, and how good a prediction is flown by.
-
-    Attributes:
-        link_timeout_s: silence of the autopilot's heartbeat (sent at 1 Hz).
-        telemetry_timeout_s: age of attitude or position.
-        frame_timeout_s: age of the newest frame that vision has answered for.
-        control_timeout_s: time between two control steps.
-        coast_s: how long to fly on the predicted target, ...
-        coast_within_deg: ... while the standard deviation of its direction is smaller. More than
-            5 degrees is for targets that are known to go on as they did behind what hides them;
-            how fast is then flown is limited by `envelope.trust`, and how long there is an
-            estimate at all by `estimator.restart_after_s`.
-        search_s: how long to look for a lost target.
-        hold_s: how long to hold before letting go.
-        alone_s: without a word from us for so long the autopilot may act by itself; below PX4's
-            COM_OF_LOSS_T and ArduCopter's GUID_TIMEOUT.
-    """
-
-    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
-
-    link_timeout_s: float = 3.0
-    telemetry_timeout_s: float = 0.5
-    frame_timeout_s: float = 0.5
-    control_timeout_s: float = 0.2
-    coast_s: float = 0.8
-    coast_within_deg: float = 5.0
-    search_s: float = 10.0
-    hold_s: float = 3.0
-    alone_s: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.coast_within_deg <= 180:
-            raise ValueError(f"coast_within_deg lies within 180, not {self.coast_within_deg}")
-        for name in (name for name in self.__slots__ if name.endswith("_s")):
-            if not 0 < getattr(self, name) < 3600:
-                raise ValueError(f"{name} is a time in seconds above 0, not {getattr(self, name)}")
-
-
 def next_state(
-    state: State, situation: Situation, settings: SupervisorSettings
-) -> tuple[State, Reason]:
+    state: SupervisorState, situation: SupervisorInputs, settings: SupervisorSettings
+) -> tuple[SupervisorState, SupervisorReason]:
     """Return the state to be in now, and why; the tables above. Pure."""
-    if state is State.RELEASED and not situation.consent_renewed:
-        return State.RELEASED, Reason.AWAITING_CONSENT
+    if state is SupervisorState.RELEASED and not situation.consent_renewed:
+        return SupervisorState.RELEASED, SupervisorReason.AWAITING_CONSENT
     if state.engaged:
         return _while_engaged(state, situation, settings)
     return _before_engaged(situation, settings)
 
 
-def _before_engaged(situation: Situation, settings: SupervisorSettings) -> tuple[State, Reason]:
+def _before_engaged(
+    situation: SupervisorInputs, settings: SupervisorSettings
+) -> tuple[SupervisorState, SupervisorReason]:
     if situation.stop_requested:
-        return State.RELEASED, Reason.STOP_REQUESTED
+        return SupervisorState.RELEASED, SupervisorReason.STOP_REQUESTED
     if situation.mode_left:
-        return State.RELEASED, Reason.PILOT_TOOK_OVER
+        return SupervisorState.RELEASED, SupervisorReason.PILOT_TOOK_OVER
     alone = _alone(situation, settings)
     if situation.stream_held and alone is not None:
-        return State.RELEASED, alone
+        return SupervisorState.RELEASED, alone
     if situation.sticks_moved:
-        return State.RELEASED, Reason.STICKS_MOVED
+        return SupervisorState.RELEASED, SupervisorReason.STICKS_MOVED
     if not situation.target_chosen:
-        return State.IDLE, Reason.NO_TARGET
+        return SupervisorState.IDLE, SupervisorReason.NO_TARGET
     trouble = _trouble(situation, settings)
     if trouble is not None:
-        return State.TRACKING, trouble
+        return SupervisorState.TRACKING, trouble
     if not _target_seen(situation):
-        return State.TRACKING, Reason.TARGET_UNSEEN
+        return SupervisorState.TRACKING, SupervisorReason.TARGET_UNSEEN
     if not situation.flying:
-        return State.TRACKING, Reason.NOT_FLYING
+        return SupervisorState.TRACKING, SupervisorReason.NOT_FLYING
     if situation.failsafe:
-        return State.TRACKING, Reason.AUTOPILOT_FAILSAFE
+        return SupervisorState.TRACKING, SupervisorReason.AUTOPILOT_FAILSAFE
     if situation.battery_low:
-        return State.TRACKING, Reason.BATTERY_LOW
+        return SupervisorState.TRACKING, SupervisorReason.BATTERY_LOW
     if not situation.mode_allows:
-        return State.READY, Reason.WAITING_FOR_PILOT
+        return SupervisorState.READY, SupervisorReason.WAITING_FOR_PILOT
     if not situation.consent_given:
-        return State.READY, Reason.WAITING_FOR_CONSENT
-    return State.FOLLOWING, Reason.TARGET_SEEN
+        return SupervisorState.READY, SupervisorReason.WAITING_FOR_CONSENT
+    return SupervisorState.FOLLOWING, SupervisorReason.TARGET_SEEN
 
 
 def _while_engaged(
-    state: State, situation: Situation, settings: SupervisorSettings
-) -> tuple[State, Reason]:
+    state: SupervisorState, situation: SupervisorInputs, settings: SupervisorSettings
+) -> tuple[SupervisorState, SupervisorReason]:
     way_out = _way_out(situation, settings)
     if way_out is not None:
-        return State.RELEASED, way_out
+        return SupervisorState.RELEASED, way_out
     wanted, reason = _wanted_when_engaged(state, situation, settings)
-    if wanted is state is State.HOLDING and situation.in_state_s >= settings.hold_s:
-        return State.RELEASED, Reason.HOLD_TIMED_OUT
+    if wanted is state is SupervisorState.HOLDING and situation.in_state_s >= settings.hold_s:
+        return SupervisorState.RELEASED, SupervisorReason.HOLD_TIMED_OUT
     return wanted, reason
 
 
-def _way_out(situation: Situation, settings: SupervisorSettings) -> Reason | None:
+def _way_out(situation: SupervisorInputs, settings: SupervisorSettings) -> SupervisorReason | None:
+    alone = _alone(situation, settings)
     ways = (
-        (situation.stop_requested, Reason.STOP_REQUESTED),
-        (not situation.mode_allows and situation.failsafe, Reason.AUTOPILOT_FAILSAFE),
-        (not situation.mode_allows, Reason.PILOT_TOOK_OVER),
-        (situation.sticks_moved, Reason.STICKS_MOVED),
-        (not situation.consent_given, Reason.CONSENT_WITHDRAWN),
-        (not situation.flying, Reason.NOT_FLYING),
+        (situation.stop_requested, SupervisorReason.STOP_REQUESTED),
+        (not situation.mode_allows and situation.failsafe, SupervisorReason.AUTOPILOT_FAILSAFE),
+        (not situation.mode_allows, SupervisorReason.PILOT_TOOK_OVER),
+        (situation.sticks_moved, SupervisorReason.STICKS_MOVED),
+        (not situation.consent_given, SupervisorReason.CONSENT_WITHDRAWN),
+        (not situation.flying, SupervisorReason.NOT_FLYING),
+        (alone is not None, alone),
+        (situation.battery_low, SupervisorReason.BATTERY_LOW),
     )
-    way_out = next((reason for applies, reason in ways if applies), None)
-    if way_out is None:
-        way_out = _alone(situation, settings)
-    if way_out is None and situation.battery_low:
-        way_out = Reason.BATTERY_LOW
-    return way_out
+    return next((reason for applies, reason in ways if applies), None)
 
 
-def _alone(situation: Situation, settings: SupervisorSettings) -> Reason | None:
+def _alone(situation: SupervisorInputs, settings: SupervisorSettings) -> SupervisorReason | None:
     """Return why the autopilot may have flown by itself, and come back, unseen."""
     silent_s = min(situation.heartbeat_age_s, situation.telemetry_age_s)
     ways = (
-        (silent_s, Reason.LINK_LOST),
-        (situation.answer_age_s, Reason.NOT_HEARD),
-        (situation.control_gap_s, Reason.CONTROL_STALLED),
+        (silent_s, SupervisorReason.LINK_LOST),
+        (situation.answer_age_s, SupervisorReason.NOT_HEARD),
+        (situation.control_gap_s, SupervisorReason.CONTROL_STALLED),
     )
     return next((reason for time_s, reason in ways if time_s >= settings.alone_s), None)
 
 
 def _wanted_when_engaged(
-    state: State, situation: Situation, settings: SupervisorSettings
-) -> tuple[State, Reason]:
+    state: SupervisorState, situation: SupervisorInputs, settings: SupervisorSettings
+) -> tuple[SupervisorState, SupervisorReason]:
     trouble = _trouble(situation, settings)
     if trouble is not None:
-        return State.HOLDING, trouble
+        return SupervisorState.HOLDING, trouble
     if not situation.target_chosen:
-        return State.HOLDING, Reason.NO_TARGET
+        return SupervisorState.HOLDING, SupervisorReason.NO_TARGET
     if _target_seen(situation):
-        return State.FOLLOWING, Reason.TARGET_SEEN
-    if state is State.HOLDING:
+        return SupervisorState.FOLLOWING, SupervisorReason.TARGET_SEEN
+    if state is SupervisorState.HOLDING:
         searched = situation.unseen_s >= settings.search_s
-        return State.HOLDING, Reason.SEARCH_FAILED if searched else Reason.TARGET_UNSEEN
-    if state is State.SEARCHING and situation.in_state_s >= settings.search_s:
-        return State.HOLDING, Reason.SEARCH_FAILED
-    if (
-        state is not State.SEARCHING
-        and situation.estimate_good
-        and (situation.unseen_s < settings.coast_s)
-    ):
-        return State.COASTING, Reason.TARGET_UNSEEN
-    return State.SEARCHING, Reason.TARGET_LOST
+        reason = SupervisorReason.SEARCH_FAILED if searched else SupervisorReason.TARGET_UNSEEN
+        return SupervisorState.HOLDING, reason
+    if state is SupervisorState.SEARCHING and situation.in_state_s >= settings.search_s:
+        return SupervisorState.HOLDING, SupervisorReason.SEARCH_FAILED
+    coasts = situation.estimate_good and situation.unseen_s < settings.coast_s
+    if state is not SupervisorState.SEARCHING and coasts:
+        return SupervisorState.COASTING, SupervisorReason.TARGET_UNSEEN
+    return SupervisorState.SEARCHING, SupervisorReason.TARGET_LOST
 
 
-def _trouble(situation: Situation, settings: SupervisorSettings) -> Reason | None:
-    if situation.heartbeat_age_s > settings.link_timeout_s:
-        return Reason.LINK_SILENT
-    if situation.telemetry_age_s > settings.telemetry_timeout_s:
-        return Reason.TELEMETRY_STALE
-    if situation.frame_age_s > settings.frame_timeout_s:
-        return Reason.FRAMES_STALE
-    if situation.control_gap_s > settings.control_timeout_s:
-        return Reason.CONTROL_LATE
-    if situation.navigation_poor:
-        return Reason.NAVIGATION_POOR
-    return Reason.COCKPIT_LOST if situation.cockpit_lost else None
+def _trouble(situation: SupervisorInputs, settings: SupervisorSettings) -> SupervisorReason | None:
+    telemetry_stale = situation.telemetry_age_s > settings.telemetry_timeout_s
+    troubles = (
+        (situation.heartbeat_age_s > settings.link_timeout_s, SupervisorReason.LINK_SILENT),
+        (telemetry_stale, SupervisorReason.TELEMETRY_STALE),
+        (situation.frame_age_s > settings.frame_timeout_s, SupervisorReason.FRAMES_STALE),
+        (situation.control_gap_s > settings.control_timeout_s, SupervisorReason.CONTROL_LATE),
+        (situation.navigation_poor, SupervisorReason.NAVIGATION_POOR),
+        (situation.cockpit_lost, SupervisorReason.COCKPIT_LOST),
+    )
+    return next((reason for applies, reason in troubles if applies), None)
 
 
-def _target_seen(situation: Situation) -> bool:
+def _target_seen(situation: SupervisorInputs) -> bool:
     return situation.estimate_good and situation.unseen_s <= 0.0
 
 
 class Supervisor:
-    """Holds the state, since when and why; `next_state` decides."""
+    """Holds the state, since when and why; `next_state` decides.
+
+    Attributes:
+        state: the present one.
+        reason: why it is the present one.
+    """
 
     def __init__(self, settings: SupervisorSettings) -> None:
         self._settings = settings
         self._entered_s: float | None = None
-        self.state = State.IDLE
-        self.reason = Reason.NO_TARGET
+        self.state = SupervisorState.IDLE
+        self.reason = SupervisorReason.NO_TARGET
 
     def change(self, settings: SupervisorSettings) -> None:
         """Decide by other times from now on."""
@@ -325,12 +291,12 @@ class Supervisor:
         """Return how long the present state has lasted, in seconds."""
         return 0.0 if self._entered_s is None else now_s - self._entered_s
 
-    def step(self, situation: Situation, now_s: float) -> State:
-        """Decide for the present situation and return the state to act by."""
+    def step(self, situation: SupervisorInputs, now_s: float) -> SupervisorState:
+        """Decide for the situation at `now_s` (seconds) and return the state to act by."""
         state, reason = next_state(self.state, situation, self._settings)
         if state is not self.state or self._entered_s is None:
             self._entered_s = now_s
-        if reason is not Reason.AWAITING_CONSENT:
+        if reason is not SupervisorReason.AWAITING_CONSENT:
             self.reason = reason
         self.state = state
         return state

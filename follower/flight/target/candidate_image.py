@@ -1,7 +1,5 @@
 """The objects that a detector sees in a frame, numbered so that a user can choose."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,10 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower_vision.box import Box
+from follower_vision.atomic_file import write_whole_bytes
 from follower_vision.detection import Detection
-from follower_vision.frame import Frame, Image
-from follower_vision.overlay import draw_labelled
+from follower_vision.drawing.overlay import draw_labelled
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
 
 _LEAST_WIDTH_PX = 1280
 _MOST_ZOOM = 4
@@ -81,7 +80,4 @@ def write_candidates(path: Path, image: Image, candidates: Sequence[Candidate]) 
         OSError: it cannot be written.
     """
     _, png = cv2.imencode(".png", draw_candidates(image, candidates))
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_bytes(png.tobytes())
-    temporary.replace(path)
-    return path
+    return write_whole_bytes(path, png.tobytes())

@@ -1,13 +1,11 @@
-"""An operator's wish for a target, by where it is in the image."""
-
-from __future__ import annotations
+"""An operator's selection of a target, by where it is in the image."""
 
 import math
 import threading
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from follower_vision.box import Box
+from follower_vision.geometry.box import Box
 
 _SLACK = 0.05
 """How far outside the image a finger may land, as a share of it."""
@@ -19,7 +17,7 @@ class RequestRefusedError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class PointWish:
+class PointSelection:
     """What is seen at a point.
 
     Attributes:
@@ -41,7 +39,7 @@ class PointWish:
 
 
 @dataclass(frozen=True, slots=True)
-class RectangleWish:
+class BoxSelection:
     """What a rectangle shows; two opposite corners, in whichever order.
 
     Attributes:
@@ -76,8 +74,8 @@ class RectangleWish:
 
 
 @dataclass(frozen=True, slots=True)
-class ObjectWish(RectangleWish):
-    """A detected object that was seen in a rectangle a moment ago; it may have moved since."""
+class ObjectSelection(BoxSelection):
+    """A detected object that was seen in a rectangle just before; it may have moved since."""
 
     def __str__(self) -> str:
         box = f"{self.left:.3f}, {self.top:.3f} to {self.right:.3f}, {self.bottom:.3f}"
@@ -85,19 +83,19 @@ class ObjectWish(RectangleWish):
 
 
 @dataclass(frozen=True, slots=True)
-class NoTargetWish:
+class ClearSelection:
     """No target any more."""
 
     def __str__(self) -> str:
         return "no target"
 
 
-Wish: TypeAlias = PointWish | RectangleWish | ObjectWish | NoTargetWish
+TargetSelection: TypeAlias = PointSelection | BoxSelection | ObjectSelection | ClearSelection
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """What came of a wish.
+class RequestOutcome:
+    """What came of a selection.
 
     Attributes:
         accepted: it was carried out.
@@ -111,33 +109,29 @@ class Outcome:
 
 
 class TargetRequest:
-    """A wish on its way to vision, which carries it out on the next frame.
+    """A selection on its way to vision, which carries it out on the next frame.
 
     Attributes:
-        wish: what is wanted.
+        selection: what is wanted.
         by: who asks, in words.
+        outcome: what came of it; None while no frame was looked at since.
     """
 
-    def __init__(self, wish: Wish, by: str) -> None:
-        self.wish = wish
+    def __init__(self, selection: TargetSelection, by: str) -> None:
+        self.selection = selection
         self.by = by
         self._settled = threading.Event()
-        self._outcome: Outcome | None = None
+        self.outcome: RequestOutcome | None = None
 
-    @property
-    def outcome(self) -> Outcome | None:
-        """What came of it; None while no frame was looked at since."""
-        return self._outcome
-
-    def wait(self, timeout_s: float) -> Outcome | None:
-        """Wait for the outcome; None if there is none in time. Never for vision or control."""
+    def wait(self, timeout_s: float) -> RequestOutcome | None:
+        """Wait at most `timeout_s` seconds for the outcome. Never for vision or control."""
         self._settled.wait(timeout_s)
-        return self._outcome
+        return self.outcome
 
-    def settle(self, outcome: Outcome) -> None:
+    def settle(self, outcome: RequestOutcome) -> None:
         """Say what came of it; for whoever carries it out. The first word stands."""
-        if self._outcome is None:
-            self._outcome = outcome
+        if self.outcome is None:
+            self.outcome = outcome
             self._settled.set()
 
 

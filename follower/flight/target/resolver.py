@@ -1,22 +1,19 @@
-"""From an operator's wish to the box of what is meant."""
-
-from __future__ import annotations
+"""From an operator's selection to the box of what is meant."""
 
 from collections.abc import Iterable
 
-from follower.target_wish import (
-    NoTargetWish,
-    ObjectWish,
-    Outcome,
-    PointWish,
-    RectangleWish,
+from follower.flight.target.request import (
+    ClearSelection,
+    ObjectSelection,
+    PointSelection,
+    RequestOutcome,
     RequestRefusedError,
-    Wish,
+    TargetSelection,
 )
-from follower_vision.box import Box
 from follower_vision.detection import Detection, Detector
-from follower_vision.frame import Frame
-from follower_vision.pointed import box_around
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.selection import box_around
 
 _NEAR = 1.4
 """A finger lands beside small things: a detection counts so many times as large."""
@@ -37,37 +34,41 @@ class TargetFinder:
     def __init__(self, detector: Detector | None = None) -> None:
         self._detector = detector
 
-    def find(self, wish: Wish, frame: Frame) -> Outcome:
+    def find(self, selection: TargetSelection, frame: Frame) -> RequestOutcome:
         """Return what is meant in this frame, or why nothing is."""
-        if isinstance(wish, NoTargetWish):
-            return Outcome(True, "no target any more")
-        if isinstance(wish, PointWish):
-            return self._at_point(wish, frame)
-        if isinstance(wish, ObjectWish) and self._detector is not None:
-            return self._moved_object(wish, frame)
-        return _in_rectangle(wish, frame)
+        if isinstance(selection, ClearSelection):
+            return RequestOutcome(True, "no target any more")
+        if isinstance(selection, PointSelection):
+            return self._at_point(selection, frame)
+        try:
+            box = selection.on(frame.width, frame.height)
+        except RequestRefusedError as error:
+            return RequestOutcome(False, str(error))
+        if isinstance(selection, ObjectSelection) and self._detector is not None:
+            return self._moved_object(box, frame)
+        return RequestOutcome(True, f"{box.width:.0f} x {box.height:.0f} px", box)
 
-    def _at_point(self, wish: PointWish, frame: Frame) -> Outcome:
-        x, y = wish.on(frame.width, frame.height)
+    def _at_point(self, selection: PointSelection, frame: Frame) -> RequestOutcome:
+        x, y = selection.on(frame.width, frame.height)
         seen = _under(self._seen_near(frame, x, y), x, y)
         if seen is not None:
-            return Outcome(True, f"the {seen.class_name} there", seen.box)
+            return RequestOutcome(True, f"the {seen.class_name} there", seen.box)
         box = box_around(frame.image, x, y)
         if box is None:
-            return Outcome(False, "nothing stands out there: draw a rectangle around the target")
-        return Outcome(True, f"what stands out there, {box.width:.0f} x {box.height:.0f} px", box)
+            return RequestOutcome(
+                False, "nothing stands out there: draw a rectangle around the target"
+            )
+        return RequestOutcome(
+            True, f"what stands out there, {box.width:.0f} x {box.height:.0f} px", box
+        )
 
-    def _moved_object(self, wish: ObjectWish, frame: Frame) -> Outcome:
+    def _moved_object(self, box: Box, frame: Frame) -> RequestOutcome:
         """Find the object again: what an operator was shown is older than the newest frame."""
-        try:
-            box = wish.on(frame.width, frame.height)
-        except RequestRefusedError as error:
-            return Outcome(False, str(error))
         reach = _MOVED_SHARE * max(frame.width, frame.height)
         seen = _nearest(self._seen_near(frame, box.cx, box.cy), box, reach)
         if seen is None:
-            return Outcome(False, "that is not seen there any more: tap it again")
-        return Outcome(True, f"the {seen.class_name} there", seen.box)
+            return RequestOutcome(False, "that is not seen there any more: tap it again")
+        return RequestOutcome(True, f"the {seen.class_name} there", seen.box)
 
     def _seen_near(self, frame: Frame, x: float, y: float) -> Iterable[Detection]:
         """Give what the detector sees, first in an enlarged part around the point."""
@@ -77,14 +78,6 @@ class TargetFinder:
         part = Box(x, y, side, side)
         yield from (one for one in self._detector.detect(frame.image, part) if not one.cut)
         yield from self._detector.detect(frame.image)
-
-
-def _in_rectangle(wish: RectangleWish, frame: Frame) -> Outcome:
-    try:
-        box = wish.on(frame.width, frame.height)
-    except RequestRefusedError as error:
-        return Outcome(False, str(error))
-    return Outcome(True, f"{box.width:.0f} x {box.height:.0f} px", box)
 
 
 def _under(detections: Iterable[Detection], x: float, y: float) -> Detection | None:

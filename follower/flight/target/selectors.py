@@ -1,22 +1,111 @@
-"""Points out targets by what a detector sees: "person", "person:2", "2"."""
+"""Ways to point out the target."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
-from follower.candidates import Candidate, numbered, summary
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
+from follower.flight.target.candidate_image import Candidate, numbered, summary
+from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detector
-from follower_vision.detection.scan import scan
-from follower_vision.frame import Frame, Image
-from follower_vision.framesource import SourceError
+from follower_vision.detection.detectors import scan
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.selection import ColourSearchSettings, colour_from_hex, find_by_colour
+from follower_vision.sources.frame_source import SourceError
+
+Selector: TypeAlias = Callable[[Frame], Box | None]
+"""Finds the box to follow in a frame, or None if it is not there (yet)."""
+
+
+TargetsSelector: TypeAlias = Callable[[Frame], list[Box]]
+"""Finds the boxes of all targets in a frame, or none while one is not there (yet)."""
+
+_LEAST_IN_IMAGE = 0.5
+
+
+def box_selector(target: Box) -> Selector:
+    """Select what `target` shows in the next frame.
+
+    The selector raises SourceError if less than half of the box lies in the image.
+    """
+
+    def select(frame: Frame) -> Box:
+        share = target.visible_share(frame.width, frame.height)
+        if share < _LEAST_IN_IMAGE:
+            where = "outside" if share == 0 else f"with {share:.0%} of it only in"
+            x, y, width, height = target.xywh
+            raise SourceError(
+                f"the target {x:g},{y:g},{width:g},{height:g} lies {where} the image, which is "
+                f"{frame.width}x{frame.height}: give x,y,w,h of a box in the first frame"
+            )
+        return target
+
+    return select
+
+
+def colour_selector(
+    colour: str,
+    search: ColourSearchSettings | None = None,
+    pointed: Callable[[Frame], Box | None] | None = None,
+) -> Selector:
+    """Select the best thing of a colour ("#rrggbb"), as soon as one is seen.
+
+    Args:
+        colour: what it has.
+        search: how like that it has to be.
+        pointed: where in a frame somebody points who knows which of several is meant; what has its
+            middle no farther than a size from there is meant. None: the best by itself.
+
+    Raises:
+        SettingsError: the text is no colour.
+    """
+    try:
+        wanted = colour_from_hex(colour)
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    settings = search or ColourSearchSettings()
+
+    def select(frame: Frame) -> Box | None:
+        candidates = find_by_colour(frame.image, wanted, settings)
+        if pointed is None:
+            return candidates[0] if candidates else None
+        meant = pointed(frame)
+        if meant is None:
+            return None
+        candidates = [box for box in candidates if box.distance(meant) < meant.scale]
+        return min(candidates, key=meant.distance, default=None)
+
+    return select
+
+
+def all_selected(selectors: Sequence[Selector]) -> TargetsSelector:
+    """Select several targets, in the first frame in which all of them are found."""
+
+    def select(frame: Frame) -> list[Box]:
+        found = [selector(frame) for selector in selectors]
+        boxes = [box for box in found if box is not None]
+        return boxes if len(boxes) == len(found) else []
+
+    return select
+
+
+def first_selected(selector: TargetsSelector) -> Selector:
+    """Select the first target, as soon as all are found; meanwhile, too few are no error."""
+
+    def select(frame: Frame) -> Box | None:
+        try:
+            return next(iter(selector(frame)), None)
+        except ChoiceError:
+            return None
+
+    return select
 
 
 class ChoiceError(SourceError):
-    """What was asked for cannot be told among what is seen; the user is to choose again.
+    """What was asked for cannot be identified among what is seen; the user is to choose again.
 
     Attributes:
         image: of the frame looked at, (H, W, 3) uint8 BGR.
@@ -71,32 +160,26 @@ class ObjectSelector:
 
     Numbers are those of that frame, counted from its centre. In a large image its enlarged parts
     are searched as well.
+
+    Attributes:
+        candidates: everything that is seen in the frame looked at last.
+        chosen: what was chosen, in the order asked for; empty while something is missing.
     """
 
     def __init__(self, wanted: Sequence[Wanted], detector: Detector) -> None:
         self._wanted = tuple(wanted)
         self._detector = detector
-        self._candidates: list[Candidate] = []
-        self._chosen: list[Candidate] = []
-
-    @property
-    def candidates(self) -> list[Candidate]:
-        """Everything that is seen in the frame looked at last."""
-        return self._candidates
-
-    @property
-    def chosen(self) -> list[Candidate]:
-        """What was chosen, in the order asked for; empty while something is missing."""
-        return self._chosen
+        self.candidates: list[Candidate] = []
+        self.chosen: list[Candidate] = []
 
     def __call__(self, frame: Frame) -> list[Box]:
         """Return the boxes wanted, or none while a class is not seen.
 
         Raises:
-            ChoiceError: a number is too large, or two wishes mean the same object.
+            ChoiceError: a number is too large, or two selections mean the same object.
         """
-        self._candidates = numbered(scan(self._detector, frame.image), frame)
-        if not all(wanted.matches(self._candidates) for wanted in self._wanted):
+        self.candidates = numbered(scan(self._detector, frame.image), frame)
+        if not all(wanted.matches(self.candidates) for wanted in self._wanted):
             return []
         chosen = [self._pick(wanted, frame) for wanted in self._wanted]
         for index, one in enumerate(chosen):
@@ -105,11 +188,11 @@ class ObjectSelector:
                 raise self._error(
                     frame, f"--select {first} and {self._wanted[index].text} are the same object"
                 )
-        self._chosen = chosen
+        self.chosen = chosen
         return [one.box for one in chosen]
 
     def _pick(self, wanted: Wanted, frame: Frame) -> Candidate:
-        matches = wanted.matches(self._candidates)
+        matches = wanted.matches(self.candidates)
         number = wanted.number or 1
         if number > len(matches):
             raise self._error(
@@ -118,7 +201,7 @@ class ObjectSelector:
         return matches[number - 1]
 
     def _error(self, frame: Frame, message: str) -> ChoiceError:
-        return ChoiceError(message, frame.image, self._candidates)
+        return ChoiceError(message, frame.image, self.candidates)
 
 
 def _advice(name: str, class_names: Sequence[str]) -> str:

@@ -1,33 +1,38 @@
 """Frames in, tracks out: what the vision thread runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
-from follower.operator_requests import OperatorRequests
-from follower.target_finder import TargetFinder
-from follower.target_wish import NoTargetWish, ObjectWish, Outcome, TargetRequest
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.prospect import Foresighted, Prospect
-from follower_vision.target_tracker import Learner, TargetTracker
-from follower_vision.track import Track, TrackState
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.target.request import (
+    ClearSelection,
+    ObjectSelection,
+    RequestOutcome,
+    TargetRequest,
+)
+from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.selectors import Selector
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.target_tracker import (
+    AcceptsPrediction,
+    Learner,
+    TargetPrediction,
+    TargetTracker,
+)
+from follower_vision.trackers.track import Track, TrackState
 
-Selector: TypeAlias = Callable[[Frame], Box | None]
-"""Finds the box to follow in a frame, or None if it is not there (yet)."""
-
-Prospects: TypeAlias = Callable[[float, int], Prospect | None]
-"""Tells where in a frame with a time stamp the target can be, after so many wishes for one."""
+Prospects: TypeAlias = Callable[[float, int], TargetPrediction | None]
+"""Returns where in a frame with a time stamp the target can be, after so many selections of one."""
 
 _SEEK_S = 0.7
-"""How long an object that was seen a moment ago is looked for."""
-_REPLACED = Outcome(False, "another target was asked for before it was seen again")
+"""For how many seconds an object that was just seen is searched for."""
+_REPLACED = RequestOutcome(False, "another target was asked for before it was seen again")
 _LONGEST_GAP_S = 1.0
 """Without a frame for longer, nobody can know what they choose."""
-_TOO_OLD = Outcome(False, "no frames came for a moment: choose again")
+_TOO_OLD = RequestOutcome(False, "no frames came for a moment: choose again")
 OUT_OF_ORDER = "out of order"
 """What a track is said to be produced by that answers for a frame from the past."""
 
@@ -39,7 +44,7 @@ class VisionStage:
 
     Args:
         tracker: fresh.
-        requests: wishes for a target are taken from there, one a frame.
+        requests: selections of a target are taken from there, one a frame.
         finder: finds what they mean.
 
     Attributes:
@@ -47,7 +52,7 @@ class VisionStage:
         prospect: what was known of the newest frame.
         chosen: the box by which the newest step chose the target, None if it did not.
         dropped: whether the newest step gave the target up, because somebody wanted none.
-        requests_done: how many wishes of an operator were carried out so far.
+        requests_done: how many selections of an operator were carried out so far.
     """
 
     def __init__(
@@ -65,14 +70,14 @@ class VisionStage:
         self._newest_s = self._seek_until_s = -math.inf
         self._track: Track | None = None
         self.prospects: Prospects | None = None
-        self.prospect: Prospect | None = None
+        self.prospect: TargetPrediction | None = None
         self.chosen: Box | None = None
         self.dropped = False
         self.requests_done = 0
 
     @property
-    def looks(self) -> bool:
-        """Whether the next step looks at its frame's picture: once somebody wants a target."""
+    def needs_picture(self) -> bool:
+        """Whether the next step uses its frame's picture: once somebody wants a target."""
         wanted = self._requests is not None and self._requests.target_waits
         return self._started or wanted or self._selector is not None or self._sought is not None
 
@@ -95,7 +100,7 @@ class VisionStage:
             return self._out_of_order(frame)
         gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
         if _LONGEST_GAP_S < gap_s < math.inf:
-            self._refuse_old_wish()
+            self._refuse_old_request()
         self._take_request(frame)
         self._track = self._followed(frame)
         return self._track
@@ -105,10 +110,10 @@ class VisionStage:
         if isinstance(self._tracker, Learner):
             self._tracker.learn()
 
-    def _refuse_old_wish(self) -> None:
-        """Carry out no wish for what was seen before no frames came: it would be another thing."""
+    def _refuse_old_request(self) -> None:
+        """Refuse a selection of what was seen before no frames came: it may be something else."""
         newest = None if self._requests is None else self._requests.take_target()
-        drops = newest is not None and isinstance(newest.wish, NoTargetWish)
+        drops = newest is not None and isinstance(newest.selection, ClearSelection)
         for request in (self._sought, None if drops else newest):
             if request is not None:
                 request.settle(_TOO_OLD)
@@ -118,9 +123,11 @@ class VisionStage:
         request = self._request_now(frame)
         if self._requests is None or request is None:
             return
-        outcome = self._finder.find(request.wish, frame)
+        outcome = self._finder.find(request.selection, frame)
         box = outcome.box
-        looks_on = isinstance(request.wish, ObjectWish) and frame.captured_s < self._seek_until_s
+        looks_on = (
+            isinstance(request.selection, ObjectSelection) and frame.captured_s < self._seek_until_s
+        )
         if box is None and looks_on:  # a detector does not see a thing in each frame
             return
         self._sought = None
@@ -130,11 +137,11 @@ class VisionStage:
                 self.drop()
             else:
                 self.select(lambda _: box)
-        self._requests.note((f"{request.wish}, by {request.by}: {outcome.text}",))
+        self._requests.note((f"{request.selection}, by {request.by}: {outcome.text}",))
         request.settle(outcome)
 
     def _request_now(self, frame: Frame) -> TargetRequest | None:
-        """Return what somebody wants: the newest wish, else the one that is still looked for."""
+        """Return what somebody wants: the newest selection, else the one still looked for."""
         fresh = None if self._requests is None else self._requests.take_target()
         if fresh is not None:
             if self._sought is not None:
@@ -157,7 +164,7 @@ class VisionStage:
         return self._stepped(frame) if self._started else None
 
     def _stepped(self, frame: Frame) -> Track:
-        if self.prospects is not None and isinstance(self._tracker, Foresighted):
+        if self.prospects is not None and isinstance(self._tracker, AcceptsPrediction):
             self.prospect = self.prospects(frame.captured_s, self.requests_done)
             self._tracker.expect(self.prospect)
         return self._tracker.step(frame)

@@ -1,20 +1,27 @@
 """Makes the trackers that the settings name."""
 
-from __future__ import annotations
-
 import os
+from functools import partial
 
-from follower.settings import Settings
+from follower.settings.settings import Settings
 from follower_vision.detection import Detector, make_detector
-from follower_vision.embedding import Embedder, make_embedder
-from follower_vision.fusion import FusionTracker, InlineDetection, MultiFusion
+from follower_vision.fusion import (
+    FusionSettings,
+    FusionTracker,
+    InlineDetection,
+    MultiFusion,
+    PaperFusion,
+)
 from follower_vision.fusion.detection_service import DetectionMode
-from follower_vision.longterm import LongTermTracker
+from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
-from follower_vision.motion import MotionTracker
-from follower_vision.multi_target import MultiTargetTracker, SeparateTrackers
-from follower_vision.target_tracker import TargetTracker
-from follower_vision.trackers import make_tracker
+from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.registry import make_tracker
+from follower_vision.trackers.target_tracker import (
+    MultiTargetTracker,
+    SeparateTrackers,
+    TargetTracker,
+)
 
 
 def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetection) -> TargetTracker:
@@ -27,12 +34,7 @@ def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetectio
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
     """
-    detector = make_settings_detector(settings)
-    if detector is None:
-        return LongTermTracker(_motion_tracker(settings), settings.longterm)
-    embedder = _embedder(settings)
-    motion = _motion_tracker(settings)
-    return FusionTracker(motion, detector, settings.fusion, mode, embedder=embedder)
+    return _target_tracker(settings, make_settings_detector(settings), mode)
 
 
 def make_multi_tracker(
@@ -48,17 +50,23 @@ def make_multi_tracker(
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
     """
-    if detector is None:
-        longterm = [
-            LongTermTracker(_motion_tracker(settings), settings.longterm) for _ in range(count)
-        ]
-        return SeparateTrackers(longterm)
-    fusion, embedder = settings.fusion, _embedder(settings)
-    if count > 1:
-        return MultiFusion(lambda: _motion_tracker(settings), detector, fusion, mode, embedder)
-    motion = _motion_tracker(settings)
-    tracker = FusionTracker(motion, detector, fusion, mode, embedder=embedder)
-    return SeparateTrackers([tracker], tracker.close)
+    fusion = settings.fusion
+    if count > 1 and detector is not None and fusion.algorithm == "fitted":
+        return MultiFusion(partial(_motion_tracker, settings), detector, fusion, mode)
+    trackers = [_target_tracker(settings, detector, mode) for _ in range(count)]
+    return SeparateTrackers(trackers, partial(_close_all, trackers))
+
+
+def make_fusion(
+    motion: MotionTracker,
+    detector: Detector,
+    settings: FusionSettings,
+    mode: DetectionMode = InlineDetection,
+) -> FusionTracker | PaperFusion:
+    """Return the algorithm that the settings name; the paper's always waits for its detector."""
+    if settings.algorithm == "paper":
+        return PaperFusion(motion, detector)
+    return FusionTracker(motion, detector, settings, mode)
 
 
 def make_settings_detector(settings: Settings) -> Detector | None:
@@ -70,8 +78,24 @@ def make_settings_detector(settings: Settings) -> Detector | None:
     return None if settings.detector is None else make_detector(settings.detector, _store())
 
 
-def _embedder(settings: Settings) -> Embedder | None:
-    return None if settings.appearance is None else make_embedder(settings.appearance, _store())
+def close_tracker(tracker: TargetTracker) -> None:
+    """Release the threads of a tracker that has any."""
+    if isinstance(tracker, FusionTracker):
+        tracker.close()
+
+
+def _target_tracker(
+    settings: Settings, detector: Detector | None, mode: DetectionMode
+) -> TargetTracker:
+    motion = _motion_tracker(settings)
+    if detector is None:
+        return LongTermTracker(motion, settings.longterm)
+    return make_fusion(motion, detector, settings.fusion, mode)
+
+
+def _close_all(trackers: list[TargetTracker]) -> None:
+    for tracker in trackers:
+        close_tracker(tracker)
 
 
 def _motion_tracker(settings: Settings) -> MotionTracker:

@@ -1,19 +1,16 @@
 """The flight's video with what the tracker saw drawn onto it."""
 
-from __future__ import annotations
-
 import queue
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
-from follower_vision.overlay import draw_tracks
-from follower_vision.track import Track
-from follower_vision.video_writer import VideoWriteError, VideoWriter
+from follower_vision.drawing.overlay import draw_tracks
+from follower_vision.drawing.video_writer import VideoWriteError, VideoWriter
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
+from follower_vision.trackers.track import Track
 
 _WAITING_FRAMES = 30
 
@@ -55,13 +52,6 @@ class OverlayVideo(ClosesItself):
         self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    frame: Frame
-    tracks: tuple[Track, ...]
-    lines: tuple[str, ...]
-
-
 class BackgroundVideo(ClosesItself):
     """Draws and encodes on its own thread, so that vision never waits.
 
@@ -78,7 +68,9 @@ class BackgroundVideo(ClosesItself):
         self._path = path
         self._rate_hz = rate_hz
         self._patient = patient
-        self._waiting: queue.Queue[_Entry | None] = queue.Queue(_WAITING_FRAMES)
+        self._waiting: queue.Queue[tuple[Frame, Sequence[Track], Sequence[str]] | None] = (
+            queue.Queue(_WAITING_FRAMES)
+        )
         self._left_out = 0
         self._problem: str | None = None
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
@@ -101,7 +93,7 @@ class BackgroundVideo(ClosesItself):
     def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Hand the frame to the video's thread; waits only if that was asked for."""
         try:
-            self._waiting.put(_Entry(frame, tuple(tracks), tuple(lines)), block=self._patient)
+            self._waiting.put((frame, tuple(tracks), tuple(lines)), block=self._patient)
         except queue.Full:
             self._left_out += 1
 
@@ -109,7 +101,7 @@ class BackgroundVideo(ClosesItself):
         try:
             with OverlayVideo(self._path, self._rate_hz) as video:
                 while (entry := self._waiting.get()) is not None:
-                    video.add(entry.frame, entry.tracks, entry.lines)
+                    video.add(*entry)
         except VideoWriteError as error:
             self._problem = str(error)
             while self._waiting.get() is not None:

@@ -1,17 +1,26 @@
-"""Reads a telemetry log of any of the kinds known."""
+"""Telemetry from log files: tlog, PX4's .ulg, ArduPilot's .bin, CSV.
 
-from __future__ import annotations
+Uses: pymavlink, pyulog.
+Start at: `read_telemetry`, then `samples.TelemetryLog`.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from follower.telemetry.csvlog import read_csv
-from follower.telemetry.dataflash import read_dataflash
-from follower.telemetry.log import Samples, TelemetryError, TelemetryLog
-from follower.telemetry.mavlinklog import read_mavlink
-from follower.telemetry.ulog import read_ulog
+from follower.recording.telemetry_logs.csv_log import read_csv
+from follower.recording.telemetry_logs.dataflash import read_dataflash
+from follower.recording.telemetry_logs.samples import (
+    TelemetryError,
+    TelemetryLog,
+    TelemetryPlayback,
+    TelemetrySamples,
+)
+from follower.recording.telemetry_logs.tlog import read_mavlink
+from follower.recording.telemetry_logs.ulog import read_ulog
 
-READERS: dict[str, Callable[[Path], Samples]] = {
+__all__ = ["TelemetryError", "TelemetryLog", "TelemetryPlayback", "read_telemetry"]
+
+_READERS: dict[str, Callable[[Path], TelemetrySamples]] = {
     ".tlog": read_mavlink,
     ".bin": read_dataflash,
     ".ulg": read_ulog,
@@ -25,7 +34,7 @@ def read_telemetry(path: Path) -> TelemetryLog:
     Raises:
         TelemetryError: it is missing, of an unknown kind, broken, or without attitudes.
     """
-    reader = READERS.get(path.suffix.lower())
+    reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise TelemetryError(
             f"{path}: unknown kind of telemetry log; there are tlog (MAVLink), bin (ArduPilot), "
@@ -37,4 +46,5 @@ def read_telemetry(path: Path) -> TelemetryLog:
         samples = reader(path)
     except OSError as error:
         raise TelemetryError(f"{path}: cannot be read ({error.strerror or error})") from error
-    return samples.log(str(path)).from_its_start()
+    log = samples.log(str(path))
+    return log.moved(-log.start_s)

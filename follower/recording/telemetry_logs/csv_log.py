@@ -1,13 +1,11 @@
 """Telemetry as a table of text, for logs of any other kind."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from follower.telemetry.log import ModeChange, Samples, TelemetryError
+from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
 
 TIME = "time_s"
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -16,7 +14,7 @@ PLACE = ("north_m", "east_m", "down_m", "north_m_s", "east_m_s", "down_m_s")
 MODE = "mode"
 
 
-def read_csv(path: Path) -> Samples:
+def read_csv(path: Path) -> TelemetrySamples:
     """Read a table with a head.
 
     Columns: time_s, roll_deg, pitch_deg, yaw_deg; if there are: roll_rate_deg_s, pitch_rate_deg_s,
@@ -26,7 +24,7 @@ def read_csv(path: Path) -> Samples:
     Raises:
         TelemetryError: a column is missing, or a cell is no number.
     """
-    samples = Samples()
+    samples = TelemetrySamples()
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
@@ -48,7 +46,9 @@ def _check(path: Path, columns: Sequence[str]) -> bool:
     return all(name in columns for name in RATES)
 
 
-def _take(samples: Samples, row: Mapping[str, str | None], has_rates: bool, place: str) -> None:
+def _take(
+    samples: TelemetrySamples, row: Mapping[str, str | None], has_rates: bool, place: str
+) -> None:
     time_s = _number(row, TIME, place)
     angles = [math.radians(_number(row, name, place)) for name in ANGLES]
     if math.isfinite(sum(angles)):
@@ -59,8 +59,8 @@ def _take(samples: Samples, row: Mapping[str, str | None], has_rates: bool, plac
     if all(row.get(name) for name in PLACE):
         samples.positions.append((time_s, *(_number(row, name, place) for name in PLACE)))
     mode = (row.get(MODE) or "").strip()
-    if mode and (not samples.modes or samples.modes[-1].mode != mode):
-        samples.modes.append(ModeChange(time_s, mode, True))
+    if mode:
+        samples.add_mode(time_s, mode, True)
 
 
 def _number(row: Mapping[str, str | None], name: str, place: str) -> float:

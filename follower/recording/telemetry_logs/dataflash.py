@@ -1,7 +1,5 @@
 """Telemetry from ArduPilot's own log (.bin), through pymavlink."""
 
-from __future__ import annotations
-
 import math
 import struct
 from pathlib import Path
@@ -10,14 +8,14 @@ from typing import Any
 from pymavlink import DFReader
 
 from follower.links.modes import mode_name
-from follower.telemetry.log import ModeChange, Samples, TelemetryError
+from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
 
 _ARDUPILOT = 3
 _BEGINNING = b"\xa3\x95\x80"
 _KINDS = ["ATT", "IMU", "RATE", "XKF1", "NKF1", "MODE", "ARM"]
 
 
-def read_dataflash(path: Path) -> Samples:
+def read_dataflash(path: Path) -> TelemetrySamples:
     """Read a .bin: attitude (ATT), gyro (IMU, else RATE), position (XKF1, NKF1), mode (MODE, ARM).
 
     Raises:
@@ -37,7 +35,7 @@ def read_dataflash(path: Path) -> Samples:
             raise
         # pymavlink's own complaint about a format that it does not know has no class of its own.
         raise TelemetryError(f"{path}: {error}: damaged, or newer than known here") from error
-    samples = Samples()
+    samples = TelemetrySamples()
     try:
         _read(log, samples)
     except (AttributeError, struct.error) as error:
@@ -50,7 +48,7 @@ def read_dataflash(path: Path) -> Samples:
     return samples
 
 
-def _read(log: Any, samples: Samples) -> None:
+def _read(log: Any, samples: TelemetrySamples) -> None:
     """Take all messages; of the gyro itself, or of the rates if there is none."""
     rates, armed = list[tuple[float, ...]](), False
     while (message := log.recv_match(type=_KINDS)) is not None:
@@ -61,7 +59,9 @@ def _read(log: Any, samples: Samples) -> None:
         samples.gyro = rates
 
 
-def _take(samples: Samples, rates: list[tuple[float, ...]], message: Any, armed: bool) -> None:
+def _take(
+    samples: TelemetrySamples, rates: list[tuple[float, ...]], message: Any, armed: bool
+) -> None:
     time_s = message.TimeUS / 1e6
     m = message
     match message.get_type():
@@ -75,4 +75,4 @@ def _take(samples: Samples, rates: list[tuple[float, ...]], message: Any, armed:
         case "XKF1" | "NKF1" if getattr(m, "C", 0) == 0:
             samples.positions.append((time_s, m.PN, m.PE, m.PD, m.VN, m.VE, m.VD))
         case "MODE":
-            samples.modes.append(ModeChange(time_s, mode_name(_ARDUPILOT, m.ModeNum), armed))
+            samples.add_mode(time_s, mode_name(_ARDUPILOT, m.ModeNum), armed)

@@ -1,17 +1,16 @@
 """What all kinds of telemetry logs come down to."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
-from follower_control.timeoffset import AngularRates
-from follower_control.vehicle import Attitude, LocalPosition
-from follower_vision.camera import Vector
-from follower_vision.framesource import SourceError
+from follower_control.common.clock_offset import AngularRates
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.sources.frame_source import SourceError
 
 _LEAST_SAMPLES = 2
 
@@ -22,7 +21,7 @@ class TelemetryError(SourceError):
 
 @dataclass(frozen=True, slots=True)
 class ModeChange:
-    """From `time_s` on the vehicle is in a mode."""
+    """From `time_s` (seconds on the log's clock) on the vehicle is in a mode."""
 
     time_s: float
     mode: str
@@ -61,7 +60,7 @@ class TelemetryLog:
         return (len(self.attitudes) - 1) / max(self.end_s - self.start_s, 1e-9)
 
     def moved(self, by_s: float) -> Self:
-        """Return the same with `by_s` added to all times."""
+        """Return the same with `by_s` seconds added to all times."""
         rates = self.rates
         return replace(
             self,
@@ -71,13 +70,9 @@ class TelemetryLog:
             modes=tuple(replace(one, time_s=one.time_s + by_s) for one in self.modes),
         )
 
-    def from_its_start(self) -> Self:
-        """Return the same with times counted from the first attitude."""
-        return self.moved(-self.start_s)
-
 
 @dataclass(slots=True)
-class Samples:
+class TelemetrySamples:
     """What a reader has found so far; rows may come in any order.
 
     Attributes:
@@ -93,6 +88,12 @@ class Samples:
     gyro: list[tuple[float, ...]] = field(default_factory=list)
     positions: list[tuple[float, ...]] = field(default_factory=list)
     modes: list[ModeChange] = field(default_factory=list)
+
+    def add_mode(self, time_s: float, mode: str, armed: bool) -> None:
+        """Note a mode at a time in seconds, if it is another one than before."""
+        newest = self.modes[-1] if self.modes else None
+        if newest is None or (newest.mode, newest.armed) != (mode, armed):
+            self.modes.append(ModeChange(time_s, mode, armed))
 
     def log(self, named: str) -> TelemetryLog:
         """Return the log, without rows that are not finite or not later than the one before.
@@ -153,3 +154,50 @@ def _clean(rows: Vector, columns: int) -> Vector:
     newest = np.maximum.accumulate(finite[:, 0])
     later = np.append(True, finite[1:, 0] > newest[:-1])
     return np.asarray(finite[later], np.float64)
+
+
+_BEFORE_S = 1.0
+_RECORDED = "recorded"
+
+SampleT = TypeVar("SampleT", Attitude, LocalPosition, ModeChange)
+
+
+class TelemetryPlayback:
+    """Hands out telemetry in the order of time.
+
+    Somebody else flew: the vehicle is taken to allow following all the time, whatever its mode was,
+    and the link to have been alive.
+
+    Args:
+        log: with times on the clock of the video.
+        start_s: what is older than a second before it is left out.
+    """
+
+    def __init__(self, log: TelemetryLog, start_s: float) -> None:
+        oldest_s = start_s - _BEFORE_S
+        self._attitudes = [one for one in log.attitudes if one.time_s >= oldest_s]
+        self._positions = list(log.positions)
+        self._modes = list(log.modes)
+        self._state = VehicleState(mode=_RECORDED, obeys_setpoints=True, armed=True)
+
+    def until(self, now_s: float) -> tuple[VehicleState, Sequence[Attitude]]:
+        """Return the newest of everything at `now_s`, and the attitudes since the last call."""
+        attitudes = _taken(self._attitudes, now_s)
+        positions, modes = _taken(self._positions, now_s), _taken(self._modes, now_s)
+        state = replace(self._state, heartbeat_s=now_s)
+        if attitudes:
+            state = replace(state, attitude=attitudes[-1])
+        if positions:
+            state = replace(state, position=positions[-1])
+        if modes:
+            state = replace(state, mode=modes[-1].mode or _RECORDED)
+        self._state = state
+        return state, attitudes
+
+
+def _taken(samples: list[SampleT], now_s: float) -> list[SampleT]:
+    """Take and return the samples up to `now_s`."""
+    count = next((n for n, one in enumerate(samples) if one.time_s > now_s), len(samples))
+    taken = samples[:count]
+    del samples[:count]
+    return taken

@@ -1,7 +1,5 @@
 """Telemetry from a tlog, as Mission Planner, QGroundControl, MAVProxy and we write it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,13 +7,13 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.modes import mode_name
-from follower.recorder.tlog import read_tlog
-from follower.telemetry.log import ModeChange, Samples, TelemetryError
+from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
+from follower.recording.tlog import read_tlog
 
 _REBOOT_S = 1.0
 
 
-def read_mavlink(path: Path) -> Samples:
+def read_mavlink(path: Path) -> TelemetrySamples:
     """Read a tlog, the messages of the first vehicle that is heard in it.
 
     Attitudes and positions carry the autopilot's own time since boot, which is free of the link's
@@ -25,7 +23,7 @@ def read_mavlink(path: Path) -> Samples:
         TelemetryError: there is not one MAVLink message in it.
         OSError: it cannot be read.
     """
-    samples, clock, heard = Samples(), _BootClock(), None
+    samples, clock, heard = TelemetrySamples(), _BootClock(), None
     for arrival_s, message in _messages(path):
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
@@ -41,7 +39,9 @@ def read_mavlink(path: Path) -> Samples:
             m = message
             samples.positions.append((0.0, m.x, m.y, m.z, m.vx, m.vy, m.vz))
         elif kind == "HEARTBEAT":
-            _take_mode(samples, message, arrival_s)
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            mode = mode_name(message.autopilot, message.custom_mode)
+            samples.add_mode(arrival_s, mode, armed)
     clock.settle()
     return samples
 
@@ -84,11 +84,3 @@ def _messages(path: Path) -> Iterator[tuple[float, Any]]:
             yield packet.time_s - first_s, message
     if not count:
         raise TelemetryError(f"{path}: there is no MAVLink message in it: this is no tlog")
-
-
-def _take_mode(samples: Samples, message: Any, time_s: float) -> None:
-    mode = mode_name(message.autopilot, message.custom_mode)
-    armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-    newest = samples.modes[-1] if samples.modes else None
-    if newest is None or (newest.mode, newest.armed) != (mode, armed):
-        samples.modes.append(ModeChange(time_s, mode, armed))

@@ -1,7 +1,5 @@
 """Telemetry from PX4's own log (.ulg), through pyulog."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from importlib import import_module
@@ -10,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from follower.telemetry.log import ModeChange, Samples, TelemetryError
-from follower_vision.camera import Vector
+from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
+from follower_vision.geometry.camera_model import Vector
 
 _TOPICS = [
     "vehicle_attitude",
@@ -37,7 +35,7 @@ _MODES = {
 """PX4's nav_state, the ones of a multirotor's everyday (vehicle_status.msg)."""
 
 
-def read_ulog(path: Path) -> Samples:
+def read_ulog(path: Path) -> TelemetrySamples:
     """Read a .ulg: attitude, gyro, local position and mode, the first instance of each.
 
     Raises:
@@ -54,8 +52,8 @@ def read_ulog(path: Path) -> Samples:
         ) from error
 
 
-def _samples(topics: Mapping[str, Any]) -> Samples:
-    samples = Samples()
+def _samples(topics: Mapping[str, Any]) -> TelemetrySamples:
+    samples = TelemetrySamples()
     attitude = topics.get("vehicle_attitude")
     if attitude is not None:
         quaternions = _columns(attitude, [f"q[{n}]" for n in range(4)])
@@ -68,8 +66,12 @@ def _samples(topics: Mapping[str, Any]) -> Samples:
     if place is not None:
         numbers = _columns(place, ["x", "y", "z", "vx", "vy", "vz"])
         samples.positions = _rows(_time(place), numbers)
-    if "vehicle_status" in topics:
-        samples.modes = _modes(topics["vehicle_status"])
+    status = topics.get("vehicle_status")
+    if status is not None:
+        columns = status["timestamp"], status["nav_state"], status["arming_state"]
+        for stamp, state, arming in zip(*columns, strict=True):
+            mode = _MODES.get(int(state), f"NAV_STATE {int(state)}")
+            samples.add_mode(float(stamp) / 1e6, mode, int(arming) == _ARMED)
     return samples
 
 
@@ -113,14 +115,3 @@ def _euler(q: Vector) -> Vector:
             np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
         ]
     )
-
-
-def _modes(status: Any) -> list[ModeChange]:
-    changes: list[ModeChange] = []
-    for stamp, state, arming in zip(
-        status["timestamp"], status["nav_state"], status["arming_state"], strict=True
-    ):
-        mode, armed = _MODES.get(int(state), f"NAV_STATE {int(state)}"), int(arming) == _ARMED
-        if not changes or (changes[-1].mode, changes[-1].armed) != (mode, armed):
-            changes.append(ModeChange(float(stamp) / 1e6, mode, armed))
-    return changes

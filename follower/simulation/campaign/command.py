@@ -18,7 +18,7 @@ EPILOG = """
 
 `follower campaign quick --video 3` – fly the three worst again, with video and report
 
-`follower campaign gains.yaml --optimise` – look for gains with a smaller cost
+`follower campaign gains.yaml --optimise` – search gains with a smaller cost
 
 Ctrl-C or a crash loses no finished run: the same command goes on where it stopped. Exit code 0: all
 goals were met; 1: not all; 2: the campaign cannot be used; 130: ended by Ctrl-C.
@@ -58,7 +58,14 @@ def campaign_command(
     ] = False,
 ) -> None:
     """Fly many simulated flights, count what came of them, and report on it."""
-    from follower.campaign.campaign import CampaignOptions, run_campaign
+    from follower.simulation.campaign.config import load_campaign
+    from follower.simulation.campaign.dask_engine import DaskEngine
+    from follower.simulation.campaign.process_engine import LocalEngine
+    from follower.simulation.campaign.run import run_campaign
+    from follower.ui.terminal.console import needed
 
-    options = CampaignOptions(campaign, workers, scheduler, vision, runs, out, video, optimise)
-    raise typer.Exit(run_campaign(options))
+    needed("pyarrow")
+    config = load_campaign(campaign, vision=vision, runs=runs)
+    folder = out or Path("runs") / f"campaign-{config.name}"
+    engine = LocalEngine(workers) if scheduler is None else DaskEngine(scheduler)
+    raise typer.Exit(run_campaign(config, folder, engine, video, optimise))

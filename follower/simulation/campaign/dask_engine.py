@@ -1,15 +1,13 @@
 """Flies runs on the workers of a Dask scheduler, on as many machines as it has."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from follower.campaign.extra import needed
-from follower.campaign.flying import fly_run, row_of
-from follower.campaign.local_engine import said_of
-from follower.campaign.run_spec import RunSpec
-from follower_control.strict_yaml import SettingsError
+from follower.simulation.campaign.config import RunSpec
+from follower.simulation.campaign.fly_run import fly_run, row_of
+from follower.simulation.campaign.process_engine import describe_error
+from follower.ui.terminal.console import needed
+from follower_control.common.strict_config import SettingsError
 
 _CONNECT_S = 10
 _RETRIES = 3
@@ -25,7 +23,7 @@ class DaskEngine:
         address: of the scheduler, e.g. "tcp://10.0.0.1:8786".
 
     Raises:
-        SettingsError: nobody answers there, or no worker is there.
+        SettingsError: no scheduler answers there, or no worker is there.
     """
 
     def __init__(self, address: str) -> None:
@@ -34,20 +32,15 @@ class DaskEngine:
             self._client = self._dask.Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise SettingsError(
-                f"--scheduler {address}: no scheduler answers ({said_of(error)}); start one with "
-                "`dask scheduler`"
+                f"--scheduler {address}: no scheduler answers ({describe_error(error)}); start one "
+                "with `dask scheduler`"
             ) from None
-        if self.workers == 0:
+        if not self._client.nthreads():
             self._client.close()
             raise SettingsError(
                 f"--scheduler {address}: it has no workers; start some with "
                 f"`dask worker {address} --nthreads 1`"
             )
-
-    @property
-    def workers(self) -> int:
-        """How many runs are flown at a time: the threads of all workers."""
-        return sum(self._client.nthreads().values())
 
     def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
         """Yield a row for each run as it is finished.
@@ -60,7 +53,7 @@ class DaskEngine:
         for future in self._dask.as_completed(list(flying), loop=self._client.loop):
             spec = flying.pop(future)
             error = future.exception()
-            yield row_of(spec, said_of(error)) if error else future.result()
+            yield row_of(spec, describe_error(error)) if error else future.result()
             future.release()
 
     def close(self) -> None:

@@ -1,29 +1,21 @@
 """Flies one run of a campaign; this is what workers are sent."""
 
-from __future__ import annotations
-
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 
-from follower.campaign.figures import Figures, figures_of
-from follower.campaign.run_spec import RunSpec
-from follower.configs import find_scenario
-from follower.flight_extras import FlightExtras
-from follower.flying import fly_lockstep
-from follower.sight import Sight, check_without_pixels
-from follower.simulate import simulation_settings
-from follower.simulated_flight import SimulatedFlight
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
+from follower.simulation.campaign.config import RunSpec
+from follower.simulation.campaign.metrics import figures_of
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-
-TIMING = ("wall_s",)
-"""What differs from one time to the next, of all that a row says."""
 
 
 def fly_run(spec: RunSpec) -> dict[str, Any]:
@@ -34,9 +26,15 @@ def fly_run(spec: RunSpec) -> dict[str, Any]:
     """
     cv2.setNumThreads(1)
     begin_s = time.perf_counter()
-    figures = _flown(spec)
-    row = {**row_of(spec), **figures.to_dict()}
-    return {**row, "wall_s": time.perf_counter() - begin_s}
+    options = spec.options()
+    scenario, settings = options.resolve()
+    clock, ends = SimulatedClock(), MemoryTransport.pair()
+    world, extras = World(scenario, spec.seed), FlightOptions(vision=options.vision)
+    flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, extras)
+    with closing(flight):
+        fly_lockstep(flight, clock, lambda: None)
+    figures = figures_of(flight).to_dict()
+    return {**row_of(spec), **figures, "wall_s": time.perf_counter() - begin_s}
 
 
 def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
@@ -49,23 +47,22 @@ def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
         "seed": spec.seed,
         "vision": spec.sight,
         "values": dict(spec.values),
-        "command": spec.command,
+        "command": spec.options().command,
         "version": version("drone-target-follower"),
         "error": error,
     }
 
 
-def _flown(spec: RunSpec) -> Figures:
-    options = spec.options()
-    scenario = load_scenario(find_scenario(spec.scenario), spec.scene)
-    if options.sight is Sight.TRUTH:
-        check_without_pixels(scenario)
-    settings = simulation_settings(scenario, options)
-    clock, ends = SimulatedClock(), MemoryTransport.pair()
-    world = World(scenario, spec.seed)
-    flight = SimulatedFlight(
-        world, settings, spec.autopilot, clock, ends, FlightExtras(sight=options.sight)
-    )
-    with closing(flight):
-        fly_lockstep(flight, clock, lambda: None)
-    return figures_of(flight)[0]
+class RunEngine(Protocol):
+    """Flies runs, several at a time."""
+
+    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+        """Yield a row for each run as it is finished, in whatever order.
+
+        A run that fails has a row that says why; it stops no other.
+        """
+        ...
+
+    def close(self) -> None:
+        """End what it has begun."""
+        ...

@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from follower.flightlog import ControlRecord
-from follower.scoring import stopped_s
-from follower.simulated_flight import SimulatedFlight
-from follower.supervisor import State
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_sim.occlusions import HIDDEN, Occlusion, Sighted, occlusions
-from follower_sim.score import IN_FRAME, PursuitScore, line_of_sight_errors
-from follower_sim.truth_sample import TruthSample
-from follower_vision.track import TrackState
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.ground_truth import stopped_s
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_sim.kinematics import TruthSample
+from follower_sim.scoring.occlusions import HIDDEN, ObservedFrame, Occlusion, occlusions
+from follower_sim.scoring.score import IN_FRAME, PursuitScore, line_of_sight_errors
+from follower_vision.trackers.track import TrackState
 
 _SLACK = 1.01
 _SLACK_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class RunMetrics:
     """What came of one flight; None stands for what could not be measured.
 
     Times from the approach's end to the operator's stop are "scored".
@@ -36,17 +36,14 @@ class Figures:
         in_frame_share: share of it with half the target in the image, occlusions left out.
         in_frame_share_all: the same with them.
         line_of_sight_rms_deg: root mean square of the line-of-sight error over the scored time.
-        line_of_sight_rms_seen_deg: the same, occlusions left out.
-        line_of_sight_box_rms_seen_deg: the same of the true box's middle instead of the body's: a
-            tracker can show no other, and the servo holds it.
-        azimuth_rms_deg: of the direction to the target from the heading, occlusions left out.
-        elevation_rms_deg: of the error of its elevation, occlusions left out.
+        line_of_sight_box_rms_seen_deg: the same, occlusions left out, of the true box's middle
+            instead of the body's: a tracker can show no other, and the servo holds it.
         range_error_median: median of |range / wanted - 1|.
         range_error_p95: its 95th percentile.
         occlusion_s: length of each occlusion.
         reacquired_s: from the end of each until the target was rightly seen again; None: never.
         losses: how often the supervisor began to search.
-        wrong_box_share: share of the frames said to be tracked whose box misses the target.
+        wrong_box_share: share of the frames with a track whose box misses the target.
         delay_median_s: from a frame's capture to its setpoint.
         envelope_violations: how many of the envelope's limits were broken.
         nearest_m: least true distance to the target while the follower steered.
@@ -61,10 +58,7 @@ class Figures:
     in_frame_share: float | None
     in_frame_share_all: float | None
     line_of_sight_rms_deg: float | None
-    line_of_sight_rms_seen_deg: float | None
     line_of_sight_box_rms_seen_deg: float | None
-    azimuth_rms_deg: float | None
-    elevation_rms_deg: float | None
     range_error_median: float | None
     range_error_p95: float | None
     occlusion_s: tuple[float, ...]
@@ -89,7 +83,7 @@ class Figures:
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Figures:
+    def from_dict(cls, data: dict[str, Any]) -> RunMetrics:
         """Return what `to_dict` was made from; other keys are left alone."""
         kept = {name: data[name] for name in cls.__dataclass_fields__}
         for name in ("occlusion_s", "reacquired_s"):
@@ -97,8 +91,8 @@ class Figures:
         return cls(**kept)
 
 
-def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
-    """Return the figures of a flight that is over, and its score."""
+def figures_of(flight: SimulatedFlight) -> RunMetrics:
+    """Return the figures of a flight that is over."""
     score = flight.score()
     end_s = stopped_s(flight.log.controls) or math.inf
     scored = _scored(flight.truth, score, end_s)
@@ -108,17 +102,14 @@ def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
     steering = [record for record in flight.log.controls if record.state.steers and record.sent]
     violations = _broken_setpoints(score, steering, limits) + _broken_places(flight, limits)
     accelerations = _accelerations(steering)
-    return Figures(
+    return RunMetrics(
         score.time_to_acquire_s,
         score.approach_s,
         score.scored_s,
-        _mean([sample.in_frame_share >= IN_FRAME for sample in seen]),
+        sum(one.in_frame_share >= IN_FRAME for one in seen) / len(seen) if seen else None,
         score.in_frame_share,
         score.line_of_sight_rms_deg,
-        _rms(np.degrees(line_of_sight_errors(seen, flight.goal))),
         _rms(np.degrees(line_of_sight_errors(_by_box(flight, seen), flight.goal))),
-        _rms(np.degrees([sample.azimuth_rad for sample in seen])),
-        _rms(np.degrees([s.elevation_rad - flight.goal.elevation_rad for s in seen])),
         score.range_error_median,
         score.range_error_p95,
         tuple(round(one.length_s, 6) for one in hidden),
@@ -131,7 +122,7 @@ def figures_of(flight: SimulatedFlight) -> tuple[Figures, PursuitScore]:
         limits.min_distance_m,
         _rms(np.linalg.norm(accelerations[:, :2], axis=1)),
         _rms(np.degrees(accelerations[:, 3])),
-    ), score
+    )
 
 
 def _scored(
@@ -148,9 +139,9 @@ def _scored(
 def _by_box(flight: SimulatedFlight, samples: Sequence[TruthSample]) -> list[TruthSample]:
     """Return samples with the direction of the true box's middle for that of the body's."""
     return [
-        replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
+        replace(sample, azimuth_rad=direction.azimuth_rad, elevation_rad=direction.elevation_rad)
         for sample in samples
-        for sight in (flight.box_sight(sample),)
+        for direction in (flight.box_direction(sample),)
     ]
 
 
@@ -165,12 +156,12 @@ def _occlusions(
         if record.track is not None and record.track.state is TrackState.TRACKING
     ]
     offset_s = flight.scenario.camera.stamp_offset_s
-    sighted = [
-        Sighted(record.captured_s - offset_s, record.done_s)
+    seen_frames = [
+        ObservedFrame(record.captured_s - offset_s, record.done_s)
         for record, overlap in zip(tracked, flight.overlaps, strict=True)
         if overlap > 0
     ]
-    return occlusions(flight.truth, sighted, scored[0].time_s, min(end_s, scored[-1].time_s))
+    return occlusions(flight.truth, seen_frames, scored[0].time_s, min(end_s, scored[-1].time_s))
 
 
 def _broken_setpoints(
@@ -196,7 +187,9 @@ def _broken_setpoints(
 
 def _broken_places(flight: SimulatedFlight, limits: EnvelopeSettings) -> int:
     """Return how many of the limits on places the true vehicle broke while it was steered."""
-    steered = {record.time_s for record in flight.log.controls if record.state is State.FOLLOWING}
+    steered = {
+        record.time_s for record in flight.log.controls if record.state is SupervisorState.FOLLOWING
+    }
     places = [s.vehicle.position_m for s in flight.truth if s.time_s in steered]
     if not places:
         return 0
@@ -212,7 +205,9 @@ def _broken_places(flight: SimulatedFlight, limits: EnvelopeSettings) -> int:
 
 
 def _nearest_m(flight: SimulatedFlight, end_s: float) -> float | None:
-    first = next((r.time_s for r in flight.log.controls if r.state is State.FOLLOWING), math.inf)
+    first = next(
+        (r.time_s for r in flight.log.controls if r.state is SupervisorState.FOLLOWING), math.inf
+    )
     ranges = [s.range_m for s in flight.truth if first <= s.time_s <= end_s]
     return min(ranges, default=None)
 
@@ -231,7 +226,3 @@ def _peak(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
 
 def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
-
-
-def _mean(flags: Sequence[bool]) -> float | None:
-    return sum(flags) / len(flags) if flags else None

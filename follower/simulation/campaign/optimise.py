@@ -1,32 +1,30 @@
 """Searches settings with a smaller cost, by Optuna, over the campaign's own runs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from rich.console import Console
 
-from follower.campaign.campaign_config import CampaignConfig, OptimiseSettings
-from follower.campaign.cost import cost
-from follower.campaign.engine import Engine
-from follower.campaign.extra import needed
-from follower.campaign.figures import Figures
-from follower.campaign.progress import CampaignProgress
-from follower.campaign.run_spec import RunSpec
-from follower.campaign.store import Store
-from follower.configs import find_scenario
-from follower.print_line import print_line
-from follower.report.writer import write_whole
-from follower.settings import Settings
-from follower.simulate import simulation_settings
-from follower_control.strict_yaml import SettingsError, read_mapping
-from follower_sim.scenario_file import load_scenario
+from follower.settings.settings import Settings, nested
+from follower.simulation.campaign.config import (
+    CampaignConfig,
+    OptimiseSettings,
+    RunSpec,
+    significant,
+)
+from follower.simulation.campaign.fly_run import RunEngine
+from follower.simulation.campaign.metrics import RunMetrics
+from follower.simulation.campaign.process_engine import campaign_progress
+from follower.simulation.campaign.store import RunStore
+from follower.simulation.campaign.summary import cost
+from follower.ui.terminal.console import needed, print_line
+from follower_control.common.strict_config import SettingsError, merged, read_mapping
+from follower_vision.atomic_file import write_whole
 
 BEST = "best.yaml"
 TRIALS = "trials.json"
@@ -34,24 +32,23 @@ _INTERRUPTED = 130
 _NOT_FLOWN = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(NamedTuple):
     """One set of values that was tried.
 
     Attributes:
-        values: by the settings' keys.
         cost: mean over the runs.
+        values: by the settings' keys.
     """
 
-    values: dict[str, float]
     cost: float
+    values: dict[str, float]
 
 
 def optimise(
     config: CampaignConfig,
     specs: Sequence[RunSpec],
-    engine: Engine,
-    store: Store,
+    engine: RunEngine,
+    store: RunStore,
     folder: Path,
     console: Console,
 ) -> int:
@@ -71,15 +68,15 @@ def optimise(
     study = _study(flown[0], wanted)
     trials: list[Trial] = []
     stopped = suppress(KeyboardInterrupt)
-    title = f"{config.name}: trials"
-    with stopped, CampaignProgress(console, title, wanted.trials, 0) as progress:
+    shown = campaign_progress(console, f"{config.name}: trials", wanted.trials)
+    with stopped, shown as count_one:
         for _ in range(wanted.trials):
             asked = study.ask()
-            values = {key: _rounded(asked.suggest_float(key, *wanted.settings[key]))
+            values = {key: significant(asked.suggest_float(key, *wanted.settings[key]))
                       for key in wanted.settings}  # fmt: skip
-            trials.append(Trial(values, _mean_cost(flown, values, engine, store)))
+            trials.append(Trial(_mean_cost(flown, values, engine, store), values))
             study.tell(asked, trials[-1].cost)
-            progress.finished()
+            count_one()
     if trials:
         _write(trials, folder, {} if config.config is None else read_mapping(config.config))
         _say(trials, folder, console)
@@ -99,8 +96,7 @@ def _study(run: RunSpec, wanted: OptimiseSettings) -> Any:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     sampler = optuna.samplers.TPESampler(seed=wanted.seed)
     study = optuna.create_study(sampler=sampler)
-    scenario = load_scenario(find_scenario(run.scenario), run.scene)
-    now = simulation_settings(scenario, run.options())
+    _, now = run.options().resolve()
     first = {key: present(now, key) for key in wanted.settings}
     for key, (low, high) in wanted.settings.items():
         if not low <= first[key] <= high:
@@ -124,19 +120,15 @@ def present(settings: Settings, key: str) -> float:
 
 
 def _mean_cost(
-    specs: Sequence[RunSpec], values: dict[str, float], engine: Engine, store: Store
+    specs: Sequence[RunSpec], values: dict[str, float], engine: RunEngine, store: RunStore
 ) -> float:
     changes = tuple(f"{key}={value}" for key, value in values.items())
     tried = [replace(spec, overrides=(*spec.overrides, *changes)) for spec in specs]
     for row in engine.fly([spec for spec in tried if spec.key not in store.rows]):
         store.add(row)
     rows = [store.rows[spec.key] for spec in tried]
-    costs = [_NOT_FLOWN if row["error"] else cost(Figures.from_dict(row)) for row in rows]
+    costs = [_NOT_FLOWN if row["error"] else cost(RunMetrics.from_dict(row)) for row in rows]
     return sum(costs) / len(costs)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 def _write(trials: Sequence[Trial], folder: Path, best: dict[str, Any]) -> None:
@@ -144,11 +136,7 @@ def _write(trials: Sequence[Trial], folder: Path, best: dict[str, Any]) -> None:
     listed = [{"cost": trial.cost, **trial.values} for trial in trials]
     write_whole(folder / TRIALS, json.dumps(listed, indent=1) + "\n")
     for key, value in min(trials, key=lambda trial: trial.cost).values.items():
-        *sections, name = key.split(".")
-        place = best
-        for section in sections:
-            place = place.setdefault(section, {})
-        place[name] = value
+        best = merged(best, nested(key.split("."), value))
     write_whole(folder / BEST, yaml.safe_dump(best, sort_keys=False))
 
 

@@ -1,22 +1,27 @@
 """Flies runs in processes on this machine, and goes on when one of them is killed."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
-from follower.campaign.flying import fly_run, row_of
-from follower.campaign.run_spec import RunSpec
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from follower.simulation.campaign.config import RunSpec
+from follower.simulation.campaign.fly_run import fly_run, row_of
+from follower.ui.terminal.console import print_line
 
 _TRIES = 3
+_LINE_EVERY_S, _PACE_OVER_S = 20.0, 3600.0
 _Flights = dict[Future[dict[str, Any]], RunSpec]
 
 
@@ -68,8 +73,10 @@ class LocalEngine:
                 spec = flying.pop(future)
                 error = future.exception()
                 if not isinstance(error, BrokenProcessPool):
-                    yield row_of(spec, said_of(error)) if error else future.result()
-                elif self._is_worth_another(spec, tries):
+                    yield row_of(spec, describe_error(error)) if error else future.result()
+                    continue
+                tries[spec.number] += 1
+                if tries[spec.number] < _TRIES:
                     waiting.appendleft(spec)
                 else:
                     yield row_of(spec, f"its process died {_TRIES} times")
@@ -86,12 +93,8 @@ class LocalEngine:
         )
         return self._pool.submit(fly_run, spec)
 
-    def _is_worth_another(self, spec: RunSpec, tries: Counter[int]) -> bool:
-        tries[spec.number] += 1
-        return tries[spec.number] < _TRIES
-
     def close(self) -> None:
-        """End the processes; what they still have in hand, nobody waits for."""
+        """End the processes; what they still fly is lost."""
         if self._pool is None:
             return
         self._pool.shutdown(wait=not self._flying, cancel_futures=True)
@@ -112,19 +115,41 @@ def end_with_parent() -> None:
     threading.Thread(target=wait_for_it, name="parent", daemon=True).start()
 
 
-class InlineEngine:
-    """Flies runs here, one after the other, without any process."""
-
-    workers = 1
-
-    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
-        """Yield a row for each run as it is finished; what fails is raised."""
-        yield from (fly_run(spec) for spec in specs)
-
-    def close(self) -> None:
-        """Do nothing: nothing was begun."""
-
-
-def said_of(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return an error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+@contextmanager
+def campaign_progress(
+    console: Console, title: str, total: int, flown: int = 0
+) -> Iterator[Callable[[], None]]:
+    """Show a bar on a terminal, else a line now and then; yield what counts one more run.
+
+    Args:
+        console: where to.
+        title: what is flown.
+        total: how many runs there are.
+        flown: how many of them were finished before; the time to go does not count them.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    bar = Progress(
+        *columns,
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        speed_estimate_period=_PACE_OVER_S,
+        disable=not console.is_terminal,
+    )
+    task = bar.add_task(title, total=total, completed=flown)
+    due_s = time.monotonic() + _LINE_EVERY_S
+
+    def count_one() -> None:
+        nonlocal due_s
+        bar.advance(task)
+        if bar.disable and time.monotonic() > due_s:
+            due_s = time.monotonic() + _LINE_EVERY_S
+            print_line(console, f"{bar.tasks[0].completed:.0f} of {total} runs")
+
+    with bar:
+        yield count_one

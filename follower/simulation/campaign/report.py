@@ -1,32 +1,87 @@
-"""The plots of a campaign's report: distributions, heat map, pass rates, parallel coordinates."""
+"""The report of a campaign: one HTML file that needs no network."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from follower.campaign.figures import Figures
-from follower.campaign.goals import Goals
-from follower.campaign.wilson import wilson
-from follower.report import html, style
+from follower.report import flight_page, html, style
+from follower.report.html import Cell, Html
+from follower.report.series import ReportMeta
+from follower.simulation.campaign.config import CampaignConfig, Goals
+from follower.simulation.campaign.metrics import RunMetrics
+from follower.simulation.campaign.summary import CampaignSummary, share_text, wilson
+from follower.simulation.options import VisionSource
+from follower_sim.noisy_tracker import LABEL
 
 Row = dict[str, Any]
 
-_BINS = 5
-_MOST_LINES = 400
+_MOST_WORST = 25
+_BINS, _LETTERS = 5, 34
 _NEVER_S = 5.0
-_LETTERS = 34
+"""What a target that was never seen again counts as."""
+_HOW_SURE = (
+    "In brackets: the 95 % score interval (Wilson, 1927) of the counted share. Each run flies its "
+    "own draw of the parameters; a goal over all runs can be met although single runs miss theirs."
+)
+_VERDICTS = {
+    "met": Html('<b style="color: var(--green); white-space: nowrap">met</b>'),
+    "not met": Html('<b style="color: var(--red); white-space: nowrap">not met</b>'),
+    "": Html(""),
+}
+
+
+def goals_table(summary: CampaignSummary) -> str:
+    """Return each goal with what was reached."""
+    rows = [
+        (line.name, line.value, line.wanted if line.counts else "", _VERDICTS[line.verdict])
+        for line in summary.lines
+    ]
+    return html.table(("Goal", "Reached", "Wanted", ""), rows)
+
+
+def worst_table(summary: CampaignSummary, seen: Mapping[int, str]) -> str:
+    """Return the worst runs, each with its command, and its video where there is one."""
+    worst = summary.worst[:_MOST_WORST]
+    rows = [_worst_row(row, seen.get(row["number"])) for row in worst]
+    head = ("Run", "Missed", "Line of sight", "In frame", "Parameters", "")
+    table = html.table(head, rows, (2, 3))
+    commands = "\n".join(f"# run {row['number']}\n{row['command']}" for row in worst)
+    return table + html.folded("The commands that fly them again", html.preformatted(commands))
+
+
+def _worst_row(row: Mapping[str, Any], folder: str | None) -> Sequence[Cell]:
+    missed = row["error"] or ", ".join(row["failures"])
+    values = ", ".join(f"{name} {_short(value)}" for name, value in row["values"].items())
+    link = ""
+    if folder is not None:
+        place = escape(folder)
+        link = f'<a href="{place}/overlay.mp4">video</a> <a href="{place}/report.html">report</a>'
+    return (
+        str(row["number"]),
+        missed,
+        _number(row.get("line_of_sight_box_rms_seen_deg"), "{:.1f}°"),
+        _number(row.get("in_frame_share"), "{:.1%}"),
+        f"{row['scenario']}, {row['autopilot']}, {values}",
+        Html(link),
+    )
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else form.format(value)
 
 
 def distributions(rows: Sequence[Row], goals: Goals) -> str:
     """Return the distribution of each figure over the runs, with its limit."""
-    figures = [Figures.from_dict(row) for row in rows]
+    figures = [RunMetrics.from_dict(row) for row in rows]
     waits = [t for one in figures for t in goals.short(one)]
     panels: tuple[tuple[str, list[float], float | None], ...] = (
         (
@@ -58,12 +113,12 @@ def distributions(rows: Sequence[Row], goals: Goals) -> str:
     ):
         _cumulative(axes, name, values, limit)
     svg = style.to_svg(figure, "distributions", "distributions of the figures")
-    said = (
+    caption = (
         "Share of the runs (of the occlusions, third panel) up to each value; dashed: the limit. "
         "Line of sight and time out of the frame are taken outside occlusions. "
         f"A target never seen again counts as {_NEVER_S:g} s. The keep-out's limit is a least one."
     )
-    return html.figure(svg, said)
+    return html.figure(svg, caption)
 
 
 def _cumulative(axes: Axes, name: str, values: Sequence[float], limit: float | None) -> None:
@@ -80,54 +135,9 @@ def _cumulative(axes: Axes, name: str, values: Sequence[float], limit: float | N
         axes.set_xlim(min(0.0, float(ordered[0])), most * 1.05)
 
 
-def heat_map(rows: Sequence[Row]) -> str:
-    """Return the share of passed runs for each scenario and value of the first named parameter."""
-    name = next((n for n in _parameters(rows) if _is_named(rows, n)), None)
-    if name is None:
-        return ""
-    across = list(dict.fromkeys(str(row["values"][name]) for row in rows))
-    down = sorted({(row["scenario"], row["autopilot"]) for row in rows})
-    cells = [
-        [
-            _share(
-                row["passed"]
-                for row in rows
-                if (row["scenario"], row["autopilot"]) == which and str(row["values"][name]) == one
-            )
-            for one in across
-        ]
-        for which in down
-    ]
-    return _shaded_table([f"{_label(s)}, {a}" for s, a in down], across, cells, name)
-
-
-def _shaded_table(
-    down: Sequence[str],
-    across: Sequence[str],
-    cells: Sequence[Sequence[tuple[int, int]]],
-    name: str,
-) -> str:
-    rows: list[list[html.Cell]] = [
-        [label, *(_shaded(*cell) for cell in line)] for label, line in zip(down, cells, strict=True)
-    ]
-    head = ["", *across]
-    said = f"Runs that reached every goal of their own, by scenario, autopilot and {name}."
-    return html.table(head, rows, range(1, len(head))) + html.paragraph(said)
-
-
-def _shaded(good: int, count: int) -> html.Html:
-    if count == 0:
-        return html.Html("–")
-    percent = round(100 * good / count)
-    colour = f"color-mix(in srgb, var(--green) {round(0.55 * percent)}%, transparent)"
-    red = f"color-mix(in srgb, var(--red) {round(0.45 * (100 - percent))}%, {colour})"
-    look = f"background: {red}; padding: .1rem .5rem; border-radius: .2rem"
-    return html.Html(f'<span style="{look}">{percent} % of {count}</span>')
-
-
 def failures_by_parameter(rows: Sequence[Row]) -> str:
     """Return the share of passed runs over each parameter, with its interval."""
-    names = ["scenario", "autopilot", *_parameters(rows)]
+    names = ["scenario", "autopilot", *(rows[0]["values"] if rows else ())]
     count = len(names)
     lines = (count + 2) // 3
     figure = Figure(figsize=(style.WIDTH_IN, 2.3 * lines + 0.3), layout="constrained")
@@ -143,7 +153,7 @@ def failures_by_parameter(rows: Sequence[Row]) -> str:
 def _pass_rates(axes: Axes, name: str, rows: Sequence[Row]) -> None:
     groups = _groups(name, rows)
     for place, (_, members) in enumerate(groups):
-        good, count = _share(row["passed"] for row in members)
+        good, count = sum(row["passed"] for row in members), len(members)
         low, high = wilson(good, count)
         share = good / count if count else 0.0
         axes.plot([place, place], [low, high], color=style.BLUE.light, linewidth=1.5)
@@ -158,65 +168,28 @@ def _pass_rates(axes: Axes, name: str, rows: Sequence[Row]) -> None:
 
 def _groups(name: str, rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     """Return the runs by a parameter's values; numbers in a few ranges."""
-    value: Callable[[Row], Any] = (
-        (lambda row: row[name]) if name in ("scenario", "autopilot") else
-        (lambda row: row["values"][name])
-    )  # fmt: skip
-    values = sorted({value(row) for row in rows}, key=_in_order)
+    of_rows = [
+        row[name] if name in ("scenario", "autopilot") else row["values"][name] for row in rows
+    ]
+    values = sorted(set(of_rows), key=_in_order)
     if len(values) <= 2 * _BINS or not all(isinstance(one, int | float) for one in values):
-        return [(_label(one), [row for row in rows if value(row) == one]) for one in values]
+        return [
+            (_label(one), [row for row, its in zip(rows, of_rows, strict=True) if its == one])
+            for one in values
+        ]
     edges = np.linspace(min(values), max(values), _BINS + 1)
-    places = np.clip(np.digitize([value(row) for row in rows], edges) - 1, 0, _BINS - 1)
+    places = np.clip(np.digitize(of_rows, edges) - 1, 0, _BINS - 1)
     return [
         (
-            f"{_short(edges[i])}–\n{_short(edges[i + 1])}",
+            f"{_edge(edges[i])}–\n{_edge(edges[i + 1])}",
             [row for row, place in zip(rows, places.tolist(), strict=True) if place == i],
         )
         for i in range(_BINS)
     ]
 
 
-def _short(value: float) -> str:
+def _edge(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
-
-
-def parallel_coordinates(rows: Sequence[Row]) -> str:
-    """Return one line a run over all parameters and the main figures."""
-    shown = list(rows[:_MOST_LINES])
-    if not shown:
-        return ""
-    columns: list[tuple[str, list[Any]]] = [
-        ("scenario", [_label(row["scenario"]) for row in shown])
-    ]
-    columns += [(name, [row["values"][name] for row in shown]) for name in _parameters(rows)]
-    columns += [
-        ("line of sight [deg]", [row["line_of_sight_box_rms_seen_deg"] for row in shown]),
-        ("in frame [%]", [_percent(row["in_frame_share"]) for row in shown]),
-    ]
-    figure = Figure(figsize=(style.WIDTH_IN, 4.0), layout="constrained")
-    axes = figure.subplots()
-    heights = np.array([_heights(axes, i, values) for i, (_, values) in enumerate(columns)]).T
-    rng = np.random.default_rng(0)
-    heights += rng.uniform(-0.012, 0.012, heights.shape)
-    for passed, colour in ((False, style.RED), (True, style.BLUE)):
-        lines = [
-            np.column_stack([np.arange(len(columns)), line])
-            for line, row in zip(heights, shown, strict=True)
-            if row["passed"] is passed
-        ]
-        axes.add_collection(LineCollection(lines, colors=colour.light, linewidths=0.7, alpha=0.45))
-    axes.set_xticks(range(len(columns)), [name for name, _ in columns], fontsize=7.5)
-    axes.set_xlim(-0.2, len(columns) - 0.6)
-    axes.set_ylim(-0.06, 1.08)
-    axes.set_yticks([])
-    axes.grid(visible=True, axis="x")
-    svg = style.to_svg(figure, "parallel", "all runs over their parameters")
-    return html.figure(
-        svg,
-        f"Each line is a run: orange missed a goal of its own; the first {len(shown)} of them. "
-        "Each axis from its smallest to its largest value; what was not measured is at the "
-        "bottom.",
-    )
 
 
 def _in_order(value: Any) -> tuple[bool, float, str]:
@@ -232,46 +205,68 @@ def _label(value: Any) -> str:
     return name.removeprefix("pursue-")
 
 
-def _heights(axes: Axes, place: int, values: Sequence[Any]) -> list[float]:
-    """Return where on its axis each value lies, 0 to 1, and write the ends beside it."""
-    if all(isinstance(one, int | float) or one is None for one in values):
-        known = [float(one) for one in values if one is not None] or [0.0]
-        low, high = min(known), max(known)
-        if low == high:  # at the bottom lies what was not measured
-            axes.text(place + 0.03, 0.525, f"{low:.3g}", fontsize=6.5)
-            return [0.0 if one is None else 0.5 for one in values]
-        for height, text in ((0.0, f"{low:.3g}"), (1.0, f"{high:.3g}")):
-            axes.text(place + 0.03, height + 0.025, text, fontsize=6.5)
-        return [0.0 if one is None else (one - low) / (high - low) for one in values]
-    names = sorted({str(one) for one in values})
-    spread = max(1, len(names) - 1)
-    for number, name in enumerate(names):
-        axes.text(place + 0.03, number / spread + 0.025, name, fontsize=6.5)
-    return [names.index(str(one)) / spread for one in values]
-
-
-def _parameters(rows: Sequence[Row]) -> list[str]:
-    return list(rows[0]["values"]) if rows else []
-
-
-def _is_named(rows: Sequence[Row], name: str) -> bool:
-    return any(isinstance(row["values"][name], str) for row in rows)
-
-
-def _share(flags: Any) -> tuple[int, int]:
-    counted = list(flags)
-    return sum(counted), len(counted)
-
-
 def _known(values: Sequence[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
-
-
-def _nearness(figures: Figures) -> float | None:
+def _nearness(figures: RunMetrics) -> float | None:
     if figures.nearest_m is None or figures.keep_out_m is None:
         return None
     return figures.nearest_m / figures.keep_out_m
+
+
+def render(
+    config: CampaignConfig,
+    rows: Sequence[Row],
+    summary: CampaignSummary,
+    seen: Mapping[int, str],
+) -> str:
+    """Return the page.
+
+    Args:
+        config: what was asked for.
+        rows: the judged rows, one a run.
+        summary: what they come to.
+        seen: the folders of the runs that were flown again with video, by the runs' numbers.
+    """
+    source = LABEL if config.vision is VisionSource.TRUTH else "full pixels"
+    subtitle = (
+        f"campaign {config.name} · {summary.runs} runs · seed {config.seed} · lockstep · {source}"
+    )
+    flown = [row for row in rows if not row["error"]]
+    passed = share_text(summary.passed, summary.runs)
+    missed = [(name, share_text(count, summary.runs)) for name, count in summary.failures]
+    with style.plot_style():
+        parts = (
+            _verdict(config, summary),
+            html.tiles((("Runs that reached every goal of their own", passed),)),
+            html.section("Goals", goals_table(summary), html.paragraph(_HOW_SURE)),
+            html.section("What was missed", html.table(("Runs that missed", "Share"), missed)),
+            html.section("Distributions", distributions(flown, config.goals)),
+            html.section("Passing by parameter", failures_by_parameter(rows)),
+            html.section("The worst runs", worst_table(summary, seen)),
+            html.section("This campaign", _about(config, rows)),
+        )
+    return flight_page.filled(ReportMeta(config.title, subtitle), parts)
+
+
+def _verdict(config: CampaignConfig, summary: CampaignSummary) -> str:
+    lines = [
+        f"{line.name}: {line.value}, wanted {line.wanted}" for line in summary.goals if not line.met
+    ]
+    if config.vision is VisionSource.TRUTH:
+        lines.insert(0, f"{LABEL[0].upper()}{LABEL[1:]}: this says nothing about trackers.")
+    if summary.errors:
+        lines.append(f"{summary.errors} runs could not be flown.")
+    kind = "passed" if summary.reached else "failed"
+    met = sum(line.met for line in summary.goals)
+    return flight_page.verdict_box(kind, f"{met} of {len(summary.goals)} goals met", lines)
+
+
+def _about(config: CampaignConfig, rows: Sequence[Row]) -> str:
+    wall_s = sum(float(row.get("wall_s", 0.0)) for row in rows)
+    versions = sorted({str(row["version"]) for row in rows})
+    facts = [("Version", ", ".join(versions)), ("Time in flights", f"{wall_s:.0f} s")]
+    return html.table(("Fact", "Value"), facts) + html.folded(
+        "The campaign as resolved", html.preformatted(config.to_yaml())
+    )

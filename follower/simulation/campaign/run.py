@@ -1,71 +1,62 @@
 """`follower campaign`: fly what is planned and not yet flown, keep it, and report on it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from follower.campaign.campaign_config import CampaignConfig, load_campaign
-from follower.campaign.dask_engine import DaskEngine
-from follower.campaign.engine import Engine
-from follower.campaign.extra import needed
-from follower.campaign.figures import Figures
-from follower.campaign.goals import Goals
-from follower.campaign.local_engine import LocalEngine
-from follower.campaign.plan import planned
-from follower.campaign.progress import CampaignProgress
-from follower.campaign.run_spec import RunSpec
-from follower.campaign.store import Store
-from follower.campaign.summary import Summary, summary_of
-from follower.campaign.tables import RESULTS, write_parquet
-from follower.configs import find_scenario
-from follower.print_line import print_line
-from follower.report.writer import REPORT, write_whole
-from follower.sight import Sight, check_without_pixels
-from follower.simulate import simulate, simulation_settings
-from follower_sim.scenario_file import load_scenario
+from follower.report.flight_page import REPORT
+from follower.simulation.campaign.config import (
+    CampaignConfig,
+    Goals,
+    RunSpec,
+    planned,
+)
+from follower.simulation.campaign.fly_run import RunEngine
+from follower.simulation.campaign.metrics import RunMetrics
+from follower.simulation.campaign.process_engine import campaign_progress
+from follower.simulation.campaign.store import RESULTS, RunStore, write_parquet
+from follower.simulation.campaign.summary import CampaignSummary, summary_of
+from follower.simulation.run import simulate
+from follower.ui.terminal.console import print_line
+from follower_vision.atomic_file import write_whole
 
 WORST = "worst"
 CONFIG = "campaign.yaml"
 _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 
 
-@dataclass(frozen=True, slots=True)
-class CampaignOptions:
-    """What the command line was given; see `follower campaign --help`."""
-
-    campaign: str
-    workers: int = 1
-    scheduler: str | None = None
-    vision: str | None = None
-    runs: int | None = None
-    out: Path | None = None
-    videos: int = 0
-    optimise: bool = False
-
-
-def run_campaign(options: CampaignOptions) -> int:
+def run_campaign(
+    config: CampaignConfig,
+    folder: Path,
+    engine: RunEngine,
+    videos: int = 0,
+    searching: bool = False,
+) -> int:
     """Fly, write the results and the report, and return the exit code.
+
+    Args:
+        config: what is to be flown.
+        folder: of its results; what was flown into it before is not flown again.
+        engine: flies the runs, and is closed at the end.
+        videos: how many of the worst runs are flown again with video.
+        searching: search settings by the campaign's cost instead.
 
     Raises:
         SettingsError: the campaign, a scenario or a setting cannot be used.
     """
-    needed("pyarrow")
-    config = load_campaign(options.campaign, vision=options.vision, runs=options.runs)
+    from follower.simulation.campaign.report import render
+
     specs = planned(config)
     check(specs)
-    folder = options.out or Path("runs") / f"campaign-{config.name}"
     console = Console()
-    with Store(folder) as store, closing(make_engine(options)) as engine:
-        write_whole(folder / CONFIG, config_text(config))
-        if options.optimise:
-            from follower.campaign.optimise import optimise
+    with closing(engine), RunStore(folder) as store:
+        write_whole(folder / CONFIG, config.to_yaml())
+        if searching:
+            from follower.simulation.campaign.optimise import optimise
 
             return optimise(config, specs, engine, store, folder, console)
         try:
@@ -74,14 +65,14 @@ def run_campaign(options: CampaignOptions) -> int:
             console.print("Stopped; what is finished is kept, and the same command goes on.")
             return _INTERRUPTED
         rows = judged([in_its_place(store.rows[spec.key], spec) for spec in specs], config.goals)
-    return _finish(config, rows, specs, folder, options.videos, console)
-
-
-def make_engine(options: CampaignOptions) -> Engine:
-    """Return where the runs are flown."""
-    if options.scheduler is not None:
-        return DaskEngine(options.scheduler)
-    return LocalEngine(options.workers)
+    summary = summary_of(rows, config.goals)
+    write_parquet(folder / RESULTS, rows)
+    numbers = [row["number"] for row in summary.worst[:videos]]
+    by_number = {spec.number: spec for spec in specs}
+    seen = {number: fly_with_video(by_number[number], folder) for number in numbers}
+    write_whole(folder / REPORT, render(config, rows, summary, seen))
+    print_summary(summary, folder, console)
+    return _SUCCESS if summary.reached else _FAILED
 
 
 def check(specs: Sequence[RunSpec]) -> None:
@@ -91,26 +82,24 @@ def check(specs: Sequence[RunSpec]) -> None:
         SettingsError: names the key that cannot be used.
     """
     for spec in {spec.scenario: spec for spec in reversed(specs)}.values():
-        scenario = load_scenario(find_scenario(spec.scenario), spec.scene)
-        simulation_settings(scenario, spec.options())
-        if spec.sight == Sight.TRUTH:
-            check_without_pixels(scenario)
+        spec.options().resolve()
 
 
 def fly_missing(
-    specs: Sequence[RunSpec], engine: Engine, store: Store, console: Console, title: str
+    specs: Sequence[RunSpec], engine: RunEngine, store: RunStore, console: Console, title: str
 ) -> None:
-    """Fly those of the runs whose rows are not in the store, or tell of an error."""
+    """Fly those of the runs whose rows are not in the store, or have an error."""
     missing = [spec for spec in specs if not _is_whole(store.rows.get(spec.key))]
-    with CampaignProgress(console, title, len(specs), len(specs) - len(missing)) as progress:
+    flown = len(specs) - len(missing)
+    with campaign_progress(console, title, len(specs), flown) as count_one:
         for row in engine.fly(missing):
             store.add(row)
-            progress.finished()
+            count_one()
 
 
 def _is_whole(row: dict[str, Any] | None) -> bool:
     """Whether a row has every figure; one from before a figure was thought of has not."""
-    return row is not None and not row["error"] and set(Figures.__dataclass_fields__) <= set(row)
+    return row is not None and not row["error"] and set(RunMetrics.__dataclass_fields__) <= set(row)
 
 
 def in_its_place(row: dict[str, Any], spec: RunSpec) -> dict[str, Any]:
@@ -118,47 +107,19 @@ def in_its_place(row: dict[str, Any], spec: RunSpec) -> dict[str, Any]:
 
     The same flight can be another run, by parameters of other names, once the file was edited.
     """
-    return {**row, "number": spec.number, "values": dict(spec.values), "command": spec.command}
+    command = spec.options().command
+    return {**row, "number": spec.number, "values": dict(spec.values), "command": command}
 
 
 def judged(rows: Sequence[dict[str, Any]], goals: Goals) -> list[dict[str, Any]]:
     """Return the rows with what each run missed, and whether it passed."""
-    return [_judged(row, goals) for row in rows]
-
-
-def _judged(row: dict[str, Any], goals: Goals) -> dict[str, Any]:
-    if row["error"]:
-        return {**row, "failures": ["error"], "passed": False}
-    failures = goals.failures(Figures.from_dict(row))
-    return {**row, "failures": failures, "passed": not failures}
-
-
-def config_text(config: CampaignConfig) -> str:
-    """Return a campaign as resolved, as YAML."""
-    import yaml
-
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-
-
-def _finish(
-    config: CampaignConfig,
-    rows: Sequence[dict[str, Any]],
-    specs: Sequence[RunSpec],
-    folder: Path,
-    videos: int,
-    console: Console,
-) -> int:
-    """Write results and report, fly the worst with video, and say what came of it."""
-    from follower.report.campaign import render
-
-    summary = summary_of(rows, config.goals)
-    write_parquet(folder / RESULTS, rows)
-    numbers = [row["number"] for row in summary.worst[:videos]]
-    by_number = {spec.number: spec for spec in specs}
-    seen = {number: fly_with_video(by_number[number], folder) for number in numbers}
-    write_whole(folder / REPORT, render(config, rows, summary, seen))
-    say(summary, folder, console)
-    return _SUCCESS if summary.reached else _FAILED
+    missed = [
+        ["error"] if row["error"] else goals.failures(RunMetrics.from_dict(row)) for row in rows
+    ]
+    return [
+        {**row, "failures": failures, "passed": not failures}
+        for row, failures in zip(rows, missed, strict=True)
+    ]
 
 
 def fly_with_video(spec: RunSpec, folder: Path) -> str:
@@ -170,7 +131,7 @@ def fly_with_video(spec: RunSpec, folder: Path) -> str:
     return flown.relative_to(folder).as_posix()
 
 
-def say(summary: Summary, folder: Path, console: Console) -> None:
+def print_summary(summary: CampaignSummary, folder: Path, console: Console) -> None:
     """Print the goals, met or not, and where everything lies."""
     for line in summary.lines:
         style = "green" if line.met else "bold red"
@@ -178,7 +139,7 @@ def say(summary: Summary, folder: Path, console: Console) -> None:
         console.print(f"{line.name}: {line.value}{wanted}", highlight=False, soft_wrap=True)
     if summary.errors:
         error = next(str(row["error"]) for row in summary.worst if row["error"])
-        said = f"{summary.errors} of {summary.runs} runs could not be flown, the first one: {error}"
-        print_line(console, said, "bold red")
+        text = f"{summary.errors} of {summary.runs} runs could not be flown, the first one: {error}"
+        print_line(console, text, "bold red")
     for name in (REPORT, RESULTS):
         print_line(console, f"  {folder / name}")

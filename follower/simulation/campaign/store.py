@@ -1,21 +1,21 @@
 """The rows of a campaign on disk: one line a finished run, never lost, never half."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
-from follower_control.strict_yaml import SettingsError
+from follower.ui.terminal.console import needed
+from follower_control.common.strict_config import SettingsError
 
 ROWS = "runs.jsonl"
+RESULTS = "results.parquet"
 
 
-class Store:
+class RunStore(AbstractContextManager["RunStore"]):
     """Appends rows to a file; each is on the disk when `add` returns.
 
     Args:
@@ -33,21 +33,13 @@ class Store:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self._file.close()
-            said = f"{folder}: a campaign is running there; give another --out"
-            raise SettingsError(said) from None
+            text = f"{folder}: a campaign is running there; give another --out"
+            raise SettingsError(text) from None
         self.rows = read_rows(self.path)
-        if not _ends_in_line(self.path):
+        if self.path.read_bytes()[-1:] not in (b"", b"\n"):  # a line that is cut off
             self._file.write(b"\n")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._file.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
@@ -74,9 +66,27 @@ def read_rows(path: Path) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def _ends_in_line(path: Path) -> bool:
-    with path.open("rb") as file:
-        if file.seek(0, os.SEEK_END) == 0:
-            return True
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"
+def write_parquet(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
+    """Write one line a run; the campaign's parameters are columns that begin with "p_".
+
+    The file appears whole or not at all. A parameter of several types becomes text.
+    """
+    pa, pq = needed("pyarrow"), needed("pyarrow.parquet")
+    times = pa.list_(pa.float64())
+    types = {"occlusion_s": times, "reacquired_s": times, "failures": pa.list_(pa.string())}
+    names = dict.fromkeys(name for row in rows for name in row if name != "values")
+    columns = {name: pa.array([row.get(name) for row in rows], types.get(name))
+               for name in names}  # fmt: skip
+    for name in dict.fromkeys(name for row in rows for name in row["values"]):
+        columns[f"p_{name}"] = pa.array(_alike([row["values"].get(name) for row in rows]))
+    draft = path.with_name(f".{path.name}.part")
+    pq.write_table(pa.table(columns), draft)
+    draft.replace(path)
+    return path
+
+
+def _alike(values: Sequence[Any]) -> list[Any]:
+    """Return numbers as they are, and anything else as text."""
+    is_number = all(isinstance(one, int | float) or one is None for one in values)
+    kind = float if is_number else str
+    return [None if one is None else kind(one) for one in values]

@@ -1,17 +1,60 @@
 """What a campaign's runs come to: each goal, met or not, with how sure that is."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from follower.campaign.cost import cost
-from follower.campaign.figures import Figures
-from follower.campaign.goals import Goals
-from follower.campaign.wilson import wilson
+from follower.simulation.campaign.config import Goals
+from follower.simulation.campaign.metrics import RunMetrics
+
+_NOT_FOLLOWED = 20.0
+_VIOLATION = 5.0
+
+
+def cost(figures: RunMetrics) -> float:
+    """Return a run's cost.
+
+    The line-of-sight error over 3 degrees, occlusions left out, and the range error over 12 %
+    count once each, time out of the frame ten times, a late second of re-acquisition half;
+    smoothness a little, so that of two settings that follow as well, the quieter one is cheaper. A
+    broken limit costs 5, not to follow at all 20.
+    """
+    if figures.line_of_sight_box_rms_seen_deg is None or figures.approach_s is None:
+        return _NOT_FOLLOWED
+    total = figures.line_of_sight_box_rms_seen_deg / 3 + (figures.range_error_median or 0.0) / 0.12
+    total += 10 * (1 - (figures.in_frame_share or 0.0))
+    waits = [3.0 if took is None else min(took, 3.0) for took in figures.reacquired_s]
+    total += 0.5 * sum(waits) / max(1, len(waits))
+    total += 0.2 * (figures.acceleration_rms_m_s2 or 0.0)
+    total += 0.005 * (figures.yaw_acceleration_rms_deg_s2 or 0.0)
+    return total + _VIOLATION * (figures.envelope_violations + figures.is_too_near)
+
+
+_Z_95 = 1.959963984540054
+
+
+def wilson(successes: int, count: int, z: float = _Z_95) -> tuple[float, float]:
+    """Return the score interval of a share (Wilson, 1927); (0, 1) where nothing was counted.
+
+    Args:
+        successes: of them.
+        count: of all.
+        z: quantile of the normal distribution, by default for 95 %.
+
+    Raises:
+        ValueError: there are fewer than none, or more successes than tries.
+    """
+    if not 0 <= successes <= count:
+        raise ValueError(f"{successes} of {count} is no share")
+    if count == 0:
+        return 0.0, 1.0
+    share, z2 = successes / count, z * z
+    middle = share + z2 / (2 * count)
+    half = z * math.sqrt(share * (1 - share) / count + z2 / (4 * count * count))
+    scale = 1 + z2 / count
+    return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +63,9 @@ class GoalLine:
 
     Attributes:
         name: in words.
-        value: what was reached, as people read it.
+        value: what was reached, as text.
         wanted: likewise.
         met: whether the value is what was wanted.
-        share: (runs or occlusions that reach it, all of them).
         counts: whether it is a goal of this campaign; else it is shown beside them.
     """
 
@@ -31,7 +73,6 @@ class GoalLine:
     value: str
     wanted: str
     met: bool
-    share: tuple[int, int]
     counts: bool = True
 
     @property
@@ -43,7 +84,7 @@ class GoalLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class CampaignSummary:
     """Everything in a few numbers.
 
     Attributes:
@@ -73,12 +114,12 @@ class Summary:
         return tuple(line for line in self.lines if line.counts)
 
 
-def summary_of(rows: Sequence[dict[str, Any]], goals: Goals) -> Summary:
+def summary_of(rows: Sequence[dict[str, Any]], goals: Goals) -> CampaignSummary:
     """Sum up judged rows."""
     flown = [row for row in rows if not row["error"]]
-    figures = [Figures.from_dict(row) for row in flown]
+    figures = [RunMetrics.from_dict(row) for row in flown]
     failures = Counter(name for row in rows for name in row["failures"])
-    return Summary(
+    return CampaignSummary(
         len(rows),
         sum(row["passed"] for row in rows),
         len(rows) - len(flown),
@@ -97,7 +138,7 @@ def share_text(successes: int, count: int) -> str:
     return f"{share:.1f} % ({100 * low:.1f}–{100 * high:.1f} %; {successes} of {count})"
 
 
-def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
+def _lines(figures: Sequence[RunMetrics], goals: Goals) -> tuple[GoalLine, ...]:
     return (
         _followed(figures),
         _in_frame(figures, goals),
@@ -106,12 +147,6 @@ def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
             "Line-of-sight error, RMS, outside occlusions",
             [one.line_of_sight_box_rms_seen_deg for one in figures],
             goals,
-        ),
-        _line_of_sight(
-            "The same of the body's middle, not the box's",
-            [one.line_of_sight_rms_seen_deg for one in figures],
-            goals,
-            counts=False,
         ),
         _line_of_sight(
             "Line-of-sight error, RMS, occlusions and all",
@@ -127,16 +162,14 @@ def _lines(figures: Sequence[Figures], goals: Goals) -> tuple[GoalLine, ...]:
     )
 
 
-def _followed(figures: Sequence[Figures]) -> GoalLine:
+def _followed(figures: Sequence[RunMetrics]) -> GoalLine:
     good = sum(one.approach_s is not None for one in figures)
     count = len(figures)
-    return GoalLine(
-        "Target acquired and approached", share_text(good, count), "100 %", good == count,
-        (good, count),
-    )  # fmt: skip
+    value = share_text(good, count)
+    return GoalLine("Target acquired and approached", value, "100 %", good == count)
 
 
-def _in_frame(figures: Sequence[Figures], goals: Goals) -> GoalLine:
+def _in_frame(figures: Sequence[RunMetrics], goals: Goals) -> GoalLine:
     """Weigh each run by its scored time; a run that never approached had nothing in frame."""
     scored = [(one.in_frame_share or 0.0, one.scored_s) for one in figures]
     total_s = sum(seconds for _, seconds in scored)
@@ -146,16 +179,16 @@ def _in_frame(figures: Sequence[Figures], goals: Goals) -> GoalLine:
     wanted = f"≥ {100 * goals.min_in_frame_share:g} % of the time"
     met = share >= goals.min_in_frame_share
     name = "Target in frame, outside occlusions"
-    return GoalLine(name, value, wanted, met, (good, len(figures)))
+    return GoalLine(name, value, wanted, met)
 
 
-def _reacquired(figures: Sequence[Figures], goals: Goals) -> GoalLine:
+def _reacquired(figures: Sequence[RunMetrics], goals: Goals) -> GoalLine:
     count = sum(len(goals.short(one)) for one in figures)
     good = count - sum(goals.late(one) for one in figures)
     name = f"Re-acquired within {goals.reacquired_s:g} s, occlusions up to {goals.occlusion_s:g} s"
     wanted = f"≥ {100 * goals.reacquired_share:g} % of them"
     met = count > 0 and good / count >= goals.reacquired_share
-    return GoalLine(name, share_text(good, count), wanted, met, (good, count), count > 0)
+    return GoalLine(name, share_text(good, count), wanted, met, count > 0)
 
 
 def _line_of_sight(
@@ -167,17 +200,16 @@ def _line_of_sight(
     pooled = math.sqrt(sum(angle * angle for angle in known) / len(known)) if known else math.inf
     angle = f"{pooled:.2f}° over all" if known else "not measured"
     value = f"{angle}; runs: {share_text(good, len(angles))}"
-    return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, (good, len(angles)), counts)
+    return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, counts)
 
 
 def _none_of(name: str, broken: Sequence[bool]) -> GoalLine:
-    good = len(broken) - sum(broken)
     value = f"{sum(broken)} of {len(broken)} runs"
-    return GoalLine(name, value, "none", not any(broken), (good, len(broken)))
+    return GoalLine(name, value, "none", not any(broken))
 
 
 def _badness(row: dict[str, Any]) -> tuple[float, ...]:
     """Order failed runs: errors, then the number of goals missed, then the cost."""
     if row["error"]:
         return (math.inf, 0.0)
-    return float(len(row["failures"])), cost(Figures.from_dict(row))
+    return float(len(row["failures"])), cost(RunMetrics.from_dict(row))

@@ -1,29 +1,23 @@
 """`follower faults`: the matrix of faults, and many random flights."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from follower.faults.catalogue import CATALOGUE, fault_named, in_groups
-from follower.faults.fault import FLAVOURS, LINKS, Fault
-from follower.print_line import print_line
-from follower.stopwatch import Stopwatch
-from follower_control.strict_yaml import SettingsError
+from follower.flight.log import Stopwatch
+from follower.settings.link import LINK_KINDS
+from follower.simulation.faults.catalogue import catalogue, fault_named, in_groups
+from follower.simulation.faults.fault import FLAVOURS, Fault, FaultSetup
+from follower.ui.terminal.console import print_line
+from follower_control.common.strict_config import SettingsError
 
-if TYPE_CHECKING:
-    from follower.faults.results import Result
-
-_CONNECTION = "udpin:127.0.0.1:14590"
 _NICE = 10
 _FAILED = 1
 RESULTS, TALLY = "results.json", "random.json"
@@ -45,7 +39,7 @@ Autopilot = Annotated[str, typer.Option(metavar="px4|ardupilot|both")]
 LinkKind = Annotated[
     str,
     typer.Option(
-        "--link", metavar="pymavlink|mavsdk|both", help="mavsdk flies in real time alone."
+        "--link", metavar="|".join((*LINK_KINDS, "both")), help="mavsdk flies in real time alone."
     ),
 ]
 RealtimeFlag = Annotated[
@@ -60,17 +54,6 @@ Only = Annotated[
     int | None, typer.Option("--only", help="Fly the random flight of this number alone.")
 ]
 Out = Annotated[Path, typer.Option(help="Where results are kept from run to run.")]
-Docs = Annotated[
-    Path | None, typer.Option(help="Put the tables of all results into this Markdown file.")
-]
-
-
-class _Setup(NamedTuple):
-    """How a case is flown."""
-
-    flavour: str
-    link: str
-    realtime: bool
 
 
 def faults_command(
@@ -82,7 +65,6 @@ def faults_command(
     seed: Seed = 0,
     only: Only = None,
     out: Out = Path("runs/faults"),
-    docs: Docs = None,
 ) -> None:
     """Put faults into simulated flights and judge what comes of them.
 
@@ -94,22 +76,10 @@ def faults_command(
     if names == ["list"]:
         list_faults(console)
         return
-    if docs is not None:
-        from follower.faults.page import check_page
-
-        check_page(docs)
     if random or only is not None:
         failed = _fly_random(console, random, seed, only, out / TALLY)
-    elif docs is not None and not names:
-        failed = False
     else:
         failed = _fly_matrix(console, list(names or ()), autopilot, link, realtime, out / RESULTS)
-    if docs is not None:
-        from follower.faults.campaign.tally import Tally
-        from follower.faults.page import write_into
-        from follower.faults.results import Results
-
-        write_into(docs, Results(out / RESULTS), Tally.load(out / TALLY))
     raise typer.Exit(_FAILED if failed else 0)
 
 
@@ -130,7 +100,7 @@ def applies_to(fault: Fault) -> str:
     """Return with which autopilots and links a fault can come about, "all" for all of them."""
     limited = [
         ", ".join(here)
-        for here, known in ((fault.flavours, FLAVOURS), (fault.links, LINKS))
+        for here, known in ((fault.flavours, FLAVOURS), (fault.links, LINK_KINDS))
         if here != known
     ]
     clock = [] if fault.lockstep else ["in real time"]
@@ -141,17 +111,21 @@ def _fly_matrix(
     console: Console, names: list[str], autopilot: str, link: str, realtime: bool, path: Path
 ) -> bool:
     """Fly the cases one after the other; return whether any failed."""
-    from follower.faults.results import Results
-
     cases = list(_cases(names, autopilot, link, realtime))
+    import cv2
+
+    from follower.simulation.fault_tests.results import FaultResult, Results
+    from follower.simulation.fault_tests.run_fault import fly_fault
+
+    cv2.setNumThreads(1)
     results = Results(path)
     failed = 0
     for number, (fault, setup) in enumerate(cases, 1):
-        result = _fly_one(fault, setup)
+        result = FaultResult(*setup, fly_fault(fault, setup))
         results.add(result)
         failed += not result.verdict.passed
-        mark = "[green]ok[/green]  " if result.verdict.passed else "[red]FAIL[/red]"
-        print_line(console, f"{number:3}/{len(cases)} {mark} {result.key}")
+        mark, style = ("ok  ", "green") if result.verdict.passed else ("FAIL", "red")
+        print_line(console, f"{number:3}/{len(cases)} {mark} {result.key}", style)
         for failure in result.verdict.failures:
             print_line(console, f"         {failure}")
     print_line(console, f"{len(cases)} cases, {failed} failed; all results are in {path}")
@@ -160,17 +134,17 @@ def _fly_matrix(
 
 def _cases(
     names: list[str], autopilot: str, link: str, realtime: bool
-) -> Iterator[tuple[Fault, _Setup]]:
+) -> Iterator[tuple[Fault, FaultSetup]]:
     flavours = _chosen("--autopilot", autopilot, FLAVOURS)
-    links = _chosen("--link", link, LINKS)
+    links = _chosen("--link", link, LINK_KINDS)
     try:
-        chosen = [fault_named(name) for name in names] or list(CATALOGUE)
+        chosen = [fault_named(name) for name in names] or list(catalogue())
     except ValueError as error:
         raise SettingsError(str(error)) from None
     for fault in chosen:
         for kind, flavour in product(links, flavours):
-            setup = _Setup(flavour, kind, realtime or kind == "mavsdk")
-            if fault.flies(flavour, kind, setup.realtime):
+            setup = FaultSetup(flavour, kind, realtime or kind == "mavsdk")
+            if fault.flies(setup):
                 yield fault, setup
 
 
@@ -182,29 +156,11 @@ def _chosen(option: str, value: str, known: tuple[str, ...]) -> tuple[str, ...]:
     return (value,)
 
 
-def _fly_one(fault: Fault, setup: _Setup) -> Result:
-    import cv2
-
-    from follower.faults.flight import Setup, fly_fault
-    from follower.faults.planned import PlannedFault
-    from follower.faults.results import Result
-
-    cv2.setNumThreads(1)
-    flavour, link, realtime = setup
-    connection = _CONNECTION if realtime else None
-    if fault.signal is not None:
-        from follower.faults.process import fly_process
-
-        verdict = fly_process(fault, flavour, link, _CONNECTION)
-        return Result(flavour, link, realtime, verdict)
-    verdict = fly_fault(PlannedFault.of(fault), Setup(flavour, link, connection))
-    return Result(flavour, link, realtime, verdict)
-
-
 def _fly_random(console: Console, flights: int, seed: int, only: int | None, path: Path) -> bool:
     """Fly random flights, or one of them again; return whether any failed."""
-    from follower.faults.campaign.flight import fly_random
-    from follower.faults.campaign.tally import Tally
+    from follower.simulation.campaign.process_engine import campaign_progress
+    from follower.simulation.fault_tests.random_flight import fly_random
+    from follower.simulation.fault_tests.results import Tally
 
     if only is not None:
         result = fly_random((seed, only))
@@ -215,14 +171,12 @@ def _fly_random(console: Console, flights: int, seed: int, only: int | None, pat
     with suppress(OSError):
         os.nice(_NICE)
     tally = Tally.load(path, seed)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        task = progress.add_task("flights", total=flights)
+    with campaign_progress(console, "flights", flights) as count_one:
         for _ in range(flights):
             timer = Stopwatch()
             tally.add(fly_random((seed, tally.flights)), timer.elapsed_s())
             tally.save(path)
-            progress.update(task, advance=1, description=f"{tally.minutes:,.0f} minutes")
+            count_one()
     print_line(
         console,
         f"{tally.flights} flights, {tally.minutes:.0f} minutes, {tally.steps} control steps, "

@@ -1,17 +1,70 @@
-"""What has to hold in every step of every flight."""
-
-from __future__ import annotations
+"""What has to hold in every control step of every random flight."""
 
 import math
 from dataclasses import dataclass
 
-from follower.faults.campaign.sent_motion import SentMotion
-from follower.faults.evidence import WireSetpoint
-from follower.faults.wire_rules import envelope_failure, jump_failure
-from follower.settings import Settings
+from follower.settings.settings import Settings
+from follower.simulation.faults.setpoint_rules import (
+    RELEASE_WITHIN_S,
+    envelope_failure,
+    jump_failure,
+)
+from follower.simulation.faults.wire_tap import WireSetpoint
+from follower_control.envelope.settings import EnvelopeSettings
 
-LET_GO_WITHIN_S = 0.1
-_STEPS_TO_LET_GO = 2
+_SLACK_M_S2 = 0.01
+"""Numbers on the wire have 32 bits: at 15 m/s and 50 Hz that is 0.0001 m/s2, and more of jerk."""
+
+
+class SetpointDerivatives:
+    """Differentiates the stream of setpoints, once and twice.
+
+    A zero may come at any time, and what follows one may be the vehicle's own velocity, with which
+    following begins: there the differences begin anew.
+
+    Args:
+        limits: the envelope's.
+    """
+
+    def __init__(self, limits: EnvelopeSettings) -> None:
+        self._limits = limits
+        self._before: WireSetpoint | None = None
+        self._acceleration: tuple[complex, float] | None = None
+
+    def start(self) -> None:
+        """Begin anew with the next setpoint."""
+        self._before = self._acceleration = None
+
+    def failure(self, setpoint: WireSetpoint) -> str:
+        """Say how a setpoint departs too fast from those before it; "" if it does not."""
+        before, self._before = self._before, setpoint
+        if before is None or before.is_zero or setpoint.is_zero:
+            self._acceleration = None
+            return ""
+        interval_s = min(setpoint.time_s - before.time_s, self._limits.max_interval_s)
+        if interval_s <= 0:
+            return ""
+        past, self._acceleration = self._acceleration, _rate(before, setpoint, interval_s)
+        level, upright = self._acceleration
+        most = self._limits.max_acceleration_m_s2 + _SLACK_M_S2
+        if max(abs(level), abs(upright)) > most:
+            return f"an acceleration of {max(abs(level), abs(upright)):.2f} m/s2 is sent"
+        if past is None:
+            return ""
+        change = max(abs(level - past[0]), abs(upright - past[1]))
+        if change > self._limits.max_jerk_m_s3 * interval_s + _SLACK_M_S2:
+            return f"a jerk of {change / interval_s:.1f} m/s3 is sent"
+        return ""
+
+
+def _rate(before: WireSetpoint, after: WireSetpoint, interval_s: float) -> tuple[complex, float]:
+    """Return the horizontal acceleration, forward + 1j * right, and the one down."""
+    a, b = before.values, after.values
+    level = complex(b[0] - a[0], b[1] - a[1]) / interval_s
+    return level, (b[2] - a[2]) / interval_s
+
+
+_STEPS_TO_RELEASE = 2
 """A starved computer's next steps may come later: garbage can hide the heartbeat from the first."""
 _BROKEN_OFF_S = 0.5
 _GRACE_S = 0.1
@@ -25,7 +78,7 @@ class InvariantError(AssertionError):
 
 
 @dataclass(slots=True)
-class Inputs:
+class InputAges:
     """The ages of what the follower steers by, as the watcher knows them, in seconds.
 
     Attributes:
@@ -36,7 +89,7 @@ class Inputs:
         telemetry_age_s: the older one of attitude and position, as the follower knows them.
         own_m_s: its own horizontal velocity by that telemetry: forward and right, None if unknown.
         steers: whether it flies by the target.
-        allowed: what the control step of this moment let through: forward, right, down, yaw rate.
+        allowed: what the control step let through: forward, right, down, yaw rate.
     """
 
     frame_age_s: float
@@ -50,15 +103,15 @@ class Inputs:
 
 
 class Invariants:
-    """Watches the set-points of one flight.
+    """Watches the setpoints of one flight.
 
     Args:
         settings: the follower's; their limits are what is held against.
-        own_mode: `custom_mode` of the mode that flies set-points.
+        own_mode: `custom_mode` of the mode that flies setpoints.
         begun_anew_by_mode: the pilot's mode alone may renew consent.
 
     Raises:
-        InvariantError: by `look`: something is not as it must be.
+        InvariantError: by `check`: something is not as it must be.
     """
 
     def __init__(self, settings: Settings, own_mode: int, begun_anew_by_mode: bool) -> None:
@@ -69,12 +122,12 @@ class Invariants:
         self._grows_m_s = math.sqrt(2) * acceleration**2 / (2 * jerk) + _NOTICEABLE_M_S
         self._own_mode = own_mode
         self._by_mode = begun_anew_by_mode
-        self._motion = SentMotion(self._limits)
+        self._motion = SetpointDerivatives(self._limits)
         self._before: WireSetpoint | None = None
-        self._told_obeys = False
-        self._told_s = -math.inf
-        self._let_go_s = math.inf
-        self._steps_since_let_go = 0
+        self._in_own_mode = False
+        self._heartbeat_s = -math.inf
+        self._released_s = math.inf
+        self._steps_since_release = 0
         self._flown = False
         self._blind_since_s: float | None = None
         self._blind_speed = 0.0
@@ -83,35 +136,35 @@ class Invariants:
         self.longest_after_pilot_s = 0.0
         self.setpoints = 0
 
-    def tell(self, custom_mode: int, now_s: float) -> None:
-        """Note that a heartbeat reached the follower."""
+    def heartbeat(self, custom_mode: int, now_s: float) -> None:
+        """Note that a heartbeat reached the follower at `now_s`, seconds on the flight's clock."""
         obeys = custom_mode == self._own_mode
-        if self._told_obeys and not obeys:
-            self._let_go_s = min(self._let_go_s, now_s) if self._flown else math.inf
-            self._steps_since_let_go = 0
-        self._told_obeys, self._told_s = obeys, now_s
+        if self._in_own_mode and not obeys:
+            self._released_s = min(self._released_s, now_s) if self._flown else math.inf
+            self._steps_since_release = 0
+        self._in_own_mode, self._heartbeat_s = obeys, now_s
 
     def consent(self) -> None:
         """Note that the operator gave consent anew."""
-        self._let_go_s = math.inf
+        self._released_s = math.inf
         self._flown = False
 
     def heartbeat_age_s(self, now_s: float) -> float:
-        """Return how long no heartbeat reached the follower."""
-        return now_s - self._told_s
+        """Return for how many seconds no heartbeat reached the follower."""
+        return now_s - self._heartbeat_s
 
-    def look(
-        self, setpoints: list[WireSetpoint], now_s: float, inputs: Inputs, engages: bool
+    def check(
+        self, setpoints: list[WireSetpoint], now_s: float, inputs: InputAges, engages: bool
     ) -> None:
-        """Hold what left in one step against the rules.
+        """Check the setpoints sent in one control step, at `now_s` seconds.
 
-        Where following begins, the first set-point is the vehicle's own velocity, whatever was
+        Where following begins, the first setpoint is the vehicle's own velocity, whatever was
         sent before.
         """
         if engages:
             self._before = None
             self._motion.start()
-        self._steps_since_let_go += math.isfinite(self._let_go_s)
+        self._steps_since_release += math.isfinite(self._released_s)
         self._note_blindness(now_s, inputs)
         for setpoint in setpoints:
             self.setpoints += 1
@@ -124,7 +177,7 @@ class Invariants:
             self._before = setpoint
 
     def _forget_a_broken_stream(self, setpoint: WireSetpoint) -> None:
-        """Let a stream that was silent, as in PX4's failsafe, begin anew at a lower speed."""
+        """Let a stream that was interrupted, as in PX4's failsafe, begin anew at a lower speed."""
         before = self._before
         if before is None or setpoint.time_s - before.time_s < _BROKEN_OFF_S:
             return
@@ -133,16 +186,16 @@ class Invariants:
             self._motion.start()
 
     def _within_envelope(self, setpoint: WireSetpoint) -> None:
-        if failure := envelope_failure(setpoint, self._limits):
-            raise InvariantError(failure)
-        if self._before is not None and (
-            failure := jump_failure(self._before, setpoint, self._limits)
-        ):
-            raise InvariantError(failure)
-        if failure := self._motion.failure(setpoint):
+        before = self._before
+        failure = (
+            envelope_failure(setpoint, self._limits)
+            or (before and jump_failure(before, setpoint, self._limits))
+            or self._motion.failure(setpoint)
+        )
+        if failure:
             raise InvariantError(failure)
 
-    def _of_this_step(self, setpoint: WireSetpoint, now_s: float, inputs: Inputs) -> None:
+    def _of_this_step(self, setpoint: WireSetpoint, now_s: float, inputs: InputAges) -> None:
         """Nothing old is sent, and nothing is steered by old telemetry."""
         pairs = zip(setpoint.values, inputs.allowed, strict=True)
         same = all(abs(sent - allowed) <= _FLOAT32 for sent, allowed in pairs)
@@ -152,21 +205,21 @@ class Invariants:
             raise InvariantError(f"steering by telemetry of {inputs.telemetry_age_s:.2f} s ago")
 
     def _in_our_mode(self, setpoint: WireSetpoint) -> None:
-        if setpoint.time_s > self._let_go_s + LET_GO_WITHIN_S:
+        if setpoint.time_s > self._released_s + RELEASE_WITHIN_S:
             if not setpoint.is_zero and not self._by_mode:
                 raise InvariantError("a velocity after the mode was left, without new consent")
-            at_once = setpoint.is_zero and self._steps_since_let_go <= _STEPS_TO_LET_GO
-            if not self._told_obeys and not self._by_mode and not at_once:
-                raise InvariantError("a set-point in somebody else's mode")
-        elif setpoint.time_s > self._let_go_s:
+            at_once = setpoint.is_zero and self._steps_since_release <= _STEPS_TO_RELEASE
+            if not self._in_own_mode and not self._by_mode and not at_once:
+                raise InvariantError("a setpoint in another mode")
+        elif setpoint.time_s > self._released_s:
             self.longest_after_pilot_s = max(
-                self.longest_after_pilot_s, setpoint.time_s - self._let_go_s
+                self.longest_after_pilot_s, setpoint.time_s - self._released_s
             )
-        other_mode_s = setpoint.time_s - self._told_s
-        if not self._told_obeys and not setpoint.is_zero and other_mode_s > LET_GO_WITHIN_S:
-            raise InvariantError("a velocity while the newest heartbeat tells of another mode")
+        other_mode_s = setpoint.time_s - self._heartbeat_s
+        if not self._in_own_mode and not setpoint.is_zero and other_mode_s > RELEASE_WITHIN_S:
+            raise InvariantError("a velocity while the newest heartbeat has another mode")
 
-    def _note_blindness(self, now_s: float, inputs: Inputs) -> None:
+    def _note_blindness(self, now_s: float, inputs: InputAges) -> None:
         """Note since when the follower has been without something that it needs."""
         p = self._patience
         blind = (
@@ -181,8 +234,8 @@ class Invariants:
             self._blind_since_s = now_s
             self._blind_speed = 0.0 if self._before is None else self._before.speed_m_s
 
-    def _not_blind(self, setpoint: WireSetpoint, inputs: Inputs) -> None:
-        """Without sight or link the speed grows only where it brakes, as before a fence."""
+    def _not_blind(self, setpoint: WireSetpoint, inputs: InputAges) -> None:
+        """Without track or link the speed grows only where it brakes, as before a fence."""
         if self._blind_since_s is None:
             return
         speed, since_s = setpoint.speed_m_s, setpoint.time_s - self._blind_since_s
@@ -202,8 +255,8 @@ class Invariants:
                 f"still {speed:.2f} m/s, {since_s:.2f} s after the last good input"
             )
 
-    def _is_against(self, setpoint: WireSetpoint, inputs: Inputs) -> bool:
-        """Whether it leads against the motion that fresh telemetry tells of."""
+    def _is_against(self, setpoint: WireSetpoint, inputs: InputAges) -> bool:
+        """Whether it leads against the motion that fresh telemetry reports."""
         if inputs.own_m_s is None or inputs.telemetry_age_s > self._patience.telemetry_timeout_s:
             return False
         sent = complex(*setpoint.values[:2])

@@ -1,14 +1,65 @@
-"""What all random flights together came to, kept in a file from run to run."""
+"""The results of all cases that were flown, in one file that grows from run to run."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from follower.faults.campaign.flight import STEP_S, FlightResult
-from follower.report.writer import write_whole
+from pydantic import TypeAdapter
+
+from follower.simulation.fault_tests.random_flight import STEP_S, FlightResult
+from follower.simulation.faults.judge import FaultVerdict
+from follower_vision.atomic_file import write_whole
+
+
+@dataclass(frozen=True, slots=True)
+class FaultResult:
+    """One case: which flight, and what came of its fault."""
+
+    flavour: str
+    link: str
+    realtime: bool
+    verdict: FaultVerdict
+
+    @property
+    def key(self) -> str:
+        """What distinguishes it from other cases."""
+        how = "real time" if self.realtime else "lockstep"
+        return f"{self.verdict.fault}, {self.flavour}, {self.link}, {how}"
+
+
+_CASES = TypeAdapter(list[FaultResult])
+
+
+class Results:
+    """Cases by their keys; a case flown anew takes the old one's place.
+
+    Args:
+        path: the JSON file; read if it exists.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._cases: dict[str, FaultResult] = {}
+        if path.exists():
+            for case in _CASES.validate_json(path.read_text("utf-8")):
+                self._cases[case.key] = case
+
+    def __iter__(self) -> Iterator[FaultResult]:
+        return iter(self._cases.values())
+
+    def add(self, result: FaultResult) -> None:
+        """Take a case and write the file.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._cases[result.key] = result
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(self._path, _CASES.dump_json([*self], indent=1).decode() + "\n")
 
 
 @dataclass(slots=True)
@@ -19,9 +70,9 @@ class Tally:
         seed: of the campaign.
         flights: flown so far: those with the numbers 0 to `flights` - 1.
         steps: of control.
-        engaged_steps: of them, with set-points by which the vehicle flew.
+        engaged_steps: of them, with setpoints by which the vehicle flew.
         setpoints: that went over the wire.
-        after_pilot_s: the longest time from a heartbeat of another mode to the last set-point.
+        after_pilot_s: the longest time from a heartbeat of another mode to the last setpoint.
         busy_s: how long the computer took.
         failures: flight's number and what was wrong.
         faults: how often each kind of fault began.

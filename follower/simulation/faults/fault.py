@@ -1,18 +1,21 @@
-"""What a fault is: what is done, from when on, for how long, and what must come of it."""
+"""What a fault is: what is done, from when on, for how long, and what must come of it.
 
-from __future__ import annotations
+Times are in seconds, lengths in metres. The limits hold for the flight of `follower faults`: a car
+at 3.5 m/s, followed at 14 m with the supervisor's default time-outs, but a search of 2 s.
+"""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any, ClassVar, NamedTuple
 
-from follower.supervisor import State
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.link import LINK_KINDS
 
 FLAVOURS = ("px4", "ardupilot")
-LINKS = ("pymavlink", "mavsdk")
 
 
-class Kind(StrEnum):
+class FaultKind(StrEnum):
     """One thing that can be made to go wrong; what `amount` means stands behind it."""
 
     VISION_DIES = "vision dies"
@@ -62,34 +65,50 @@ class Kind(StrEnum):
     PROCESS_SIGNALLED = "process signalled"  # the signal's number
 
 
-class Outcome(StrEnum):
+class ExpectedOutcome(StrEnum):
     """How a flight with a fault must go on."""
 
-    CARRIES_ON = "follows on"
-    COMES_BACK = "holds, follows again"
-    LETS_GO = "holds, lets go"
-    PILOT_HAS_IT = "pilot has it"
+    FOLLOWS_ON = "follows on"
+    FOLLOWS_AGAIN = "holds, follows again"
+    RELEASED = "holds, released"
+    RELEASED_IN_MODE = "released, ends in a mode"
+    PILOT_IN_CONTROL = "pilot in control"
     NEVER_FOLLOWS = "never follows"
-    ENDS_IN_MODE = "holds, lets go, ends in a mode"
+
+
+class FaultSetup(NamedTuple):
+    """How a fault is flown.
+
+    Attributes:
+        flavour: "px4" or "ardupilot".
+        link: "pymavlink" or "mavsdk".
+        realtime: with threads and UDP, not in lockstep.
+    """
+
+    flavour: str
+    link: str = "pymavlink"
+    realtime: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class FaultAction:
     """Part of a fault.
 
     Attributes:
         kind: what is done.
-        amount: how much of it; see `Kind`.
+        amount: how much of it; see `FaultKind`.
         after_s: so long after the fault's begin.
         for_s: so long, None as long as the fault.
         state: and not before the supervisor is in this state, None at once.
     """
 
-    kind: Kind
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    kind: FaultKind
     amount: float = 0.0
     after_s: float = 0.0
     for_s: float | None = None
-    state: State | None = None
+    state: SupervisorState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +119,12 @@ class Fault:
         name: as the command line takes it.
         group: what it belongs to, for lists.
         must: the sentence: what must happen, and by when.
-        outcome: the same in one word.
+        outcome: the same in one phrase.
         actions: what is done.
         for_s: how long it lasts, infinity to the flight's end.
         state: it begins when the supervisor has been in this state for `in_state_s`, unless a time
             is given on the command line.
-        in_state_s: see there.
+        in_state_s: see there; seconds.
         hold_within_s: from its begin to the first hold on the wire; None: no hold is wanted.
         rest_within_s: from its begin to the vehicle's standing still; likewise.
         excursion_m: how far the vehicle may go from where the fault began until it stands;
@@ -118,16 +137,18 @@ class Fault:
         links: and the links.
         settings: that the follower flies with, `key.path=value` each.
         ends_in: the mode in which each autopilot must be at the fault's end.
-        silent_within_s: from its begin to the last set-point; None: they may go on.
+        silent_within_s: from its begin to the last setpoint; None: they may go on.
     """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     name: str
     group: str
     must: str
-    outcome: Outcome
-    actions: tuple[Action, ...]
+    outcome: ExpectedOutcome
+    actions: tuple[FaultAction, ...]
     for_s: float = math.inf
-    state: State = State.FOLLOWING
+    state: SupervisorState = SupervisorState.FOLLOWING
     in_state_s: float = 9.0
     hold_within_s: float | None = None
     rest_within_s: float | None = None
@@ -137,24 +158,23 @@ class Fault:
     realtime: bool = True
     signed: bool = False
     flavours: tuple[str, ...] = FLAVOURS
-    links: tuple[str, ...] = LINKS
+    links: tuple[str, ...] = LINK_KINDS
     settings: tuple[str, ...] = ()
-    ends_in: tuple[tuple[str, str], ...] = ()
+    ends_in: dict[str, str] = field(default_factory=dict, hash=False)
     silent_within_s: float | None = None
 
-    def flies(self, flavour: str, link: str, realtime: bool) -> bool:
+    def flies(self, setup: FaultSetup) -> bool:
         """Whether it can come about there."""
-        timed = self.realtime if realtime else self.lockstep and link != "mavsdk"
-        return timed and flavour in self.flavours and link in self.links
+        timed = self.realtime if setup.realtime else self.lockstep and setup.link != "mavsdk"
+        return timed and setup.flavour in self.flavours and setup.link in self.links
 
     @property
     def signal(self) -> int | None:
         """The signal that the follower's process gets, None if it gets none."""
-        kinds = {action.kind: action for action in self.actions}
-        action = kinds.get(Kind.PROCESS_SIGNALLED)
-        return None if action is None else int(action.amount)
+        signals = (a.amount for a in self.actions if a.kind is FaultKind.PROCESS_SIGNALLED)
+        return next(map(int, signals), None)
 
     @property
     def needs_recorder(self) -> bool:
         """Whether there is nothing to see without a recording."""
-        return any(action.kind is Kind.DISK_FULL for action in self.actions)
+        return any(action.kind is FaultKind.DISK_FULL for action in self.actions)

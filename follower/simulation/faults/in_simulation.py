@@ -1,22 +1,46 @@
-"""Faults in `follower sim`: what is set up before the flight, and said after it."""
-
-from __future__ import annotations
+"""Faults in `follower sim`: what is set up before the flight, and reported after it."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from follower.faults.injector import FaultInjector
-from follower.faults.judge import Case, judge
-from follower.faults.planned import PlannedFault
-from follower.faults.signing_peer import SigningPeer, write_key
-from follower.faults.verdict import Figures, Verdict
-from follower.recorder import LOCKSTEP_EPOCH_NS, epoch_now_ns
-from follower.settings import Settings, load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower_control.transport import Transport
-from follower_vision.clock import Clock, SimulatedClock
+from follower.links.packet_parser import PacketReader
+from follower.links.signing import Signer, SigningKey
+from follower.settings.settings import Settings, load_settings
+from follower.simulation.faults.injector import FaultInjector
+from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
+from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.flight import SimulatedFlight, epoch_ns
+from follower_control.common.transport import Transport
+from follower_vision.clock import Clock
+
+_SECRET = bytes(range(1, 33))
+
+
+class SigningPeer:
+    """A transport of the autopilot's that signs what leaves and drops what is not signed."""
+
+    def __init__(self, inner: Transport, clock: Clock) -> None:
+        self._inner = inner
+        self._clock = clock
+        self._signer = Signer(SigningKey(_SECRET), epoch_ns(clock))
+        self._reader = PacketReader()
+
+    def send(self, data: bytes) -> None:
+        """Send one packet, signed."""
+        self._inner.send(self._signer.sign(data, self._clock.now()))
+
+    def receive(self) -> bytes:
+        """Return what has arrived with the right signature."""
+        now_s = self._clock.now()
+        packets = self._reader.feed(self._inner.receive())
+        return b"".join(p.data for p in packets if self._signer.refusal(p, now_s) is None)
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._inner.close()
+
 
 Ends = tuple[Transport, Transport]
 
@@ -34,12 +58,13 @@ def as_faults_want(
     if not any(one.fault.signed for one in planned):
         yield settings, ends
         return
-    simulated = isinstance(clock, SimulatedClock)
-    epoch_ns = LOCKSTEP_EPOCH_NS if simulated else epoch_now_ns(clock)
     with tempfile.TemporaryDirectory() as folder:
-        link = settings.model_dump()["link"] | {"signing_key_file": str(write_key(Path(folder)))}
+        key = Path(folder) / "fault.key"
+        key.write_text(_SECRET.hex())
+        key.chmod(0o600)
+        link = settings.model_dump()["link"] | {"signing_key_file": str(key)}
         signed = Settings.model_validate(settings.model_dump() | {"link": link})
-        yield signed, (ends[0], SigningPeer(ends[1], clock, epoch_ns))
+        yield signed, (ends[0], SigningPeer(ends[1], clock))
 
 
 def verdicts(
@@ -47,15 +72,15 @@ def verdicts(
     flight: SimulatedFlight,
     injector: FaultInjector,
     error: str = "",
-) -> list[Verdict]:
+) -> list[FaultVerdict]:
     """Judge a flight that is over, fault by fault.
 
-    Where there are several, or one lasts as long as somebody chose, each is held against what
-    always holds alone: its own sentence is about itself as it stands in the catalogue.
+    Where there are several, or one lasts as long as the user chose, each is checked only against
+    the rules that always hold: its own sentence is about itself as it stands in the catalogue.
     """
     begun = {one: from_s for one, from_s, _ in injector.schedule.spans}
     cases = (
-        Case(
+        FaultCase(
             one,
             begun.get(one),
             begun.get(one, 0.0) + one.for_s,
@@ -72,7 +97,7 @@ def verdicts(
     return [judge(case) for case in cases]
 
 
-def said_of(verdict: Verdict) -> str:
+def describe_verdict(verdict: FaultVerdict) -> str:
     """Return a verdict in a line."""
     passed = "as it must be" if verdict.must else "what always holds was kept"
     came = passed if verdict.passed else "; ".join(verdict.failures)
@@ -80,7 +105,7 @@ def said_of(verdict: Verdict) -> str:
     return f"Fault {verdict.fault}: {came}. {must} {_measured(verdict.figures)}".rstrip()
 
 
-def _measured(figures: Figures) -> str:
+def _measured(figures: FaultMetrics) -> str:
     named = (
         ("hold on the wire", figures.hold_s, "s"),
         ("at rest", figures.rest_s, "s"),

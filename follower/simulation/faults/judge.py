@@ -1,27 +1,72 @@
-"""Holds a flight against what its fault's sentence says."""
-
-from __future__ import annotations
+"""Checks a flight against what its fault's sentence demands."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from follower.faults.evidence import Evidence, Motion, WireSetpoint
-from follower.faults.fault import Kind, Outcome
-from follower.faults.planned import PlannedFault
-from follower.faults.verdict import Figures, Verdict
-from follower.faults.wire_rules import (
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind
+from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.faults.setpoint_rules import (
     age_failures,
     envelope_failures,
     input_failures,
+    leaving_known_s,
     left_mode,
     pilot_failures,
-    told_of_leaving,
 )
-from follower.flightlog import ControlRecord
-from follower.supervisor import Reason, State
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_sim.truth_sample import TruthSample
+from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_sim.kinematics import TruthSample
+
+
+@dataclass(frozen=True, slots=True)
+class FaultMetrics:
+    """What was measured, in seconds and metres; None where it does not apply.
+
+    Attributes:
+        hold_s: from the fault's begin to the first hold on the wire.
+        wire_s: from the decision to hold to the hold on the wire.
+        rest_s: from the fault's begin to the vehicle's standing still.
+        excursion_m: how far it went until then.
+        back_s: from the fault's end until the target is followed again.
+        after_pilot_s: from the heartbeat with the pilot's mode to the last setpoint.
+        setpoints: how many went over the wire.
+    """
+
+    hold_s: float | None = None
+    wire_s: float | None = None
+    rest_s: float | None = None
+    excursion_m: float | None = None
+    back_s: float | None = None
+    after_pilot_s: float | None = None
+    setpoints: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class FaultVerdict:
+    """One fault in one flight.
+
+    Attributes:
+        fault: its name, with time and duration if they were chosen.
+        must: the sentence; "" if the flight was held against what always holds alone.
+        failures: what was not so, in sentences; none is a pass.
+        figures: what was measured.
+        end: the supervisor's last state and reason.
+    """
+
+    fault: str
+    must: str
+    failures: tuple[str, ...]
+    figures: FaultMetrics
+    end: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether all was as it must be."""
+        return not self.failures
+
 
 STANDING_M_S = 0.5
 STEP_S = 0.02
@@ -34,7 +79,7 @@ _HEIGHT_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class FaultCase:
     """A flight with one fault, all that its judge needs.
 
     Attributes:
@@ -45,14 +90,14 @@ class Case:
         truth: for the distance to the target.
         limits: of the envelope.
         alone: no other fault was in the flight, and this one was as the catalogue has it.
-        realtime: set-points leave some time after their step, and not always the same.
-        error: what was raised and caught by nobody, "" if nothing.
+        realtime: setpoints leave some time after their step, and not always the same.
+        error: an uncaught error, "" if there was none.
     """
 
     planned: PlannedFault
     from_s: float | None
     until_s: float
-    evidence: Evidence
+    evidence: FlightEvidence
     controls: Sequence[ControlRecord]
     truth: Sequence[TruthSample]
     limits: EnvelopeSettings
@@ -61,43 +106,43 @@ class Case:
     realtime: bool = False
 
 
-def judge(case: Case) -> Verdict:
+def judge(case: FaultCase) -> FaultVerdict:
     """Return what came of it."""
     last = case.controls[-1] if case.controls else None
     end = "" if last is None else f"{last.state} ({last.reason})"
     figures = _figures(case)
     failures = tuple(_failures(case, figures))
     must = case.planned.fault.must if case.alone else ""
-    return Verdict(str(case.planned), must, failures, figures, end)
+    return FaultVerdict(str(case.planned), must, failures, figures, end)
 
 
-def _failures(case: Case, figures: Figures) -> Iterator[str]:
+def _failures(case: FaultCase, figures: FaultMetrics) -> Iterator[str]:
     if case.error:
-        yield f"an error that nobody caught: {case.error}"
+        yield f"an uncaught error: {case.error}"
     yield from _always(case)
     if case.from_s is None:
         yield "the fault never began: the flight did not come so far"
         return
     if case.alone:
-        yield from _too_late(case, figures)
+        yield from too_late(case.planned.fault, figures)
         yield from _OUTCOMES[case.planned.fault.outcome](case, case.from_s, figures)
 
 
-def _always(case: Case) -> Iterator[str]:
+def _always(case: FaultCase) -> Iterator[str]:
     """Yield what is against the rules that hold for every fault."""
     setpoints = case.evidence.setpoints
     unsure_s = case.limits.max_interval_s if case.realtime else STEP_S
     yield from envelope_failures(setpoints, case.limits, unsure_s)
-    yield from pilot_failures(case.evidence, ())
+    yield from pilot_failures(case.evidence)
     yield from age_failures(setpoints, case.controls)
     yield from input_failures(case.controls, setpoints)
     yield from _place_failures(case)
     last = case.evidence.motion[-1]
     if last.obeys and last.speed_m_s > STANDING_M_S:
-        yield f"it flies on at {last.speed_m_s:.1f} m/s at the end, in nobody's hands"
+        yield f"it flies on at {last.speed_m_s:.1f} m/s at the end, with nobody in control"
 
 
-def _place_failures(case: Case) -> Iterator[str]:
+def _place_failures(case: FaultCase) -> Iterator[str]:
     limits = case.limits
     nearest = min((sample.range_m for sample in case.truth), default=math.inf)
     if limits.min_distance_m is not None and nearest < limits.min_distance_m - _NEARER_M:
@@ -112,8 +157,8 @@ def _place_failures(case: Case) -> Iterator[str]:
             yield f"it flies {away:.0f} m away"
 
 
-def _too_late(case: Case, figures: Figures) -> Iterator[str]:
-    fault = case.planned.fault
+def too_late(fault: Fault, figures: FaultMetrics) -> Iterator[str]:
+    """Yield which of a fault's limits were exceeded."""
     limits = (
         ("a hold on the wire", figures.hold_s, fault.hold_within_s, "s"),
         ("standing still", figures.rest_s, fault.rest_within_s, "s"),
@@ -128,7 +173,7 @@ def _too_late(case: Case, figures: Figures) -> Iterator[str]:
         yield f"the hold was on the wire {1e3 * figures.wire_s:.0f} ms after its decision"
 
 
-def _carries_on(case: Case, from_s: float, figures: Figures) -> Iterator[str]:
+def _follows_on(case: FaultCase, from_s: float, figures: FaultMetrics) -> Iterator[str]:
     fault = case.planned.fault
     until_s = min(case.until_s, case.controls[-1].time_s)
     during = [c for c in case.controls if from_s <= c.time_s <= until_s]
@@ -138,80 +183,82 @@ def _carries_on(case: Case, from_s: float, figures: Figures) -> Iterator[str]:
     yield from _back(figures, fault.back_within_s or 0.5)
 
 
-def _comes_back(case: Case, _from_s: float, figures: Figures) -> Iterator[str]:
+def _follows_again(case: FaultCase, _from_s: float, figures: FaultMetrics) -> Iterator[str]:
     lost = [m for m in left_mode(case.evidence.motion) if m < case.until_s + 1.0]
     if lost and any(left_s > _from_s for left_s in lost):
         return  # the autopilot's own failsafe was faster; the pilot's rules hold
     yield from _back(figures, case.planned.fault.back_within_s or 3.0)
 
 
-def _back(figures: Figures, within_s: float) -> Iterator[str]:
+def _back(figures: FaultMetrics, within_s: float) -> Iterator[str]:
     if figures.back_s is None:
         yield "it does not follow again"
     elif figures.back_s > within_s:
         yield f"it follows again after {figures.back_s:.2f} s, not within {within_s:.2f} s"
 
 
-def _lets_go(case: Case, from_s: float, _figures: Figures) -> Iterator[str]:
+def _released(case: FaultCase, from_s: float, _figures: FaultMetrics) -> Iterator[str]:
     later = [c for c in case.controls if c.time_s > from_s]
-    released = [number for number, c in enumerate(later) if c.state is State.RELEASED]
-    asked = any(a.kind is Kind.STOP_REQUESTED for a in case.planned.fault.actions)
-    if not released or (later[released[0]].reason is Reason.STOP_REQUESTED and not asked):
-        yield "it never lets go"
-    elif any(c.state is not State.RELEASED for c in later[released[0] :]):
-        yield "it does not stay let go"
+    released = [number for number, c in enumerate(later) if c.state is SupervisorState.RELEASED]
+    asked = any(a.kind is FaultKind.STOP_REQUESTED for a in case.planned.fault.actions)
+    if not released or (later[released[0]].reason is SupervisorReason.STOP_REQUESTED and not asked):
+        yield "it is never released"
+    elif any(c.state is not SupervisorState.RELEASED for c in later[released[0] :]):
+        yield "it does not stay released"
 
 
-def _pilot_has_it(case: Case, from_s: float, figures: Figures) -> Iterator[str]:
-    yield from _lets_go(case, from_s, figures)
+def _pilot_in_control(case: FaultCase, from_s: float, figures: FaultMetrics) -> Iterator[str]:
+    yield from _released(case, from_s, figures)
     if figures.after_pilot_s is None:
-        yield "the autopilot stayed in the mode that flies set-points"
+        yield "the autopilot stayed in the mode that flies setpoints"
 
 
-def _never_follows(case: Case, _from_s: float, _figures: Figures) -> Iterator[str]:
+def _never_follows(case: FaultCase, _from_s: float, _figures: FaultMetrics) -> Iterator[str]:
     if any(c.state.engaged for c in case.controls):
         yield "it follows"
     if any(not s.is_zero for s in case.evidence.setpoints):
         yield "something else than zero is sent"
 
 
-def _ends_in_mode(case: Case, from_s: float, figures: Figures) -> Iterator[str]:
-    yield from _lets_go(case, from_s, figures)
+def _released_in_mode(case: FaultCase, from_s: float, figures: FaultMetrics) -> Iterator[str]:
+    yield from _released(case, from_s, figures)
     fault = case.planned.fault
-    wanted = dict(fault.ends_in)[case.evidence.flavour]
+    wanted = fault.ends_in[case.evidence.flavour]
     mode = next((m.mode for m in case.evidence.motion if m.time_s >= case.until_s), "no mode")
     if mode != wanted:
         yield f"{case.until_s - from_s:.0f} s on it is in {mode}, not in {wanted}"
     last_s = max((s.time_s for s in case.evidence.setpoints), default=from_s) - from_s
     if fault.silent_within_s is not None and last_s > fault.silent_within_s:
-        yield f"a set-point {last_s:.1f} s on, not within {fault.silent_within_s:.1f} s"
+        yield f"a setpoint {last_s:.1f} s on, not within {fault.silent_within_s:.1f} s"
     if fault.silent_within_s is None and last_s < case.until_s - from_s:
-        yield f"the last set-point came {last_s:.1f} s on"
+        yield f"the last setpoint came {last_s:.1f} s on"
 
 
 _OUTCOMES = {
-    Outcome.CARRIES_ON: _carries_on,
-    Outcome.COMES_BACK: _comes_back,
-    Outcome.LETS_GO: _lets_go,
-    Outcome.PILOT_HAS_IT: _pilot_has_it,
-    Outcome.NEVER_FOLLOWS: _never_follows,
-    Outcome.ENDS_IN_MODE: _ends_in_mode,
+    ExpectedOutcome.FOLLOWS_ON: _follows_on,
+    ExpectedOutcome.FOLLOWS_AGAIN: _follows_again,
+    ExpectedOutcome.RELEASED: _released,
+    ExpectedOutcome.PILOT_IN_CONTROL: _pilot_in_control,
+    ExpectedOutcome.NEVER_FOLLOWS: _never_follows,
+    ExpectedOutcome.RELEASED_IN_MODE: _released_in_mode,
 }
 
 
-def _figures(case: Case) -> Figures:
+def _figures(case: FaultCase) -> FaultMetrics:
     setpoints = case.evidence.setpoints
     if case.from_s is None:
-        return Figures(setpoints=len(setpoints))
+        return FaultMetrics(setpoints=len(setpoints))
     hold = _first_hold(case.controls, case.from_s, case.until_s)
     sent = None if hold is None else _first_at(setpoints, hold.time_s)
     stops = case.planned.fault.rest_within_s is not None
-    rest_s = _standing_from(case.evidence.motion, case.from_s) if stops else None
-    return Figures(
+    rest_s = standing_from(case.evidence.motion, case.from_s) if stops else None
+    return FaultMetrics(
         hold_s=None if sent is None else sent.time_s - case.from_s,
         wire_s=None if sent is None or hold is None or not hold.sent else sent.time_s - hold.time_s,
         rest_s=None if rest_s is None else rest_s - case.from_s,
-        excursion_m=None if rest_s is None else _excursion(case, case.from_s, rest_s),
+        excursion_m=None
+        if rest_s is None
+        else excursion(case.evidence.motion, case.from_s, rest_s),
         back_s=_back_after(case),
         after_pilot_s=_after_pilot(case.evidence, case.from_s),
         setpoints=len(setpoints),
@@ -226,49 +273,53 @@ def _first_hold(
     return next((c for c in later if c.state in _HOLDS), None)
 
 
-_HOLDS = (State.SEARCHING, State.HOLDING, State.RELEASED)
+_HOLDS = (SupervisorState.SEARCHING, SupervisorState.HOLDING, SupervisorState.RELEASED)
 
 
 def _first_at(setpoints: Sequence[WireSetpoint], time_s: float) -> WireSetpoint | None:
     return next((s for s in setpoints if s.time_s >= time_s - 1e-6), None)
 
 
-def _standing_from(motion: Sequence[Motion], from_s: float) -> float | None:
+def standing_from(motion: Sequence[TrueMotion], from_s: float) -> float | None:
     """Return from when on the vehicle stands for a second, or to the end."""
+    stands = ((m.time_s, m.speed_m_s <= STANDING_M_S) for m in motion if m.time_s >= from_s)
+    return _lasting(stands, _STANDS_FOR_S)[0]
+
+
+def _lasting(course: Iterable[tuple[float, bool]], for_s: float) -> tuple[float | None, bool]:
+    """Return since when something holds, and whether it has held for so long.
+
+    Args:
+        course: time in seconds, and whether it holds then.
+        for_s: the first time that it holds this long counts, else the last one, to the end.
+    """
     since: float | None = None
-    for sample in motion:
-        if sample.time_s < from_s or sample.speed_m_s > STANDING_M_S:
-            since = None
-        elif since is None:
-            since = sample.time_s
-        if since is not None and sample.time_s - since > _STANDS_FOR_S:
-            return since
-    return since
+    for time_s, holds in course:
+        since = (time_s if since is None else since) if holds else None
+        if since is not None and time_s - since >= for_s:
+            return since, True
+    return since, False
 
 
-def _excursion(case: Case, from_s: float, until_s: float) -> float:
-    places = [m.position_m for m in case.evidence.motion if from_s <= m.time_s <= until_s]
+def excursion(motion: Sequence[TrueMotion], from_s: float, until_s: float) -> float:
+    """Return how far in metres the vehicle went from its place at `from_s` in this time."""
+    places = [m.position_m for m in motion if from_s <= m.time_s <= until_s]
     return max((math.dist(places[0], place) for place in places), default=0.0)
 
 
-def _back_after(case: Case) -> float | None:
+def _back_after(case: FaultCase) -> float | None:
     """Return how long after the fault's end the target is followed for some time."""
-    since: float | None = None
-    for record in case.controls:
-        if record.time_s < case.until_s or record.state is not State.FOLLOWING:
-            since = None
-        elif since is None:
-            since = record.time_s
-        if since is not None and record.time_s - since >= _FOLLOWS_FOR_S:
-            return since - case.until_s
-    return None
+    later = (c for c in case.controls if c.time_s >= case.until_s)
+    follows = ((c.time_s, c.state is SupervisorState.FOLLOWING) for c in later)
+    since, lasts = _lasting(follows, _FOLLOWS_FOR_S)
+    return since - case.until_s if since is not None and lasts else None
 
 
-def _after_pilot(evidence: Evidence, from_s: float) -> float | None:
-    """Return how long set-points went on after the first heartbeat that told of another mode."""
+def _after_pilot(evidence: FlightEvidence, from_s: float) -> float | None:
+    """Return how long setpoints went on after the first heartbeat with another mode, s."""
     left_s = next((t for t in left_mode(evidence.motion) if t >= from_s), None)
     if left_s is None:
         return None
-    told_s = told_of_leaving(evidence, left_s)
-    late = [s.time_s - told_s for s in evidence.setpoints if s.time_s > told_s and not s.is_zero]
+    known_s = leaving_known_s(evidence, left_s)
+    late = [s.time_s - known_s for s in evidence.setpoints if s.time_s > known_s and not s.is_zero]
     return max(late, default=0.0)

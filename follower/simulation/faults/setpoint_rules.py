@@ -1,18 +1,16 @@
-"""What holds for everything that goes over the wire, whatever the fault."""
-
-from __future__ import annotations
+"""The rules for every setpoint on the wire, whatever the fault."""
 
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from follower.faults.evidence import Evidence, Motion, WireSetpoint
-from follower.flightlog import ControlRecord
-from follower.supervisor import State
-from follower_control.envelope_settings import EnvelopeSettings
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint
+from follower_control.envelope.settings import EnvelopeSettings
 
 BODY_FRAME, VELOCITY_AND_YAW_RATE = 8, 0x5C7
-LET_GO_WITHIN_S = 0.1
+RELEASE_WITHIN_S = 0.1
 OLDEST_S = 0.25
 _SLACK = 1e-3
 _FLOAT32 = 1e-4
@@ -21,25 +19,27 @@ _FLOAT32 = 1e-4
 def envelope_failures(
     setpoints: Sequence[WireSetpoint], limits: EnvelopeSettings, unsure_s: float = 0.02
 ) -> Iterator[str]:
-    """Yield where a set-point lies outside the limits, or changes faster than they allow.
+    """Yield where a setpoint lies outside the limits, or changes faster than they allow.
 
-    `unsure_s` is how much longer than between their arrivals the time between two may have been.
+    Args:
+        setpoints: forward, right, down (m/s) and yaw rate (rad/s), with their times (s).
+        limits: the envelope's.
+        unsure_s: how much longer than between their arrivals the time between two may have been, s.
     """
-    for setpoint in setpoints:
-        if fault := envelope_failure(setpoint, limits):
-            yield f"{setpoint.time_s:.2f} s: {fault}"
-            return
-    for before, after in pairwise(setpoints):
-        if fault := jump_failure(before, after, limits, unsure_s):
+    for before, after in zip((None, *setpoints), setpoints, strict=False):
+        fault = envelope_failure(after, limits)
+        if before is not None:
+            fault = fault or jump_failure(before, after, limits, unsure_s)
+        if fault:
             yield f"{after.time_s:.2f} s: {fault}"
             return
 
 
 def envelope_failure(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
-    """Say how a set-point lies outside the limits; "" if it does not."""
+    """Say how a setpoint lies outside the limits; "" if it does not."""
     forward, right, down, yaw_rate = setpoint.values
     if not all(map(math.isfinite, setpoint.values)):
-        return "a set-point is not finite"
+        return "a setpoint is not finite"
     if (setpoint.frame, setpoint.mask) != (BODY_FRAME, VELOCITY_AND_YAW_RATE):
         return f"frame {setpoint.frame}, mask {setpoint.mask:#x} are not flown by both autopilots"
     speed = math.hypot(forward, right)
@@ -48,13 +48,13 @@ def envelope_failure(setpoint: WireSetpoint, limits: EnvelopeSettings) -> str:
         and -limits.max_climb_m_s - _SLACK <= down <= limits.max_descent_m_s + _SLACK
         and abs(yaw_rate) <= math.radians(limits.max_yaw_rate_deg_s) + _SLACK
     )
-    return "" if within else f"the set-point {setpoint.values} is outside the envelope"
+    return "" if within else f"the setpoint {setpoint.values} is outside the envelope"
 
 
 def jump_failure(
     before: WireSetpoint, after: WireSetpoint, limits: EnvelopeSettings, unsure_s: float = 0.02
 ) -> str:
-    """Say how one set-point differs too much from the last; "" if it does not.
+    """Say how one setpoint differs too much from the last; "" if it does not.
 
     A zero may come at any time: nothing is safer. And the first one after a zero may be the
     vehicle's own velocity, with which following begins.
@@ -70,41 +70,39 @@ def jump_failure(
     return f"the velocity changes by {max(level, upright):.2f} m/s within {interval_s:.3f} s"
 
 
-def pilot_failures(evidence: Evidence, consents_s: Sequence[float]) -> Iterator[str]:
-    """Yield where set-points went on after the pilot, or the autopilot, had taken another mode.
+def pilot_failures(evidence: FlightEvidence) -> Iterator[str]:
+    """Yield where setpoints went on after the pilot, or the autopilot, had taken another mode.
 
-    Zeros are allowed while the follower has been told that its mode is flown; anything else only
-    after a new consent.
+    Zeros are allowed while the newest heartbeat has the follower's mode, anything else is not.
     """
     for left_s in left_mode(evidence.motion):
-        until_s = min((c for c in consents_s if c > left_s), default=math.inf)
-        told_s = told_of_leaving(evidence, left_s)
+        known_s = leaving_known_s(evidence, left_s)
         for setpoint in evidence.setpoints:
-            if not told_s + LET_GO_WITHIN_S < setpoint.time_s < until_s:
+            if setpoint.time_s <= known_s + RELEASE_WITHIN_S:
                 continue
             if not setpoint.is_zero:
                 yield f"{setpoint.time_s:.2f} s: a velocity after the mode was left"
                 return
-            if not _told_to_obey(evidence, setpoint.time_s):
-                yield f"{setpoint.time_s:.2f} s: a set-point in somebody else's mode"
+            if not _setpoint_mode_known(evidence, setpoint.time_s):
+                yield f"{setpoint.time_s:.2f} s: a setpoint in another mode"
                 return
 
 
-def left_mode(motion: Sequence[Motion]) -> list[float]:
-    """Return when the autopilot left the mode that flies set-points."""
+def left_mode(motion: Sequence[TrueMotion]) -> list[float]:
+    """Return the times, s, at which the autopilot left the mode that flies setpoints."""
     return [after.time_s for before, after in pairwise(motion) if before.obeys and not after.obeys]
 
 
-def told_of_leaving(evidence: Evidence, left_s: float) -> float:
-    """Return when a heartbeat first told the follower of it; infinity if none did."""
-    return next((t for t, obeys in evidence.told_s if t >= left_s and not obeys), math.inf)
+def leaving_known_s(evidence: FlightEvidence, left_s: float) -> float:
+    """Return when a heartbeat first reported that the mode was left, s; infinity if none did."""
+    return next((t for t, obeys in evidence.mode_heartbeats if t >= left_s and not obeys), math.inf)
 
 
-def _told_to_obey(evidence: Evidence, time_s: float) -> bool:
-    """Whether the newest word, or that of 0.1 s ago, was that our mode is flown."""
-    told = [(t, obeys) for t, obeys in evidence.told_s if t <= time_s]
-    before = [obeys for t, obeys in told if t <= time_s - LET_GO_WITHIN_S]
-    return bool(told) and (told[-1][1] or before[-1:] == [True])
+def _setpoint_mode_known(evidence: FlightEvidence, time_s: float) -> bool:
+    """Whether the newest heartbeat, or that of 0.1 s ago, has the mode that flies setpoints."""
+    known = [(t, obeys) for t, obeys in evidence.mode_heartbeats if t <= time_s]
+    before = [obeys for t, obeys in known if t <= time_s - RELEASE_WITHIN_S]
+    return bool(known) and (known[-1][1] or before[-1:] == [True])
 
 
 def age_failures(
@@ -129,7 +127,7 @@ def _same(setpoint: WireSetpoint, record: ControlRecord) -> bool:
 def input_failures(
     controls: Sequence[ControlRecord], setpoints: Sequence[WireSetpoint]
 ) -> Iterator[str]:
-    """Yield where the servo steered by something older than the supervisor may bear.
+    """Yield where the servo steered by something older than the supervisor allows.
 
     From 0.1 s after the last good step on, the speed on the wire may not grow, and 4 s later it is
     zero.
@@ -146,7 +144,7 @@ def _unsteered(controls: Sequence[ControlRecord]) -> Iterator[tuple[float, float
     """Yield the spans in which the vehicle is held: (from, to)."""
     began_s: float | None = None
     for record in controls:
-        held = record.state in (State.HOLDING, State.RELEASED)
+        held = record.state in (SupervisorState.HOLDING, SupervisorState.RELEASED)
         if held and began_s is None:
             began_s = record.time_s
         elif not held and began_s is not None:

@@ -1,26 +1,24 @@
 """What an independent watcher sees: the packets on the wire and the vehicle's true motion."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_control.transport import Transport
-from follower_sim.autopilot import SimAutopilot
-from follower_sim.firmware import ARDUCOPTER, PX4
+from follower_control.common.transport import Transport
+from follower_sim.autopilot.autopilot import SimAutopilot
+from follower_sim.autopilot.firmware import ARDUCOPTER, PX4
 from follower_sim.kinematics import Triple
 from follower_vision.clock import Clock
 
-SETPOINT_MODES = {"px4": PX4.setpoint_mode, "ardupilot": ARDUCOPTER.setpoint_mode}
+FIRMWARE = {"px4": PX4, "ardupilot": ARDUCOPTER}
 _KEPT = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "HEARTBEAT", "COMMAND_LONG"})
 
 
 @dataclass(frozen=True, slots=True)
 class WireSetpoint:
-    """A set-point as it went over the wire.
+    """A setpoint as it went over the wire.
 
     Attributes:
         time_s: when, on the flight's clock.
@@ -40,13 +38,13 @@ class WireSetpoint:
 
     @property
     def speed_m_s(self) -> float:
-        """Of the velocity asked for."""
+        """Speed of the velocity asked for, m/s."""
         return math.hypot(*self.values[:3])
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """The vehicle's truth at one moment."""
+class TrueMotion:
+    """The vehicle's true state at one time: metres and m/s, north, east, down."""
 
     time_s: float
     position_m: Triple
@@ -57,7 +55,7 @@ class Motion:
 
     @property
     def speed_m_s(self) -> float:
-        """Of the vehicle."""
+        """True speed, m/s."""
         return math.hypot(*self.velocity_m_s)
 
 
@@ -68,7 +66,7 @@ class WireTap:
 
     Attributes:
         sent: (time, message) that left through it.
-        heard: (time, message) that came.
+        received: (time, message) that came.
     """
 
     def __init__(self, inner: Transport, clock: Clock) -> None:
@@ -76,7 +74,7 @@ class WireTap:
         self._clock = clock
         self._out, self._in = _parser(), _parser()
         self.sent: list[tuple[float, Any]] = []
-        self.heard: list[tuple[float, Any]] = []
+        self.received: list[tuple[float, Any]] = []
 
     def send(self, data: bytes) -> None:
         """Send one packet and note it."""
@@ -86,7 +84,7 @@ class WireTap:
     def receive(self) -> bytes:
         """Return what has arrived and note it."""
         data = self._inner.receive()
-        self.heard += self._messages(self._in, data)
+        self.received += self._messages(self._in, data)
         return data
 
     def close(self) -> None:
@@ -106,44 +104,44 @@ def _parser() -> Any:
 
 
 @dataclass(slots=True)
-class Evidence:
+class FlightEvidence:
     """All that is known of a flight without asking the follower.
 
     Attributes:
         flavour: "px4" or "ardupilot".
         motion: the vehicle's truth, step by step.
         setpoints: that the follower sent.
-        told_s: when a heartbeat came to the follower, and whether it told of the mode that flies
-            set-points.
+        mode_heartbeats: when each heartbeat reached the follower, s, and whether its mode is the
+            one that flies setpoints.
     """
 
     flavour: str
-    motion: list[Motion] = field(default_factory=list)
+    motion: list[TrueMotion] = field(default_factory=list)
     setpoints: list[WireSetpoint] = field(default_factory=list)
-    told_s: list[tuple[float, bool]] = field(default_factory=list)
+    mode_heartbeats: list[tuple[float, bool]] = field(default_factory=list)
 
     def watch(self, autopilot: SimAutopilot, now_s: float) -> None:
-        """Look at the vehicle."""
+        """Take the vehicle's true state."""
         state = autopilot.state
-        obeys = autopilot.mode == SETPOINT_MODES[self.flavour]
-        motion = Motion(
+        obeys = autopilot.mode == FIRMWARE[self.flavour].setpoint_mode
+        motion = TrueMotion(
             now_s, state.position_m, state.velocity_m_s, autopilot.mode, obeys, autopilot.armed
         )
         if not self.motion or now_s > self.motion[-1].time_s:
             self.motion.append(motion)
 
-    def read(self, follower_sent: list[tuple[float, Any]], heard: list[tuple[float, Any]]) -> None:
-        """Take what a tap noted on the follower's side."""
-        modes = PX4.modes if self.flavour == "px4" else ARDUCOPTER.modes
-        number = modes[SETPOINT_MODES[self.flavour]].custom_mode
+    def read(
+        self, follower_sent: list[tuple[float, Any]], received: list[tuple[float, Any]]
+    ) -> None:
+        """Take what a tap noted on the follower's side, (seconds, message) each."""
+        firmware = FIRMWARE[self.flavour]
+        number = firmware.modes[firmware.setpoint_mode].custom_mode
         for time_s, message in follower_sent:
             if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
-                self.setpoints.append(_setpoint(time_s, message))
-        for time_s, message in heard:
+                values = message.vx, message.vy, message.vz, message.yaw_rate
+                frame, mask = message.coordinate_frame, message.type_mask
+                self.setpoints.append(WireSetpoint(time_s, frame, mask, values))
+        for time_s, message in received:
             is_vehicles = (message.get_srcSystem(), message.get_srcComponent()) == (1, 1)
             if message.get_type() == "HEARTBEAT" and is_vehicles:
-                self.told_s.append((time_s, message.custom_mode == number))
-
-
-def _setpoint(time_s: float, m: Any) -> WireSetpoint:
-    return WireSetpoint(time_s, m.coordinate_frame, m.type_mask, (m.vx, m.vy, m.vz, m.yaw_rate))
+                self.mode_heartbeats.append((time_s, message.custom_mode == number))

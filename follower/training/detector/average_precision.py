@@ -1,15 +1,13 @@
 """Mean average precision at an overlap of one half."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from follower.training.detector.labelled import IGNORED, LabelledImage, Numbers
-from follower_vision.detection.candidates import Candidates
-from follower_vision.nms import pairwise_iou
+from follower.training.detector.labelled_image import IGNORED, LabelledImage, Numbers
+from follower_vision.detection.detection import Candidates
+from follower_vision.geometry.box import pairwise_iou
 
 MATCH_IOU = 0.5
 
@@ -48,17 +46,13 @@ def mean_average_precision(
 def _of_class(
     found: Sequence[Candidates], truth: Sequence[LabelledImage], number: int
 ) -> tuple[float | None, int]:
-    scores: list[float] = []
-    hits: list[bool] = []
     objects = sum(int((one.classes == number).sum()) for one in truth)
-    for candidates, picture in zip(found, truth, strict=True):
-        for score, hit in _judged(candidates, picture, number):
-            scores.append(score)
-            hits.append(hit)
     if not objects:
         return None, 0
-    order = np.argsort(-np.array(scores), kind="stable")
-    return average_precision(np.array(hits, bool)[order], objects), objects
+    pairs = zip(found, truth, strict=True)
+    judged = [one for pair in pairs for one in _judged(*pair, number)]
+    judged.sort(key=lambda one: -one[0])
+    return average_precision(np.array([hit for _, hit in judged], bool), objects), objects
 
 
 def _judged(

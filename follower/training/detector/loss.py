@@ -1,22 +1,58 @@
 """The region layer's loss."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
-from follower.training.detector.anchors import shape_iou
-from follower.training.detector.labelled import IGNORED, LabelledImage
-from follower_vision.detection.yolov2 import STRIDE
+from follower.training.detector.labelled_image import IGNORED, LabelledImage
+from follower_control.common.strict_config import SettingsError
+from follower_vision.detection.families import YOLOV2_STRIDE
+
+Sizes = npt.NDArray[np.float64]
 
 _ALSO_FITS = 0.6
 _NOT_EMPTY = 0.6
 _LARGEST_EXPONENT = 6.0
+
+
+def shape_iou(sizes: Sizes, others: Sizes) -> Sizes:
+    """Return the overlap, (N, M), of boxes about the same centre, sizes (N, 2) and (M, 2)."""
+    common = np.minimum(sizes[:, None], others[None]).prod(axis=2)
+    union = sizes.prod(axis=1)[:, None] + others.prod(axis=1)[None] - common
+    return np.asarray(common / union)
+
+
+def find_anchors(sizes: Sizes, count: int, seed: int) -> Sizes:
+    """Return `count` typical widths and heights, (count, 2), the smallest first.
+
+    They are the centres of k-means on the logarithms of the sizes.
+
+    Args:
+        sizes: (N, 2) widths and heights of boxes, in cells.
+        count: how many.
+        seed: of the first guess.
+
+    Raises:
+        SettingsError: there are fewer different sizes than anchors wanted.
+    """
+    different = len(np.unique(sizes, axis=0))
+    if different < count:
+        raise SettingsError(
+            "there are too few boxes in the pictures: "
+            f"{count} anchors need at least as many boxes of different sizes, not {different}"
+        )
+    cv2.setRNGSeed(seed)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    logs, unknown = np.log(sizes).astype(np.float32), np.empty(0, np.int32)
+    _, _, centres = cv2.kmeans(logs, count, unknown, criteria, 10, cv2.KMEANS_PP_CENTERS)
+    anchors = np.exp(np.asarray(centres, np.float64))
+    return anchors[np.argsort(anchors.prod(axis=1))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +88,7 @@ def make_labels(
         anchors: (A, 2) in cells.
         device: where the labels are put.
     """
-    rows, columns = (side // STRIDE for side in pictures[0].image.shape[:2])
+    rows, columns = (side // YOLOV2_STRIDE for side in pictures[0].image.shape[:2])
     most = max(1, max(len(one.classes) for one in pictures))
     every = np.zeros((len(pictures), most, 4), np.float32)
     opened = np.ones((len(pictures), rows, columns), np.float32)
@@ -60,7 +96,7 @@ def make_labels(
     chosen: list[np.ndarray] = []
     classes: list[int] = []
     for number, picture in enumerate(pictures):
-        cells = picture.boxes / STRIDE
+        cells = picture.boxes / YOLOV2_STRIDE
         every[number, : len(cells)] = cells
         for corners, kind in zip(cells, picture.classes.tolist(), strict=True):
             if kind == IGNORED:
@@ -98,7 +134,7 @@ class RegionLoss:
 
     YOLO v2 adds up squared errors; this is the same region layer with the losses in use today:
     cross-entropy for objectness and class, and 1 - GIoU (Rezatofighi et al., CVPR 2019) for the
-    boxes. A place whose box overlaps a true one by more than 0.6 is not told that it is empty.
+    boxes. A place whose box overlaps a true one by more than 0.6 need not predict that it is empty.
 
     Attributes:
         anchors: (A, 2) widths and heights in cells.
@@ -147,32 +183,25 @@ class RegionLoss:
     def _empty(self, corners: Tensor, labels: Labels) -> Tensor:
         """Return 1 where a place has to say that nothing is there, (B, A, rows, columns)."""
         flat = corners.flatten(1, 3)
-        overlap = _pairwise_iou(flat, labels.all_corners).amax(dim=2)
+        common, union = _common_and_union(flat[:, :, None], labels.all_corners[:, None])
+        overlap = (common / union.clamp(min=1e-9)).amax(dim=2)
         empty = (overlap < _NOT_EMPTY).to(corners.dtype).view(corners.shape[:-1])
         return empty * labels.open[:, None]
 
 
-def _pairwise_iou(corners: Tensor, others: Tensor) -> Tensor:
-    """Return the overlap, (B, N, M), of (B, N, 4) with (B, M, 4)."""
-    low = torch.maximum(corners[:, :, None, :2], others[:, None, :, :2])
-    high = torch.minimum(corners[:, :, None, 2:], others[:, None, :, 2:])
+def _common_and_union(corners: Tensor, others: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the areas of intersection and union of boxes (..., 4) that broadcast."""
+    low = torch.maximum(corners[..., :2], others[..., :2])
+    high = torch.minimum(corners[..., 2:], others[..., 2:])
     common = (high - low).clamp(min=0).prod(dim=-1)
-    union = _area(corners)[:, :, None] + _area(others)[:, None] - common
-    return common / union.clamp(min=1e-9)
-
-
-def _area(corners: Tensor) -> Tensor:
-    return (corners[..., 2:] - corners[..., :2]).prod(dim=-1)
+    areas, other_areas = ((one[..., 2:] - one[..., :2]).prod(dim=-1) for one in (corners, others))
+    return common, areas + other_areas - common
 
 
 def giou(corners: Tensor, others: Tensor) -> Tensor:
     """Return the generalised intersection over union, (K,), of boxes (K, 4) pair by pair."""
-    low = torch.maximum(corners[:, :2], others[:, :2])
-    high = torch.minimum(corners[:, 2:], others[:, 2:])
-    common = (high - low).clamp(min=0).prod(dim=1)
-    union = _area(corners) + _area(others) - common
-    widest = torch.maximum(corners[:, 2:], others[:, 2:]) - torch.minimum(
-        corners[:, :2], others[:, :2]
-    )
-    hull = widest.prod(dim=1).clamp(min=1e-9)
+    common, union = _common_and_union(corners, others)
+    low = torch.minimum(corners[:, :2], others[:, :2])
+    high = torch.maximum(corners[:, 2:], others[:, 2:])
+    hull = (high - low).prod(dim=1).clamp(min=1e-9)
     return common / union.clamp(min=1e-9) - (hull - union) / hull

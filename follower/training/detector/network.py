@@ -1,12 +1,20 @@
 """A small detector of the YOLO v2 family."""
 
-from __future__ import annotations
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
-from collections.abc import Sequence
-
+import numpy as np
+import onnx
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pixel_unshuffle
+
+from follower.training.detector.settings import DetectorTraining
+from follower_control.common.strict_config import SettingsError
+from follower_vision.onnx_network import Network
 
 _EMPTY_BIAS = -4.0
 """At first nearly every place is taken as empty, which most places are."""
@@ -41,7 +49,9 @@ class RegionNetwork(nn.Module):
             _layer(deep + fine, deep, 1), _layer(deep, deep // 2, 1), _layer(deep // 2, deep, 3)
         )
         self.region = nn.Conv2d(deep, anchors * (5 + classes), 1)
-        _start_empty(self.region, anchors)
+        start = torch.zeros(anchors, 5 + classes)
+        start[:, 4] = _EMPTY_BIAS
+        self.region.bias = nn.Parameter(start.flatten())
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Return the region layer's input."""
@@ -70,9 +80,88 @@ def _layer(channels_in: int, channels_out: int, side: int, stride: int = 1) -> n
     )
 
 
-def _start_empty(region: nn.Conv2d, anchors: int) -> None:
-    if region.bias is None:
-        return
-    nn.init.zeros_(region.bias)
-    with torch.no_grad():
-        region.bias.view(anchors, -1)[:, 4] = _EMPTY_BIAS
+def state_of_onnx(
+    path: Path, settings: DetectorTraining, classes: Sequence[str], pictures: Tensor
+) -> dict[str, Any]:
+    """Return what a training begins with, from a network that one like it has exported.
+
+    An export folds every batch normalisation into the convolution before it. Here each gets the
+    mean and variance that the folded network shows on some pictures, and the scale and offset that
+    undo them: the network answers as before, and what it learns from has the usual size.
+
+    Args:
+        path: of the ONNX file.
+        settings: of the training that begins.
+        classes: what it is to find.
+        pictures: (B, 3, H, W) RGB, 0 to 1, of the kind that it will learn from.
+
+    Raises:
+        ModelError: the file is missing or broken.
+        SettingsError: it is another kind of network, or of other classes.
+    """
+    said = Network(path).metadata
+    if said.get("family") != "yolov2" or not {"anchors", "names"} <= said.keys():
+        raise SettingsError(
+            f"{path}: this is no network that `follower train detector` has written"
+        )
+    anchors, names, model = json.loads(said["anchors"]), said["names"], onnx.load(path)
+    if names != str(list(classes)):
+        raise SettingsError(f"{path}: it finds {names}, and the pictures show {list(classes)}")
+    network = RegionNetwork(len(classes), len(anchors), settings.channels).eval()
+    kernels = _kernels(model)
+    sought = [tuple(convolution.weight.shape) for convolution, _ in _layers(network)]
+    if sought != [kernel.shape for kernel, _ in kernels]:
+        raise SettingsError(f"{path}: its layers are not those of channels {settings.channels}")
+    _unfold(network, kernels, pictures)
+    return {
+        "kind": "detector",
+        "averaged": network.state_dict(),
+        "anchors": anchors,
+        "classes": list(classes),
+        "settings": asdict(settings),
+    }
+
+
+def _kernels(model: onnx.ModelProto) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return weights and bias of each convolution, in the order in which they compute."""
+    known = {one.name: one for one in model.graph.initializer}
+    numbers = [
+        [onnx.numpy_helper.to_array(known[name]) for name in node.input[1:3] if name in known]
+        for node in model.graph.node
+        if node.op_type == "Conv"
+    ]
+    return [(pair[0], pair[1]) for pair in numbers if len(pair) == 2]
+
+
+def _layers(network: RegionNetwork) -> Iterator[tuple[nn.Conv2d, nn.BatchNorm2d | None]]:
+    """Yield the convolutions, each with its normalisation, in the order in which they compute."""
+    parts = (network.fine, network.passed, network.deep, network.joined)
+    layers = [one for part in parts for one in part.modules()]
+    convolutions = [one for one in layers if isinstance(one, nn.Conv2d)]
+    normalisations = [one for one in layers if isinstance(one, nn.BatchNorm2d)]
+    yield from zip(convolutions, normalisations, strict=True)
+    yield network.region, None
+
+
+@torch.no_grad()
+def _unfold(
+    network: RegionNetwork, kernels: Sequence[tuple[np.ndarray, np.ndarray]], pictures: Tensor
+) -> None:
+    """Take folded weights; each normalisation undoes itself on what it meets, and adds the bias."""
+
+    def undo(layer: Any, given: tuple[Tensor, ...]) -> None:
+        variance, mean = torch.var_mean(given[0], (0, 2, 3))
+        layer.running_mean, layer.running_var = mean, variance
+        layer.weight.copy_((variance + layer.eps).sqrt())
+        layer.bias.add_(mean)
+
+    hooks = []
+    for (convolution, normalisation), (kernel, bias) in zip(_layers(network), kernels, strict=True):
+        convolution.weight.copy_(torch.tensor(kernel))
+        with_bias: Any = normalisation or convolution
+        with_bias.bias.copy_(torch.tensor(bias))
+        if normalisation is not None:
+            hooks.append(normalisation.register_forward_pre_hook(undo))
+    network(pictures)
+    for hook in hooks:
+        hook.remove()

@@ -1,18 +1,22 @@
-"""Settings of a detector's training."""
+"""What a file of configs/train says about a detector's training."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import Annotated
 
-from follower_vision.detection.yolov2 import STRIDE
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
-_LEAST_SIDE = 3 * STRIDE
+from follower.training.detector.random_scene import RenderedPictures
+from follower.training.settings import STRICT, TrainingConfig, TrainingPlan
+from follower_vision.detection.families import YOLOV2_STRIDE
+
+_Channels = Annotated[int, Field(ge=4, multiple_of=4)]
 
 
-@dataclass(frozen=True, slots=True)
-class DetectorTraining:
+@dataclass(frozen=True, slots=True, config=STRICT)
+class DetectorTraining(TrainingPlan):
     """The network's size, the recipe of its training, and the measure at the end.
 
     Attributes:
@@ -23,51 +27,53 @@ class DetectorTraining:
         batch: pictures a step.
         learning_rate: the largest; it rises over the first steps and falls as a cosine to zero.
         warmup_steps: over which it rises.
-        weight_decay: of AdamW.
-        average: share of the moving average of the weights, which is what is exported, kept a step.
         box_weight: of the boxes' part of the loss.
         empty_weight: of the objectness where nothing is.
         anchor_pictures: from which the anchors are taken by k-means.
         held_out_pictures: on which the quality is measured.
-        validate_every: steps between two measurements on the held-out pictures.
-        save_every: steps between two checkpoints.
-        threads: processor threads.
     """
 
-    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+    side_px: Annotated[int, Field(ge=3 * YOLOV2_STRIDE, multiple_of=YOLOV2_STRIDE)] = 256
+    channels: tuple[_Channels, _Channels, _Channels, _Channels, _Channels] = (16, 24, 48, 96, 192)
+    anchors: PositiveInt = 5
+    steps: PositiveInt = 6000
+    batch: PositiveInt = 16
+    learning_rate: PositiveFloat = 1.8e-3
+    warmup_steps: NonNegativeInt = 60
+    weight_decay: NonNegativeFloat = 5e-4
+    average: Annotated[float, Field(ge=0, lt=1)] = 0.995
+    box_weight: NonNegativeFloat = 2.0
+    empty_weight: NonNegativeFloat = 1.0
+    anchor_pictures: NonNegativeInt = 300
+    held_out_pictures: NonNegativeInt = 400
+    validate_every: PositiveInt = 500
+    save_every: PositiveInt = 50
 
-    side_px: int = 256
-    channels: tuple[int, int, int, int, int] = (16, 24, 48, 96, 192)
-    anchors: int = 5
-    steps: int = 6000
-    batch: int = 16
-    learning_rate: float = 1.8e-3
-    warmup_steps: int = 60
-    weight_decay: float = 5e-4
-    average: float = 0.995
-    box_weight: float = 2.0
-    empty_weight: float = 1.0
-    anchor_pictures: int = 300
-    held_out_pictures: int = 400
-    validate_every: int = 500
-    save_every: int = 50
-    threads: int = 1
 
-    def __post_init__(self) -> None:
-        if self.side_px % STRIDE or self.side_px < _LEAST_SIDE:
-            raise ValueError(f"side_px is a multiple of {STRIDE} from {_LEAST_SIDE} on")
-        if min(self.channels) < 4 or any(count % 4 for count in self.channels):
-            raise ValueError(f"channels are multiples of 4, not {self.channels}")
-        for name in ("anchors", "steps", "batch", "validate_every", "save_every", "threads"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is at least 1, not {getattr(self, name)}")
-        for name in ("warmup_steps", "anchor_pictures", "held_out_pictures"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} is at least 0, not {getattr(self, name)}")
-        if not 0 < self.learning_rate < math.inf:
-            raise ValueError(f"learning_rate is positive, not {self.learning_rate}")
-        for name in ("weight_decay", "box_weight", "empty_weight"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
-        if not 0 <= self.average < 1:
-            raise ValueError(f"average lies from 0 to 1, not {self.average}")
+@dataclass(frozen=True, slots=True, config=STRICT)
+class FolderSettings:
+    """How a folder of labelled pictures is used.
+
+    Attributes:
+        held_out_share: of the pictures, kept from training to measure the quality; used where the
+            folder itself does not separate training from validation.
+        views_a_picture: cut from a picture before the next one is read.
+    """
+
+    held_out_share: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    views_a_picture: PositiveInt = 3
+
+
+class DetectorConfig(TrainingConfig):
+    """A training: what it is called, what it sees, and the recipe."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")] = "detector"
+    seed: NonNegativeInt = 1
+    """Of the weights at first, and of the pictures' order."""
+    data: Path | None = None
+    """The user's own pictures, in YOLO's or COCO's form; None renders the simulator's scenes."""
+    folder: FolderSettings = FolderSettings()
+    """How they are used."""
+    rendered: RenderedPictures = RenderedPictures()
+    """How the simulator's scenes are made."""
+    training: DetectorTraining = DetectorTraining()

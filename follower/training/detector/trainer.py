@@ -1,11 +1,9 @@
 """Trains a detector step by step; may be interrupted and resumed."""
 
-from __future__ import annotations
-
-import copy
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,22 +11,20 @@ import torch
 from torch import Tensor
 
 from follower.training.detector.average_precision import Precision, mean_average_precision
-from follower.training.detector.labelled import LabelledImage, Pictures
+from follower.training.detector.labelled_image import AnswerReader, LabelledImage, TrainingImages
 from follower.training.detector.loss import RegionLoss, make_labels
 from follower.training.detector.network import RegionNetwork
-from follower.training.detector.reading import AnswerReader
 from follower.training.detector.settings import DetectorTraining
-from follower_control.strict_yaml import SettingsError
+from follower.training.trainer import Trainer
+from follower_control.common.strict_config import SettingsError
 
-_LARGEST_GRADIENT = 10.0
 _MEASURED_AT_ONCE = 32
 
 
-class DetectorTrainer:
+class DetectorTrainer(Trainer[RegionNetwork]):
     """A network, its optimiser and its stream of pictures.
 
-    The weights that are measured and exported are a moving average of those being trained. A
-    resumed training goes on from the same weights; its pictures are new ones, drawn from the seed
+    A resumed training goes on from the same weights; its pictures are new ones, drawn from the seed
     and the step.
 
     Args:
@@ -39,10 +35,15 @@ class DetectorTrainer:
         device: where it computes.
     """
 
+    kind = "detector"
+    figures = ("loss", "learning_rate")
+    quality = "mean_average_precision"
+    largest_gradient = 10.0
+
     def __init__(
         self,
         settings: DetectorTraining,
-        pictures: Pictures,
+        pictures: TrainingImages,
         anchors: np.ndarray,
         seed: int,
         device: torch.device,
@@ -51,40 +52,36 @@ class DetectorTrainer:
         self.settings = settings
         self.anchors = np.asarray(anchors, np.float64)
         self.class_names = pictures.class_names
-        self.step_number = 0
+        network = RegionNetwork(len(self.class_names), len(anchors), settings.channels)
+        super().__init__(network.to(device), settings, settings.steps)
+        self.reader = AnswerReader(self.anchors, len(self.class_names), settings.side_px)
         self._pictures = pictures
         self._seed = seed
         self._device = device
-        count = len(self.class_names)
-        self._network = RegionNetwork(count, len(anchors), settings.channels).to(device)
-        self.averaged = copy.deepcopy(self._network).eval()
         shapes = torch.tensor(self.anchors, dtype=torch.float32, device=device)
         self._loss = RegionLoss(shapes, settings.box_weight, settings.empty_weight)
-        self._optimiser = torch.optim.AdamW(
-            self._network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
-        )
         self._stream: Iterator[LabelledImage] | None = None
 
-    def step(self) -> float:
-        """Learn from one batch; return its loss."""
+    @cached_property
+    def held_out(self) -> list[LabelledImage]:
+        """Pictures that no training sees."""
+        return self._pictures.held_out(self.settings.side_px, self.settings.held_out_pictures)
+
+    def train_step(self) -> dict[str, float]:
+        """Learn from one batch; return the loss and the learning rate."""
         if self._stream is None:
             seed = self._seed + 1_000_003 * self.step_number
             self._stream = self._pictures.training(self.settings.side_px, seed)
-        return self.learn([next(self._stream) for _ in range(self.settings.batch)])
+        rate = self.learning_rate
+        loss = self.learn([next(self._stream) for _ in range(self.settings.batch)])
+        return {"loss": loss, "learning_rate": rate}
 
     def learn(self, batch: Sequence[LabelledImage]) -> float:
         """Learn from these pictures; return their loss."""
-        for group in self._optimiser.param_groups:
-            group["lr"] = self.learning_rate
-        self._network.train()
+        self.network.train()
         labels = make_labels(batch, self.anchors, self._device)
-        loss = self._loss(self._network(as_tensor(batch, self._device)), labels)
-        self._optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self._network.parameters(), _LARGEST_GRADIENT)
-        self._optimiser.step()
-        self.step_number += 1
-        self._average()
+        loss = self._loss(self.network(as_tensor(batch, self._device)), labels)
+        self._descend(loss, self.learning_rate)
         return float(loss.detach())
 
     @property
@@ -95,37 +92,25 @@ class DetectorTrainer:
         share = min(1.0, self.step_number / settings.steps)
         return settings.learning_rate * warm * (0.01 + 0.99 * (1 + math.cos(math.pi * share)) / 2)
 
-    @torch.no_grad()
-    def _average(self) -> None:
-        """Let the averaged weights follow, quickly at first."""
-        kept = min(self.settings.average, self.step_number / (self.step_number + 9))
-        fresh = self._network.state_dict()
-        for name, value in self.averaged.state_dict().items():
-            if value.is_floating_point():
-                value.lerp_(fresh[name], 1 - kept)
-            else:
-                value.copy_(fresh[name])
+    def validate(self) -> float:
+        """Return the mean average precision on held-out pictures, 0 to 1."""
+        return self.measure(self.held_out).mean or 0.0
 
-    @torch.no_grad()
     def measure(self, pictures: Sequence[LabelledImage]) -> Precision:
         """Return the averaged network's quality on pictures that it has not seen."""
-        side = self.settings.side_px
-        reader = AnswerReader(self.anchors, len(self.class_names), side)
-        found = []
+        found = [self.reader.read(answer) for answer in self.answers(pictures)]
+        return mean_average_precision(found, pictures, len(self.class_names))
+
+    @torch.no_grad()
+    def answers(self, pictures: Sequence[LabelledImage]) -> Iterator[np.ndarray]:
+        """Yield the averaged network's answer to each picture."""
         for start in range(0, len(pictures), _MEASURED_AT_ONCE):
             some = pictures[start : start + _MEASURED_AT_ONCE]
-            answers = self.averaged(as_tensor(some, self._device)).cpu().numpy()
-            found += [reader.read(answer) for answer in answers]
-        return mean_average_precision(found, pictures, len(self.class_names))
+            yield from self.averaged(as_tensor(some, self._device)).cpu().numpy()
 
     def state(self) -> dict[str, Any]:
         """Return all that a resumption needs."""
-        return {
-            "kind": "detector",
-            "step": self.step_number,
-            "network": self._network.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
+        return super().state() | {
             "anchors": self.anchors.tolist(),
             "classes": list(self.class_names),
             "settings": asdict(self.settings),
@@ -137,24 +122,13 @@ class DetectorTrainer:
         Raises:
             SettingsError: it belongs to another network.
         """
-        self._check(state)
-        self._network.load_state_dict(state["averaged"])
+        self.check(state)
+        self.network.load_state_dict(state["averaged"])
         self.averaged.load_state_dict(state["averaged"])
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state.
-
-        Raises:
-            SettingsError: it belongs to another network.
-        """
-        self._check(state)
-        self._network.load_state_dict(state["network"])
-        self.averaged.load_state_dict(state["averaged"])
-        self._optimiser.load_state_dict(state["optimiser"])
-        self.step_number = int(state["step"])
-
-    def _check(self, state: dict[str, Any]) -> None:
-        same = state.get("kind") == "detector" and state["classes"] == list(self.class_names)
+    def check(self, state: dict[str, Any]) -> None:
+        """Make sure that a state is of this network and these classes."""
+        same = state.get("kind") == self.kind and state["classes"] == list(self.class_names)
         if not same or tuple(state["settings"]["channels"]) != tuple(self.settings.channels):
             raise SettingsError("the checkpoint is of another network or of other classes")
 

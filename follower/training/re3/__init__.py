@@ -1,1 +1,5 @@
-"""Training of our small Re3."""
+"""Training of our small Re3.
+
+Uses: `training.scenes`, torch, onnx.
+Start at: `run`, `trainer.Re3Trainer`.
+"""

@@ -1,19 +1,22 @@
-"""Crops and boxes that Re3 learns from, drawn from generated scenes."""
-
-from __future__ import annotations
+"""What Re3 learns from: crops and boxes of generated scenes, and tracking them frame by frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import torch
+from torch import Tensor
 
+from follower.training.re3.network import Re3Answer, Re3Module, Re3ModuleState
 from follower.training.scenes.scene import Scene
-from follower_vision.box import Box
-from follower_vision.frame import Image
-from follower_vision.re3_geometry import (
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.trackers.re3 import (
     SEARCH_PX,
     TEMPLATE_PX,
+    absolute_box,
     relative_box,
     relative_size,
     search_region,
@@ -24,10 +27,10 @@ LEAST_VISIBLE = 0.3
 _LEAST_SIDE_PX = 3.0
 _REACH = 1.4
 _TURNED_AWAY = 0.06
+_LOST_OVERLAP = 0.05
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Example:
+class Example(NamedTuple):
     """One target in one step.
 
     Attributes:
@@ -55,8 +58,7 @@ def pair(rng: np.random.Generator, scene: Scene) -> Example:
     frame = int(rng.integers(gap, scene.frames))
     first = int(rng.integers(scene.frames))
     last = strayed(rng, scene.drawn_box(frame - gap))
-    memory, memory_size = remembered(scene, first)
-    return looked(scene, (frame - gap, frame), last, memory, memory_size)
+    return looked(scene, (frame - gap, frame), last, *remembered(scene, first))
 
 
 def remembered(scene: Scene, frame: int) -> tuple[Image, tuple[float, float]]:
@@ -89,7 +91,7 @@ def looked(
 
 
 def strayed(rng: np.random.Generator, box: Box) -> Box:
-    """Return a box as a tracker may have left it: mostly near the truth, sometimes far off."""
+    """Return a box in pixels as a tracker may have left it: mostly near the truth."""
     far = rng.uniform() < 0.15
     shift = rng.uniform(-0.9, 0.9, 2) if far else rng.laplace(0.0, 0.08, 2)
     grown = np.exp(rng.laplace(0.0, 0.08, 2))
@@ -104,7 +106,7 @@ def strayed(rng: np.random.Generator, box: Box) -> Box:
 
 
 def bounded(box: Box) -> Box:
-    """Return a box no smaller than a tracker allows."""
+    """Return a box no smaller than a tracker allows, 3 pixels a side."""
     return Box(box.cx, box.cy, max(box.width, _LEAST_SIDE_PX), max(box.height, _LEAST_SIDE_PX))
 
 
@@ -114,18 +116,119 @@ def swapped(rng: np.random.Generator, examples: Sequence[Example]) -> list[Examp
     for index, example in enumerate(examples):
         if rng.uniform() < _TURNED_AWAY:
             other = examples[(index + len(examples) // 2) % len(examples)]
-            out[index] = Example(
-                example.memory,
-                example.memory_size,
-                example.previous,
-                other.present,
-                example.size,
-                example.answer,
-                visible=False,
-            )
+            out[index] = example._replace(present=other.present, visible=False)
     return out
 
 
 def stacked(images: Sequence[Image]) -> npt.NDArray[np.uint8]:
     """Return images as one array (N, 3, h, w)."""
     return np.ascontiguousarray(np.stack(images).transpose(0, 3, 1, 2))
+
+
+class Batch:
+    """Examples as tensors on a device.
+
+    Attributes:
+        wanted: (N, 4) right answers.
+        visible: (N,) bool.
+    """
+
+    def __init__(self, examples: Sequence[Example], device: torch.device) -> None:
+        """Stack the examples."""
+        columns = zip(*examples, strict=True)
+        memory, memory_size, previous, present, size, answer, visible = columns
+        self.memory, self.previous, self.present = (
+            torch.from_numpy(stacked(images)).to(device).float()
+            for images in (memory, previous, present)
+        )
+        self.memory_size, self.size, self.wanted = (
+            torch.tensor(rows, dtype=torch.float32, device=device)
+            for rows in (memory_size, size, answer)
+        )
+        self.visible = torch.tensor(visible, device=device)
+
+
+def answered(network: Re3Module, batch: Batch, memory: Tensor, state: Re3ModuleState) -> Re3Answer:
+    """Return the network's answer to a batch."""
+    answer: Re3Answer = network(
+        network.memory(batch.previous), batch.present, batch.size, memory, batch.memory_size, state
+    )
+    return answer
+
+
+class Rollout:
+    """Several scenes, one frame after the other."""
+
+    def __init__(self, network: Re3Module, scenes: Sequence[Scene], device: torch.device) -> None:
+        """Show the network the first frame of each scene, as a tracker does at its start."""
+        self._network = network
+        self._scenes = scenes
+        self._device = device
+        self._memories = [remembered(scene, 0) for scene in scenes]
+        self.boxes = [bounded(scene.drawn_box(0)) for scene in scenes]
+        self.frame = 0
+        crops = stacked([image for image, _ in self._memories])
+        self.memory = network.memory(torch.from_numpy(crops).to(device).float())
+        self.state = network.start_state(len(scenes))
+        self._look(0)
+
+    def step(self, stride: int = 1) -> tuple[Re3Answer, Batch]:
+        """Show the next frame; `boxes` are then where the network saw the targets."""
+        answer, batch = self._look(stride)
+        self.frame += stride
+        return answer, batch
+
+    def _look(self, stride: int) -> tuple[Re3Answer, Batch]:
+        frames = (self.frame, self.frame + stride)
+        examples = [
+            looked(scene, frames, box, *memory)
+            for scene, box, memory in zip(self._scenes, self.boxes, self._memories, strict=True)
+        ]
+        batch = Batch(examples, self._device)
+        answer = answered(self._network, batch, self.memory, self.state)
+        self.state = answer.state
+        found = answer.box.detach().cpu().numpy()
+        self.boxes = [
+            bounded(absolute_box(row, box)) for row, box in zip(found, self.boxes, strict=True)
+        ]
+        return answer, batch
+
+    def correct(self, rng: np.random.Generator, own: Sequence[bool]) -> None:
+        """Put a box back near the truth where it may not go on from the network's own.
+
+        A target that was lost is put back too: nothing can be learnt from where it is not.
+        """
+        for index, scene in enumerate(self._scenes):
+            truth = scene.drawn_box(self.frame)
+            if not own[index] or self.boxes[index].iou(truth) < _LOST_OVERLAP:
+                self.boxes[index] = strayed(rng, truth)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """What came of tracking scenes with the network's own boxes, target in the frame.
+
+    Attributes:
+        logits: (M,) of the confidence in each frame.
+        overlaps: (M,) of the box with the truth.
+    """
+
+    logits: npt.NDArray[np.float64]
+    overlaps: npt.NDArray[np.float64]
+
+
+@torch.no_grad()
+def tracked(network: Re3Module, scenes: Sequence[Scene], device: torch.device) -> Tracked:
+    """Track each scene from its first frame to its last, without help."""
+    rollout = Rollout(network, scenes, device)
+    logits: list[float] = []
+    overlaps: list[float] = []
+    for _ in range(min(scene.frames for scene in scenes) - 1):
+        answer, _batch = rollout.step()
+        found = zip(scenes, rollout.boxes, answer.confidence.tolist(), strict=True)
+        for scene, box, logit in found:
+            truth = scene.drawn_box(rollout.frame)
+            if truth.visible_share(scene.width, scene.height) > 0.5:
+                logits.append(logit)
+                overlaps.append(box.iou(truth))
+    return Tracked(np.array(logits), np.array(overlaps))

@@ -1,21 +1,13 @@
 """A small Re3 in torch: trunk, correlation, two LSTM layers, and the box that comes out."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from follower_vision.re3_geometry import (
-    CELL_PX,
-    PLACES,
-    SEARCH_PX,
-    TARGET_PX,
-    TEMPLATE_PX,
-)
+from follower.training.re3.settings import Re3NetworkSettings
+from follower_vision.trackers.re3 import CELL_PX, PLACES, SEARCH_PX, TARGET_PX, TEMPLATE_PX
 
 TEMPLATE_CELLS = TEMPLATE_PX // CELL_PX
 SEARCH_CELLS = SEARCH_PX // CELL_PX
@@ -23,31 +15,7 @@ _PARTS = TEMPLATE_CELLS**2
 _DECODE_RADIUS = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class Re3NetworkSettings:
-    """What the network is, and how large.
-
-    Attributes:
-        channels: of the trunk's features.
-        hidden: units of each LSTM layer.
-        head: channels of the maps after the correlation.
-        kind: "re3"; or a peer of the paper's out of the same parts: "goturn" knows the frame before
-            alone, "siamfc" the first frame alone.
-    """
-
-    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
-
-    channels: int = 64
-    hidden: int = 192
-    head: int = 64
-    kind: Literal["re3", "goturn", "siamfc"] = "re3"
-
-    def __post_init__(self) -> None:
-        if min(self.channels, self.hidden, self.head) < 8:
-            raise ValueError("a network needs at least 8 channels and 8 hidden units")
-
-
-class Re3State(NamedTuple):
+class Re3ModuleState(NamedTuple):
     """What the network remembers.
 
     Attributes:
@@ -65,7 +33,7 @@ class Re3Answer(NamedTuple):
     Attributes:
         box: (N, 4) centre's shift from the crop's middle in target scales, and logs of the width's
             and height's growth.
-        confidence: (N,) logit of the target being in sight.
+        confidence: (N,) logit of the target being visible.
         scores: (N, P) logit of each place being the target's middle.
         shapes: (N, 4, P) box as seen from each place.
         state: to hand in with the next frame.
@@ -75,13 +43,13 @@ class Re3Answer(NamedTuple):
     confidence: Tensor
     scores: Tensor
     shapes: Tensor
-    state: Re3State
+    state: Re3ModuleState
 
 
-class Re3Network(nn.Module):
+class Re3Module(nn.Module):
     """Follows a target from crop to crop.
 
-    After Gordon, Farhadi and Fox, "Re3" (RA-L 2018); docs/training.md lists the departures.
+    After Gordon, Farhadi and Fox, "Re3" (RA-L 2018); docs/how-to/train-re3.md lists the departures.
     """
 
     parts: Tensor
@@ -118,10 +86,10 @@ class Re3Network(nn.Module):
         self.register_buffer("sources", _aligned_sources(), persistent=False)
         self.register_buffer("places", _place_centres(), persistent=False)
 
-    def start_state(self, count: int) -> Re3State:
+    def start_state(self, count: int) -> Re3ModuleState:
         """Return the state before the first frame of `count` targets."""
         zeros = self.places.new_zeros(2, count, self.settings.hidden)
-        return Re3State(zeros, zeros)
+        return Re3ModuleState(zeros, zeros)
 
     def recurrence(self) -> tuple[nn.Module, ...]:
         """Return what feeds the LSTM layers, these, and what reads them."""
@@ -141,35 +109,23 @@ class Re3Network(nn.Module):
 
     def forward(
         self,
-        previous: Tensor,
-        present: Tensor,
-        size: Tensor,
-        memory: Tensor,
-        memory_size: Tensor,
-        state: Re3State,
-    ) -> Re3Answer:
-        """Find the targets.
-
-        Args:
-            previous: (N, 3, 64, 64) crops about the last box of the frame before, 0 to 255.
-            present: (N, 3, 128, 128) crops about the same place of the new frame.
-            size: (N, 2) width and height of the last box in target scales.
-            memory: (N, C, 8, 8) features of the first frame's template.
-            memory_size: (N, 2) width and height of the first frame's box in target scales.
-            state: of the LSTM layers.
-        """
-        return self.compared(self.memory(previous), present, size, memory, memory_size, state)
-
-    def compared(
-        self,
         last: Tensor,
         present: Tensor,
         size: Tensor,
         memory: Tensor,
         memory_size: Tensor,
-        state: Re3State,
+        state: Re3ModuleState,
     ) -> Re3Answer:
-        """Do as `forward`, with the features of the previous crops at hand."""
+        """Find the targets.
+
+        Args:
+            last: (N, C, 8, 8) features of the crops about the last box of the frame before.
+            present: (N, 3, 128, 128) crops about the same place of the new frame, 0 to 255.
+            size: (N, 2) width and height of the last box in target scales.
+            memory: (N, C, 8, 8) features of the first frame's template.
+            memory_size: (N, 2) width and height of the first frame's box in target scales.
+            state: of the LSTM layers.
+        """
         features = self.trunk(centred(present))
         unit = functional.normalize(features, dim=1)
         maps, peaks = self._maps(features, unit, last, size, memory, memory_size)
@@ -249,8 +205,8 @@ class Re3Network(nn.Module):
         found: Tensor,
         look: Tensor,
         clues: Tensor,
-        state: Re3State,
-    ) -> Re3State:
+        state: Re3ModuleState,
+    ) -> Re3ModuleState:
         """Step both LSTM layers; the second sees the input too, as in the paper."""
         heat = torch.softmax(scores, dim=1).reshape(-1, 1, PLACES, PLACES)
         scene = self.summary(torch.cat([maps, heat * 10], dim=1)).flatten(1)
@@ -259,7 +215,7 @@ class Re3Network(nn.Module):
         first, first_cell = self.first(given, (state.hidden[0], state.cell[0]))
         both = torch.cat([given, first], dim=1)
         second, second_cell = self.second(both, (state.hidden[1], state.cell[1]))
-        return Re3State(torch.stack([first, second]), torch.stack([first_cell, second_cell]))
+        return Re3ModuleState(torch.stack([first, second]), torch.stack([first_cell, second_cell]))
 
 
 class _Residual(nn.Module):

@@ -1,135 +1,143 @@
 """`follower train re3`: from a configuration to an ONNX file."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
-from rich.console import Console
+import typer
 
-from follower.configs import configs_folder
-from follower.print_line import print_line
-from follower.training.checkpoint import load_checkpoint, save_checkpoint
-from follower.training.progress_bar import progress_bar
-from follower.training.progress_log import ProgressLog
-from follower.training.re3.calibration import calibrated
-from follower.training.re3.card import model_card
-from follower.training.re3.config import Re3Config
-from follower.training.re3.export import Exported, export_re3
-from follower.training.re3.sheet import sample_sheet
-from follower.training.re3.trainer import LOSSES, Re3Trainer
-from follower.training.scenes.maker import SceneMaker
-from follower.training.scenes.pictures import Pictures
-from follower.training.scenes.rendered import rendered
-from follower.training.scenes.stock import load_any, prepare
+from follower.training.onnx_export import ExportedNetwork, write_card
+from follower.training.re3.examples import Example, pair
+from follower.training.re3.export import calibrated, export_re3
+from follower.training.re3.network import Re3Module
+from follower.training.re3.settings import Re3Config
+from follower.training.re3.trainer import Re3Trainer
+from follower.training.scenes.generator import SceneMaker
+from follower.training.scenes.image_pool import load, prepare, rendered
+from follower.training.scenes.image_source import ImageSource, procedural
+from follower.training.scenes.scene import Scene
+from follower.training.trainer import SAMPLES, open_folder, train
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.trackers.re3 import SEARCH_PX, TARGET_PX, TEMPLATE_PX, absolute_box
 
-SAMPLES, LOG, STOCK, CONFIG = "samples.png", "log.csv", "stock", "config.yaml"
-_SMOOTHED = 0.98
+STOCK = "stock"
 _WORLDS = 5
-"""Tells the simulated worlds' numbers from those of other things of the same seed."""
+"""Separates the simulated worlds' random numbers from those of other things of the same seed."""
+_ROWS = 6
+_FRAMES = 24
+_SHOWN = (0, 8, 16, 23)
+_WHOLE_PX = (342, 256)
+_FITTING, _DRAWN, _ANSWER = (80, 220, 60), (60, 170, 255), (80, 220, 60)
 
 
-@dataclass(frozen=True, slots=True)
-class Re3Run:
-    """Where and how a training runs.
+def train_re3(
+    config: Re3Config,
+    folder: Path,
+    device: torch.device,
+    resume: bool = False,
+    network_type: type[Re3Module] = Re3Module,
+) -> ExportedNetwork:
+    """Train, measure and export.
 
-    Attributes:
+    Args:
         config: what is trained.
         folder: where everything is written.
         device: where it computes.
-        console: where progress is shown.
         resume: go on from the folder's checkpoint.
+        network_type: the network's class.
+
+    Raises:
+        SettingsError: the pictures or the checkpoint cannot be used.
     """
-
-    config: Re3Config
-    folder: Path
-    device: torch.device
-    console: Console
-    resume: bool = False
-
-    def run(self) -> Exported:
-        """Train, measure and export.
-
-        Raises:
-            SettingsError: the pictures or the checkpoint cannot be used.
-        """
-        torch.set_num_threads(self.config.training.threads)
-        cv2.setNumThreads(1)
-        state = load_checkpoint(self.folder, self.device) if self.resume else None
-        self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / CONFIG).write_text(self.config.to_yaml(), encoding="utf-8")
-        self._prepare()
-        pictures = learnt_from(self.config, self.folder)
-        trainer = Re3Trainer(self.config.training, pictures, self.device)
-        if state is None:
-            self._look(pictures)
-        else:
-            trainer.restore(state)
-        return finished(trainer, self.config, self.folder, self._train(trainer))
-
-    def _prepare(self) -> None:
-        """Make the pictures small, once, if there are any."""
-        folder, stock = self.config.pictures, self.folder / STOCK
-        if folder is None or stock.is_dir():
-            return
-        listing = configs_folder() / "train" / "pictures.yaml"
-        with progress_bar(self.console) as bar:
-            task = bar.add_task("pictures made small", total=None)
-            prepare(
-                folder,
-                listing,
-                stock,
-                self.config.training.seed,
-                lambda done, total: bar.update(task, completed=done, total=total),
-            )
-
-    def _look(self, pictures: Pictures) -> None:
-        training, path = self.config.training, self.folder / SAMPLES
-        cv2.imwrite(str(path), sample_sheet(SceneMaker(pictures, training.scenes, training.seed)))
-        print_line(self.console, f"{path}: look at it.")
-
-    def _train(self, trainer: Re3Trainer) -> float:
-        """Return the last validation's mean overlap."""
-        training = self.config.training
-        columns = ("stage", "rate", *LOSSES, "overlap")
-        log = ProgressLog(self.folder / LOG, columns, trainer.step)
-        smooth, overlap = 0.0, float("nan")
-        with progress_bar(self.console) as bar:
-            task = bar.add_task("", total=training.steps, completed=trainer.step)
-            while not trainer.done:
-                report = trainer.train_step()
-                loss = report.losses["total"]
-                smooth = loss if not smooth else _SMOOTHED * smooth + (1 - _SMOOTHED) * loss
-                figures = {"stage": report.stage, "rate": report.rate, **report.losses}
-                if report.step % training.validate_every == 0 or trainer.done:
-                    overlap = figures["overlap"] = trainer.validate()
-                    self._say(report.step, smooth, overlap)
-                log.add(report.step, figures)
-                if report.step % training.save_every == 0 or trainer.done:
-                    save_checkpoint(self.folder, trainer.state())
-                bar.update(task, completed=report.step, description=f"loss {smooth:.3f}")
-        return overlap if np.isfinite(overlap) else trainer.validate()
-
-    def _say(self, step: int, loss: float, overlap: float) -> None:
-        print_line(
-            self.console, f"step {step}: loss {loss:.3f}, overlap on held-out scenes {overlap:.3f}"
-        )
+    training = config.training
+    state = open_folder(config, training, folder, device, resume)
+    if config.pictures is not None and not (folder / STOCK).is_dir():
+        prepare(config.pictures, folder / STOCK, training.seed)
+    pictures = image_source(config, folder)
+    trainer = Re3Trainer(training, pictures, device, network_type)
+    if state is None:
+        maker = SceneMaker(pictures, training.scenes, training.seed)
+        cv2.imwrite(str(folder / SAMPLES), sample_sheet(maker))
+        typer.echo(f"{folder / SAMPLES}: look at it.")
+    else:
+        trainer.restore(state)
+    train(trainer, folder)
+    return finish(trainer, config, folder)
 
 
-def learnt_from(config: Re3Config, folder: Path) -> Pictures:
+def image_source(config: Re3Config, folder: Path) -> ImageSource:
     """Return what the scenes of a training are made of: prepared pictures and rendered ones."""
-    seed, worlds = config.training.seed, config.training.worlds
-    pictures = load_any(folder / STOCK, seed)
+    seed, worlds, stock = config.training.seed, config.training.worlds, folder / STOCK
+    pictures = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
     return pictures.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
 
 
-def finished(trainer: Re3Trainer, config: Re3Config, folder: Path, overlap: float) -> Exported:
+def finish(trainer: Re3Trainer, config: Re3Config, folder: Path) -> ExportedNetwork:
     """Write the network of a training and its card, NAME.onnx and NAME.md."""
     calibration = calibrated(trainer.track_held_out(1))
     exported = export_re3(trainer.averaged, folder / f"{config.name}.onnx", calibration)
-    card = model_card(config, exported, trainer.averaged, trainer.step, overlap)
-    exported.path.with_suffix(".md").write_text(card, encoding="utf-8")
+    training = config.training
+    scenes = f"{training.validation_scenes} of {training.validation_frames} frames"
+    rows = [
+        ("data", config.data),
+        ("recipe", f"{trainer.step_number} steps, AdamW, seed {training.seed}"),
+        *(
+            (
+                "stage",
+                f"{stage.steps} steps of {stage.batch} targets, {stage.unroll} frames, "
+                f"rate {stage.rate:g}, own boxes {stage.own_boxes:g}",
+            )
+            for stage in training.stages
+        ),
+        ("mean overlap, held-out scenes", f"{trainer.validate():.3f} ({scenes})"),
+    ]
+    about = (
+        "A motion tracker: a small Re3 (Gordon, Farhadi, Fox, RA-L 2018), with departures that\n"
+        "docs/how-to/train-re3.md lists."
+    )
+    write_card(exported, config, trainer.averaged, about, rows)
     return exported
+
+
+def sample_sheet(maker: SceneMaker) -> Image:
+    """Return scenes with their boxes, and beside them what the network gets to see.
+
+    Left, whole frames: green fits the mask, orange is the box to be followed. Right, examples of
+    the same scene: memory, previous crop and present crop with the right answer.
+    """
+    return np.asarray(np.vstack([_row(maker.scene(index, _FRAMES)) for index in range(_ROWS)]))
+
+
+def _row(scene: Scene) -> Image:
+    rng = np.random.default_rng(0)
+    wholes = [_whole(scene, frame) for frame in _SHOWN]
+    examples = [_example(pair(rng, scene)) for _ in range(2)]
+    return np.asarray(np.hstack([*wholes, *examples]))
+
+
+def _whole(scene: Scene, frame: int) -> Image:
+    image = scene.whole(frame).image.copy()
+    _draw(image, scene.box(frame), _FITTING)
+    _draw(image, scene.drawn_box(frame), _DRAWN)
+    return np.asarray(cv2.resize(image, _WHOLE_PX, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _example(example: Example) -> Image:
+    """Return memory above previous, beside present, 192 x 256 with a margin below."""
+    width, height = (TARGET_PX * float(side) for side in example.size)
+    last = Box(SEARCH_PX / 2, SEARCH_PX / 2, width, height)
+    present = example.present.copy()
+    if example.visible:
+        box = absolute_box(np.array(example.answer, np.float32), last)
+        _draw(present, box, _ANSWER, 1)
+    small = np.vstack([example.memory, example.previous])
+    both = np.hstack([small, present])
+    blank = np.full((_WHOLE_PX[1] - SEARCH_PX, SEARCH_PX + TEMPLATE_PX, 3), 255, np.uint8)
+    return np.asarray(np.vstack([both, blank]))
+
+
+def _draw(image: Image, box: Box, colour: tuple[int, int, int], thickness: int = 2) -> None:
+    first, last = (round(box.left), round(box.top)), (round(box.right), round(box.bottom))
+    cv2.rectangle(image, first, last, colour, thickness, cv2.LINE_AA)

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated
 
-from follower.training.re3.network import Re3NetworkSettings
-from follower.training.scenes.settings import SceneSettings
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from follower.training.scenes.generator import SceneSettings
+from follower.training.settings import STRICT, Share, TrainingConfig, TrainingPlan
+
+_Units = Annotated[int, Field(ge=8)]
 
 
-@dataclass(frozen=True, slots=True)
-class Stage:
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Re3NetworkSettings:
+    """How large the network is.
+
+    Attributes:
+        channels: of the trunk's features.
+        hidden: units of each LSTM layer.
+        head: channels of the maps after the correlation.
+    """
+
+    channels: _Units = 64
+    hidden: _Units = 192
+    head: _Units = 64
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class TrainingStage:
     """One part of the training.
 
     Attributes:
@@ -24,27 +45,21 @@ class Stage:
         recurrence_anew: the LSTM layers begin anew, without a say at first, and learn alone.
     """
 
-    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
-
-    steps: int
-    batch: int = 32
-    unroll: int = 1
-    rate: float = 1e-3
-    own_boxes: float = 0.0
+    steps: PositiveInt
+    batch: PositiveInt = 32
+    unroll: PositiveInt = 1
+    rate: PositiveFloat = 1e-3
+    own_boxes: Share = 0.0
     trunk: bool = True
     recurrence_anew: bool = False
 
     def __post_init__(self) -> None:
-        if min(self.steps, self.batch, self.unroll) < 1:
-            raise ValueError("a stage needs at least one step, one target and one frame")
-        if self.rate <= 0.0 or not 0.0 <= self.own_boxes <= 1.0:
-            raise ValueError("a stage's rate must be positive, and own_boxes from 0 to 1")
         if self.recurrence_anew and self.unroll == 1:
             raise ValueError("recurrence is learnt from runs: unroll must be 2 or more")
 
 
-@dataclass(frozen=True, slots=True)
-class Re3TrainingSettings:
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Re3TrainingSettings(TrainingPlan):
     """Everything that decides how the weights come out.
 
     Attributes:
@@ -53,37 +68,25 @@ class Re3TrainingSettings:
         network: its size.
         scenes: how hard they are.
         worlds: of the simulator, whose views and bodies join the pictures.
-        weight_decay: of AdamW.
-        average: share of the averaged weights that each step keeps.
-        validate_every: steps between validations.
-        validation_scenes: how many held-out scenes are tracked then.
+        validation_scenes: how many held-out scenes are tracked in a validation.
         validation_frames: how long each is.
-        save_every: steps between checkpoints.
-        threads: processor threads of torch.
     """
 
-    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
-
-    seed: int = 1
-    stages: tuple[Stage, ...] = (Stage(steps=100),)
+    seed: NonNegativeInt = 1
+    stages: Annotated[tuple[TrainingStage, ...], Field(min_length=1)] = (TrainingStage(steps=100),)
     network: Re3NetworkSettings = field(default_factory=Re3NetworkSettings)
     scenes: SceneSettings = field(default_factory=SceneSettings)
-    worlds: int = 0
-    weight_decay: float = 1e-4
-    average: float = 0.998
-    validate_every: int = 250
-    validation_scenes: int = 16
-    validation_frames: int = 24
-    save_every: int = 250
-    threads: int = 1
+    worlds: NonNegativeInt = 0
+    validation_scenes: PositiveInt = 16
+    validation_frames: Annotated[int, Field(ge=2)] = 24
 
-    def __post_init__(self) -> None:
-        if not self.stages:
-            raise ValueError("a training needs at least one stage")
-        if self.worlds < 0:
-            raise ValueError(f"worlds is a number of simulated worlds, not {self.worlds}")
 
-    @property
-    def steps(self) -> int:
-        """Optimiser steps of all stages."""
-        return sum(stage.steps for stage in self.stages)
+class Re3Config(TrainingConfig):
+    """A training: what it is called, what it sees, and the recipe."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")] = "follower-re3"
+    data: str = "not stated"
+    """Where the pictures come from, for the model card."""
+    pictures: Path | None = None
+    """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
+    training: Re3TrainingSettings = Re3TrainingSettings()

@@ -1,106 +1,130 @@
 """Trains Re3, step by step; a step depends on nothing but its number and the weights."""
 
-from __future__ import annotations
-
-import copy
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.utils import clip_grad_norm_
+from torch.nn import functional
 
-from follower.training.re3.calibration import Tracked, tracked
-from follower.training.re3.examples import pair, swapped
-from follower.training.re3.loss import Loss, re3_loss
-from follower.training.re3.network import Re3NetworkSettings
-from follower.training.re3.peers import make_network
-from follower.training.re3.rollout import Batch, Rollout, answered
-from follower.training.re3.settings import Re3TrainingSettings, Stage
-from follower.training.scenes.maker import SceneMaker
-from follower.training.scenes.pictures import Pictures
-from follower_control.strict_yaml import SettingsError
+from follower.training.re3.examples import Batch, Rollout, Tracked, answered, pair, swapped, tracked
+from follower.training.re3.network import Re3Answer, Re3Module
+from follower.training.re3.settings import Re3NetworkSettings, Re3TrainingSettings, TrainingStage
+from follower.training.scenes.generator import SceneMaker
+from follower.training.scenes.image_source import ImageSource
+from follower.training.trainer import Trainer
+from follower_control.common.strict_config import SettingsError
+from follower_vision.trackers.re3 import CELL_PX, TARGET_PX
 
+_CELL = CELL_PX / TARGET_PX
+_SPREAD = 0.8 * _CELL
+_NEAR = 1.5 * _CELL
+_MOST_LOG = 0.7
 _PAIRS_A_SCENE = 4
 _PAIR_FRAMES = 24
-_MOST_GRADIENT = 5.0
 _WARM_UP = 100
 _FALL = 0.35
 _HELD_OUT = 1_000_003
 CPU = torch.device("cpu")
-LOSSES = ("total", "place", "shape", "box", "seen")
 
 
-@dataclass(frozen=True, slots=True)
-class StepReport:
-    """What a step came to.
+class Re3Loss(NamedTuple):
+    """Parts of the loss, each a mean over the visible targets (confidence: over all).
 
     Attributes:
-        step: its number.
-        stage: its stage's index.
-        rate: learning rate.
-        losses: total, place, shape, box, seen.
+        place: cross-entropy of the places' scores.
+        shape: of the boxes as seen from the places about the true middle.
+        box: of the final box.
+        seen: cross-entropy of the confidence.
     """
 
-    step: int
-    stage: int
-    rate: float
-    losses: dict[str, float]
+    place: Tensor
+    shape: Tensor
+    box: Tensor
+    seen: Tensor
+
+    @property
+    def total(self) -> Tensor:
+        """Return the weighted sum that is minimised."""
+        return self.place + 5.0 * self.shape + 2.0 * self.box + 0.5 * self.seen
 
 
-class Re3Trainer:
+def re3_loss(answer: Re3Answer, wanted: Tensor, visible: Tensor, places: Tensor) -> Re3Loss:
+    """Return the loss of one step.
+
+    Args:
+        answer: about N targets.
+        wanted: (N, 4) boxes as the network should say them.
+        visible: (N,) whether the target is visible; the box counts only then.
+        places: (P, 2) of the network.
+    """
+    shown = visible.to(answer.box.dtype)
+    count = shown.sum().clamp_min(1.0)
+    logs = wanted[:, 2:].clamp(-_MOST_LOG, _MOST_LOG)
+    offsets = wanted[:, None, :2] - places[None]
+    away = offsets.square().sum(dim=2)
+    soft = torch.softmax(-away / (2 * _SPREAD**2), dim=1)
+    place = -(soft * functional.log_softmax(answer.scores, dim=1)).sum(dim=1)
+    near = (away < _NEAR**2).to(shown.dtype)
+    near = near / near.sum(dim=1, keepdim=True).clamp_min(1.0)
+    target = torch.cat([offsets.transpose(1, 2), logs[:, :, None].expand(-1, -1, len(places))], 1)
+    wrong = functional.smooth_l1_loss(answer.shapes, target, beta=0.02, reduction="none")
+    shape = (wrong.mean(dim=1) * near).sum(dim=1)
+    exact = torch.cat([wanted[:, :2], logs], dim=1)
+    box = functional.smooth_l1_loss(answer.box, exact, beta=0.02, reduction="none").mean(dim=1)
+    seen = functional.binary_cross_entropy_with_logits(answer.confidence, shown)
+    return Re3Loss(
+        (place * shown).sum() / count,
+        (shape * shown).sum() / count,
+        (box.clamp_max(0.5) * shown).sum() / count,
+        seen,
+    )
+
+
+class Re3Trainer(Trainer[Re3Module]):
     """The network, its optimiser and the number of steps done.
 
-    What is measured and exported is a moving average of the weights being trained.
+    Args:
+        settings: the recipe.
+        pictures: what the scenes are made of.
+        device: where to compute.
+        network_type: the network's class.
     """
 
-    def __init__(
-        self, settings: Re3TrainingSettings, pictures: Pictures, device: torch.device = CPU
-    ) -> None:
-        """Make an untrained network ready to learn.
+    kind = "re3"
+    figures = ("stage", "rate", "loss", *Re3Loss._fields)
+    quality = "overlap"
+    largest_gradient = 5.0
 
-        Args:
-            settings: what to do.
-            pictures: what the scenes are made of.
-            device: where to compute.
-        """
+    def __init__(
+        self,
+        settings: Re3TrainingSettings,
+        pictures: ImageSource,
+        device: torch.device = CPU,
+        network_type: type[Re3Module] = Re3Module,
+    ) -> None:
         torch.manual_seed(settings.seed)
         self.settings = settings
         self.device = device
-        self.network = make_network(settings.network).to(self.device)
+        network = network_type(settings.network).to(device)
         # A fifth faster on a processor; torch's own types do not know this keyword.
-        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.averaged = copy.deepcopy(self.network).eval()
-        self._optimiser = torch.optim.AdamW(
-            self.network.parameters(), weight_decay=settings.weight_decay
-        )
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        super().__init__(network, settings, sum(stage.steps for stage in settings.stages))
         self._maker = SceneMaker(pictures, settings.scenes, settings.seed)
         self._held_out = SceneMaker(pictures, settings.scenes, settings.seed + _HELD_OUT)
-        self.step = 0
 
-    @property
-    def done(self) -> bool:
-        """Whether all stages have run."""
-        return self.step >= self.settings.steps
-
-    def train_step(self) -> StepReport:
-        """Learn from one batch."""
+    def train_step(self) -> dict[str, float]:
+        """Learn from one batch; return the stage's index, the learning rate and the losses."""
         index, stage, share = self._stage()
         rate = stage.rate * _rate_factor(share, stage.steps)
-        for group in self._optimiser.param_groups:
-            group["lr"] = rate
         if stage.recurrence_anew and share == 0.0:
             self._begin_recurrence_anew()
         self._set_mode(stage)
-        self._optimiser.zero_grad(set_to_none=True)
         loss = self._pairs(stage) if stage.unroll == 1 else self._sequences(stage)
-        loss.total.backward()  # type: ignore[no-untyped-call]
-        clip_grad_norm_(self.network.parameters(), _MOST_GRADIENT)
-        self._optimiser.step()
-        self.step += 1
-        self._average()
-        return StepReport(self.step, index, rate, _numbers(loss))
+        self._descend(loss.total, rate)
+        parts = {name: float(value.detach()) for name, value in loss._asdict().items()}
+        return {"stage": index, "rate": rate, "loss": float(loss.total.detach()), **parts}
 
     def validate(self) -> float:
         """Return the mean overlap on held-out scenes, tracked with the network's own boxes."""
@@ -115,50 +139,24 @@ class Re3Trainer:
 
     def state(self) -> dict[str, Any]:
         """Return all that a resumption needs."""
-        return {
-            "kind": "re3",
-            "step": self.step,
-            "network": self.network.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
-            "size": asdict(self.settings.network),
-        }
+        return super().state() | {"size": asdict(self.settings.network)}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state, exactly as if there had been no interruption.
-
-        Raises:
-            SettingsError: it belongs to another network.
-        """
-        size = Re3NetworkSettings(**state["size"]) if state.get("kind") == "re3" else None
+    def check(self, state: dict[str, Any]) -> None:
+        """Make sure that a state is of a network of this size."""
+        size = Re3NetworkSettings(**state["size"]) if state.get("kind") == self.kind else None
         if size != self.settings.network:
             raise SettingsError("the checkpoint is of another network, or of another size")
-        self.network.load_state_dict(state["network"])
-        self.averaged.load_state_dict(state["averaged"])
-        self._optimiser.load_state_dict(state["optimiser"])
-        self.step = int(state["step"])
 
-    @torch.no_grad()
-    def _average(self) -> None:
-        """Let the averaged weights follow, quickly at first."""
-        kept = min(self.settings.average, self.step / (self.step + 9))
-        fresh = self.network.state_dict()
-        for name, value in self.averaged.state_dict().items():
-            if value.is_floating_point():
-                value.lerp_(fresh[name], 1 - kept)
-            else:
-                value.copy_(fresh[name])
-
-    def _stage(self) -> tuple[int, Stage, float]:
+    def _stage(self) -> tuple[int, TrainingStage, float]:
         """Return the present stage with its index, and the share of it that is done."""
         start = 0
         for index, stage in enumerate(self.settings.stages):
-            if self.step < start + stage.steps:
-                return index, stage, (self.step - start) / stage.steps
+            if self.step_number < start + stage.steps:
+                return index, stage, (self.step_number - start) / stage.steps
             start += stage.steps
         raise RuntimeError("the training is done")
 
-    def _set_mode(self, stage: Stage) -> None:
+    def _set_mode(self, stage: TrainingStage) -> None:
         """Let batch statistics be learnt from independent pairs alone."""
         self.network.train(stage.unroll == 1)
         self.network.requires_grad_(not stage.recurrence_anew)
@@ -178,8 +176,8 @@ class Re3Trainer:
                 self._optimiser.state.pop(parameter, None)
         self.averaged.load_state_dict(self.network.state_dict())
 
-    def _pairs(self, stage: Stage) -> Loss:
-        rng = np.random.default_rng((self.settings.seed, self.step, 1))
+    def _pairs(self, stage: TrainingStage) -> Re3Loss:
+        rng = np.random.default_rng((self.settings.seed, self.step_number, 1))
         count = -(-stage.batch // _PAIRS_A_SCENE)
         scenes = [self._maker.scene(self._number(index), _PAIR_FRAMES) for index in range(count)]
         examples = [pair(rng, scenes[index % count]) for index in range(stage.batch)]
@@ -189,8 +187,8 @@ class Re3Trainer:
         answer = answered(self.network, batch, memory, state)
         return self._loss(answer, batch)
 
-    def _sequences(self, stage: Stage) -> Loss:
-        rng = np.random.default_rng((self.settings.seed, self.step, 2))
+    def _sequences(self, stage: TrainingStage) -> Re3Loss:
+        rng = np.random.default_rng((self.settings.seed, self.step_number, 2))
         stride = int(rng.choice([1, 1, 2]))
         frames = stride * stage.unroll + 1
         scenes = [self._maker.scene(self._number(index), frames) for index in range(stage.batch)]
@@ -201,14 +199,14 @@ class Re3Trainer:
             rollout.correct(rng, own)
             answer, batch = rollout.step(stride)
             losses.append(self._loss(answer, batch))
-        return Loss(*(torch.stack(part).mean() for part in zip(*losses, strict=True)))
+        return Re3Loss(*(torch.stack(part).mean() for part in zip(*losses, strict=True)))
 
-    def _loss(self, answer: Any, batch: Batch) -> Loss:
+    def _loss(self, answer: Any, batch: Batch) -> Re3Loss:
         return re3_loss(answer, batch.wanted, batch.visible, self.network.places)
 
     def _number(self, index: int) -> int:
         """Return a scene's number that no other step uses."""
-        return self.step * 4096 + index
+        return self.step_number * 4096 + index
 
 
 def _rate_factor(share: float, steps: int) -> float:
@@ -216,8 +214,3 @@ def _rate_factor(share: float, steps: int) -> float:
     rise = min(1.0, (share * steps + 1) / _WARM_UP)
     fall = max(0.0, (share - (1.0 - _FALL)) / _FALL)
     return rise * (0.02 + 0.98 * 0.5 * (1.0 + float(np.cos(np.pi * fall))))
-
-
-def _numbers(loss: Loss) -> dict[str, float]:
-    parts: dict[str, Tensor] = {"total": loss.total, **loss._asdict()}
-    return {name: float(value.detach()) for name, value in parts.items()}

@@ -1,1 +1,5 @@
-"""Generated sequences with a target: what our trackers learn from."""
+"""Generated sequences with a target, which our trackers learn from.
+
+Uses: `training.detector`'s random worlds, `follower_sim`'s renderer, OpenCV.
+Start at: `generator.SceneMaker`.
+"""

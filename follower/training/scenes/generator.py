@@ -1,58 +1,146 @@
-"""Composes random scenes: the streaming data generator."""
+"""Composes random scenes, of a chosen difficulty: the streaming data generator."""
 
-from __future__ import annotations
+import dataclasses
+from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from follower.training.scenes.bending import random_bending
-from follower.training.scenes.cutout import Cutout, Matrix
-from follower.training.scenes.pictures import Pictures
-from follower.training.scenes.scene import Layer, Light, Scene
-from follower.training.scenes.settings import SceneSettings
-from follower.training.scenes.shapes import cut, random_mask
-from follower.training.scenes.wander import Course, folded, hover, wander
-from follower_vision.frame import Image
+from follower.training.scenes.image_source import (
+    Cutout,
+    ImageSource,
+    Matrix,
+    cut,
+    random_mask,
+    stretch_and_shift,
+)
+from follower.training.scenes.scene import (
+    Course,
+    Layer,
+    Light,
+    Scene,
+    folded,
+    hover,
+    random_bending,
+    wander,
+)
+from follower.training.settings import STRICT, Share
+from follower_vision.images.frame import Image
 
 _PIECE_PX = 96
+_JPEG_QUALITY = 92
+_LEAST_IN_FRAME = 0.3
+_Side = Annotated[int, Field(ge=64)]
 
 
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SceneSettings:
+    """Sizes, motions and how often each difficulty occurs.
+
+    Shares are of the scenes, 0 to 1; motions are standard deviations a frame.
+
+    Attributes:
+        width: of the frame in pixels.
+        height: of the frame in pixels.
+        least_scale: smallest target, the square root of its box's area in pixels.
+        most_scale: the largest.
+        motion: largest step of the target a frame, in its own scale.
+        scale_change: largest step of log scale a frame.
+        aspect_change: largest step of log aspect a frame.
+        rotation: largest step of the target's rotation, radians a frame.
+        perspective: share of scenes with a tilting target.
+        deformation: share of scenes in which the target bends.
+        occlusion: share with something passing before the target.
+        look_alikes: share with copies of the target, or like things, beside it.
+        leaving: share in which the target may leave the frame and return.
+        blur: share with motion blur.
+        low_light: share with strong changes of light.
+        soft: share that is not quite in focus.
+        grey: share in black and white.
+        compression: share with the traces of a film's compression.
+        pieces: share in which the target is a piece of the ground itself, without an edge.
+        loose: share in which the box does not fit the mask, as one that a user has drawn.
+    """
+
+    width: _Side = 640
+    height: _Side = 480
+    least_scale: Annotated[float, Field(ge=4)] = 14.0
+    most_scale: float = 150.0
+    motion: float = 0.3
+    scale_change: float = 0.03
+    aspect_change: float = 0.02
+    rotation: float = 0.04
+    perspective: Share = 0.3
+    deformation: Share = 0.3
+    occlusion: Share = 0.4
+    look_alikes: Share = 0.6
+    leaving: Share = 0.15
+    blur: Share = 0.35
+    low_light: Share = 0.5
+    soft: Share = 0.5
+    grey: Share = 0.15
+    compression: Share = 0.5
+    pieces: Share = 0.25
+    loose: Share = 0.7
+
+    def __post_init__(self) -> None:
+        if self.most_scale < self.least_scale:
+            raise ValueError("most_scale must be no smaller than least_scale")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class SceneMaker:
-    """Makes scene number `index` of a seed, always the same one."""
+    """Makes scene number `index` of a seed, always the same one.
 
-    def __init__(self, pictures: Pictures, settings: SceneSettings, seed: int) -> None:
-        """Make a maker.
+    Attributes:
+        pictures: what scenes are made of.
+        settings: how hard they are.
+        seed: scenes of different seeds have nothing to do with one another.
+    """
 
-        Args:
-            pictures: what scenes are made of.
-            settings: how hard they are.
-            seed: scenes of different seeds have nothing to do with one another.
-        """
-        self._pictures = pictures
-        self._settings = settings
-        self._seed = seed
+    pictures: ImageSource
+    settings: SceneSettings
+    seed: int
 
     def scene(self, index: int, frames: int) -> Scene:
         """Return scene `index`, of so many frames."""
-        rng = np.random.default_rng((self._seed, index))
-        return _Composer(rng, self._pictures, self._settings, frames).scene()
+        rng = np.random.default_rng((self.seed, index))
+        return _Composer(rng, self.pictures, self.settings, frames).scene()
 
 
+def write_sequence(scene: Scene, folder: Path) -> None:
+    """Write img/000001.jpg and so on, and groundtruth.txt with x, y, width, height a line.
+
+    Where most of the target is outside the frame, its line is 0,0,0,0. The boxes, in pixels, are
+    those that a user would draw, the hidden parts of the target included.
+    """
+    (folder / "img").mkdir(parents=True, exist_ok=True)
+    lines = []
+    for frame in range(scene.frames):
+        path = folder / "img" / f"{frame + 1:06}.jpg"
+        cv2.imwrite(str(path), scene.whole(frame).image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        box = scene.drawn_box(frame)
+        inside = box.visible_share(scene.width, scene.height) >= _LEAST_IN_FRAME
+        lines.append(",".join(f"{value:.2f}" for value in box.xywh) if inside else "0,0,0,0")
+    (folder / "groundtruth.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class _Composer:
-    """Draws the lots for one scene."""
+    """Draws the random numbers of one scene."""
 
-    def __init__(
-        self, rng: np.random.Generator, pictures: Pictures, settings: SceneSettings, frames: int
-    ) -> None:
-        self._rng = rng
-        self._pictures = pictures
-        self._settings = settings
-        self._frames = frames
+    rng: np.random.Generator
+    pictures: ImageSource
+    settings: SceneSettings
+    frames: int
 
     def scene(self) -> Scene:
-        settings, rng = self._settings, self._rng
-        ground = self._pictures.any_ground(rng)
+        settings, rng = self.settings, self.rng
+        ground = self.pictures.any_ground(rng)
         camera = self._camera(ground)
         scale = float(np.exp(rng.uniform(*np.log([settings.least_scale, settings.most_scale]))))
         middle = self._middle(scale)
@@ -72,19 +160,19 @@ class _Composer:
         )
 
     def _looseness(self) -> tuple[float, float, float, float]:
-        rng = self._rng
-        if not self._chance(self._settings.loose):
+        rng = self.rng
+        if not self._chance(self.settings.loose):
             return 0.0, 0.0, 1.0, 1.0
         right, down = rng.normal(0.0, 0.08, 2)
         wider, taller = np.exp(rng.normal(0.0, 0.2, 2))
         return float(right), float(down), float(wider), float(taller)
 
     def _chance(self, share: float) -> bool:
-        return bool(self._rng.uniform() < share)
+        return bool(self.rng.uniform() < share)
 
     def _camera(self, ground: Image) -> Matrix:
         """Return (T, 3, 3) from the ground's pixels to the frame's."""
-        rng, frames = self._rng, self._frames
+        rng, frames = self.rng, self.frames
         calm = rng.choice([0.0, 0.3, 1.0, 3.0])
         zoom = rng.uniform(0.6, 2.2) * np.exp(wander(rng, frames, 0.004 * calm, 0.9))
         turn = rng.normal(0, 0.3) + wander(rng, frames, 0.006 * calm, 0.9)
@@ -95,7 +183,7 @@ class _Composer:
         height, width = ground.shape[:2]
         start = rng.uniform((0.0, 0.0), (width, height))
         looks = _similarity(
-            zoom, turn, start, x + self._settings.width / 2, y + self._settings.height / 2
+            zoom, turn, start, x + self.settings.width / 2, y + self.settings.height / 2
         )
         if self._chance(0.3):
             looks[:, 2, :2] = rng.normal(0, 1.5e-4, 2)
@@ -103,22 +191,22 @@ class _Composer:
 
     def _middle(self, scale: float) -> Matrix:
         """Return (T, 2) the middle of the target in the frame."""
-        settings, rng = self._settings, self._rng
+        settings, rng = self.settings, self.rng
         step = scale * settings.motion * rng.uniform() ** 2
         memory = rng.uniform(0.3, 0.97)
         courses = []
         for size in (settings.width, settings.height):
-            course = rng.uniform(0.1, 0.9) * size + wander(rng, self._frames, step, memory)
-            course += hover(rng, self._frames, 0.1 * step, 0.2)
+            course = rng.uniform(0.1, 0.9) * size + wander(rng, self.frames, step, memory)
+            course += hover(rng, self.frames, 0.1 * step, 0.2)
             margin = -scale if self._chance(settings.leaving) else 0.45 * scale
             courses.append(folded(course, margin, size - margin))
         return np.stack(courses, axis=1)
 
     def _target(self, ground: Image, camera: Matrix, scale: float, middle: Matrix) -> Layer:
-        rng, settings, frames = self._rng, self._settings, self._frames
+        rng, settings, frames = self.rng, self.settings, self.frames
         if self._chance(settings.pieces):
             return _piece_of_ground(rng, ground, camera, scale, settings)
-        cutout = self._pictures.any_object(rng)
+        cutout = self.pictures.any_object(rng)
         places = self._placed(cutout, scale, middle, settings.rotation)
         if self._chance(settings.perspective):
             tilts = np.stack([hover(rng, frames, 0.12, 0.95) for _ in "xy"], axis=1)
@@ -128,7 +216,7 @@ class _Composer:
 
     def _placed(self, cutout: Cutout, scale: float, middle: Matrix, rotation: float) -> Matrix:
         """Return (T, 3, 3) for an object of about a scale along a way, growing and turning."""
-        rng, settings, frames = self._rng, self._settings, self._frames
+        rng, settings, frames = self.rng, self.settings, self.frames
         growth = settings.scale_change * rng.uniform() ** 2
         log_scale = folded(wander(rng, frames, growth, 0.9), -0.9, 0.9)
         aspect = folded(wander(rng, frames, settings.aspect_change * rng.uniform(), 0.9), -0.5, 0.5)
@@ -147,14 +235,14 @@ class _Composer:
         self, target: Layer, scale: float, middle: Matrix, camera: Matrix
     ) -> tuple[list[Layer], list[Layer]]:
         """Return what goes behind and before the target: its like, or anything."""
-        rng, settings = self._rng, self._settings
+        rng, settings = self.rng, self.settings
         behind: list[Layer] = []
         before: list[Layer] = []
         if not self._chance(settings.look_alikes):
             return behind, before
         for _ in range(int(rng.integers(1, 4))):
             kind = rng.uniform()
-            cutout = target.cutout if kind < 0.4 else self._pictures.any_object(rng)
+            cutout = target.cutout if kind < 0.4 else self.pictures.any_object(rng)
             if 0.4 <= kind < 0.7:
                 cutout = _recoloured(rng, target.cutout)
             way = self._other_way(scale, middle, camera)
@@ -165,7 +253,7 @@ class _Composer:
 
     def _other_way(self, scale: float, middle: Matrix, camera: Matrix) -> Matrix:
         """Return (T, 2) a way that passes the target or goes beside it."""
-        rng, frames = self._rng, self._frames
+        rng, frames = self.rng, self.frames
         offset = rng.normal(0, 1.0, 2)
         offset *= scale * rng.uniform(0.9, 2.5) / max(float(np.hypot(*offset)), 1e-6)
         step = scale * 0.15 * rng.uniform()
@@ -176,42 +264,37 @@ class _Composer:
 
     def _occluders(self, scale: float, middle: Matrix, camera: Matrix) -> list[Layer]:
         """Return things that stand before the target's way, on the ground or moving."""
-        rng, layers = self._rng, []
-        if self._chance(self._settings.occlusion):
+        rng, layers = self.rng, []
+        if self._chance(self.settings.occlusion):
             for _ in range(int(rng.integers(1, 3))):
-                frame = int(rng.integers(self._frames))
+                frame = int(rng.integers(self.frames))
                 way = _anchored(camera, middle, frame) + rng.normal(0, 0.3 * scale, 2)
                 drift = rng.normal(0, 0.08 * scale, 2)
-                way = way + (np.arange(self._frames) - frame)[:, None] * drift
-                cutout = self._pictures.any_object(rng)
+                way = way + (np.arange(self.frames) - frame)[:, None] * drift
+                cutout = self.pictures.any_object(rng)
                 size = scale * float(np.exp(rng.uniform(-1.0, 0.7)))
                 layers.append(Layer(cutout, self._placed(cutout, size, way, 0.01)))
         return layers
 
     def _light(self, middle: Matrix) -> Light:
-        rng, frames = self._rng, self._frames
-        strength = 0.5 if self._chance(self._settings.low_light) else 0.1
+        rng, frames = self.rng, self.frames
+        strength = 0.5 if self._chance(self.settings.low_light) else 0.1
         level = np.exp(rng.normal(0, 0.5 * strength) + hover(rng, frames, 0.2 * strength, 0.95))
         tint = np.exp(rng.normal(0, 0.1, 3))
         offset = rng.normal(0, 20 * strength) + hover(rng, frames, 10 * strength, 0.95)
         noise = float(rng.choice([0.5, 2.0, 6.0]))
         way = self._blur(middle)
         seed = int(rng.integers(1 << 31))
-        return Light(level[:, None] * tint, offset, noise, way, seed, *self._film())
-
-    def _film(self) -> tuple[float, bool, int | None]:
-        """Return the lens's blur, whether the film is grey, and its quality."""
-        rng, settings = self._rng, self._settings
-        soft = float(rng.uniform(0.4, 1.5)) if self._chance(settings.soft) else 0.0
-        grey = self._chance(settings.grey)
-        quality = int(rng.integers(15, 80)) if self._chance(settings.compression) else None
-        return soft, grey, quality
+        soft = float(rng.uniform(0.4, 1.5)) if self._chance(self.settings.soft) else 0.0
+        grey = self._chance(self.settings.grey)
+        quality = int(rng.integers(15, 80)) if self._chance(self.settings.compression) else None
+        return Light(level[:, None] * tint, offset, noise, way, seed, soft, grey, quality)
 
     def _blur(self, middle: Matrix) -> npt.NDArray[np.float64]:
         """Return (T, 2) the way smeared: a share of the motion, or a burst."""
-        rng, frames = self._rng, self._frames
+        rng, frames = self.rng, self.frames
         way = np.zeros((frames, 2))
-        if self._chance(self._settings.blur):
+        if self._chance(self.settings.blur):
             way[1:] = np.diff(middle, axis=0) * rng.uniform(0.2, 1.0)
             burst = rng.normal(0, rng.uniform(1, 10), 2)
             start = int(rng.integers(frames))
@@ -244,7 +327,7 @@ def _tilted(places: Matrix, cutout: Cutout, tilts: Matrix) -> Matrix:
     width, height = cutout.size
     tilt = np.tile(np.eye(3), (len(places), 1, 1))
     tilt[:, 2, :2] = tilts / (width, height)
-    to_middle = np.array([[1.0, 0.0, -width / 2], [0.0, 1.0, -height / 2], [0.0, 0.0, 1.0]])
+    to_middle = stretch_and_shift(1, 1, -width / 2, -height / 2)
     return np.asarray(places @ np.linalg.inv(to_middle) @ tilt @ to_middle)
 
 
@@ -267,13 +350,7 @@ def _piece_of_ground(
     size = np.array([scale * aspect, scale / aspect]) / zoom
     middle = np.linalg.solve(camera[0], [*at, 1.0])
     middle = middle[:2] / middle[2]
-    to_ground = np.array(
-        [
-            [size[0] / _PIECE_PX, 0.0, middle[0] - size[0] / 2],
-            [0.0, size[1] / _PIECE_PX, middle[1] - size[1] / 2],
-            [0.0, 0.0, 1.0],
-        ]
-    )
+    to_ground = stretch_and_shift(*size / _PIECE_PX, *middle - size / 2)
     picture = cv2.warpAffine(
         ground,
         to_ground[:2],

@@ -1,22 +1,112 @@
 """One generated sequence: what stands where in each frame, drawn on demand."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower.training.scenes.bending import Bending
-from follower.training.scenes.cutout import Cutout, Matrix, warp
-from follower_vision.box import Box
-from follower_vision.frame import Image
+from follower.training.detector.labelled_image import motion_blurred
+from follower.training.scenes.image_source import Cutout, Matrix, stretch_and_shift, warp
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
 
-_BLUR_LEAST_PX = 1.5
-_BLUR_MOST_PX = 31
+Course = npt.NDArray[np.float64]
+
 _SOFT_LEAST_PX = 0.3
 _GRAIN = np.random.default_rng(0).standard_normal((331, 331, 3), dtype=np.float32)
+
+
+class Deformation:
+    """A smooth displacement of an object's pixels that swings over time."""
+
+    def __init__(
+        self,
+        cutout: Cutout,
+        fields: npt.NDArray[np.float32],
+        swings: npt.NDArray[np.float64],
+    ) -> None:
+        """Make a bending.
+
+        Args:
+            cutout: the object at rest.
+            fields: (2, H, W, 2) two displacements at full swing, in the object's pixels.
+            swings: (T, 2) how far each is swung in each frame.
+        """
+        self.cutout = cutout
+        self.fields = fields
+        self.swings = swings
+        self.bent = lru_cache(maxsize=2)(self._bent)
+
+    def _bent(self, frame: int) -> Cutout:
+        """Return the object's shape in a frame."""
+        picture = self.cutout.levels[0]
+        height, width = picture.shape[:2]
+        columns, rows = np.meshgrid(
+            np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+        )
+        first, second = (np.float32(swing) for swing in self.swings[frame])
+        shift = first * self.fields[0] + second * self.fields[1]
+        bent = cv2.remap(
+            picture,
+            columns + shift[:, :, 0],
+            rows + shift[:, :, 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+        )
+        return Cutout.premultiplied(np.asarray(bent, dtype=np.uint8))
+
+
+def random_bending(rng: np.random.Generator, cutout: Cutout, frames: int) -> Deformation:
+    """Return a bending for an object, at most a few tenths of its size."""
+    width, height = cutout.size
+    most = rng.uniform(0.03, 0.15) * min(width, height)
+    coarse = rng.normal(0.0, 1.0, (2, 4, 4, 2)).astype(np.float32)
+    fields = [
+        most * cv2.resize(field, (width, height), interpolation=cv2.INTER_CUBIC) for field in coarse
+    ]
+    time = np.arange(frames)
+    speeds, phases = rng.uniform(0.05, 0.5, 2), rng.uniform(0, 2 * np.pi, 2)
+    swings = np.sin(time[:, None] * speeds + phases)
+    return Deformation(cutout, np.stack(fields).astype(np.float32), swings)
+
+
+def wander(rng: np.random.Generator, frames: int, step: float, memory: float) -> Course:
+    """Return (frames,) a course from zero whose speed is an Ornstein-Uhlenbeck process.
+
+    Args:
+        rng: the source of chance.
+        frames: how many.
+        step: standard deviation of the change from frame to frame.
+        memory: 0 to 1, how much of the speed is kept from frame to frame.
+    """
+    speed = np.empty(frames)
+    speed[0] = 0.0
+    last = rng.normal() * step
+    kicks = rng.normal(size=frames) * step * np.sqrt(1.0 - memory**2)
+    for frame in range(1, frames):
+        last = memory * last + kicks[frame]
+        speed[frame] = last
+    return np.cumsum(speed)
+
+
+def hover(rng: np.random.Generator, frames: int, spread: float, memory: float) -> Course:
+    """Return (frames,) a course about zero with a standard deviation, that does not run away."""
+    course = np.empty(frames)
+    last = rng.normal() * spread
+    kicks = rng.normal(size=frames) * spread * np.sqrt(1.0 - memory**2)
+    for frame in range(frames):
+        course[frame] = last
+        last = memory * last + kicks[frame]
+    return course
+
+
+def folded(course: Course, least: float, most: float) -> Course:
+    """Reflect a course (frames,) at two limits of its own unit."""
+    span = max(most - least, 1e-9)
+    phase = np.mod(course - least, 2 * span)
+    return least + np.where(phase > span, 2 * span - phase, phase)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,11 +121,11 @@ class Layer:
 
     cutout: Cutout
     places: Matrix
-    bending: Bending | None = None
+    bending: Deformation | None = None
 
     def shape(self, frame: int) -> Cutout:
         """Return how it looks in a frame."""
-        return self.cutout if self.bending is None else self.bending.bent(self.cutout, frame)
+        return self.cutout if self.bending is None else self.bending.bent(frame)
 
     def box(self, frame: int) -> Box:
         """Return the box about its mask, whether hidden or not."""
@@ -127,7 +217,7 @@ class Scene:
         return Box(cx, cy, box.width * wider, box.height * taller)
 
     def whole(self, frame: int) -> Shot:
-        """Return a whole frame."""
+        """Return a whole frame at its own size in pixels."""
         region = Box(self.width / 2, self.height / 2, self.width, self.height)
         return self.shot(frame, region, self.width, self.height)
 
@@ -147,12 +237,11 @@ class Scene:
 
     def shot(self, frame: int, region: Box, width: int, height: int) -> Shot:
         """Return a region of a frame at `width` x `height` pixels."""
-        view = np.array(
-            [
-                [width / region.width, 0.0, -region.left * width / region.width],
-                [0.0, height / region.height, -region.top * height / region.height],
-                [0.0, 0.0, 1.0],
-            ]
+        view = stretch_and_shift(
+            width / region.width,
+            height / region.height,
+            -region.left * width / region.width,
+            -region.top * height / region.height,
         )
         place = view @ self.ground_places[frame]
         canvas = warp(self.ground, place, width, height, cv2.BORDER_REFLECT_101)
@@ -165,15 +254,15 @@ class Scene:
             elif index > self.target:
                 hidden = np.maximum(hidden, mask)
         inside = self._inside(view, width, height)
-        visible = _share(target, hidden, inside)
+        area = float(target.sum(dtype=np.int64))
+        seen = cv2.multiply(target, 255 - hidden, scale=1 / 255) * inside
+        visible = float(seen.sum(dtype=np.int64)) / area if area else 0.0
         return Shot(self._exposed(canvas, frame, view, inside, region), visible, target)
 
-    def _inside(self, view: Matrix, width: int, height: int) -> npt.NDArray[np.bool_] | None:
-        """Return which pixels of the region lie in the frame, (h, w); None if all do."""
+    def _inside(self, view: Matrix, width: int, height: int) -> npt.NDArray[np.bool_]:
+        """Return which pixels of the region lie in the frame, (h, w)."""
         left, top = view[0, 2], view[1, 2]
         right, bottom = left + self.width * view[0, 0], top + self.height * view[1, 1]
-        if left <= 0 and top <= 0 and right >= width and bottom >= height:
-            return None
         across, down = np.arange(width) + 0.5, np.arange(height) + 0.5
         columns = (across >= left) & (across < right)
         rows = (down >= top) & (down < bottom)
@@ -184,19 +273,19 @@ class Scene:
         canvas: Image,
         frame: int,
         view: Matrix,
-        inside: npt.NDArray[np.bool_] | None,
+        inside: npt.NDArray[np.bool_],
         region: Box,
     ) -> Image:
         light = self.light
-        canvas = _softened(canvas, light.soft * view[0, 0])
-        canvas = _blurred(canvas, light.blur[frame] * (view[0, 0], view[1, 1]))
+        soft = light.soft * view[0, 0]
+        if soft >= _SOFT_LEAST_PX:
+            canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), soft), dtype=np.uint8)
+        canvas = motion_blurred(canvas, light.blur[frame] * (view[0, 0], view[1, 1]))
         where = light.seed + 7919 * frame + 31 * round(region.left) + 17 * round(region.top)
         grain = _grain(where, *canvas.shape[:2]) * np.float32(light.noise)
         lit = canvas * light.gain[frame].astype(np.float32)
         lit += grain + np.float32(light.offset[frame])
         film = _filmed(np.asarray(np.clip(lit, 0, 255), dtype=np.uint8), light)
-        if inside is None:
-            return film
         fill = np.clip(self.fill, 0, 255).astype(np.uint8)
         return np.where(inside[:, :, None], film, fill)
 
@@ -213,13 +302,6 @@ def _filmed(image: Image, light: Light) -> Image:
     return image
 
 
-def _softened(canvas: Image, sigma: float) -> Image:
-    """Blur a picture as a lens does that is not quite in focus; `sigma` in its own pixels."""
-    if sigma < _SOFT_LEAST_PX:
-        return canvas
-    return np.asarray(cv2.GaussianBlur(canvas, (0, 0), sigma), dtype=np.uint8)
-
-
 def _grain(where: int, height: int, width: int) -> npt.NDArray[np.float32]:
     """Return normal noise (height, width, 3): one fixed field, shifted and repeated."""
     spare = len(_GRAIN) - 1
@@ -227,31 +309,3 @@ def _grain(where: int, height: int, width: int) -> npt.NDArray[np.float32]:
     repeats = (-(-(down + height) // len(_GRAIN)), -(-(across + width) // len(_GRAIN)), 1)
     tiled = _GRAIN if repeats == (1, 1, 1) else np.tile(_GRAIN, repeats)
     return tiled[down : down + height, across : across + width]
-
-
-def _share(
-    target: npt.NDArray[np.uint8],
-    hidden: npt.NDArray[np.uint8],
-    inside: npt.NDArray[np.bool_] | None,
-) -> float:
-    whole = float(target.sum(dtype=np.int64))
-    if whole == 0.0:
-        return 0.0
-    seen = cv2.multiply(target, 255 - hidden, scale=1 / 255)
-    if inside is not None:
-        seen = seen * inside
-    return float(seen.sum(dtype=np.int64)) / whole
-
-
-def _blurred(canvas: Image, way: npt.NDArray[np.float64]) -> Image:
-    """Smear a picture along the way that it moved, in its own pixels."""
-    length = float(np.hypot(*way))
-    if length < _BLUR_LEAST_PX:
-        return canvas
-    way = way * min(1.0, _BLUR_MOST_PX / length)
-    side = 2 * int(np.ceil(np.abs(way).max() / 2)) + 1
-    kernel = np.zeros((side, side), np.float32)
-    middle = np.array([side // 2, side // 2])
-    first, last = (np.round(16 * (middle + sign * way / 2)).astype(int) for sign in (-1, 1))
-    cv2.line(kernel, first.tolist(), last.tolist(), 1.0, 1, cv2.LINE_AA, 4)
-    return np.asarray(cv2.filter2D(canvas, -1, kernel / kernel.sum()), dtype=np.uint8)

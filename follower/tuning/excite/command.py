@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
+from follower.ui.terminal.cli_options import Config, Out, Overrides, typed_command
 
 EPILOG = """
 **Examples**
@@ -26,7 +26,7 @@ about 10 m of room on all sides. Nothing moves: the pilot's mode is the consent.
 2. The pilot switches to OFFBOARD (PX4) or GUIDED (ArduPilot): the pattern begins, forward and back,
 right and left, up and down, turning. It takes about 70 s. All limits of `envelope` hold.
 
-3. The pilot takes any other mode, or Ctrl-C: it holds and lets go. After the pattern it does so by
+3. The pilot takes any other mode, or Ctrl-C: it holds and releases. After the pattern it does so by
 itself.
 
 Exit code 0: all of it was flown; 1: it was ended early; 2: an option cannot be used.
@@ -55,20 +55,22 @@ def excite_command(
     right: Annotated[float, typer.Option(help="Likewise.", rich_help_panel=_SIZE)] = 2.0,
     vertical: Annotated[float, typer.Option(help="Likewise.", rich_help_panel=_SIZE)] = 0.8,
     yaw: Annotated[float, typer.Option(help="Turning, deg/s.", rich_help_panel=_SIZE)] = 30.0,
-    wind: Annotated[float, typer.Option(help="Simulated wind with gusts, m/s.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated gusts.")] = 0,
+    wind: Annotated[
+        float, typer.Option(min=0, max=20, help="Simulated wind with gusts, m/s.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated gusts.")] = 0,
     config: Config = None,
     overrides: Overrides = None,
     out: Out = Path("runs"),
 ) -> None:
-    """Fly a safe pattern from which `follower identify` learns how the vehicle answers.
+    """Fly a safe pattern from which `follower identify` learns how the vehicle responds.
 
     Doublets on each axis, through the same supervisor, envelope, link and recorder as a pursuit:
     the pilot's mode is the consent, and it ends in a hold.
     """
-    from follower.excite.excite import ExciteOptions, excite
-    from follower.excite.pattern import ExcitationSettings, PatternKind
-    from follower_control.strict_yaml import SettingsError
+    from follower.tuning.excite.pattern import ExcitationSettings, PatternKind
+    from follower.tuning.excite.run import FLAVOURS, ExcitationRun, excite
+    from follower_control.common.strict_config import SettingsError
 
     if pattern not in list(PatternKind):
         raise SettingsError(f"--pattern {pattern}: choose {' or '.join(PatternKind)}")
@@ -76,7 +78,7 @@ def excite_command(
         chosen = ExcitationSettings(PatternKind(pattern), forward, right, vertical, yaw)
     except ValueError as error:
         raise SettingsError(str(error)) from None
-    options = ExciteOptions(
-        chosen, connect, autopilot, config, tuple(overrides or ()), out, wind, seed
-    )
-    raise typer.Exit(excite(options))
+    if autopilot not in FLAVOURS:
+        raise SettingsError(f"--autopilot {autopilot}: choose {' or '.join(FLAVOURS)}")
+    run = ExcitationRun(chosen, connect, autopilot, out, wind, seed, typed_command())
+    raise typer.Exit(excite(run, config, overrides or ()))

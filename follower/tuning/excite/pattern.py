@@ -1,4 +1,4 @@
-"""What is asked of a vehicle so that its answers tell how it flies: steps there and back."""
+"""What is asked of a vehicle so that its response can be identified: steps there and back."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
-from follower_control.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 
 _SHARES = (0.5, 1.0)
 """A small step and a large one: a vehicle that answers both alike is a linear one."""
@@ -25,7 +25,7 @@ class PatternKind(StrEnum):
     STEPS = "steps"
     """Doublets: out, back, stop. Easy to watch, and ends where it began."""
     MULTISINE = "multisine"
-    """Seven tones from 0.1 to 1.4 Hz at once: all frequencies, at the price of looking restless."""
+    """Seven tones from 0.1 to 1.4 Hz at once: all frequencies, and a restless flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,9 @@ class ExcitationSettings:
 
     Attributes:
         kind: steps or tones.
-        forward_m_s, right_m_s, vertical_m_s, yaw_deg_s: the largest that is asked for on each axis;
-            0 leaves the axis out.
-        hold_s: how long each half of a doublet lasts.
+        forward_m_s, right_m_s, vertical_m_s, yaw_deg_s: the largest setpoint on each body axis, m/s
+            and deg/s; 0 leaves the axis out.
+        hold_s: how long each half of a doublet lasts, seconds.
         rest_s: a hold between two of them, and at the beginning and the end.
     """
 
@@ -116,7 +116,7 @@ class Pattern:
                 self._rest()
 
     def setpoint(self, time_s: float) -> VelocitySetpoint:
-        """Return what is asked for so long after the beginning; a hold before and after."""
+        """Return the setpoint `time_s` seconds after the beginning; a hold before and after."""
         for piece in self._pieces:
             if 0 <= time_s - piece.start_s < piece.length_s:
                 share = _tones(time_s - piece.start_s) if piece.tones else piece.share

@@ -1,26 +1,24 @@
 """The control stage with a pattern in the target's place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-from follower.control_stage import ControlStage
-from follower.excite.pattern import Pattern
-from follower.flightlog import FlightLog
-from follower.settings import Settings
-from follower.situation import Situation
-from follower.steering import Steering
-from follower.supervisor import State
-from follower_control.estimate import TargetEstimate
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle import VehicleState
-from follower_vision.camera import CameraModel
+from follower.flight.control.guidance import Guidance
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog
+from follower.flight.supervision.inputs import SupervisorInputs
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.settings import Settings
+from follower.tuning.excite.pattern import Pattern
+from follower_control.target.estimate import TargetEstimate
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import VehicleState
+from follower_vision.geometry.camera_model import CameraModel
 
 
-class ExcitationSteering(Steering):
+class ExcitationGuidance(Guidance):
     """Asks for the pattern while the supervisor says FOLLOWING; the envelope stands behind it.
 
-    A pause, whatever the reason, begins the pattern's interrupted moment again where it was.
+    A pause, whatever the reason, continues the pattern where it was interrupted.
 
     Attributes:
         elapsed_s: how much of the pattern is flown.
@@ -39,13 +37,13 @@ class ExcitationSteering(Steering):
 
     def _ask(
         self,
-        state: State,
+        state: SupervisorState,
         now_s: float,
         _estimate: TargetEstimate | None,
         _vehicle: VehicleState,
         _unseen_s: float,
     ) -> VelocitySetpoint:
-        if state is not State.FOLLOWING:
+        if state is not SupervisorState.FOLLOWING:
             self._last_s = None
             return HOLD
         if self._last_s is not None:
@@ -55,11 +53,11 @@ class ExcitationSteering(Steering):
 
 
 class ExcitationStage(ControlStage):
-    """Who may move the vehicle, what is recorded, how it is let go: all as in a pursuit.
+    """Who may move the vehicle, what is recorded, how it is released: all as in a pursuit.
 
-    Only the target is missing: the supervisor is told that there is one in sight as soon as `ready`
+    Only the target is missing: the supervisor's inputs say that one is tracked as soon as `ready`
     is set, and every other row of its tables holds. After the pattern it is asked to stop, which
-    holds and lets go.
+    holds and releases.
 
     Args:
         settings: those of `excitation_settings`.
@@ -75,23 +73,23 @@ class ExcitationStage(ControlStage):
         self, settings: Settings, pattern: Pattern, camera: CameraModel, log: FlightLog
     ) -> None:
         super().__init__(settings, camera, log)
-        self._excitation = ExcitationSteering(settings, pattern)
-        self._steering = self._excitation
+        self._excitation = ExcitationGuidance(settings, pattern)
+        self._guidance = self._excitation
         self.ready = False
 
     @property
     def elapsed_s(self) -> float:
-        """How much of the pattern is flown."""
+        """How much of the pattern is flown, seconds."""
         return self._excitation.elapsed_s
 
-    def repeat_requests(self, recorded: Situation) -> None:
-        """Ask for what was asked for in a recorded situation, before its step is replayed."""
+    def repeat_requests(self, recorded: SupervisorInputs) -> None:
+        """Ask for what was asked for in recorded inputs, before its step is replayed."""
         super().repeat_requests(recorded)
         self.ready = recorded.target_chosen
 
     def _situation(
         self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
-    ) -> Situation:
+    ) -> SupervisorInputs:
         if self._excitation.done:
             self.request_stop()
         situation = super()._situation(now_s, estimate, vehicle)
@@ -105,5 +103,5 @@ class ExcitationStage(ControlStage):
 
 
 def excitation_settings(settings: Settings) -> Settings:
-    """Return the settings without what only a target can tell: the distance to it."""
+    """Return the settings without the distance to the target, which only a target can give."""
     return settings.model_copy(update={"envelope": replace(settings.envelope, min_distance_m=None)})

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Out
+from follower.ui.terminal.cli_options import Out, typed_command
 
 EPILOG = """
 **Examples**
@@ -22,7 +22,7 @@ pursuit for the camera's delay and the target's size
 `follower identify data/autopilot_steps/px_*.csv` – steps recorded as CSV
 
 Writes vehicle.yaml, which `follower tune` takes, and identification.html with what was recorded
-beside what the model says. Read docs/tuning.md first.
+beside what the model says. Read docs/how-to/tune.md first.
 """
 
 
@@ -42,6 +42,6 @@ def identify_command(
     the delay from camera to setpoint and the target's size; with 95 % intervals, and judged by a
     part of the recording that the fit never saw.
     """
-    from follower.identify.identify import IdentifyOptions, identify
+    from follower.tuning.identify.run import identify
 
-    raise typer.Exit(identify(IdentifyOptions(tuple(flights), out, report)))
+    identify(flights, out, report, typed_command())

@@ -5,27 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from html import escape
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import yaml
+from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
-from follower.identify.recording import VehicleAxis
-from follower_control.strict_yaml import SettingsError, parse, read_mapping
-from follower_control.tuning.conditions import LoopDelays
-from follower_control.tuning.fit import Interval, ResponseFit
-from follower_control.tuning.response_data import ResponseData
-from follower_control.tuning.response_model import ResponseModel, VehicleModel
-from follower_control.tuning.size_relation import SizeFit
+from follower.report import flight_page, html, style
+from follower.report.series import Array, ReportMeta
+from follower.report.style import BLUE, INK, PALE, YELLOW
+from follower.tuning.identify.recording import VehicleAxis
+from follower_control.common.strict_config import SettingsError, parse, read_mapping
+from follower_control.tuning.axis_loop import LoopDelays
+from follower_control.tuning.fit import Interval, ResponseFit, SizeFit
+from follower_control.tuning.response_model import ResponseData, ResponseModel, VehicleModel
+from follower_vision.atomic_file import write_whole
 
 _SURE_Z = 1.96
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """A time that varies: its median with its 95 % interval, and what 95 % stay below."""
+    """A time that varies, in seconds: its median with its 95 % interval, and its 95 % quantile."""
 
     median: Interval
     most: float
@@ -33,7 +37,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread | None:
-        """Return the spread of finite values, None if there are hardly any."""
+        """Return the spread of finite times, in seconds, None if there are fewer than ten."""
         known = np.sort([value for value in values if math.isfinite(value)])
         count = len(known)
         if count < 10:
@@ -47,15 +51,15 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """All that the recordings told.
+    """What the recordings gave.
 
     Attributes:
         sources: what was read.
         fits: by axis.
         data: what each was fitted to.
         delays: by their names in `LoopDelays`.
-        size: the target's, None if no recording told.
-        remarks: what could not be used or told, in sentences.
+        size: the target's, None if no recording gave it.
+        remarks: what could not be used or identified, in sentences.
     """
 
     sources: tuple[str, ...]
@@ -83,7 +87,7 @@ class Identification:
 
 
 class IdentifiedTarget(BaseModel):
-    """What the file says of the target."""
+    """What the file says of the target: its size in metres."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -91,7 +95,7 @@ class IdentifiedTarget(BaseModel):
 
 
 class VehicleFile(BaseModel):
-    """The file, as `tune` takes it; the evidence is for people, who are told its remarks again."""
+    """The file, as `tune` takes it; the evidence is for users, who get its remarks again."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -102,9 +106,9 @@ class VehicleFile(BaseModel):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the identification said of itself, in sentences."""
-        said = self.evidence.get("remarks")
-        return tuple(map(str, said)) if isinstance(said, list) else ()
+        """The identification's remarks, in sentences."""
+        remarks = self.evidence.get("remarks")
+        return tuple(map(str, remarks)) if isinstance(remarks, list) else ()
 
     def model(self) -> VehicleModel:
         """Return all four axes; one horizontal axis stands for the other where that is missing.
@@ -158,10 +162,9 @@ def _spread(one: Spread) -> dict[str, Any]:
 
 
 def _size(size: SizeFit) -> dict[str, Any]:
-    slope = {} if size.slope is None else {"slope_95": _interval(size.slope)}
     return {
         "size_95": _interval(size.size_m),
-        **slope,
+        **({} if size.slope is None else {"slope_95": _interval(size.slope)}),
         "held_out_spread": _short(size.spread),
         "samples": size.samples,
     }
@@ -173,3 +176,113 @@ def _interval(one: Interval) -> list[float]:
 
 def _short(value: float) -> float:
     return float(f"{value:.4g}")
+
+
+UNITS = {axis: "rad/s" if axis.is_turn else "m/s" for axis in VehicleAxis}
+
+
+def _text(one: Interval, digits: int = 2) -> str:
+    """Return a number with its interval."""
+    return f"{one.value:.{digits}f} ({one.low:.{digits}f}–{one.high:.{digits}f})"
+
+
+def model_row(axis: VehicleAxis, fit: ResponseFit) -> tuple[str, ...]:
+    """Return one axis' numbers with their intervals, as text."""
+    order = f"{fit.model.order}{' with lead' if fit.model.lead_s else ''}"
+    names = ("gain", "dead_time_s", "time_constant_s", "damping", "rate_limit")
+    numbers = (_text(fit.intervals[name]) if name in fit.intervals else "–" for name in names)
+    return (f"{axis} [{UNITS[axis]}]", order, *numbers, f"{100 * fit.held_out_fit:.0f} %")
+
+
+_GAP_S = 1.5
+_LONGEST = 8
+
+
+def write_identification(path: Path, found: Identification, command: str) -> Path:
+    """Write the page and return its path."""
+    meta = ReportMeta(
+        "How the vehicle answers",
+        f"identified from {', '.join(found.sources[:6])}{' …' if len(found.sources) > 6 else ''}",
+        command,
+        files=(("vehicle.yaml", "the models, for `follower tune`"),),
+    )
+    with style.plot_style():
+        return write_whole(path, flight_page.filled(meta, _parts(found, meta)))
+
+
+def axis_figure(axis: VehicleAxis, fit: ResponseFit, data: Sequence[ResponseData]) -> Figure:
+    """Draw the recordings of one axis one after the other, the held-out parts tinted."""
+    chosen = list(zip(data, fit.offsets, fit.splits_s, strict=True))[:_LONGEST]
+    scale = 180 / np.pi if axis.is_turn else 1.0
+    length_s = sum(one.length_s + _GAP_S for one, _, _ in chosen)
+    figure, (panel,) = style.time_panels([2.6], length_s)
+    at_s = 0.0
+    for number, (one, offset, split_s) in enumerate(chosen):
+        shift = at_s - one.output_s[0]
+        labels = ("asked for", "recorded", "model") if number == 0 else ("", "", "")
+        end_s = one.output_s[-1]
+        panel.axvspan(
+            split_s + shift, end_s + shift, color=YELLOW.light, alpha=0.18, lw=0, zorder=0
+        )
+        times, levels = _held(one)
+        style.curve(panel, times + shift, scale * levels, PALE, labels[0])
+        style.curve(panel, one.output_s + shift, scale * one.outputs, INK, labels[1], width=0.9)
+        model = one.predicted(fit.judged) + offset
+        style.curve(panel, one.output_s + shift, scale * model, BLUE, labels[2])
+        at_s += one.length_s + _GAP_S
+    panel.set_ylabel(f"{axis} [{'deg/s' if axis.is_turn else 'm/s'}]")
+    style.legend(panel)
+    return figure
+
+
+def _held(one: ResponseData) -> tuple[Array, Array]:
+    """Return the inputs as a staircase between the first and the last sample."""
+    times = np.repeat(one.input_s, 2)[1:]
+    levels = np.repeat(one.inputs, 2)[:-1]
+    inside = (times >= one.output_s[0] - 0.5) & (times <= one.output_s[-1])
+    end = np.append(times[inside], one.output_s[-1])
+    last = levels[inside][-1] if inside.any() else 0.0
+    return end, np.append(levels[inside], last)
+
+
+def _parts(found: Identification, meta: ReportMeta) -> list[str]:
+    rows = [model_row(axis, fit) for axis, fit in found.fits.items()]
+    head = ("Axis", "Order", "Gain", "Dead time [s]", "Time constant [s]", "Damping")
+    table = html.table((*head, "Rate limit", "Held-out fit"), rows, numbers=(7,))
+    note = html.paragraph(
+        "In brackets: 95 % intervals. The held-out fit is 100 % for a model that predicts, from "
+        "what was asked for alone, all that it was not fitted to, and 0 % for one that is no "
+        "better than a constant. Rate limits are in the axis' unit per second: "
+        + ", ".join(f"{axis} {unit}" for axis, unit in UNITS.items())
+        + "."
+    )
+    return [
+        flight_page.verdict_box("", "Read the plots before you tune by them", found.remarks),
+        html.section("Models", table, note),
+        *(_axis_section(axis, fit, found.data[axis]) for axis, fit in found.fits.items()),
+        html.section("Delays and the target", _times(found)),
+        flight_page.about(meta),
+    ]
+
+
+def _axis_section(axis: VehicleAxis, fit: ResponseFit, data: Sequence[ResponseData]) -> str:
+    svg = style.to_svg(axis_figure(axis, fit, data), f"axis{axis.replace('_', '')}", escape(axis))
+    caption = (
+        "Grey: what was sent. Black: what telemetry reported. Blue: what the model predicts from "
+        "the grey curve alone. The tinted parts were held out: the blue curve never saw them."
+    )
+    return html.section(axis.replace("_", " ").capitalize(), html.figure(svg, caption))
+
+
+def _times(found: Identification) -> str:
+    rows = [
+        (name, f"{_text(one.median, 4)} s", f"{one.most:.4f} s", str(one.samples))
+        for name, one in found.delays.items()
+    ]
+    if found.size is not None:
+        slope = found.size.slope
+        more = "" if slope is None else f", slope {_text(slope)}"
+        text = f"{_text(found.size.size_m, 3)} m{more}"
+        spread = f"single observations ±{100 * found.size.spread:.0f} %"
+        rows.append(("target_size_m", text, spread, str(found.size.samples)))
+    return html.table(("What", "Median", "95 % below", "Samples"), rows, numbers=(3,))

@@ -1,76 +1,55 @@
-"""`follower identify`: read, fit, tell, write."""
-
-from __future__ import annotations
+"""`follower identify`: read, fit, print, write."""
 
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
-from follower.identify.flights import read_flight
-from follower.identify.px4_log import read_px4_log
-from follower.identify.recording import Recording, VehicleAxis
-from follower.identify.result import Identification, Spread
-from follower.identify.step_files import read_steps
-from follower.print_line import print_line
-from follower.run_folder import new_run_folder
-from follower_control.strict_yaml import SettingsError
-from follower_control.tuning.fit import ResponseFit, fit_response
-from follower_control.tuning.response_data import ResponseData, TooLittleError
-from follower_control.tuning.size_relation import SizeFit, fit_size
+from follower.recording.run_folder import new_run_folder
+from follower.tuning.identify.readers import read_flight, read_px4_log, read_steps
+from follower.tuning.identify.recording import Recording, VehicleAxis
+from follower.tuning.identify.result import (
+    Identification,
+    Spread,
+    model_row,
+    write_identification,
+)
+from follower.ui.terminal.console import print_line
+from follower_control.common.strict_config import SettingsError
+from follower_control.tuning.fit import ResponseFit, SizeFit, fit_response, fit_size
+from follower_control.tuning.response_model import ResponseData, TooLittleError
 
 VEHICLE_FILE, REPORT = "vehicle.yaml", "identification.html"
 _POOR, _DOUBTFUL = 0.5, 0.8
-UNITS = {axis: "rad/s" if axis.is_turn else "m/s" for axis in VehicleAxis}
 
 
-@dataclass(frozen=True, slots=True)
-class IdentifyOptions:
-    """What the command line was given; see `follower identify --help`."""
+def identify(sources: Sequence[Path], out: Path, report: bool, command: str) -> None:
+    """Identify a vehicle, and write the result and its report.
 
-    sources: tuple[Path, ...]
-    out: Path = Path("runs")
-    report: bool = True
-
-    @property
-    def command(self) -> str:
-        """The command line that does this again."""
-        return shlex.join(["follower", "identify", *map(str, self.sources)])
-
-
-def identify(options: IdentifyOptions) -> int:
-    """Identify, write the result and its report; the exit code is 0.
+    Args:
+        sources: folders of flights, PX4 logs, CSV files of steps.
+        out: folder in which the run gets its own.
+        report: write the report with its plots.
+        command: the command line, for the report.
 
     Raises:
-        SettingsError: nothing could be told from any of the recordings.
+        SettingsError: nothing can be identified from any of the recordings.
     """
     console = Console()
-    recordings = [
-        read_recording(path)
-        for path in track(options.sources, "Reading", console=console, transient=True)
-    ]
-
-    def show(axes: Sequence[VehicleAxis]) -> Sequence[VehicleAxis]:
-        return list(track(axes, "Fitting", console=console, transient=True))
-
-    found = identification(recordings, show)
-    folder = new_run_folder(options.out, "identify")
+    with console.status("Reading and fitting"):
+        found = identification([read_recording(path) for path in sources])
+    folder = new_run_folder(out, "identify")
     path = folder / VEHICLE_FILE
     path.write_text(found.to_yaml(), "utf-8")
-    _tell(console, found)
+    _print(console, found)
     files = [path]
-    if options.report:
-        from follower.report.identification import write_identification
-
-        files.append(write_identification(folder / REPORT, found, options.command))
+    if report:
+        files.append(write_identification(folder / REPORT, found, command))
     for file in files:
         print_line(console, str(file))
     print_line(console, f"Next: follower tune {shlex.quote(str(path))} -c my.yaml")
-    return 0
 
 
 def read_recording(path: Path) -> Recording:
@@ -95,23 +74,16 @@ def read_recording(path: Path) -> Recording:
     raise SettingsError(f"{path}: give flights' folders, PX4 logs (.ulg), or CSV files of steps")
 
 
-def identification(
-    recordings: Sequence[Recording],
-    each: Callable[[Sequence[VehicleAxis]], Sequence[VehicleAxis]] = list,
-) -> Identification:
-    """Fit everything that the recordings tell.
-
-    Args:
-        recordings: of one vehicle.
-        each: passes the axes on, one by one: for a progress bar.
+def identification(recordings: Sequence[Recording]) -> Identification:
+    """Fit everything that the recordings of one vehicle contain.
 
     Raises:
-        SettingsError: they tell nothing; the message says why.
+        SettingsError: nothing can be fitted; the message says why.
     """
     remarks = [remark for one in recordings for remark in one.remarks]
     fits: dict[VehicleAxis, ResponseFit] = {}
     data: dict[VehicleAxis, Sequence[ResponseData]] = {}
-    for axis in each(list(VehicleAxis)):
+    for axis in VehicleAxis:
         records = _chosen(recordings, axis)
         try:
             fits[axis] = fit_response(records, axis.least_excitation)
@@ -133,8 +105,8 @@ def identification(
 
 def _advice(held_out_fit: float) -> str:
     if held_out_fit < _POOR:
-        return "do not tune by it without a look at the report"
-    return "look at the report before you tune by it"
+        return "do not tune by it without reading the report"
+    return "read the report before you tune by it"
 
 
 def _chosen(recordings: Sequence[Recording], axis: VehicleAxis) -> list[ResponseData]:
@@ -175,7 +147,7 @@ def _size(recordings: Sequence[Recording], remarks: list[str]) -> SizeFit | None
         return None
 
 
-def _tell(console: Console, found: Identification) -> None:
+def _print(console: Console, found: Identification) -> None:
     table = Table("Axis", "Order", "Gain", "Dead time", "Time const.", "Damping", "Rate limit")
     table.add_column("Held-out fit", justify="right")
     for axis, fit in found.fits.items():
@@ -193,18 +165,3 @@ def _tell(console: Console, found: Identification) -> None:
         print_line(console, f"target_size_m: {size.value:.2f} ({size.low:.2f} to {size.high:.2f})")
     for remark in found.remarks:
         print_line(console, remark)
-
-
-def model_row(axis: VehicleAxis, fit: ResponseFit) -> tuple[str, ...]:
-    """Return one axis' numbers with their intervals, as text."""
-
-    def said(name: str, digits: int = 2) -> str:
-        one = fit.intervals.get(name)
-        if one is None:
-            return "–"
-        return f"{one.value:.{digits}f} ({one.low:.{digits}f}–{one.high:.{digits}f})"
-
-    order = f"{fit.model.order}{' with lead' if fit.model.lead_s else ''}"
-    names = ("gain", "dead_time_s", "time_constant_s", "damping", "rate_limit")
-    numbers = (said(name) for name in names)
-    return (f"{axis} [{UNITS[axis]}]", order, *numbers, f"{100 * fit.held_out_fit:.0f} %")

@@ -1,20 +1,25 @@
-"""What-if: the same loops under other circumstances."""
-
-from __future__ import annotations
+"""The loops of one set of settings, now, tuned, and under other circumstances."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
-from follower_control.strict_yaml import SettingsError
-from follower_control.tuning.conditions import Conditions
+from follower.settings.settings import Settings
+from follower.tuning.identify.result import VehicleFile
+from follower_control.common.strict_config import SettingsError
+from follower_control.servo.pid import PidSettings
+from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
+from follower_control.tuning.axis_loop import AxisLoop, Conditions
+from follower_control.tuning.response_model import VehicleModel
+from follower_control.tuning.synthesis import Tuned, TuningGoal, tune
 
 KEYS = {
     "delay": "from the camera's exposure to the setpoint, s (known to the follower)",
     "stamp_error": "how much later than the exposure frames are stamped, s (not known to it)",
     "dead_time": "more dead time in link and autopilot, s",
     "camera_rate": "frames a second",
-    "range": "distance kept by a nudge, m",
+    "range": "range kept, as by a stick offset, m",
     "gain": "all gains times this",
 }
 
@@ -81,3 +86,74 @@ def _changed(conditions: Conditions, key: str, value: float) -> Conditions:
     if key == "camera_rate":
         return replace(conditions, delays=replace(delays, frame_interval_s=1 / value))
     return replace(conditions, range_m=value) if key == "range" else conditions
+
+
+@dataclass(frozen=True, slots=True)
+class AxisAnalysis:
+    """One axis.
+
+    Attributes:
+        axis: which.
+        gains: the present ones.
+        now: the loop with them.
+        tuned: what was found, None if nothing was searched.
+        what_ifs: the loop that counts (tuned, else now) under each other circumstance.
+        max_sensitivity: what Ms is wanted to stay below.
+    """
+
+    axis: Axis
+    gains: PidSettings
+    now: AxisLoop
+    tuned: Tuned | None
+    what_ifs: tuple[tuple[str, AxisLoop], ...]
+    max_sensitivity: float
+
+    @property
+    def chosen(self) -> PidSettings:
+        """The gains that count."""
+        return self.gains if self.tuned is None else self.tuned.gains
+
+
+def conditions_of(settings: Settings, vehicle: VehicleFile, elevation_deg: float) -> Conditions:
+    """Return steady following at the wanted distance, with the identified delays in seconds."""
+    servo = settings.servo
+    size_m = vehicle.target.size_m or servo.target_size_m or Conditions().size_m
+    delays = replace(vehicle.delays, control_interval_s=1 / settings.control_rate_hz)
+    return Conditions(delays, servo.distance_m, math.radians(elevation_deg), size_m)
+
+
+def analyse(
+    settings: Settings,
+    vehicle: VehicleModel,
+    conditions: Conditions,
+    goals: Mapping[Axis, TuningGoal] | None,
+    what_ifs: Sequence[WhatIf] = (),
+) -> list[AxisAnalysis]:
+    """Analyse every axis; with goals, find gains for it."""
+    follower = LoopSettings(settings.servo, settings.estimator, settings.envelope)
+    found = []
+    for axis in Axis:
+        gains = follower.gains(axis)
+        now = axis_loop(axis, gains, vehicle, follower, conditions)
+        goal = TuningGoal() if goals is None else goals[axis]
+        tuned = None if goals is None else tune(axis, vehicle, follower, conditions, goal)
+        chosen = gains if tuned is None else tuned.gains
+        others = []
+        for one in what_ifs:
+            scaled = _scaled(chosen, one.gain)
+            others.append((one.words, axis_loop(axis, scaled, vehicle, follower, one.conditions)))
+        found.append(AxisAnalysis(axis, gains, now, tuned, tuple(others), goal.max_sensitivity))
+    return found
+
+
+def overlay(analysis: Sequence[AxisAnalysis]) -> dict[str, Any]:
+    """Return the gains in the form in which settings are read."""
+    return {"servo": {one.axis.value: _plain(one.chosen) for one in analysis}}
+
+
+def _plain(gains: PidSettings) -> dict[str, float]:
+    return {name: float(f"{value:.4g}") for name, value in asdict(gains).items()}
+
+
+def _scaled(gains: PidSettings, factor: float) -> PidSettings:
+    return replace(gains, kp=factor * gains.kp, ki=factor * gains.ki, kd=factor * gains.kd)

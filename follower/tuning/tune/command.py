@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from follower.command_options import Config, Out, Overrides
+from follower.ui.terminal.cli_options import Config, Out, Overrides, typed_command
 
 EPILOG = """
 **Examples**
@@ -23,7 +23,7 @@ EPILOG = """
 gains survive?
 
 Writes tuned.yaml (your settings with the new gains, for `-c`) and tuning.html with Bode and Nyquist
-plots, step and disturbance responses, now and after. Nothing else is changed. docs/tuning.md
+plots, step and disturbance responses, now and after. Nothing else is changed. docs/how-to/tune.md
 explains all of it from the beginning.
 """
 
@@ -63,7 +63,7 @@ def tune_command(
     out: Out = Path("runs"),
 ) -> None:
     """Find gains for the follow loops from a model of the vehicle, and show what they are worth."""
-    from follower.tune.run import TuneOptions, tune_follower
+    from follower.tuning.tune.run import TuneOptions, tune_follower
 
     options = TuneOptions(
         vehicle,
@@ -75,5 +75,6 @@ def tune_command(
         tuple(what_if or ()),
         elevation,
         out,
+        typed_command(),
     )
     raise typer.Exit(tune_follower(options))

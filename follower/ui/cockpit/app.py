@@ -1,9 +1,7 @@
 """The cockpit's HTTP and WebSocket interface."""
 
-from __future__ import annotations
-
 import json
-from dataclasses import asdict, dataclass
+import secrets
 from importlib.resources import files
 from typing import Annotated, Any, Literal
 
@@ -12,19 +10,21 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from follower.cockpit.access import COOKIE, Access
-from follower.cockpit.asker import address_of, asker_of
-from follower.cockpit.conversation import Conversation
-from follower.cockpit.flights import Flights
-from follower.cockpit.hub import Hub
-from follower.cockpit.limiters import Limiters
-from follower.cockpit.mjpeg import BOUNDARY, JpegStream
-from follower.cockpit.objects import Objects
-from follower.cockpit.patient_response import PatientResponse
-from follower.cockpit.requests import OperatorRequest, lets_go
-from follower.cockpit.webrtc import OfferError, Peers
+from follower.ui.cockpit.asgi_guard import AsgiGuard, RateLimiter, address_of, client_identity
+from follower.ui.cockpit.auth import COOKIE, AccessControl
+from follower.ui.cockpit.detections import Objects
+from follower.ui.cockpit.hub import Hub
+from follower.ui.cockpit.mjpeg import BOUNDARY, JpegStream, MjpegResponse
+from follower.ui.cockpit.recordings_api import RecordingFolder, RecordingSummary
+from follower.ui.cockpit.requests import OperatorRequest, is_release
+from follower.ui.cockpit.webrtc import OfferError, WebRtcPeers
+from follower.ui.cockpit.websocket import WebSocketSession
 from follower_vision.clock import Clock
 
+_GUESSES_HZ, _GUESSES_BURST = 1.0, 8
+"""How often a client may show a wrong token."""
+_WRITES_HZ, _WRITES_BURST = 50.0, 100
+"""How often a client may ask for anything by POST."""
 _REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
@@ -49,63 +49,56 @@ class Answer(BaseModel):
     text: str
 
 
-class FlightEntry(BaseModel):
-    """One recorded flight."""
-
-    name: str
-    changed_s: float
-    megabytes: float
-    has_video: bool
-    has_report: bool
-
-
-class Refusal(BaseModel):
+class RefusalResponse(BaseModel):
     """Why something was refused."""
 
     detail: str
 
 
 _REFUSALS: dict[int | str, dict[str, Any]] = {
-    code: {"model": Refusal} for code in (400, 401, 403, 413, 415, 421, 429)
+    code: {"model": RefusalResponse} for code in (400, 401, 403, 413, 415, 421, 429)
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parts:
-    """What the interface is made of; see each class.
-
-    Attributes:
-        objects: None without a detector.
-        guesses: how often each one may show a wrong token.
-        writes: how often each one may ask for anything by POST.
-    """
-
-    hub: Hub
-    access: Access
-    jpegs: JpegStream
-    peers: Peers
-    flights: Flights
-    objects: Objects | None
-    guesses: Limiters
-    writes: Limiters
-    clock: Clock
-
-
-def make_app(parts: Parts, nonce: str, secure: bool) -> FastAPI:
-    """Return the application; `Guard` belongs in front of it.
+def make_app(
+    *,
+    hub: Hub,
+    access: AccessControl,
+    jpegs: JpegStream,
+    peers: WebRtcPeers,
+    flights: RecordingFolder,
+    objects: Objects | None,
+    clock: Clock,
+    secure: bool,
+) -> AsgiGuard:
+    """Return the application behind its guard.
 
     Args:
-        parts: what it is made of.
-        nonce: for the page's script and style.
+        hub: of all clients.
+        access: judges who may come in.
+        jpegs: the video as MJPEG.
+        peers: the video by WebRTC.
+        flights: the recordings.
+        objects: what may be selected, None without a detector.
+        clock: this process's.
         secure: it is reached by https: the cookie is to go no other way.
     """
     app = FastAPI(title="follower cockpit", docs_url=None, redoc_url=None, responses=_REFUSALS)
+    guesses = RateLimiter(_GUESSES_HZ, _GUESSES_BURST, clock)
+    writes = RateLimiter(_WRITES_HZ, _WRITES_BURST, clock)
+    nonce = secrets.token_urlsafe(12)
     _add_refusal(app)
-    _add_page(app, parts, nonce, secure)
-    _add_requests(app, parts)
-    _add_video(app, parts)
-    _add_flights(app, parts)
-    return app
+    _add_page(app, nonce)
+    _add_session(app, access, guesses, secure)
+    _add_requests(app, hub, writes)
+    _add_video(app, jpegs, peers)
+    _add_flights(app, flights)
+
+    @app.websocket("/ws")
+    async def converse(socket: WebSocket) -> None:
+        await WebSocketSession(socket, hub, objects, clock).run()
+
+    return AsgiGuard(app, access, guesses, writes, nonce)
 
 
 def _add_refusal(app: FastAPI) -> None:
@@ -117,28 +110,28 @@ def _add_refusal(app: FastAPI) -> None:
         return Response(json.dumps({"detail": found}), 422, media_type="application/json")
 
 
-def _add_page(app: FastAPI, parts: Parts, nonce: str, secure: bool) -> None:
-    html = files("follower.cockpit").joinpath("page.html").read_text("utf-8")
+def _add_page(app: FastAPI, nonce: str) -> None:
+    html = files("follower.ui.cockpit").joinpath("page.html").read_text("utf-8")
     page = html.replace("NONCE", nonce)
 
     @app.get("/", response_class=HTMLResponse, include_in_schema=False)
     async def show_page() -> str:
         return page
 
+
+def _add_session(app: FastAPI, access: AccessControl, guesses: RateLimiter, secure: bool) -> None:
     @app.post("/api/session", status_code=204)
     async def open_session(token: Token, request: Request, response: Response) -> None:
         """Show the token once; the cookie that comes back stands for it."""
-        if not parts.guesses[address_of(request.scope)].allows():
+        if not guesses.allows(address_of(request.scope)):
             raise HTTPException(429, "slower, please")
-        session = parts.access.open_session(token.token)
+        session = access.open_session(token.token)
         if session is None:
             raise HTTPException(401, "this is not the token", {"www-authenticate": "Bearer"})
         response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=secure)
 
 
-def _add_requests(app: FastAPI, parts: Parts) -> None:
-    hub = parts.hub
-
+def _add_requests(app: FastAPI, hub: Hub, writes: RateLimiter) -> None:
     @app.get("/api/page")
     async def page() -> dict[str, Any]:
         """Return what is being flown, and which settings may be changed."""
@@ -146,67 +139,63 @@ def _add_requests(app: FastAPI, parts: Parts) -> None:
 
     @app.get("/api/state")
     async def state() -> dict[str, Any]:
-        """Return the flight's newest moment."""
+        """Return the flight's newest state."""
         return hub.state
 
-    @app.post("/api/request", responses={409: {"model": Refusal}})
+    @app.post("/api/request", responses={409: {"model": RefusalResponse}})
     async def request(
         wanted: OperatorRequest,
         http: Request,
         x_client: Annotated[str, Header(max_length=64)] = "",
     ) -> Answer:
-        """Ask the flight for something. Anybody may stop; the client in control may do the rest."""
-        if not lets_go(wanted) and not parts.writes[asker_of(http.scope)].allows():
+        """Send a request to the flight. All may stop; the client in control may do the rest."""
+        if not is_release(wanted) and not writes.allows(client_identity(http.scope)):
             raise HTTPException(429, "slower, please")
         if not hub.may(x_client, wanted):
             raise HTTPException(409, "another client is in control, or none")
         answer = await hub.ask(wanted, "cockpit")
         return Answer(accepted=answer["accepted"], text=answer["text"])
 
-    @app.websocket("/ws")
-    async def converse(socket: WebSocket) -> None:
-        await Conversation(socket, hub, parts.objects, parts.clock).run()
 
-
-def _add_video(app: FastAPI, parts: Parts) -> None:
+def _add_video(app: FastAPI, jpegs: JpegStream, peers: WebRtcPeers) -> None:
     @app.get(
         "/video.mjpeg",
         response_class=StreamingResponse,
         responses={
             200: {"content": {f"multipart/x-mixed-replace; boundary={BOUNDARY}": {}}},
-            503: {"model": Refusal},
+            503: {"model": RefusalResponse},
         },
         include_in_schema=False,
     )
-    async def jpegs() -> StreamingResponse:
-        if parts.jpegs.full:
+    async def mjpeg() -> StreamingResponse:
+        if jpegs.full:
             raise HTTPException(503, "too many watch already")
-        return PatientResponse(parts.jpegs.parts())
+        return MjpegResponse(jpegs.parts())
 
-    @app.post("/api/webrtc", responses={409: {"model": Refusal}})
+    @app.post("/api/webrtc", responses={409: {"model": RefusalResponse}})
     async def webrtc(offer: Offer) -> Offer:
         """Watch by WebRTC: the answer to an offer."""
         try:
-            return Offer(sdp=await parts.peers.answer(offer.sdp))
+            return Offer(sdp=await peers.answer(offer.sdp))
         except OfferError as error:
             raise HTTPException(409, str(error)) from None
 
 
-def _add_flights(app: FastAPI, parts: Parts) -> None:
+def _add_flights(app: FastAPI, recordings: RecordingFolder) -> None:
     @app.get("/api/flights")
-    def flights() -> list[FlightEntry]:
+    def flights() -> list[RecordingSummary]:
         """Return the recorded flights, the newest first."""
-        return [FlightEntry(**asdict(flight)) for flight in parts.flights.listed()]
+        return recordings.listed()
 
     @app.get(
         "/api/flights/{name}/{what}",
         response_class=FileResponse,
-        responses={200: {"content": {"text/html": {}}}, 404: {"model": Refusal}},
+        responses={200: {"content": {"text/html": {}}}, 404: {"model": RefusalResponse}},
     )
     def report(name: Annotated[str, Path(max_length=120)], what: Literal["report"]) -> FileResponse:
         """Return a flight's report."""
         del what
-        path = parts.flights.report(name)
+        path = recordings.report(name)
         if path is None:
             raise HTTPException(404, "there is no such report")
         headers = {"content-security-policy": _REPORT_POLICY}

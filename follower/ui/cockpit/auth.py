@@ -1,7 +1,5 @@
 """Who may use the cockpit: by host name, origin and token."""
 
-from __future__ import annotations
-
 import ipaddress
 import secrets
 from collections.abc import Iterable, Mapping
@@ -9,8 +7,8 @@ from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from follower.cockpit.settings import CockpitSettings
-from follower_control.strict_yaml import SettingsError
+from follower.settings.ui import CockpitSettings
+from follower_control.common.strict_config import SettingsError
 
 COOKIE = "follower_cockpit"
 _LEAST_TOKEN = 12
@@ -39,7 +37,7 @@ def token_for(settings: CockpitSettings) -> str | None:
     return token
 
 
-class Access:
+class AccessControl:
     """Judges requests by their headers, whose names are in lower case.
 
     Args:

@@ -1,30 +1,29 @@
-"""What a detector sees, numbered to be tapped, while somebody wants to see it."""
-
-from __future__ import annotations
+"""Numbered detections that a client can select, while any client shows them."""
 
 import threading
 from collections.abc import Callable
 from typing import Any
 
-from follower.candidates import Candidate, numbered
+from follower.flight.target.candidate_image import numbered
 from follower_vision.clock import Clock
 from follower_vision.detection import Detector
-from follower_vision.detection.scan import scan
-from follower_vision.frame import Frame
-from follower_vision.network import ModelError
+from follower_vision.detection.detectors import scan
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.onnx_network import ModelError
 
 _EVERY_S = 0.4
 _MOST = 40
 
 
 class Objects:
-    """Looks at the newest frame a few times a second, on its own thread.
+    """Detects objects in the newest frame a few times a second, on its own thread.
 
     Args:
         make: makes the detector, on that thread.
         newest: returns the newest frame, None before the first.
         show: takes what is seen.
-        say: is told why nothing is.
+        say: takes the reason why nothing is.
         clock: for the pace.
     """
 
@@ -46,7 +45,7 @@ class Objects:
         threading.Thread(target=self._run, name="objects", daemon=True).start()
 
     def want(self, client: str, wanted: bool) -> None:
-        """Look for as long as any client wants it."""
+        """Detect for as long as any client wants it."""
         self._wanted = self._wanted | {client} if wanted else self._wanted - {client}
         if self._wanted:
             self._wake.set()
@@ -73,19 +72,17 @@ class Objects:
 def objects_in(frame: Frame, detector: Detector) -> list[dict[str, Any]]:
     """Return what is seen, the nearest to the centre first; boxes as shares of the image."""
     candidates = numbered(scan(detector, frame.image), frame)[:_MOST]
-    return [_plain(one, frame) for one in candidates]
+    return [
+        {
+            "number": one.number,
+            "name": one.name,
+            "score": round(one.score, 2),
+            "box": [min(max(s, 0.0), 1.0) for s in box_shares(one.box, frame.width, frame.height)],
+        }
+        for one in candidates
+    ]
 
 
-def _plain(one: Candidate, frame: Frame) -> dict[str, Any]:
-    box = one.box
-    return {
-        "number": one.number,
-        "name": one.name,
-        "score": round(one.score, 2),
-        "box": [
-            max(0.0, box.left / frame.width),
-            max(0.0, box.top / frame.height),
-            min(1.0, box.right / frame.width),
-            min(1.0, box.bottom / frame.height),
-        ],
-    }
+def box_shares(box: Box, width: int, height: int) -> tuple[float, float, float, float]:
+    """Return left, top, right and bottom as shares of an image of this size in pixels."""
+    return box.left / width, box.top / height, box.right / width, box.bottom / height

@@ -1,19 +1,19 @@
-"""Brings the flight's moments to all clients, and the wishes of one of them to the flight."""
-
-from __future__ import annotations
+"""Sends the flight's state to all clients, and the requests of one of them to the flight."""
 
 import asyncio
 import itertools
 import json
 import math
+import secrets
+from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
-from follower.cockpit.client import Client
-from follower.cockpit.requests import OperatorRequest, Show, lets_go
+from follower.ui.cockpit.requests import OperatorRequest, ShowRecording, is_release
+from follower.ui.ipc.messages import Message
 from follower_vision.clock import Clock
 
-Message: TypeAlias = dict[str, Any]
+_MOST_ANSWERS = 32
 _ANSWER_S = 4.0
 _SILENT_S = 5.0
 """Control of a client that says nothing for so long may be taken by another one."""
@@ -22,11 +22,49 @@ _LATE_S = 3.0
 """Who asked by what was shown so long ago would not ask for the same now."""
 
 
+class Client:
+    """What is to be sent to a browser next: the newest of each kind, and answers to its requests.
+
+    Nothing is queued for one that reads slowly but its last answers.
+
+    Attributes:
+        id: unguessable.
+        heard_s: when it last said anything.
+    """
+
+    def __init__(self, heard_s: float) -> None:
+        self.id = secrets.token_urlsafe(9)
+        self.heard_s = heard_s
+        self._newest: dict[str, str] = {}
+        self._answers: deque[str] = deque(maxlen=_MOST_ANSWERS)
+        self._something = asyncio.Event()
+
+    def tell(self, kind: str, text: str) -> None:
+        """Send this in place of what is still waiting of its kind."""
+        self._newest.pop(kind, None)
+        self._newest[kind] = text
+        self._something.set()
+
+    def answer(self, text: str) -> None:
+        """Send this as well."""
+        self._answers.append(text)
+        self._something.set()
+
+    async def next(self) -> list[str]:
+        """Wait for something to send, and return it."""
+        await self._something.wait()
+        self._something.clear()
+        texts = [*self._answers, *self._newest.values()]
+        self._answers.clear()
+        self._newest.clear()
+        return texts
+
+
 class Hub:
     """Knows the clients, and which one of them is in control; used on the server's loop alone.
 
     Args:
-        page: what a client is told at first.
+        page: what a client receives first.
         send: takes what goes to the flight.
         clock: this process's.
         most_clients: more are not let in.
@@ -45,11 +83,6 @@ class Hub:
         self._stopped_s = -math.inf
         self._numbers = itertools.count(1)
         self._open: dict[int, asyncio.Future[Message]] = {}
-
-    @property
-    def clients(self) -> int:
-        """How many are connected."""
-        return len(self._clients)
 
     def join(self) -> Client | None:
         """Let a client in; None if there are too many. The first one has control."""
@@ -95,7 +128,7 @@ class Hub:
 
     def may(self, client_id: str, request: OperatorRequest) -> bool:
         """Whether a client may ask for this: anybody may stop, the one in control everything."""
-        if lets_go(request):
+        if is_release(request):
             return True
         return self._controller is not None and self._controller.id == client_id
 
@@ -108,18 +141,18 @@ class Hub:
             request: what is wanted.
             seen_s: `at` of the newest state that its sender had seen.
         """
-        if lets_go(request) or isinstance(request, Show):
+        if is_release(request) or isinstance(request, ShowRecording):
             return None
         if seen_s <= self._stopped_s:
-            return "somebody let go since you asked: ask again"
+            return "following was stopped since you asked: ask again"
         late_s = self._clock.now() - seen_s
         return f"that came {late_s:.0f} s late: ask again" if late_s > _LATE_S else None
 
     async def ask(self, request: OperatorRequest, by: str) -> Message:
         """Have the flight carry out a request, and return its answer."""
-        if len(self._open) >= _MOST_OPEN and not lets_go(request):
+        if len(self._open) >= _MOST_OPEN and not is_release(request):
             return {"accepted": False, "text": "too much is asked at once"}
-        if lets_go(request):
+        if is_release(request):
             self._stopped_s = self._clock.now()
         number = next(self._numbers)
         future: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
@@ -150,7 +183,7 @@ class Hub:
                     future.set_result(answer)
 
     def tell(self, kind: str, **content: Any) -> None:
-        """Tell all clients."""
+        """Send to all clients."""
         text = _text(kind, **content)
         for client in self._clients.values():
             client.tell(kind, text)

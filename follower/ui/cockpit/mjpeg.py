@@ -1,21 +1,22 @@
-"""Pictures as JPEG, one after the other, where a browser plays no other video."""
-
-from __future__ import annotations
+"""The page's video as JPEG pictures, where WebRTC fails."""
 
 import asyncio
 import contextlib
 from collections.abc import AsyncGenerator
 
 import cv2
+from fastapi.responses import StreamingResponse
+from starlette.types import Message, Send
 
-from follower.video_out.encoder import fitted
-from follower.video_out.picture import Picture
+from follower.ui.video.channel import Picture
+from follower.ui.video.h264_encoder import fitted
 
 BOUNDARY = "picture"
 _QUALITY = 70
 _MOST_WIDTH_PX = 960
 _LEAST_BETWEEN_S = 1 / 20
 _MOST_READERS = 8
+_STUCK_S = 10.0
 
 
 class JpegStream:
@@ -66,3 +67,28 @@ class JpegStream:
         self._jpeg = jpeg
         self._new.set()
         self._new = asyncio.Event()
+
+
+class MjpegResponse(StreamingResponse):
+    """Sends parts until the browser leaves, or has taken nothing for ten seconds.
+
+    One that stays and takes nothing would keep a place that others want.
+
+    Args:
+        parts: of a multipart/x-mixed-replace answer.
+    """
+
+    def __init__(self, parts: AsyncGenerator[bytes]) -> None:
+        super().__init__(parts, media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+        self._parts = parts
+
+    async def stream_response(self, send: Send) -> None:
+        """Send the parts."""
+
+        async def send_in_time(event: Message) -> None:
+            async with asyncio.timeout(_STUCK_S):
+                await send(event)
+
+        with contextlib.suppress(TimeoutError):
+            async with contextlib.aclosing(self._parts):
+                await super().stream_response(send_in_time)

@@ -1,4 +1,4 @@
-"""The station's process: `python -m follower.station.child WIRE IMAGE`, started by `Station`.
+"""The station's process: `python -m follower.ui.cockpit.process WIRE IMAGE`, started by `Station`.
 
 The first message is `begin`:
 
@@ -11,23 +11,21 @@ The first message is `begin`:
 | `detector`| name of the detector that numbers what may be tapped, or nothing|
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any
 
 import cv2
 from pydantic import TypeAdapter
 
-from follower.station.shared_image import SharedImage
-from follower.station.studio import Studio
-from follower.station.wire import FROM_FLIGHT_BYTES, Message, Wire, WireError
-from follower.video_out.rtsp_server import RtspServer
-from follower.video_out.settings import Address, VideoSettings
+from follower.settings.ui import Address, VideoSettings
+from follower.ui.cockpit.video_pipeline import VideoPipeline
+from follower.ui.ipc.messages import FROM_FLIGHT_BYTES, Message, Wire, WireError
+from follower.ui.ipc.server_client import SharedImage
+from follower.ui.video.rtsp_server import RtspServer
 
 _POLITENESS = 5
 """The flight's threads come first where cores are few."""
@@ -54,25 +52,25 @@ def _give_way() -> None:
 
 async def _serve(begin: Message, wire: Wire, image: SharedImage) -> None:
     video = TypeAdapter(VideoSettings).validate_python(begin["video"])
-    studio = Studio(video)
-    receiver = _Receiver(wire, image, studio)
+    studio = VideoPipeline(video)
     rtsp = await _rtsp(video, studio, wire)
     studio.start_senders(lambda text: _say(wire, text))
+    take: Callable[[Message], None] | None = None
     if begin.get("cockpit") is not None:
         # FastAPI and aiortc come with an extra; video alone does without.
-        from follower.cockpit.server import CockpitServer
+        from follower.ui.cockpit.server import CockpitServer
 
         server = CockpitServer(begin, studio, wire.send)
-        receiver.listeners.append(server.take)
+        take = server.take
         studio.on_picture = server.show
         await server.start()
-    await asyncio.to_thread(receiver.run)
+    await asyncio.to_thread(_receive, wire, image, studio, take)
     if rtsp is not None:
         await rtsp.close()
     os._exit(0)  # what still waits for the network need not be waited for
 
 
-async def _rtsp(video: VideoSettings, studio: Studio, wire: Wire) -> RtspServer | None:
+async def _rtsp(video: VideoSettings, studio: VideoPipeline, wire: Wire) -> RtspServer | None:
     if video.rtsp is None:
         return None
     server = RtspServer(studio.ground, Address.parse(video.rtsp))
@@ -91,30 +89,23 @@ def _say(wire: Wire, text: str) -> None:
     wire.send({"kind": "said", "text": text})
 
 
-class _Receiver:
-    """Takes the flight's messages on a thread until it hangs up."""
+def _receive(
+    wire: Wire, image: SharedImage, studio: VideoPipeline, take: Callable[[Message], None] | None
+) -> None:
+    """Take the flight's messages until it hangs up."""
 
-    def __init__(self, wire: Wire, image: SharedImage, studio: Studio) -> None:
-        self._wire = wire
-        self._image = image
-        self._studio = studio
-        self.listeners: list[Any] = []
+    def ready() -> None:
+        wire.send({"kind": "ready"})
 
-    def run(self) -> None:
-        self._wire.send({"kind": "ready"})
-        try:
-            while True:
-                self._take(self._wire.receive())
-        except (OSError, EOFError):
-            return  # the flight is over
-
-    def _take(self, message: Message) -> None:
-        if message["kind"] != "picture":
-            for listener in self.listeners:
-                listener(message)
-            return
-        image = self._image.read(message["height"], message["width"])
-        self._studio.take(message, image, lambda: self._wire.send({"kind": "ready"}))
+    with suppress(OSError, EOFError):  # the flight is over
+        ready()
+        while True:
+            message = wire.receive()
+            if message["kind"] == "picture":
+                pixels = image.read(message["height"], message["width"])
+                studio.take(message, pixels, ready)
+            elif take is not None:
+                take(message)
 
 
 if __name__ == "__main__":

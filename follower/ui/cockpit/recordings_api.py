@@ -1,7 +1,5 @@
 """The recorded flights of a folder."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class RecordingSummary:
     """One recorded flight.
 
     Attributes:
@@ -30,7 +28,7 @@ class Flight:
     has_report: bool
 
 
-class Flights:
+class RecordingFolder:
     """Looks into a folder of flights.
 
     Args:
@@ -40,7 +38,7 @@ class Flights:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def listed(self) -> list[Flight]:
+    def listed(self) -> list[RecordingSummary]:
         """Return the newest flights, the newest first; one that cannot be reached is left out."""
         folders = [path.parent for path in self._folder.glob(f"*/{_LOG}")]
         found = [_flight(folder) for folder in folders if _NAME.fullmatch(folder.name)]
@@ -56,7 +54,7 @@ class Flights:
         return path if path.is_file() and not path.is_symlink() else None
 
 
-def _flight(folder: Path) -> Flight | None:
+def _flight(folder: Path) -> RecordingSummary | None:
     video = folder / _VIDEO
     try:
         log = (folder / _LOG).stat()
@@ -64,4 +62,6 @@ def _flight(folder: Path) -> Flight | None:
     except OSError:  # it was removed since the folder was read
         return None
     has_report = (folder / _REPORT).is_file()
-    return Flight(folder.name, log.st_mtime, round(size / 1e6, 1), video.is_file(), has_report)
+    return RecordingSummary(
+        folder.name, log.st_mtime, round(size / 1e6, 1), video.is_file(), has_report
+    )

@@ -21,46 +21,50 @@ class SelectPoint(_Request):
     y: _Share
 
 
-class SelectBox(_Request):
+class _BoxRequest(_Request):
+    left: _Share
+    top: _Share
+    right: _Share
+    bottom: _Share
+
+    @property
+    def corners(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom; shares of the image's width and height."""
+        return self.left, self.top, self.right, self.bottom
+
+
+class SelectBox(_BoxRequest):
     """Follow what a rectangle shows; shares of the image's width and height."""
 
     kind: Literal["select_box"]
-    left: _Share
-    top: _Share
-    right: _Share
-    bottom: _Share
 
 
-class SelectObject(_Request):
+class SelectObject(_BoxRequest):
     """Follow a numbered object, where it is now; shares of the image's width and height."""
 
     kind: Literal["select_object"]
-    left: _Share
-    top: _Share
-    right: _Share
-    bottom: _Share
 
 
 class StopTracking(_Request):
-    """Have no target any more."""
+    """Clear the target."""
 
     kind: Literal["stop_tracking"]
 
 
-class Consent(_Request):
+class ConsentCommand(_Request):
     """Allow following, or allow it no longer."""
 
     kind: Literal["consent"]
     given: Annotated[bool, Field(strict=True)]
 
 
-class Stop(_Request):
-    """Stop and let go at once."""
+class StopCommand(_Request):
+    """Stop following and release at once."""
 
     kind: Literal["stop"]
 
 
-class Change(_Request):
+class SettingCommand(_Request):
     """Change one setting in flight."""
 
     kind: Literal["change"]
@@ -74,7 +78,7 @@ class Change(_Request):
     ]
 
 
-class Show(_Request):
+class ShowRecording(_Request):
     """Replay another flight; in a replay alone."""
 
     kind: Literal["show"]
@@ -82,12 +86,21 @@ class Show(_Request):
 
 
 OperatorRequest: TypeAlias = Annotated[
-    SelectPoint | SelectBox | SelectObject | StopTracking | Consent | Stop | Change | Show,
+    SelectPoint
+    | SelectBox
+    | SelectObject
+    | StopTracking
+    | ConsentCommand
+    | StopCommand
+    | SettingCommand
+    | ShowRecording,
     Field(discriminator="kind"),
 ]
 REQUESTS: TypeAdapter[OperatorRequest] = TypeAdapter(OperatorRequest)
 
 
-def lets_go(request: OperatorRequest) -> bool:
+def is_release(request: OperatorRequest) -> bool:
     """Whether a request ends following: such a one is nobody's privilege and is never put off."""
-    return isinstance(request, Stop) or (isinstance(request, Consent) and not request.given)
+    return isinstance(request, StopCommand) or (
+        isinstance(request, ConsentCommand) and not request.given
+    )

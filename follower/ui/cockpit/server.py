@@ -1,11 +1,8 @@
 """Runs the cockpit in the station's process."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os
-import secrets
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -14,27 +11,27 @@ from typing import Any
 import uvicorn
 from pydantic import TypeAdapter
 
-from follower.cockpit.access import Access
-from follower.cockpit.app import Parts, make_app
-from follower.cockpit.crowd import Crowd, crowded_protocol
-from follower.cockpit.flights import Flights
-from follower.cockpit.guard import Guard
-from follower.cockpit.hub import Hub, Message
-from follower.cockpit.limiters import Limiters
-from follower.cockpit.mjpeg import JpegStream
-from follower.cockpit.objects import Objects
-from follower.cockpit.settings import CockpitSettings
-from follower.cockpit.webrtc import Peers
-from follower.station.studio import Studio
-from follower.video_out.picture import Picture
+from follower.settings.ui import CockpitSettings
+from follower.ui.cockpit.app import make_app
+from follower.ui.cockpit.asgi_guard import (
+    ConnectionLimiter,
+    crowded_protocol,
+)
+from follower.ui.cockpit.auth import AccessControl
+from follower.ui.cockpit.detections import Objects, box_shares
+from follower.ui.cockpit.hub import Hub
+from follower.ui.cockpit.mjpeg import JpegStream
+from follower.ui.cockpit.recordings_api import RecordingFolder
+from follower.ui.cockpit.video_pipeline import VideoPipeline
+from follower.ui.cockpit.webrtc import WebRtcPeers
+from follower.ui.ipc.messages import Message
+from follower.ui.video.channel import Picture
 from follower_vision.clock import MonotonicClock
-from follower_vision.detection import Detector, make_detector
-from follower_vision.frame import Frame
+from follower_vision.detection import make_detector
+from follower_vision.images.frame import Frame
 from follower_vision.models import ModelStore, default_folder
 
 _MOST_MESSAGE_BYTES = 4096
-_GUESSES_HZ, _GUESSES_BURST = 1.0, 8
-_WRITES_HZ, _WRITES_BURST = 50.0, 100
 _MOST_CONNECTIONS, _MOST_OF_ONE_ADDRESS = 300, 60
 _FIRST_REQUEST_S = 10.0
 _PING_S = 5.0
@@ -44,34 +41,40 @@ class CockpitServer:
     """The page and what is behind it.
 
     Args:
-        begin: the flight's first message; see `follower.station.child`.
+        begin: the flight's first message; see `follower.ui.cockpit.process`.
         studio: has the pictures.
         send: takes what goes to the flight; from any thread.
     """
 
-    def __init__(self, begin: Message, studio: Studio, send: Callable[[Message], None]) -> None:
+    def __init__(
+        self, begin: Message, studio: VideoPipeline, send: Callable[[Message], None]
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._settings = TypeAdapter(CockpitSettings).validate_python(begin["cockpit"])
         self._token: str | None = begin.get("token")
         self._studio = studio
         self._send = send
         self._clock = MonotonicClock()
-        self._hub = Hub(begin["page"], send, self._clock, self._settings.most_clients)
         self._jpegs = JpegStream(self._loop)
+        self._hub = Hub(begin["page"], send, self._clock, self._settings.most_clients)
         objects = None
         if begin.get("detector"):
-            make = _detector_maker(begin["detector"])
-            objects = Objects(make, self._newest_frame, self._show_objects, self._say, self._clock)
-        self._parts = Parts(
+            objects = Objects(
+                lambda: make_detector(begin["detector"], ModelStore(default_folder(os.environ))),
+                self._newest_frame,
+                lambda found: self._call(lambda: self._hub.tell("objects", objects=found)),
+                self._say,
+                self._clock,
+            )
+        self._app = make_app(
             hub=self._hub,
-            access=Access(self._token, self._settings.names),
+            access=AccessControl(self._token, self._settings.names),
             jpegs=self._jpegs,
-            peers=Peers(studio.page, self._settings.on_loopback),
-            flights=Flights(Path(begin["runs"])),
+            peers=WebRtcPeers(studio.page, self._settings.on_loopback),
+            flights=RecordingFolder(Path(begin["runs"])),
             objects=objects,
-            guesses=Limiters(_GUESSES_HZ, _GUESSES_BURST, self._clock),
-            writes=Limiters(_WRITES_HZ, _WRITES_BURST, self._clock),
             clock=self._clock,
+            secure=self._settings.scheme == "https",
         )
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -115,17 +118,15 @@ class CockpitServer:
         return socket.create_server((host, port), family=family, backlog=128)
 
     def _server(self) -> uvicorn.Server:
-        nonce = secrets.token_urlsafe(12)
-        app = make_app(self._parts, nonce, self._settings.scheme == "https")
-        parts = self._parts
-        guard = Guard(app, parts.access, parts.guesses, parts.writes, nonce)
+        # On loopback there is only one address.
+        most_each = _MOST_CONNECTIONS if self._settings.on_loopback else _MOST_OF_ONE_ADDRESS
         config = uvicorn.Config(
-            guard,
+            self._app,
             ws="websockets-sansio",
             ws_max_size=_MOST_MESSAGE_BYTES,
             ws_ping_interval=_PING_S,
             ws_per_message_deflate=False,
-            http=crowded_protocol(Crowd(self._most_each), _FIRST_REQUEST_S),
+            http=crowded_protocol(ConnectionLimiter(most_each), _FIRST_REQUEST_S),
             limit_concurrency=_MOST_CONNECTIONS,
             proxy_headers=False,
             timeout_graceful_shutdown=1,
@@ -136,11 +137,6 @@ class CockpitServer:
             ssl_keyfile=self._settings.tls_key,
         )
         return _Server(config)
-
-    @property
-    def _most_each(self) -> int:
-        """Connections of one address; on loopback there is only one."""
-        return _MOST_CONNECTIONS if self._settings.on_loopback else _MOST_OF_ONE_ADDRESS
 
     def _address(self, port: int) -> str:
         host = self._settings.host
@@ -155,9 +151,6 @@ class CockpitServer:
         newest = self._studio.newest
         return None if newest is None else Frame(newest.image, newest.captured_s, newest.sequence)
 
-    def _show_objects(self, objects: list[dict[str, Any]]) -> None:
-        self._call(lambda: self._hub.tell("objects", objects=objects))
-
 
 class _Server(uvicorn.Server):
     """Leaves signals to the flight."""
@@ -167,20 +160,11 @@ class _Server(uvicorn.Server):
         yield
 
 
-def _detector_maker(name: str) -> Callable[[], Detector]:
-    return lambda: make_detector(name, ModelStore(default_folder(os.environ)))
-
-
 def _track_content(picture: Picture) -> dict[str, Any]:
     height, width = picture.image.shape[:2]
     tracks = [
         {
-            "box": [
-                round(track.box.left / width, 5),
-                round(track.box.top / height, 5),
-                round(track.box.right / width, 5),
-                round(track.box.bottom / height, 5),
-            ],
+            "box": [round(share, 5) for share in box_shares(track.box, width, height)],
             "state": str(track.state),
             "confidence": round(track.confidence, 3),
             "by": track.produced_by,

@@ -1,8 +1,5 @@
 """Starts the station that a flight's settings and options ask for."""
 
-from __future__ import annotations
-
-import importlib.util
 import ssl
 from collections.abc import Callable
 from pathlib import Path
@@ -10,14 +7,12 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from follower.cockpit.access import token_for
-from follower.cockpit.settings import CockpitSettings
-from follower.settings import Settings
-from follower.station.station import Station
-from follower.video_out.settings import VideoSettings
-from follower_control.strict_yaml import SettingsError
-
-_NEEDED = ("aiortc", "fastapi", "uvicorn", "websockets")
+from follower.settings.settings import Settings
+from follower.settings.ui import CockpitSettings, VideoSettings
+from follower.ui.cockpit.auth import token_for
+from follower.ui.ipc.server_client import UiProcessClient
+from follower.ui.terminal.console import check_extra
+from follower_control.common.strict_config import SettingsError
 
 
 def open_station(
@@ -26,7 +21,7 @@ def open_station(
     page: dict[str, Any],
     runs: Path,
     say: Callable[[str], None],
-) -> Station | None:
+) -> UiProcessClient | None:
     """Return a running station; None if neither video nor a page is wanted, which costs nothing.
 
     Args:
@@ -50,19 +45,11 @@ def open_station(
         "cockpit": None,
     }
     if cockpit:
-        _check_installed()
+        check_extra("--cockpit", "cockpit", "aiortc", "fastapi", "uvicorn", "websockets")
         _check_certificate(settings.cockpit)
         wanted = TypeAdapter(CockpitSettings).dump_python(settings.cockpit, mode="json")
         begin |= {"cockpit": wanted, "token": token_for(settings.cockpit)}
-    return Station(begin, say)
-
-
-def _check_installed() -> None:
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise SettingsError(
-            f"--cockpit needs {', '.join(missing)}; in the clone: pip install -e '.[cockpit]'"
-        )
+    return UiProcessClient(begin, say)
 
 
 def _no_password() -> str:

@@ -1,30 +1,20 @@
 """Makes streams of the pictures, on a thread of its own, for as long as somebody watches."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from follower.station.wire import Message, track_of
-from follower.video_out.channel import Channel
-from follower.video_out.encoder import EncoderError
-from follower.video_out.picture import Picture
-from follower.video_out.push import RtspPush
-from follower.video_out.rtp_sender import RtpSender
-from follower.video_out.settings import Address, VideoSettings
-from follower_vision.frame import Image
+from follower.settings.ui import Address, VideoSettings
+from follower.ui.ipc.messages import TRACKS, Message
+from follower.ui.video.channel import Picture, VideoChannel
+from follower.ui.video.h264_encoder import EncoderError
+from follower.ui.video.rtp import RtpSender
+from follower.ui.video.rtsp_push import RtspPush
+from follower_vision.images.frame import Image
 from follower_vision.mailbox import Mailbox
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Task:
-    picture: Picture
-    done: Callable[[], None]
-
-
-class Studio:
+class VideoPipeline:
     """Two streams: one for ground stations, one without anything drawn in for the page.
 
     Without an overlay both are the same, encoded once.
@@ -36,22 +26,22 @@ class Studio:
         ground: the stream for RTSP and UDP.
         page: the stream for the cockpit.
         newest: the newest picture, None before the first.
-        on_picture: is shown each picture, on the studio's thread.
+        on_picture: is shown each picture, on the pipeline's thread.
     """
 
     def __init__(self, settings: VideoSettings) -> None:
         self._settings = settings
-        self.ground = Channel(settings, settings.overlay)
-        self.page = Channel(settings, overlay=False) if settings.overlay else self.ground
+        self.ground = VideoChannel(settings, settings.overlay)
+        self.page = VideoChannel(settings, overlay=False) if settings.overlay else self.ground
         self.newest: Picture | None = None
-        self.on_picture: Callable[[Picture], None] = _nobody
-        self._tasks: Mailbox[_Task] = Mailbox()
+        self.on_picture: Callable[[Picture], None] | None = None
+        self._tasks: Mailbox[tuple[Picture, Callable[[], None]]] = Mailbox()
         self._say: Callable[[str], None] = print
         self._silent = False
         threading.Thread(target=self._run, name="studio", daemon=True).start()
 
     def start_senders(self, say: Callable[[str], None]) -> None:
-        """Begin to send by UDP and to push, as the settings want; `say` tells the user."""
+        """Begin to send by UDP and to push, as set; `say` shows a line to the user."""
         self._say = say
         if self._settings.udp is not None:
             try:
@@ -69,24 +59,25 @@ class Studio:
             image,
             message["sequence"],
             message["captured_s"],
-            tuple(track_of(track) for track in message["tracks"]),
+            TRACKS.validate_python(message["tracks"]),
             tuple(message["lines"]),
         )
-        self._tasks.put(_Task(picture, done))
+        self._tasks.put((picture, done))
 
     def _run(self) -> None:
         try:
             while (task := self._tasks.wait()) is not None:
-                self._show(task)
+                self._show(*task)
         finally:  # only an error ends it: the process has no other end than the flight's
             self._say("No video any more: an error in the station")
 
-    def _show(self, task: _Task) -> None:
-        self.newest = task.picture
-        self.on_picture(task.picture)
-        self._encode(task.picture)
+    def _show(self, picture: Picture, done: Callable[[], None]) -> None:
+        self.newest = picture
+        if self.on_picture is not None:
+            self.on_picture(picture)
+        self._encode(picture)
         with contextlib.suppress(OSError):  # the flight is over
-            task.done()
+            done()
 
     def _encode(self, picture: Picture) -> None:
         if self._silent:
@@ -98,8 +89,3 @@ class Studio:
         except EncoderError as error:
             self._silent = True
             self._say(f"No H.264: {error}")
-
-
-def _nobody(picture: Picture) -> None:
-    """Show a picture to nobody."""
-    del picture

@@ -20,8 +20,8 @@ from aiortc import (
 from aiortc.exceptions import InternalError, InvalidAccessError, InvalidStateError, OperationError
 from aiortc.mediastreams import MediaStreamError
 
-from follower.video_out.channel import Channel
-from follower.video_out.encoder import TICKS_PER_S, AccessUnit
+from follower.ui.video.channel import VideoChannel
+from follower.ui.video.h264_encoder import TICKS_PER_S, AccessUnit
 
 _MOST_PEERS = 8
 _WAITING = 8
@@ -43,7 +43,7 @@ class StreamTrack(MediaStreamTrack):
 
     kind = "video"
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: VideoChannel) -> None:
         super().__init__()
         self._channel = channel
         self._home = asyncio.get_running_loop()
@@ -79,7 +79,7 @@ class StreamTrack(MediaStreamTrack):
             self._channel.ask_for_key()
 
 
-class Peers:
+class WebRtcPeers:
     """The browsers that watch by WebRTC.
 
     Args:
@@ -87,7 +87,7 @@ class Peers:
         local_only: do not leave this computer.
     """
 
-    def __init__(self, channel: Channel, local_only: bool) -> None:
+    def __init__(self, channel: VideoChannel, local_only: bool) -> None:
         self._channel = channel
         self._peers: set[RTCPeerConnection] = set()
         self._watches: set[asyncio.Task[None]] = set()
@@ -146,17 +146,13 @@ async def _settle(peer: RTCPeerConnection, track: StreamTrack, sdp: str) -> None
     """Read a browser's offer and make the answer to it."""
     peer.addTrack(track)
     # aiortc settles on a codec while it reads the offer.
-    _prefer_h264(peer)
-    await peer.setRemoteDescription(RTCSessionDescription(sdp, "offer"))
-    await peer.setLocalDescription(await peer.createAnswer())
-
-
-def _prefer_h264(peer: RTCPeerConnection) -> None:
     codecs = RTCRtpSender.getCapabilities("video").codecs
     wanted = [codec for codec in codecs if codec.mimeType.lower() == "video/h264"]
     for transceiver in peer.getTransceivers():
         if transceiver.kind == "video":
             transceiver.setCodecPreferences(wanted)
+    await peer.setRemoteDescription(RTCSessionDescription(sdp, "offer"))
+    await peer.setLocalDescription(await peer.createAnswer())
 
 
 def _loopback_alone(use_ipv4: bool, use_ipv6: bool) -> list[str]:

@@ -1,7 +1,5 @@
 """One browser's WebSocket."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -10,30 +8,29 @@ from typing import Any
 from fastapi import WebSocket, WebSocketDisconnect
 from pydantic import ValidationError
 
-from follower.cockpit.client import Client
-from follower.cockpit.hub import Hub
-from follower.cockpit.limiter import Limiter
-from follower.cockpit.objects import Objects
-from follower.cockpit.requests import REQUESTS, lets_go
+from follower.ui.cockpit.asgi_guard import RateLimiter
+from follower.ui.cockpit.detections import Objects
+from follower.ui.cockpit.hub import Client, Hub
+from follower.ui.cockpit.requests import REQUESTS, is_release
 from follower_vision.clock import Clock
 
 _RATE_HZ, _BURST = 40.0, 80
 _MOST_CHARACTERS = 2048
 _MOST_OPEN = 16
 _STUCK_S = 10.0
-"""A browser that takes nothing for so long is hung up on."""
+"""A browser that reads nothing for so long is disconnected."""
 _IN_CONTROL = json.dumps(
     {"kind": "told", "accepted": False, "text": "another client is in control; it has to leave"}
 )
 _POLICY_VIOLATION, _TRY_LATER = 1008, 1013
 
 
-class RudeError(ValueError):
-    """A client said something that no page of ours says."""
+class ProtocolViolationError(ValueError):
+    """A client sent something that our page never sends."""
 
 
-class Conversation:
-    """Tells one client of the flight and takes its wishes, until it leaves or is rude.
+class WebSocketSession:
+    """Sends the flight's state to one client and takes its requests, until either side ends it.
 
     Args:
         socket: not accepted yet.
@@ -46,7 +43,7 @@ class Conversation:
         self._socket = socket
         self._hub = hub
         self._objects = objects
-        self._limiter = Limiter(_RATE_HZ, _BURST, clock)
+        self._limiter = RateLimiter(_RATE_HZ, _BURST, clock)
         self._asking: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
@@ -77,12 +74,14 @@ class Conversation:
                         await self._socket.send_text(text)
 
     async def _hear(self, client: Client) -> None:
-        with contextlib.suppress(RudeError, RuntimeError, WebSocketDisconnect, KeyError):
+        with contextlib.suppress(
+            ProtocolViolationError, RuntimeError, WebSocketDisconnect, KeyError
+        ):
             while True:
                 # A KeyError stands for bytes where text was expected.
                 text = await self._socket.receive_text()
-                if len(text) > _MOST_CHARACTERS or not self._limiter.allows():
-                    raise RudeError("too much")
+                if len(text) > _MOST_CHARACTERS or not self._limiter.allows(client.id):
+                    raise ProtocolViolationError("too much")
                 self._take(client, _mapping(text))
 
     def _take(self, client: Client, message: dict[str, Any]) -> None:
@@ -104,7 +103,7 @@ class Conversation:
         """Ask the flight; a second question need not wait for the first one's answer."""
         number = message.pop("id", None)
         if not isinstance(number, int):
-            raise RudeError("no number to answer to")
+            raise ProtocolViolationError("no number to answer to")
         task = asyncio.create_task(self._asked(client, message, number))
         self._asking.add(task)
         task.add_done_callback(self._asking.discard)
@@ -122,7 +121,7 @@ class Conversation:
             return {"accepted": False, "text": f"no request: {first['msg']}"}
         if not self._hub.may(client.id, request):
             return {"accepted": False, "text": "another client is in control; you watch"}
-        if len(self._asking) > _MOST_OPEN and not lets_go(request):
+        if len(self._asking) > _MOST_OPEN and not is_release(request):
             return {"accepted": False, "text": "too much is asked at once"}
         late = None if seen_s is None else self._hub.lateness(request, seen_s)
         if late is not None:
@@ -131,7 +130,7 @@ class Conversation:
 
 
 def _time(value: Any) -> float | None:
-    """Return a time that a client told, None if it is none."""
+    """Return a time in seconds that a client sent, None if it is none."""
     try:
         return float(value) if isinstance(value, int | float) else None
     except OverflowError:
@@ -142,7 +141,7 @@ def _mapping(text: str) -> dict[str, Any]:
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
-        raise RudeError("no JSON") from None
+        raise ProtocolViolationError("no JSON") from None
     if not isinstance(message, dict):
-        raise RudeError("no message")
+        raise ProtocolViolationError("no message")
     return message

@@ -1,18 +1,14 @@
-"""What the camera says about itself and its target, as MAVLink messages."""
-
-from __future__ import annotations
+"""The MAVLink messages of the camera: its properties, its video and its target."""
 
 import math
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.ground_station.lens import Lens
-from follower.ground_station.place import Place
-from follower.ground_station.settings import GroundStationSettings
-from follower_vision.track import Track, TrackState
+from follower.settings.ui import GroundStationSettings
+from follower.ui.ground_station.flight_view import CameraOptics, GeoPosition
+from follower_vision.trackers.track import Track, TrackState
 
 _NAN = math.nan
 _NOWHERE = 2**31 - 1
@@ -28,22 +24,6 @@ _COASTING = mavlink.CAMERA_TRACKING_STATUS_FLAGS_COASTING
 _ERROR = mavlink.CAMERA_TRACKING_STATUS_FLAGS_ERROR
 
 
-@dataclass(frozen=True, slots=True)
-class Definition:
-    """Where the camera definition file is.
-
-    Attributes:
-        uri: its address, empty where there is none.
-        version: another one means another file.
-    """
-
-    uri: str = ""
-    version: int = 0
-
-
-NO_DEFINITION = Definition()
-
-
 def heartbeat() -> Any:
     """Return the camera's heartbeat."""
     return mavlink.MAVLink_heartbeat_message(
@@ -56,10 +36,8 @@ def heartbeat() -> Any:
     )
 
 
-def camera_information(
-    settings: GroundStationSettings, size: tuple[int, int], definition: Definition, boot_ms: int
-) -> Any:
-    """Return CAMERA_INFORMATION."""
+def camera_information(settings: GroundStationSettings, size: tuple[int, int], boot_ms: int) -> Any:
+    """Return CAMERA_INFORMATION; there is no camera definition file."""
     video = mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM if settings.video_uri else 0
     return mavlink.MAVLink_camera_information_message(
         boot_ms,
@@ -70,8 +48,8 @@ def camera_information(
         *size,
         0,
         _TRACKS | video,
-        definition.version,
-        definition.uri.encode(),
+        0,
+        b"",
     )
 
 
@@ -87,12 +65,12 @@ def storage_information(boot_ms: int) -> Any:
 
 
 def capture_status(boot_ms: int) -> Any:
-    """Return CAMERA_CAPTURE_STATUS: nothing is captured at anybody's wish."""
+    """Return CAMERA_CAPTURE_STATUS: nothing is captured on request."""
     return mavlink.MAVLink_camera_capture_status_message(boot_ms, 0, 0, 0.0, 0, 0.0)
 
 
 def video_stream_information(
-    settings: GroundStationSettings, size: tuple[int, int], lens: Lens
+    settings: GroundStationSettings, size: tuple[int, int], lens: CameraOptics
 ) -> Any:
     """Return VIDEO_STREAM_INFORMATION of the one stream; the size is the frames'."""
     kind, uri = _stream_of(settings.video_uri)
@@ -112,7 +90,7 @@ def video_stream_information(
     )
 
 
-def video_stream_status(size: tuple[int, int], lens: Lens) -> Any:
+def video_stream_status(size: tuple[int, int], lens: CameraOptics) -> Any:
     """Return VIDEO_STREAM_STATUS of the one stream; the size is the frames'."""
     return mavlink.MAVLink_video_stream_status_message(
         STREAM,
@@ -161,7 +139,7 @@ def tracking_image_status(track: Track | None, size: tuple[int, int], active_onl
     )
 
 
-def tracking_geo_status(track: Track | None, place: Place | None, active_only: bool) -> Any:
+def tracking_geo_status(track: Track | None, place: GeoPosition | None, active_only: bool) -> Any:
     """Return CAMERA_TRACKING_GEO_STATUS; without a place all its numbers are unknown."""
     status = tracking_status(track, active_only)
     if place is None or not status:

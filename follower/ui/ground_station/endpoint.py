@@ -1,7 +1,5 @@
 """One MAVLink component of ours: who it is, and its own count of what it sends."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -36,9 +34,10 @@ class Endpoint:
         """Whether a message is addressed to this component and no other."""
         return (message.target_system, message.target_component) == (self.system, self.component)
 
-    def acknowledge(self, command: int, result: int, system: int, component: int) -> None:
-        """Answer a command."""
-        self.send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, system, component))
+    def acknowledge(self, command: Any, result: int) -> None:
+        """Answer a COMMAND_LONG or COMMAND_INT with a MAV_RESULT."""
+        sender = command.get_srcSystem(), command.get_srcComponent()
+        self.send(mavlink.MAVLink_command_ack_message(command.command, result, 0, 0, *sender))
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
         """Send a line for the pilot to read; one of more than 50 bytes goes in parts.

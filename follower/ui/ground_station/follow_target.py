@@ -1,16 +1,13 @@
 """The target's position for autopilots that can follow one: FOLLOW_TARGET, GLOBAL_POSITION_INT."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.ground_station.endpoint import Endpoint
-from follower.ground_station.flight_view import FlightView
-from follower.ground_station.place import Place, target_place
-from follower.ground_station.settings import GroundStationSettings, TargetMessage
+from follower.settings.ui import GroundStationSettings, TargetMessage
+from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.flight_view import FlightView, GeoPosition, target_place
 
 _POSITION, _VELOCITY = 1 << 0, 1 << 1
 _SEEN_WITHIN_S = 1.0
@@ -18,10 +15,10 @@ _LARGEST = 2**15 - 1
 
 
 class TargetReport:
-    """Tells where the target is, as a system of its own, while it is seen; no thread, no clock.
+    """Sends the target's position as a system of its own, while it is seen; no thread, no clock.
 
     Args:
-        settings: what is told, and how often.
+        settings: which messages, and how often.
         endpoint: sends as the target.
         view: of the flight.
     """
@@ -35,7 +32,7 @@ class TargetReport:
         self._told_s = -math.inf
 
     def step(self, now_s: float) -> None:
-        """Send what is due."""
+        """Send what is due at `now_s`, in seconds."""
         if now_s - self._told_s < 0.95 / self._settings.target_rate_hz:
             return
         place = target_place(self._view, now_s)
@@ -53,7 +50,7 @@ class TargetReport:
             self._endpoint.send(global_position(place, boot_ms))
 
 
-def follow_target(place: Place, boot_ms: int) -> Any:
+def follow_target(place: GeoPosition, boot_ms: int) -> Any:
     """Return FOLLOW_TARGET; its covariance is horizontal and vertical deviation in metres."""
     fix = place.fix
     return mavlink.MAVLink_follow_target_message(
@@ -71,7 +68,7 @@ def follow_target(place: Place, boot_ms: int) -> Any:
     )
 
 
-def global_position(place: Place, boot_ms: int) -> Any:
+def global_position(place: GeoPosition, boot_ms: int) -> Any:
     """Return GLOBAL_POSITION_INT, which has no place for covariance; the heading is the course."""
     north, east, down = place.fix.velocity_m_s
     course_deg = math.degrees(math.atan2(east, north)) % 360.0

@@ -1,29 +1,27 @@
-"""Runs camera, parameters and the target's report on a thread of their own."""
-
-from __future__ import annotations
+"""Offers camera, parameters and the target's position to ground stations, on its own thread."""
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.ground_station.camera import Camera
-from follower.ground_station.camera_definition import PATH, definition_version, definition_xml
-from follower.ground_station.camera_messages import Definition
-from follower.ground_station.endpoint import Endpoint
-from follower.ground_station.file_server import FileServer
-from follower.ground_station.flight_view import FlightView
-from follower.ground_station.lens import Lens
-from follower.ground_station.parameter_ext_server import ParameterExtServer
-from follower.ground_station.parameter_server import ParameterServer
-from follower.ground_station.settings import GroundStationSettings, TargetMessage
-from follower.ground_station.target_report import TargetReport
-from follower.links.autopilot_link import COMPONENT_ID
-from follower.links.packets import Packet
+from follower.flight.target.resolver import TargetFinder
+from follower.flight.vision.tracker_factory import make_settings_detector
+from follower.links.link import COMPONENT_ID
+from follower.links.packet_parser import MavlinkPacket
+from follower.settings.settings import Settings
+from follower.settings.ui import GroundStationSettings, TargetMessage, fitted_size
+from follower.ui.ground_station.camera import Camera
+from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.flight_view import CameraOptics, FlightView
+from follower.ui.ground_station.follow_target import TargetReport
+from follower.ui.ground_station.parameters import ParameterServer
 from follower_vision.clock import Clock
-from follower_vision.framesource import ClosesItself
+from follower_vision.sources.frame_source import ClosesItself
 
 _WAIT_S = 0.02
 _THERE_FIRST_S = 3.0
@@ -36,16 +34,8 @@ _PARAMETERS = frozenset(
         mavlink.MAVLINK_MSG_ID_PARAM_SET,
     }
 )
-_EXTENDED = frozenset(
-    {
-        mavlink.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_LIST,
-        mavlink.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_READ,
-        mavlink.MAVLINK_MSG_ID_PARAM_EXT_SET,
-    }
-)
 _HEARTBEAT = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
-_FILES = int(mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL)
-HEARD = frozenset({*_COMMANDS, *_PARAMETERS, *_EXTENDED, _HEARTBEAT, _FILES})
+HEARD = frozenset({*_COMMANDS, *_PARAMETERS, _HEARTBEAT})
 
 
 class GroundStation(ClosesItself):
@@ -66,7 +56,7 @@ class GroundStation(ClosesItself):
         self,
         settings: GroundStationSettings,
         view: FlightView,
-        lens: Lens,
+        lens: CameraOptics,
         clock: Clock,
         save: Callable[[], str] | None = None,
     ) -> None:
@@ -79,8 +69,6 @@ class GroundStation(ClosesItself):
         self._port = view.link.open_port(HEARD)
         self._camera: Camera | None = None
         self._parameters: ParameterServer | None = None
-        self._extended: ParameterExtServer | None = None
-        self._files: FileServer | None = None
         self._target: TargetReport | None = None
         self._begun_s = math.inf
         self._clashed = self._warned = False
@@ -111,8 +99,6 @@ class GroundStation(ClosesItself):
             self._camera.step(now_s)
         if self._parameters is not None:
             self._parameters.step(now_s)
-        if self._extended is not None and not self._clashed:
-            self._extended.step(now_s)
         if self._target is not None:
             self._target.step(now_s)
 
@@ -127,43 +113,25 @@ class GroundStation(ClosesItself):
     def _begin(self, system: int) -> None:
         settings, view, send = self._settings, self._view, self._port.send
         endpoint = Endpoint(system, settings.camera_component, send)
-        definition = Definition(settings.definition_uri)
         if settings.parameters:
             computer = Endpoint(system, COMPONENT_ID, send)
             self._parameters = ParameterServer(computer, view.requests, self._save)
-            self._extended = ParameterExtServer(endpoint, view.requests)
-            definition = self._offer_definition(endpoint)
-        self._camera = Camera(settings, endpoint, view, self._lens, definition, self._save)
+        self._camera = Camera(settings, endpoint, view, self._lens)
         if settings.target is not TargetMessage.NONE:
             target = Endpoint(settings.target_system, COMPONENT_ID, send)
             self._target = TargetReport(settings, target, view)
 
-    def _offer_definition(self, endpoint: Endpoint) -> Definition:
-        """Return where the definition file is: at the given address, else with us."""
-        data = definition_xml(self._view.requests.settings)
-        version = definition_version(data)
-        if self._settings.definition_uri:
-            return Definition(self._settings.definition_uri, version)
-        self._files = FileServer(endpoint, PATH, data)
-        return Definition(f"mftp://[;comp={endpoint.component}]{PATH}", version)
-
-    def _hear(self, packet: Packet, now_s: float) -> None:
+    def _hear(self, packet: MavlinkPacket, now_s: float) -> None:
         message = self._decoder.decode(bytearray(packet.data))
         number = packet.message_id
         if number == _HEARTBEAT:
             self._look_for_another(packet, message, now_s)
         if self._parameters is not None and (number == _HEARTBEAT or number in _PARAMETERS):
             self._parameters.hear(message, now_s)
-        if self._clashed:
-            return
-        if number in _COMMANDS and self._camera is not None:
+        if number in _COMMANDS and self._camera is not None and not self._clashed:
             self._camera.hear(message, now_s)
-        elif number in _EXTENDED and self._extended is not None:
-            self._extended.hear(message)
-        elif number == _FILES and self._files is not None:
-            self._files.hear(message)
 
-    def _look_for_another(self, packet: Packet, message: Any, now_s: float) -> None:
+    def _look_for_another(self, packet: MavlinkPacket, message: Any, now_s: float) -> None:
         """Be silent as a camera where another one was there first with the same number.
 
         One that comes later, real or forged, does not take the pilot's tracking away.
@@ -179,6 +147,67 @@ class GroundStation(ClosesItself):
             f"{who} already: ours is silent; set ground_station.camera_component"
             if self._clashed
             else f"{who} now, too: ours goes on. Give one of them another number; "
-            "if there is none, somebody pretends: sign the link (docs/links.md)"
+            "if there is none, somebody pretends: sign the link (docs/reference/links.md)"
         )
         self._view.requests.note((note,))
+
+
+@contextmanager
+def open_ground_station(
+    settings: Settings,
+    view: FlightView,
+    rate_hz: float,
+    clock: Clock,
+    save: Callable[[], str] | None = None,
+) -> Iterator[None]:
+    """Answer ground stations while entered; nothing happens unless it is enabled.
+
+    Args:
+        settings: of the flight.
+        view: of it.
+        rate_hz: of its frames.
+        clock: the system's, which runs by itself.
+        save: writes the changed settings to their file; None without one.
+    """
+    if not settings.ground_station.enabled:
+        yield
+        return
+    lens = lens_of(settings, view.size, rate_hz)
+    with GroundStation(_with_stream(settings), view, lens, clock, save) as station:
+        station.start()
+        yield
+
+
+def lens_of(settings: Settings, size: tuple[int, int], rate_hz: float) -> CameraOptics:
+    """Return the optics for frames of this size in pixels, and what is known of our own stream."""
+    camera, video = settings.camera.model(*size), settings.video
+    fov_deg = math.degrees(2 * math.atan(camera.width / (2 * camera.fx)))
+    if not video.on:
+        return CameraOptics(fov_deg, rate_hz)
+    stream = fitted_size(*size, video.max_width_px)
+    return CameraOptics(fov_deg, rate_hz, stream, 1000 * video.bitrate_kbit_s)
+
+
+def operators_finder(settings: Settings, cockpit: bool) -> TargetFinder | None:
+    """Return a finder whose points snap to detections, None where nobody can point.
+
+    Its detector is its own: the tracker's may be at work on another thread.
+
+    Raises:
+        ModelError: the detector's network is missing or broken.
+    """
+    if not (settings.ground_station.enabled or cockpit):
+        return None
+    return TargetFinder(make_settings_detector(settings))
+
+
+def _with_stream(settings: Settings) -> GroundStationSettings:
+    """Return the settings with the address of our own video where none is given."""
+    ground, video = settings.ground_station, settings.video
+    if ground.video_uri:
+        return ground
+    if video.rtsp is not None and not video.rtsp.startswith(("0.0.0.0", "[::]")):  # noqa: S104
+        return replace(ground, video_uri=f"rtsp://{video.rtsp}/live")
+    if video.udp is not None:
+        return replace(ground, video_uri=f"udp://0.0.0.0:{video.udp.rpartition(':')[2]}")
+    return ground

@@ -1,22 +1,20 @@
-"""What the flight and its station say to each other: JSON, of bounded length.
+"""Messages between the flight and the UI process: JSON, of bounded length.
 
 | from the flight | says                                                     |
 |-----------------|----------------------------------------------------------|
 | `begin`         | what to offer: settings of video and cockpit, and so on  |
 | `picture`       | an image lies in the slot; its size, time, tracks, lines |
-| `state`         | the newest moment, for the page                          |
+| `state`         | the flight's newest state, for the page                   |
 | `page`          | something that lasts, for the page                       |
 | `answer`        | what came of a request                                   |
 
-| from the station | says                                                    |
+| from the process | says                                                    |
 |------------------|---------------------------------------------------------|
 | `ready`          | the slot was copied: the next picture may come          |
 | `request`        | what an operator wants, with a number for the answer    |
 | `heard`          | the operator in control is there                        |
 | `said`           | a line to show: where the page is, or what went wrong   |
 """
-
-from __future__ import annotations
 
 import contextlib
 import json
@@ -26,10 +24,13 @@ import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
-from follower_vision.box import Box
-from follower_vision.track import Track, TrackState
+from pydantic import TypeAdapter
+
+from follower_vision.trackers.track import Track
 
 Message = dict[str, Any]
+TRACKS: TypeAdapter[tuple[Track, ...]] = TypeAdapter(tuple[Track, ...])
+"""Tracks as plain values and back."""
 FROM_FLIGHT_BYTES = 1 << 21
 FROM_STATION_BYTES = 1 << 15
 
@@ -87,34 +88,3 @@ class Wire:
     def close(self) -> None:
         """Give the line back, once nobody uses it any more."""
         self._connection.close()
-
-
-def socket_pair() -> tuple[Connection, Connection]:
-    """Return two ends that are connected."""
-    ours, theirs = socket.socketpair()
-    return Connection(ours.detach()), Connection(theirs.detach())
-
-
-def track_message(track: Track) -> Message:
-    """Return a track as plain values."""
-    box = track.box
-    return {
-        "box": [box.cx, box.cy, box.width, box.height],
-        "state": str(track.state),
-        "confidence": track.confidence,
-        "by": track.produced_by,
-        "captured_s": track.captured_s,
-        "sequence": track.sequence,
-    }
-
-
-def track_of(message: Message) -> Track:
-    """Return the track that `track_message` was given."""
-    return Track(
-        Box(*message["box"]),
-        TrackState(message["state"]),
-        message["confidence"],
-        message["by"],
-        message["captured_s"],
-        message["sequence"],
-    )

@@ -1,31 +1,139 @@
-"""The flight's end of its station: shows it pictures and moments, and hears its operators."""
-
-from __future__ import annotations
+"""The flight's end of the UI process: sends pictures and state, receives operators' requests."""
 
 import contextlib
+import mmap
+import os
 import subprocess
 import sys
 import tempfile
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
+from multiprocessing import Pipe
 from typing import Protocol
 
-from follower.station.outbox import Outbox, Parcel
-from follower.station.shared_image import SharedImage
-from follower.station.wire import (
+import numpy as np
+
+from follower.ui.ipc.messages import (
     FROM_STATION_BYTES,
+    TRACKS,
     Message,
     Wire,
     WireError,
-    socket_pair,
-    track_message,
 )
-from follower.video_out.picture import Picture
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
-from follower_vision.track import Track
+from follower.ui.video.channel import Picture
+from follower_vision.images.frame import Frame, Image
+from follower_vision.sources.frame_source import ClosesItself
+from follower_vision.trackers.track import Track
 
-_FAREWELL_S = 3.0
+_MOST_BYTES = 100_000_000
+_MOST_QUEUED = 200
+_EXIT_S = 3.0
+
+
+class SharedImage:
+    """One slot: the writer waits with the next image until the reader has copied this one.
+
+    Args:
+        descriptor: of the memory; both processes have it.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self._map: mmap.mmap | None = None
+        self._bytes = 0
+
+    def write(self, image: Image) -> None:
+        """Put an image, (H, W, 3) uint8 BGR, into the slot."""
+        if image.nbytes > self._bytes:
+            os.ftruncate(self.descriptor, image.nbytes)
+        np.copyto(self._view(image.shape[0], image.shape[1]), image)
+
+    def read(self, height: int, width: int) -> Image:
+        """Return a copy of the image, (height, width, 3) uint8 BGR.
+
+        Raises:
+            ValueError: there is no image of that size.
+        """
+        return self._view(height, width).copy()
+
+    def close(self) -> None:
+        """Give the memory back."""
+        self._map = None
+        os.close(self.descriptor)
+
+    def _view(self, height: int, width: int) -> Image:
+        length = height * width * 3
+        if not 0 < length <= _MOST_BYTES:
+            raise ValueError(f"no image has {width}x{height} pixels")
+        if self._map is None or length > self._bytes:
+            if os.fstat(self.descriptor).st_size < length:
+                raise ValueError("there is no image yet")
+            self._map = mmap.mmap(self.descriptor, length)
+            self._bytes = length
+        return np.frombuffer(self._map, np.uint8, length).reshape(height, width, 3)
+
+
+class Outbox:
+    """Filled by the flight's threads without waiting, emptied by the sender's."""
+
+    def __init__(self) -> None:
+        self._condition = threading.Condition()
+        self._queue: deque[Message] = deque(maxlen=_MOST_QUEUED)
+        self._state: Message | None = None
+        self._picture: Picture | None = None
+        self._picture_wanted = False
+        self._closed = False
+
+    def tell(self, message: Message) -> None:
+        """Send this; beyond 200 that wait, the oldest is left out."""
+        with self._condition:
+            self._queue.append(message)
+            self._condition.notify()
+
+    def state(self, message: Message) -> None:
+        """Send this in place of an older one."""
+        with self._condition:
+            self._state = message
+            self._condition.notify()
+
+    def show(self, picture: Picture) -> None:
+        """Send this in place of an older one, as soon as a picture is wanted."""
+        with self._condition:
+            self._picture = picture
+            if self._picture_wanted:
+                self._condition.notify()
+
+    def picture_wanted(self) -> None:
+        """Note that the last picture was taken."""
+        with self._condition:
+            self._picture_wanted = True
+            self._condition.notify()
+
+    def close(self) -> None:
+        """Let the sender go."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+
+    def wait(self) -> tuple[list[Message], Picture | None] | None:
+        """Wait for messages to send, and a picture if one is wanted; None after `close`."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._closed or self._has_something)
+            if self._closed:
+                return None
+            messages = [*self._queue, *([] if self._state is None else [self._state])]
+            self._queue.clear()
+            self._state = picture = None
+            if self._picture_wanted and self._picture is not None:
+                picture, self._picture = self._picture, None
+                self._picture_wanted = False
+            return messages, picture
+
+    @property
+    def _has_something(self) -> bool:
+        has_picture = self._picture_wanted and self._picture is not None
+        return bool(self._queue) or self._state is not None or has_picture
 
 
 class Operator(Protocol):
@@ -44,13 +152,13 @@ class Operator(Protocol):
         ...
 
 
-class Station(ClosesItself):
+class UiProcessClient(ClosesItself):
     """A child process that offers video and the cockpit; the flight never waits for it.
 
     It is a `FlightVideo`. However the child ends, the flight goes on, and `remark` says so.
 
     Args:
-        begin: what to offer; see `follower.station.child`.
+        begin: what to offer; see `follower.ui.cockpit.process`.
         say: is shown each line that the child has for the user, on a thread of ours.
         operator: carries out requests; None refuses them. May be set later.
     """
@@ -62,9 +170,8 @@ class Station(ClosesItself):
         self.remark: str | None = None
         self._say = say
         self._closing = False
-        self._started = threading.Event()
         self._outbox = Outbox()
-        self._image = SharedImage.make()
+        self._image = SharedImage(os.memfd_create("follower-image"))
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed by `close`
         self._process, self._wire = self._launch()
         self._threads = [
@@ -82,16 +189,12 @@ class Station(ClosesItself):
         self._outbox.show(picture)
 
     def show(self, state: Message) -> None:
-        """Show a moment of the flight; an older one that was not sent yet is left out."""
+        """Show the flight's present state; an older one that was not sent yet is left out."""
         self._outbox.state({"kind": "state", "state": state})
 
     def tell_page(self, news: Message) -> None:
         """Tell the page something that lasts, now and to whoever comes later."""
         self._outbox.tell({"kind": "page", "page": news})
-
-    def wait_started(self, timeout_s: float) -> bool:
-        """Wait until the child has said where it is; False if it has not in time."""
-        return self._started.wait(timeout_s)
 
     @property
     def process_id(self) -> int:
@@ -106,20 +209,20 @@ class Station(ClosesItself):
         self._outbox.close()
         self._wire.hang_up()
         try:
-            self._process.wait(_FAREWELL_S)
+            self._process.wait(_EXIT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         for thread in self._threads:
-            thread.join(_FAREWELL_S)
+            thread.join(_EXIT_S)
         self._wire.close()
         self._image.close()
         self._errors.close()
 
     def _launch(self) -> tuple[subprocess.Popen[bytes], Wire]:
-        ours, theirs = socket_pair()
+        ours, theirs = Pipe()
         descriptors = (theirs.fileno(), self._image.descriptor)
-        command = [sys.executable, "-m", "follower.station.child", *map(str, descriptors)]
+        command = [sys.executable, "-m", "follower.ui.cockpit.process", *map(str, descriptors)]
         process = subprocess.Popen(  # noqa: S603  our own program
             command,
             stdin=subprocess.DEVNULL,
@@ -134,24 +237,24 @@ class Station(ClosesItself):
     def _send_all(self) -> None:
         try:
             with contextlib.suppress(OSError):  # the receiver notices and says so
-                while (parcel := self._outbox.wait()) is not None:
-                    self._send_parcel(parcel)
-        finally:  # whatever ended it: a page that is told nothing is not to go on
+                while (waiting := self._outbox.wait()) is not None:
+                    self._send_waiting(*waiting)
+        finally:  # whatever ended it: a page that receives nothing is not to go on
             self._wire.hang_up()
 
-    def _send_parcel(self, parcel: Parcel) -> None:
-        for message in (*parcel.messages, *self._late_answers()):
+    def _send_waiting(self, messages: list[Message], picture: Picture | None) -> None:
+        for message in (*messages, *self._late_answers()):
             self._send(message)
-        if parcel.picture is not None:
-            self._image.write(parcel.picture.image)
-            self._send(_picture_message(parcel.picture))
+        if picture is not None:
+            self._image.write(picture.image)
+            self._send(_picture_message(picture))
 
     def _send(self, message: Message) -> None:
         """Send a message; what JSON cannot say is left out, but for the word that it was."""
         try:
             self._wire.send(message)
         except ValueError as error:
-            self._say(f"The station was not told of a {message['kind']}: {error}")
+            self._say(f"Not sent to the UI process: {message['kind']}: {error}")
             if message["kind"] == "picture":
                 self._outbox.picture_wanted()
 
@@ -167,7 +270,7 @@ class Station(ClosesItself):
             why = ""
         except WireError as error:
             why = str(error)
-        finally:  # whatever ended it: a page that nobody hears is not to go on
+        finally:  # whatever ended it: a page whose requests are lost is not to go on
             if not self._closing:
                 self._wire.hang_up()
                 self.remark = f"The station ended during the flight: {why or self._last_error()}"
@@ -183,7 +286,6 @@ class Station(ClosesItself):
                 self._ask(message)
             case "said":
                 self._say(str(message.get("text", "")))
-                self._started.set()
 
     def _ask(self, message: Message) -> None:
         number, request = message.get("number"), message.get("request")
@@ -198,7 +300,7 @@ class Station(ClosesItself):
 
     def _last_error(self) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_FAREWELL_S)
+            self._process.wait(_EXIT_S)
         with contextlib.suppress(OSError, ValueError):
             self._errors.seek(0)
             lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
@@ -214,6 +316,6 @@ def _picture_message(picture: Picture) -> Message:
         "width": width,
         "sequence": picture.sequence,
         "captured_s": picture.captured_s,
-        "tracks": [track_message(track) for track in picture.tracks],
+        "tracks": TRACKS.dump_python(picture.tracks, mode="json"),
         "lines": list(picture.lines),
     }

@@ -1,10 +1,67 @@
-"""Command line options that `follower fly` and `follower preflight` share."""
+"""Options that several commands share."""
 
-from __future__ import annotations
-
+import shlex
+import sys
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
+
+from follower.settings.link import LINK_KINDS
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.box import Box
+
+Config: TypeAlias = Annotated[
+    Path | None, typer.Option("--config", "-c", help="Settings (YAML); see `follower settings`.")
+]
+Overrides: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="One setting, e.g. servo.distance_m=12."),
+]
+Out: TypeAlias = Annotated[
+    Path, typer.Option(help="Folder in which each run gets a folder of its own.")
+]
+Video: TypeAlias = Annotated[bool, typer.Option(help="Write the video with overlay.")]
+Colour: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="#RRGGBB",
+        help="The largest thing of this colour.",
+        rich_help_panel="Which target",
+    ),
+]
+Cockpit: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--cockpit",
+        help="Show it on a web page, at http://127.0.0.1:8080 unless the settings say otherwise.",
+    ),
+]
+
+
+_LEAST_SIDE_PX = 3
+
+
+def parse_box(text: str) -> Box:
+    """Read a target's "x,y,w,h".
+
+    Raises:
+        SettingsError: it is none, or too small.
+    """
+    try:
+        x, y, width, height = (float(part) for part in text.split(","))
+        box = Box.from_xywh(x, y, width, height)
+    except ValueError:
+        raise SettingsError(
+            f"--target {text}: write x,y,w,h in pixels with w and h above 0, for example "
+            "320,180,40,30"
+        ) from None
+    if min(width, height) < _LEAST_SIDE_PX:
+        raise SettingsError(
+            f"--target {text}: a box of fewer than {_LEAST_SIDE_PX} pixels a side shows too little"
+        )
+    return box
+
 
 _WHICH, _HOW = "Which target", "How"
 
@@ -45,7 +102,7 @@ LinkKind: TypeAlias = Annotated[
     typer.Option(
         "--link",
         help="Which library speaks MAVLink: **pymavlink** (default) or **mavsdk**.",
-        metavar="pymavlink|mavsdk",
+        metavar="|".join(LINK_KINDS),
         rich_help_panel=_HOW,
     ),
 ]
@@ -70,3 +127,8 @@ Skip: TypeAlias = Annotated[
         rich_help_panel=_HOW,
     ),
 ]
+
+
+def typed_command() -> str:
+    """Return the command line that was typed, for reports and recordings."""
+    return shlex.join(["follower", *sys.argv[1:]])

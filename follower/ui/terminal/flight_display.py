@@ -1,11 +1,6 @@
 """The live terminal, and the score at the end. Angles are shown in degrees."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
-from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console, Group, RenderableType
@@ -14,11 +9,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from follower.live_status import LiveStatus
-from follower.print_line import print_line
-from follower_control.setpoint import VelocitySetpoint
-from follower_sim.criteria import Criteria, checks, verdict
-from follower_sim.score import PursuitScore
+from follower.flight.status import LiveStatus
+from follower.ui.terminal.console import print_line
+from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_vision.clock import Clock, MonotonicClock
 
 STATE_STYLES = {
@@ -37,7 +30,37 @@ _PLAIN_S = 5.0
 _UNKNOWN = "–"
 
 
-class Terminal:
+class LiveDisplay:
+    """A live display on a terminal while entered; into a file or pipe, lines.
+
+    Args:
+        console: where to.
+        clock: the reader's time, not the flight's.
+    """
+
+    def __init__(self, console: Console, clock: Clock | None = None) -> None:
+        self._console = console
+        self._clock = clock or MonotonicClock()
+        self._live: Live | None = None
+        self._shown_s = -math.inf
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live = Live(console=self._console, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        print_line(self._console, text)
+
+
+class FlightDisplay(LiveDisplay):
     """Shows a flight while it goes on.
 
     On a terminal it redraws one small table ten times a second; into a file or pipe it writes a
@@ -56,29 +79,15 @@ class Terminal:
         title: str = "",
         clock: Clock | None = None,
     ) -> None:
-        self._console = console
+        super().__init__(console, clock)
         self._title = title
-        self._clock = clock or MonotonicClock()
-        self._live: Live | None = None
-        self._shown_s = -math.inf
         self._shown_state = ""
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
-            self._live = Live(console=self._console, auto_refresh=False)
-            self._live.start()
-        elif self._title:
-            self._print(self._title)
+        super().__enter__()
+        if self._live is None and self._title:
+            self.say(self._title)
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
 
     def show(self, status: LiveStatus) -> None:
         """Show a status if it is time to."""
@@ -89,16 +98,9 @@ class Terminal:
             return
         self._shown_s, self._shown_state = now_s, status.state
         if self._live is None:
-            self._print(plain_line(status))
+            self.say(plain_line(status))
         else:
             self._live.update(status_table(status, self._title), refresh=True)
-
-    def say(self, text: str) -> None:
-        """Write a line that stays."""
-        self._print(text)
-
-    def _print(self, text: str) -> None:
-        print_line(self._console, text)
 
 
 def plain_line(status: LiveStatus) -> str:
@@ -138,36 +140,6 @@ def status_table(status: LiveStatus, title: str = "") -> RenderableType:
         table.add_row("link", Text(status.link))
     heading = [Text(title, "bold")] if title else []
     return Group(*heading, table, _progress(status))
-
-
-def score_table(score: PursuitScore, criteria: Criteria) -> Table:
-    """Return the score with its limits."""
-    table = Table(show_edge=False, pad_edge=False, header_style="dim")
-    table.add_column("Figure")
-    table.add_column("Value", justify="right")
-    table.add_column("Limit", justify="right")
-    table.add_column("")
-    marks = {True: Text("passed", "green"), False: Text("failed", "bold red"), None: Text("")}
-    for check in checks(score, criteria):
-        table.add_row(check.name, check.value, check.limit, marks[check.passed])
-    return table
-
-
-def print_score(
-    console: Console, score: PursuitScore, criteria: Criteria, files: Sequence[Path] = ()
-) -> None:
-    """Write the score, the verdict and where everything lies."""
-    console.print(score_table(score, criteria))
-    failures = verdict(score, criteria)
-    console.print()
-    if failures:
-        console.print(Text("The pursuit failed", "bold red"))
-    else:
-        console.print(Text("The pursuit succeeded", "bold green"))
-    for line in failures:
-        print_line(console, f"  {line}")
-    for path in files:
-        print_line(console, f"  {path}")
 
 
 def _why(status: LiveStatus) -> str:

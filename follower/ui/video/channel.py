@@ -1,24 +1,43 @@
 """One live stream, encoded once for all who watch it, and only while somebody does."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import av.error
 
-from follower.video_out.encoder import AccessUnit, H264Encoder, fitted, make_encoder
-from follower.video_out.picture import Picture
-from follower.video_out.settings import VideoSettings
-from follower_vision.frame import Image
-from follower_vision.overlay import draw_tracks
+from follower.settings.ui import VideoSettings
+from follower.ui.video.h264_encoder import AccessUnit, H264Encoder, fitted, make_encoder
+from follower_vision.drawing.overlay import draw_tracks
+from follower_vision.images.frame import Image
+from follower_vision.trackers.track import Track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What vision answered for.
+
+    Attributes:
+        image: (H, W, 3) uint8 BGR.
+        sequence: the frame's number.
+        captured_s: when, in seconds on the flight's clock.
+        tracks: where the targets are, none while there is none.
+        lines: text for the corner.
+    """
+
+    image: Image
+    sequence: int
+    captured_s: float
+    tracks: tuple[Track, ...] = ()
+    lines: tuple[str, ...] = ()
+
 
 Viewer: TypeAlias = Callable[[AccessUnit], None]
 """Takes each encoded picture on the encoder's thread; returns at once."""
 
 
-class Channel:
+class VideoChannel:
     """Encodes pictures for its viewers. `watch` may be called from any thread.
 
     Args:
@@ -27,7 +46,6 @@ class Channel:
 
     Attributes:
         key_unit: the newest key picture, None before the first.
-        encoder_name: ffmpeg's, "" before the first picture.
     """
 
     def __init__(self, settings: VideoSettings, overlay: bool) -> None:
@@ -38,7 +56,6 @@ class Channel:
         self._viewers: list[Viewer] = []
         self._key_wanted = False
         self.key_unit: AccessUnit | None = None
-        self.encoder_name = ""
 
     @property
     def watched(self) -> bool:
@@ -93,7 +110,6 @@ class Channel:
         height, width = image.shape[:2]
         if self._encoder is None or self._encoder.size != (width, height):
             self._encoder = make_encoder(self._settings, width, height)
-            self.encoder_name = self._encoder.name
         try:
             return self._encoder.encode(image, captured_s, key)
         except (av.error.FFmpegError, ValueError):

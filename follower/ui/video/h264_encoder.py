@@ -1,7 +1,5 @@
 """Pictures in, H.264 out, one after the other and without look-ahead."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,8 +12,8 @@ import cv2
 import numpy as np
 from av.video.frame import PictureType
 
-from follower.video_out.settings import VideoSettings, fitted_size
-from follower_vision.frame import Image
+from follower.settings.ui import VideoSettings, fitted_size
+from follower_vision.images.frame import Image
 
 TICKS_PER_S = 90_000
 """RTP's clock for video."""
@@ -73,7 +71,7 @@ class H264Encoder:
 
         Args:
             image: the picture.
-            captured_s: its time; one that does not come after the last is moved behind it.
+            captured_s: its time in seconds; one not after the last is moved behind it.
             key: begin anew with it, for a viewer who just came.
 
         Returns:
@@ -104,7 +102,8 @@ def make_encoder(settings: VideoSettings, width: int, height: int) -> H264Encode
     names = (*_HARDWARE, *_SOFTWARE) if settings.encoder == "auto" else (settings.encoder,)
     for name in names:
         try:
-            _try(name, settings)
+            # That a device is missing may show only with the first picture.
+            H264Encoder(name, settings, 320, 240).encode(_TRIAL, 0.0)
             return H264Encoder(name, settings, width, height)
         except _FAILURES:
             continue
@@ -120,12 +119,6 @@ def fitted(image: Image, max_width: int) -> Image:
     if width <= max_width:
         return np.ascontiguousarray(image[: even[1], : even[0]])
     return np.asarray(cv2.resize(image, even, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _try(name: str, settings: VideoSettings) -> None:
-    """Encode a picture: that a device is missing may show only then."""
-    height, width = _TRIAL.shape[:2]
-    H264Encoder(name, settings, width, height).encode(_TRIAL, 0.0)
 
 
 def _context(

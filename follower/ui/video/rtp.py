@@ -1,36 +1,28 @@
 """H.264 as RTP packets: RFC 6184, single NAL units and fragments (packetization-mode=1)."""
 
-from __future__ import annotations
-
 import base64
+import secrets
+import socket
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
 
-from follower.video_out.encoder import AccessUnit
+from follower.settings.ui import Address
+from follower.ui.video.h264_encoder import AccessUnit
+from follower_vision.sources.frame_source import ClosesItself
 
 PAYLOAD_TYPE = 96
 _MOST_BYTES = 1200
 """Of one packet's payload; fits an Ethernet frame through any usual tunnel."""
 _SPS, _PPS, _FU_A = 7, 8, 28
+_SEND_BUFFER_BYTES = 1 << 20
 
 
 def nal_units(data: bytes) -> list[bytes]:
     """Return the NAL units of an Annex B stream, without their start codes."""
-    units = []
-    start = _after_code(data, 0)
-    while start is not None:
-        end = data.find(b"\x00\x00\x01", start)
-        unit = data[start:] if end < 0 else data[start:end]
-        unit = unit.rstrip(b"\x00")
-        if unit:
-            units.append(unit)
-        start = None if end < 0 else end + 3
-    return units
-
-
-def _after_code(data: bytes, begin: int) -> int | None:
-    found = data.find(b"\x00\x00\x01", begin)
-    return None if found < 0 else found + 3
+    units = (part.rstrip(b"\x00") for part in data.split(b"\x00\x00\x01")[1:])
+    return [unit for unit in units if unit]
 
 
 class RtpPacketiser:
@@ -96,3 +88,33 @@ def _parameter_sets(unit: AccessUnit | None) -> str:
         return ""
     encoded = ",".join(base64.b64encode(nal).decode() for nal in sets)
     return f";profile-level-id={sets[0][1:4].hex()};sprop-parameter-sets={encoded}"
+
+
+class RtpSender(ClosesItself):
+    """Sends each picture at once; what the network does not take is left out.
+
+    Args:
+        address: of the listener. A name is looked up once.
+
+    Raises:
+        OSError: the name cannot be looked up.
+    """
+
+    def __init__(self, address: Address) -> None:
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+        family, kind, _, _, target = found
+        self._target: tuple[Any, ...] = target
+        self._socket = socket.socket(family, kind)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        self._packetiser = RtpPacketiser(secrets.randbits(32), secrets.randbits(16))
+
+    def __call__(self, unit: AccessUnit) -> None:
+        """Send a picture."""
+        for packet in self._packetiser.pack(unit):
+            with suppress(OSError):  # nobody listens, or the network is gone for now
+                self._socket.sendto(packet, self._target)
+
+    def close(self) -> None:
+        """Send no more."""
+        self._socket.close()

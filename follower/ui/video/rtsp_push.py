@@ -11,10 +11,10 @@ import threading
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from follower.video_out.encoder import AccessUnit
-from follower.video_out.rtp import RtpPacketiser, session_description
-from follower_vision.framesource import ClosesItself
+from follower.ui.video.h264_encoder import AccessUnit
+from follower.ui.video.rtp import RtpPacketiser, session_description
 from follower_vision.mailbox import Mailbox
+from follower_vision.sources.frame_source import ClosesItself
 
 _PORT = 554
 _RETRY_S = 2.0
@@ -35,7 +35,7 @@ class RtspPush(ClosesItself):
 
     Args:
         url: rtsp://server:port/name.
-        say: is told, on this one's thread, when the server does not take the stream, and why.
+        say: takes a line, on this one's thread, when the server does not take the stream, and why.
 
     Attributes:
         problem: why nothing is sent now, None while it is.
@@ -90,7 +90,7 @@ class RtspPush(ClosesItself):
                     session.send(unit)
 
     def _next_key(self) -> AccessUnit | None:
-        """Wait for a key picture, whose parameter sets the server is told; None at the end."""
+        """Wait for a key picture, whose parameter sets the server needs; None at the end."""
         while not self._stop.is_set():
             unit = self._units.wait(_PATIENCE_S)
             if unit is not None and unit.is_key:

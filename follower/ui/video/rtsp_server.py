@@ -1,6 +1,4 @@
-"""One viewer's RTSP connection."""
-
-from __future__ import annotations
+"""A small RTSP server (RFC 2326) for one live stream and several viewers."""
 
 import asyncio
 import re
@@ -10,16 +8,17 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 
-from follower.video_out.channel import Channel
-from follower.video_out.encoder import AccessUnit
-from follower.video_out.rtp import RtpPacketiser, session_description
+from follower.settings.ui import Address
+from follower.ui.video.channel import VideoChannel
+from follower.ui.video.h264_encoder import AccessUnit
+from follower.ui.video.rtp import RtpPacketiser, session_description
 
 _METHODS = "OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN, GET_PARAMETER, SET_PARAMETER"
 _MOST_HEADERS = 40
 _MOST_BODY_BYTES = 4096
 _IDLE_S = 120.0
 _BEGINS_WITHIN_S = 10.0
-"""Who does not play after so long is hung up on; likewise who plays and takes nothing."""
+"""A viewer that does not play after so long is disconnected; likewise one that reads nothing."""
 _LONGEST_LINE_BYTES = 2048
 _BEHIND_BYTES = 400_000
 """A viewer by TCP that is so far behind gets nothing more until the next key picture."""
@@ -38,7 +37,7 @@ class RtspViewer:
     """
 
     def __init__(
-        self, channel: Channel, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+        self, channel: VideoChannel, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         self._channel = channel
         self._reader = reader
@@ -55,22 +54,18 @@ class RtspViewer:
         self._keyed = asyncio.Event()
 
     async def run(self) -> None:
-        """Answer until the viewer leaves or says nothing sensible."""
+        """Answer until the viewer leaves or sends an invalid request."""
         watch = self._loop.call_later(_BEGINS_WITHIN_S, self._give_up)
         try:
-            await self._converse()
+            while (request := await self._request()) is not None:
+                method, url, headers = request
+                self._writer.write(await self._answer(method, url, headers))
+                async with asyncio.timeout(_IDLE_S):
+                    await self._writer.drain()
+                if method == "TEARDOWN":
+                    return
         finally:
             watch.cancel()
-
-    async def _converse(self) -> None:
-        while (request := await self._request()) is not None:
-            method, url, headers = request
-            answer = await self._answer(method, url, headers)
-            self._writer.write(answer)
-            async with asyncio.timeout(_IDLE_S):
-                await self._writer.drain()
-            if method == "TEARDOWN":
-                return
 
     def _give_up(self) -> None:
         if not self._playing:
@@ -151,10 +146,10 @@ class RtspViewer:
         return _response(200, "OK", number, *lines, body=body)
 
     def _set_up(self, transport: str, number: str) -> bytes:
-        wish = transport.split(",")[0].replace(" ", "")
-        if "RTP/AVP/TCP" in wish:
+        offer = transport.split(",")[0].replace(" ", "")
+        if "RTP/AVP/TCP" in offer:
             agreed = "RTP/AVP/TCP;unicast;interleaved=0-1"
-        elif (ports := re.search(r"client_port=(\d{1,5})", wish)) and 0 < int(ports[1]) < 65535:
+        elif (ports := re.search(r"client_port=(\d{1,5})", offer)) and 0 < int(ports[1]) < 65535:
             agreed = self._open_udp(int(ports[1]))
         else:
             return _response(461, "Unsupported Transport", number)
@@ -227,3 +222,64 @@ def _response(code: int, words: str, number: str, *lines: str, body: str = "") -
     if body:
         head.append(f"Content-Length: {len(body)}")
     return ("\r\n".join([*head, "", ""]) + body).encode()
+
+
+_MOST_VIEWERS, _MOST_OF_ONE_ADDRESS = 8, 4
+
+
+class RtspServer:
+    """Serves rtsp://host:port/live, with RTP inside the connection or by UDP.
+
+    One address has at most half of the places; a viewer that does not play soon loses its own.
+
+    Args:
+        channel: what is shown.
+        address: to listen at; port 0 takes a free one.
+
+    Attributes:
+        port: that it listens at, once started.
+    """
+
+    def __init__(self, channel: VideoChannel, address: Address) -> None:
+        self._channel = channel
+        self._address = address
+        self._server: asyncio.Server | None = None
+        self._viewers: dict[asyncio.Task[None], str] = {}
+        self.port = address.port
+
+    async def start(self) -> None:
+        """Begin to listen.
+
+        Raises:
+            OSError: the address is taken or not ours.
+        """
+        self._server = await asyncio.start_server(
+            self._serve, self._address.host, self._address.port
+        )
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def close(self) -> None:
+        """Listen no more, and leave every viewer."""
+        if self._server is not None:
+            self._server.close()
+        for task in self._viewers:
+            task.cancel()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task, peer = asyncio.current_task(), writer.get_extra_info("peername")
+        address = str(peer[0]) if peer else ""
+        if task is None or not self._has_place_for(address):
+            writer.close()
+            return
+        self._viewers[task] = address
+        viewer = RtspViewer(self._channel, reader, writer)
+        try:
+            with suppress(OSError, EOFError, asyncio.CancelledError):
+                await viewer.run()
+        finally:
+            del self._viewers[task]
+            viewer.close()
+
+    def _has_place_for(self, address: str) -> bool:
+        of_one = sum(other == address for other in self._viewers.values())
+        return len(self._viewers) < _MOST_VIEWERS and of_one < _MOST_OF_ONE_ADDRESS

@@ -1,37 +1,116 @@
 """A simulated autopilot: physics, rules and MAVLink, stepped by whoever owns the time."""
 
-from __future__ import annotations
-
+import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_control.transport import Transport
-from follower_sim.arducopter import ArduCopterController
-from follower_sim.commands import Commands
-from follower_sim.faults import Faults
-from follower_sim.firmware import ARDUCOPTER, PX4
-from follower_sim.flight_controller import FlightController
-from follower_sim.gimbal import Gimbal
-from follower_sim.gimbal_protocol import GimbalProtocol
-from follower_sim.health import Health
+from follower_control.common.transport import Transport
+from follower_sim.autopilot.arducopter import ArduCopterController
+from follower_sim.autopilot.firmware import ARDUCOPTER, PX4
+from follower_sim.autopilot.flight_controller import FlightController, PositionTarget
+from follower_sim.autopilot.gimbal_protocol import GimbalProtocol
+from follower_sim.autopilot.mavlink_endpoint import Faults, MavlinkEndpoint
+from follower_sim.autopilot.parameters import ParameterProtocol
+from follower_sim.autopilot.px4 import Px4Controller
+from follower_sim.autopilot.telemetry import Health, Telemetry
 from follower_sim.kinematics import BodyState
-from follower_sim.mavlink_endpoint import MavlinkEndpoint
-from follower_sim.parameter_protocol import ParameterProtocol
-from follower_sim.position_target import PositionTarget
-from follower_sim.px4 import Px4Controller
-from follower_sim.response import Drag, VehicleResponse
-from follower_sim.telemetry import Telemetry
-from follower_sim.vehicle import STEP_S, Vehicle, WindField
+from follower_sim.vehicle.gimbal import Gimbal
+from follower_sim.vehicle.response import Drag
+from follower_sim.vehicle.vehicle import STEP_S, SimulatedVehicle, WindField
 from follower_vision.clock import Clock
+
+_FORCE = 21196.0
+_ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+_UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
+
+Params = Sequence[float]
 
 SYSTEM_ID, COMPONENT_ID = 1, 1
 _BOOTED_BEFORE_S = 20.0
 _SLACK_S = 1e-9
+
+
+class Commands:
+    """Carries out COMMAND_LONG and COMMAND_INT.
+
+    Args:
+        controller: obeys.
+        telemetry: sends what is asked for.
+        send: sends a message.
+    """
+
+    def __init__(
+        self, controller: FlightController, telemetry: Telemetry, send: Callable[[Any], None]
+    ) -> None:
+        self._controller = controller
+        self._telemetry = telemetry
+        self._send = send
+        px4 = controller.firmware.name == "px4"
+        self._refused = (
+            mavlink.MAV_RESULT_TEMPORARILY_REJECTED if px4 else mavlink.MAV_RESULT_FAILED
+        )
+        self._handlers: dict[int, Callable[[Params], int]] = {
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
+            mavlink.MAV_CMD_NAV_TAKEOFF: lambda p: self._result(controller.take_off(p[6])),
+            mavlink.MAV_CMD_NAV_LAND: lambda _: self._enter("LAND"),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: self._enter("RTL"),
+            mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_message_interval,
+            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda p: self._request(_whole(p[0])),
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._request(
+                mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+            ),
+        }
+
+    def run(self, command: int, params: Params) -> int:
+        """Carry out a command with its seven parameters; return the MAV_RESULT."""
+        handler = self._handlers.get(command)
+        return int(_UNSUPPORTED if handler is None else handler(params))
+
+    def set_mode(self, custom_mode: int) -> int:
+        """Change to the mode with this number; return the MAV_RESULT."""
+        mode = self._controller.firmware.mode_of(custom_mode)
+        return self._result(mode is not None and self._controller.set_mode(mode))
+
+    def _result(self, accepted: bool) -> int:
+        return int(_ACCEPTED if accepted else self._refused)
+
+    def _enter(self, name: str) -> int:
+        return self._result(self._controller.set_mode(self._controller.firmware.modes[name]))
+
+    def _arm_disarm(self, params: Params) -> int:
+        force = params[1] == _FORCE
+        act = self._controller.arm if params[0] == 1.0 else self._controller.disarm
+        return self._result(act(force))
+
+    def _do_set_mode(self, params: Params) -> int:
+        base, main, sub = (_whole(p) for p in params[:3])
+        if not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return int(_UNSUPPORTED)
+        if self._controller.firmware.name == "px4":
+            return self.set_mode((main & 0xFF) << 16 | (sub & 0xFF) << 24)
+        return self.set_mode(main)
+
+    def _set_message_interval(self, params: Params) -> int:
+        known = self._telemetry.set_interval(_whole(params[0]), params[1])
+        return int(_ACCEPTED if known else mavlink.MAV_RESULT_FAILED)
+
+    def _request(self, message_id: int) -> int:
+        message = self._telemetry.on_request(message_id)
+        if message is None:
+            return int(_UNSUPPORTED)
+        self._send(message)
+        return int(_ACCEPTED)
+
+
+def _whole(number: float) -> int:
+    """Return the integer that a float parameter carries, -1 if it carries none."""
+    return int(number) if math.isfinite(number) else -1
 
 
 class SimAutopilot:
@@ -51,7 +130,7 @@ class SimAutopilot:
 
     Attributes:
         faults: switches for what goes wrong.
-        health: what it says about its sensors, battery, GPS and estimator.
+        health: what it reports of its sensors, battery, GPS and estimator.
         gimbal: the one given.
         on_step: is called at the end of each `step`, if given.
 
@@ -81,7 +160,7 @@ class SimAutopilot:
         self._noise = lots.spawn(1)[0]
         self.gimbal = gimbal
         self._gimbal = None if gimbal is None else GimbalProtocol(gimbal)
-        self._telemetry = self._told()
+        self._telemetry = self._make_telemetry()
         self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
         parameters = ParameterProtocol(
@@ -145,25 +224,25 @@ class SimAutopilot:
         self._controller.pulses_us = pulses_us
 
     def restart(self) -> None:
-        """Begin anew as after a moment without power: the clock, the rates and the mode.
+        """Begin anew as after a loss of power: the clock, the rates and the mode.
 
         It stays in the air: what a real vehicle does meanwhile is not simulated.
         """
         controller = self._controller
         self._boot_s = self._now_s
-        self._telemetry = self._told()
+        self._telemetry = self._make_telemetry()
         self._commands = Commands(controller, self._telemetry, self._link.send)
         controller.set_mode(controller.firmware.modes[controller.firmware.hold_mode])
 
     def step(self, now_s: float) -> None:
-        """Hear what has arrived, fly up to `now_s` and tell what is due on the way."""
+        """Receive what has arrived, fly up to `now_s` and send what is due on the way."""
         self._now_s = now_s
         self._controller.refuses_setpoints = self.faults.refuses_setpoints
         self._controller.refused_modes = self.faults.refused_modes
         self._controller.arms_from_s = max(self.health.settled_s, self.health.fit_s)
         for message in self._link.receive():
-            self._hear(message)
-        self._say_texts()
+            self._handle(message)
+        self._send_texts()
         while self._start_s + (self._steps + 1) * STEP_S <= now_s + _SLACK_S:
             self._steps += 1
             self._controller.step()
@@ -172,21 +251,21 @@ class SimAutopilot:
                 self.gimbal.step(now, STEP_S, yaw)
             for message in self._telemetry.due():
                 self._link.send(message)
-            self._say_texts()
+            self._send_texts()
         if self.on_step is not None:
             self.on_step(now_s)
 
-    def _told(self) -> Telemetry:
+    def _make_telemetry(self) -> Telemetry:
         return Telemetry(
             self._controller, self.faults, self.health, self._boot_s, self._noise, self._gimbal
         )
 
-    def _hear(self, message: Any) -> None:
+    def _handle(self, message: Any) -> None:
         handler = self._handlers.get(message.get_type())
         if handler is not None and _is_for_us(message):
             handler(message)
 
-    def _say_texts(self) -> None:
+    def _send_texts(self) -> None:
         texts = self._controller.texts
         while texts:
             severity, text = texts.pop(0)
@@ -237,15 +316,11 @@ class SimAutopilot:
 def _controller(
     flavour: str, start: BodyState, wind: WindField | None, drag: Drag | None
 ) -> FlightController:
-    if flavour == PX4.name:
-        return Px4Controller(Vehicle(_with(PX4.response, drag), start, wind))
-    if flavour == ARDUCOPTER.name:
-        return ArduCopterController(Vehicle(_with(ARDUCOPTER.response, drag), start, wind))
+    for firmware, controller in ((PX4, Px4Controller), (ARDUCOPTER, ArduCopterController)):
+        if flavour == firmware.name:
+            response = firmware.response if drag is None else replace(firmware.response, drag=drag)
+            return controller(SimulatedVehicle(response, start, wind))
     raise ValueError(f"no autopilot {flavour!r}; there are px4 and ardupilot")
-
-
-def _with(response: VehicleResponse, drag: Drag | None) -> VehicleResponse:
-    return response if drag is None else replace(response, drag=drag)
 
 
 def _is_for_us(message: Any) -> bool:
@@ -256,7 +331,7 @@ def _is_for_us(message: Any) -> bool:
 
 
 def run_autopilot(autopilot: SimAutopilot, clock: Clock, stop: threading.Event) -> None:
-    """Step an autopilot in real time until told to stop; made to be a thread's target."""
+    """Step an autopilot in real time until `stop` is set; made to be a thread's target."""
     while not stop.is_set():
         now_s = clock.now()
         autopilot.step(now_s)

@@ -1,28 +1,83 @@
 """The numbers in which the two autopilots differ."""
 
-from __future__ import annotations
+from dataclasses import dataclass
+from enum import Enum, auto
 
-import math
-from dataclasses import dataclass, field
+from follower_sim.autopilot.parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
+from follower_sim.vehicle.response import ARDUCOPTER_RESPONSE, PX4_RESPONSE, VehicleResponse
 
-from follower_sim.firmware_parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
-from follower_sim.flight_modes import ARDUCOPTER_MODES, PX4_MODES, FlightMode
-from follower_sim.response import ARDUCOPTER_RESPONSE, PX4_RESPONSE, VehicleResponse
+
+class Behaviour(Enum):
+    """What the simulated autopilot does in a mode; sticks are taken to be centred."""
+
+    HOLD = auto()
+    SETPOINTS = auto()
+    TAKE_OFF = auto()
+    RETURN = auto()
+    LAND = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class FlightMode:
+    """One flight mode.
+
+    Attributes:
+        name: the autopilot's own name, as ground stations show it.
+        custom_mode: what HEARTBEAT carries; PX4: main << 16 | sub << 24, ArduCopter: a number.
+        behaviour: what it does here.
+        can_arm: motors may be armed in it.
+    """
+
+    name: str
+    custom_mode: int
+    behaviour: Behaviour
+    can_arm: bool = True
+
+
+def _px4(name: str, main: int, sub: int, behaviour: Behaviour, can_arm: bool = True) -> FlightMode:
+    return FlightMode(name, main << 16 | sub << 24, behaviour, can_arm)
+
+
+PX4_MODES = {
+    mode.name: mode
+    for mode in (
+        _px4("MANUAL", 1, 0, Behaviour.HOLD),
+        _px4("ALTCTL", 2, 0, Behaviour.HOLD),
+        _px4("POSCTL", 3, 0, Behaviour.HOLD),
+        _px4("TAKEOFF", 4, 2, Behaviour.TAKE_OFF),
+        _px4("LOITER", 4, 3, Behaviour.HOLD),
+        _px4("RTL", 4, 5, Behaviour.RETURN, can_arm=False),
+        _px4("LAND", 4, 6, Behaviour.LAND, can_arm=False),
+        _px4("OFFBOARD", 6, 0, Behaviour.SETPOINTS),
+        _px4("STABILIZED", 7, 0, Behaviour.HOLD),
+    )
+}
+"""px4_custom_mode.h; LOITER is what PX4's own documents call Hold."""
+
+ARDUCOPTER_MODES = {
+    mode.name: mode
+    for mode in (
+        FlightMode("STABILIZE", 0, Behaviour.HOLD),
+        FlightMode("ALT_HOLD", 2, Behaviour.HOLD),
+        FlightMode("GUIDED", 4, Behaviour.SETPOINTS),
+        FlightMode("LOITER", 5, Behaviour.HOLD),
+        FlightMode("RTL", 6, Behaviour.RETURN, can_arm=False),
+        FlightMode("LAND", 9, Behaviour.LAND, can_arm=False),
+        FlightMode("POSHOLD", 16, Behaviour.HOLD),
+        FlightMode("BRAKE", 17, Behaviour.HOLD, can_arm=False),
+    )
+}
+"""ArduCopter's Mode::Number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a set-point is clipped to."""
+    """What a setpoint is clipped to, m/s and degrees a second."""
 
     horizontal_m_s: float
     up_m_s: float
     down_m_s: float
     yaw_rate_deg_s: float
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """The yaw rate in rad/s."""
-        return math.radians(self.yaw_rate_deg_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +91,7 @@ class Firmware:
         response: how the vehicle moves.
         modes: by name.
         start_mode, hold_mode, setpoint_mode: names.
-        limits: on set-points.
+        limits: on setpoints.
         heading_turn_deg_s: how fast it turns to a heading.
         takeoff_speed_m_s, landing_speed_m_s, cruise_m_s: of its own manoeuvres.
         return_height_m: at which it flies home.
@@ -69,7 +124,7 @@ class Firmware:
     unfit_text: str
     parameters: dict[str, float]
     message_rates_hz: dict[str, float]
-    home: tuple[float, float, float] = field(default=(47.397742, 8.545594, 488.0))
+    home: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
 
     def mode_of(self, custom_mode: int) -> FlightMode | None:
         """Return the mode with this number, None if it is not simulated."""

@@ -1,27 +1,84 @@
 """The rules of an autopilot: modes, arming, take-off, return, landing. No MAVLink, no bytes."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
-from follower_sim.angles import wrap
-from follower_sim.demand import STAND_STILL, Demand
-from follower_sim.firmware import Firmware
-from follower_sim.flight_modes import Behaviour, FlightMode
+from follower_sim.autopilot.firmware import Behaviour, Firmware, FlightMode
 from follower_sim.kinematics import Triple
-from follower_sim.position_target import STOP, PositionTarget, Setpoint
-from follower_sim.vehicle import Vehicle
+from follower_sim.vehicle.response import STAND_STILL, Demand
+from follower_sim.vehicle.vehicle import SimulatedVehicle
+from follower_vision.geometry.line_of_sight import wrap_angle
+
+POSITION_BITS = 0x007
+VELOCITY_BITS = 0x038
+YAW_BIT = 0x400
+YAW_RATE_BIT = 0x800
+
+LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 
 CRITICAL, WARNING, INFO = 2, 4, 6
 """MAV_SEVERITY."""
-
 _POSITION_GAIN_PER_S = 0.95
 _HEADING_GAIN_PER_S = 2.0
 _NEAR_M = 1.0
 _STANDING_M_S = 0.3
 _REACHED_M = 0.1
 _TAKEOFF_BRAKING_M_S2 = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """The message's fields, as they came: bits set in `type_mask` are to be ignored."""
+
+    frame: int
+    type_mask: int
+    position_m: Triple
+    velocity_m_s: Triple
+    yaw_rad: float
+    yaw_rate_rad_s: float
+
+    def uses_any(self, bits: int) -> bool:
+        """Whether not all of these fields are ignored."""
+        return self.type_mask & bits != bits
+
+    def uses_all(self, bits: int) -> bool:
+        """Whether none of these fields is ignored."""
+        return self.type_mask & bits == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the autopilot flies from now on; world axes, north-east-down.
+
+    Attributes:
+        velocity_m_s: the velocity, or how fast the position itself moves.
+        position_m: in the local frame; None flies the velocity alone.
+        yaw_rate_rad_s: positive is clockwise seen from above; None leaves that to the others.
+        yaw_rad: the heading to turn to, from north.
+        faces_velocity: the nose turns into the velocity.
+    """
+
+    velocity_m_s: Triple
+    position_m: Triple | None = None
+    yaw_rate_rad_s: float | None = None
+    yaw_rad: float | None = None
+    faces_velocity: bool = False
+
+
+STOP = Setpoint((0.0, 0.0, 0.0), yaw_rate_rad_s=0.0)
+
+
+def turned(vector: Triple, yaw_rad: float) -> Triple:
+    """Return a heading-frame vector (forward, right, down) in the world."""
+    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
+    forward, right, down = vector
+    return forward * cos_yaw - right * sin_yaw, forward * sin_yaw + right * cos_yaw, down
+
+
+def is_finite(vector: Triple) -> bool:
+    """Whether all three numbers are finite."""
+    return all(map(math.isfinite, vector))
 
 
 class FlightController(ABC):
@@ -32,15 +89,16 @@ class FlightController(ABC):
         vehicle: what it flies.
         mode: the present flight mode.
         armed: motors turn.
+        in_failsafe: it is in a mode that nobody chose.
         texts: what it has to say, (severity, text), until somebody takes it.
         parameters: by name.
-        refuses_setpoints: the mode that flies set-points is not entered.
+        refuses_setpoints: the mode that flies setpoints is not entered.
         refused_modes: names of others that are not.
         arms_from_s: it is not fit to fly, and does not arm, before.
         pulses_us: what the pilot's receiver gives, channel by channel; empty without one.
     """
 
-    def __init__(self, firmware: Firmware, vehicle: Vehicle) -> None:
+    def __init__(self, firmware: Firmware, vehicle: SimulatedVehicle) -> None:
         self.firmware = firmware
         self.vehicle = vehicle
         self.armed = vehicle.motors_on
@@ -58,6 +116,7 @@ class FlightController(ABC):
         self._armed_s = vehicle.state.time_s
         self._grounded_s = vehicle.state.time_s
         self._flown = self.armed
+        self.in_failsafe = False
         self.refuses_setpoints = False
         self.refused_modes: tuple[str, ...] = ()
         self.arms_from_s = -math.inf
@@ -73,22 +132,17 @@ class FlightController(ABC):
         """Whether it stands on the ground."""
         return self.vehicle.on_ground
 
-    @property
-    def in_failsafe(self) -> bool:
-        """Whether it does what nobody chose."""
-        return False
-
     @abstractmethod
     def take_setpoint(self, target: PositionTarget) -> None:
         """Take in a SET_POSITION_TARGET_LOCAL_NED addressed to this vehicle."""
 
     @abstractmethod
     def take_off(self, altitude_m: float) -> bool:
-        """Take off as MAV_CMD_NAV_TAKEOFF asks; whether that is accepted."""
+        """Take off as MAV_CMD_NAV_TAKEOFF asks, altitude in metres; whether that is accepted."""
 
-    @abstractmethod
-    def _may_enter(self, mode: FlightMode) -> bool:
+    def _may_enter(self, mode: FlightMode) -> bool:  # noqa: ARG002
         """Whether a mode may be entered now."""
+        return True
 
     @abstractmethod
     def _fly_setpoint(self) -> Demand:
@@ -130,14 +184,11 @@ class FlightController(ABC):
 
     def step(self) -> None:
         """Advance by the vehicle's step."""
-        demand = self._demand() if self.armed and self._spooled_up else STAND_STILL
+        spooled_up = self.now_s - self._armed_s >= self.firmware.spool_up_s or not self.landed
+        demand = self._demand() if self.armed and spooled_up else STAND_STILL
         self.vehicle.motors_on = self.armed
         self.vehicle.step(demand)
         self._watch_ground()
-
-    @property
-    def _spooled_up(self) -> bool:
-        return self.now_s - self._armed_s >= self.firmware.spool_up_s or not self.landed
 
     @property
     def _setpoint_age_s(self) -> float:
@@ -215,11 +266,11 @@ class FlightController(ABC):
     def _turn_to(self, heading_rad: float) -> float:
         """Return the yaw rate that turns the nose to a heading."""
         fastest = math.radians(self.firmware.heading_turn_deg_s)
-        rate = _HEADING_GAIN_PER_S * wrap(heading_rad - self.vehicle.state.yaw_rad)
+        rate = _HEADING_GAIN_PER_S * wrap_angle(heading_rad - self.vehicle.state.yaw_rad)
         return max(-fastest, min(fastest, rate))
 
     def _setpoint_demand(self, setpoint: Setpoint) -> Demand:
-        """Return what a set-point asks for, within the limits."""
+        """Return what a setpoint asks for, within the limits."""
         north, east, down = setpoint.velocity_m_s
         if setpoint.position_m is not None:
             local_m = zip(setpoint.position_m, self.origin_m, strict=True)
@@ -230,7 +281,7 @@ class FlightController(ABC):
         return Demand(velocity, self._setpoint_yaw_rate(setpoint, velocity))
 
     def _setpoint_yaw_rate(self, setpoint: Setpoint, velocity: Triple) -> float:
-        most = self.firmware.limits.yaw_rate_rad_s
+        most = math.radians(self.firmware.limits.yaw_rate_deg_s)
         if setpoint.yaw_rate_rad_s is not None:
             return max(-most, min(most, setpoint.yaw_rate_rad_s))
         if setpoint.yaw_rad is not None:

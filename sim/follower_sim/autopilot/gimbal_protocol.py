@@ -1,14 +1,12 @@
 """The gimbal protocol as the simulated autopilot speaks it: manager and device in one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_sim.gimbal import Gimbal
+from follower_sim.vehicle.gimbal import Gimbal
 
 _DEVICE = 1
 _LOCKS = (
@@ -26,7 +24,7 @@ _ACCEPTED, _DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DE
 
 
 class GimbalProtocol:
-    """Obeys rates from whoever controls the gimbal, and tells its attitude.
+    """Obeys rates from whoever controls the gimbal, and reports its attitude.
 
     Args:
         gimbal: moves.

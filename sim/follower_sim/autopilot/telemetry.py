@@ -1,40 +1,111 @@
-"""What the simulated autopilot tells about itself, and how often."""
-
-from __future__ import annotations
+"""What the simulated autopilot reports, and how often."""
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from follower_sim.angles import wrap
-from follower_sim.faults import Faults
-from follower_sim.flight_controller import FlightController
-from follower_sim.flight_modes import Behaviour
-from follower_sim.gimbal_protocol import GimbalProtocol
-from follower_sim.health import Health
+from follower_sim.autopilot.firmware import Behaviour
+from follower_sim.autopilot.flight_controller import FlightController
+from follower_sim.autopilot.gimbal_protocol import GimbalProtocol
+from follower_sim.autopilot.mavlink_endpoint import Faults
 from follower_sim.kinematics import BodyState, Triple
+from follower_vision.geometry.line_of_sight import wrap_angle
+
+ESTIMATES_ALL = 0x33F
+"""Attitude, velocities, positions: what both estimators claim with a GPS, on the ground too."""
+
+_SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    | mavlink.MAV_SYS_STATUS_AHRS
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+)
 
 _EARTH_RADIUS_M = 6378137.0
 _SLACK_S = 1e-9
 _FAR_CM = 4000
 _CHANNELS, _NO_CHANNEL = 18, 65535
 _ANGLE_NOISE_RAD, _RATE_NOISE_RAD_S = 2e-4, 2e-3
-"""What an estimator's attitude trembles by: a living one never says the same twice."""
+"""What an estimator's attitude trembles by: a real one never repeats its numbers."""
+
+
+@dataclass(slots=True)
+class Health:
+    """What the autopilot reports of itself; a test or a scenario may change it during the flight.
+
+    Attributes:
+        unhealthy: MAV_SYS_STATUS_SENSOR bits of what is not well.
+        battery_percent: what is left, -1 if it is not measured.
+        fix_type: GPS_FIX_TYPE.
+        satellites: in use.
+        hdop: horizontal dilution of precision.
+        estimates: flags of the estimator's report (the low bits are the same for both).
+        test_ratio: innovation over its limit, of all measurements; above 1 they are rejected.
+        settled_s: when its estimator has a position, on the simulation's clock. Before that it
+            reports no position and does not arm, as a real autopilot does for up to a minute
+            after its start.
+        fit_s: when it has nothing else against being armed.
+        has_rangefinder: one points down and measures the distance to level ground.
+    """
+
+    unhealthy: int = 0
+    battery_percent: int = 90
+    fix_type: int = 3
+    satellites: int = 12
+    hdop: float = 0.8
+    estimates: int = ESTIMATES_ALL
+    test_ratio: float = 0.1
+    settled_s: float = -math.inf
+    fit_s: float = -math.inf
+    has_rangefinder: bool = False
+
+    def sys_status(self) -> Any:
+        """Return SYS_STATUS."""
+        battery = (15800, -1, self.battery_percent)
+        well = _SENSORS & ~self.unhealthy
+        return mavlink.MAVLink_sys_status_message(
+            *(_SENSORS, _SENSORS, well), 300, *battery, *(0, 0, 0, 0, 0, 0)
+        )
+
+    def gps_raw_int(self, time_us: int, place: tuple[int, int, int]) -> Any:
+        """Return GPS_RAW_INT at (latitude, longitude, altitude) in 1e-7 degrees and mm."""
+        dilution = round(100 * self.hdop), round(150 * self.hdop)
+        return mavlink.MAVLink_gps_raw_int_message(
+            time_us, self.fix_type, *place, *dilution, *(0, 0), self.satellites
+        )
+
+    def estimator_status(self, time_us: int) -> Any:
+        """Return ESTIMATOR_STATUS, which PX4 sends."""
+        ratios = (self.test_ratio,) * 4
+        return mavlink.MAVLink_estimator_status_message(
+            time_us, self.estimates, *ratios, 0.0, 0.0, 0.4, 0.6
+        )
+
+    def ekf_status_report(self) -> Any:
+        """Return EKF_STATUS_REPORT, which ArduPilot sends."""
+        ratios = (self.test_ratio,) * 4
+        return mavlink.MAVLink_ekf_status_report_message(self.estimates, *ratios, 0.0)
 
 
 class Telemetry:
     """Builds messages and knows when each is due.
 
     Args:
-        controller: whose state is told.
+        controller: whose state is reported.
         faults: what to falsify.
-        health: what to say about sensors, battery, GPS and estimator.
+        health: what to report of sensors, battery, GPS and estimator.
         boot_s: the simulation's time at which the autopilot's own clock was 0.
         rng: makes the attitude's noise.
-        gimbal: is told about, if there is one.
+        gimbal: is reported, if there is one.
     """
 
     def __init__(
@@ -51,7 +122,7 @@ class Telemetry:
         self._health = health
         self._boot_s = boot_s
         self._rng = rng
-        self._frozen = _Frozen()
+        self._last: dict[str, tuple[float, ...]] = {}
         self._builders: dict[str, Callable[[BodyState], Any]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": lambda _: health.sys_status(),
@@ -60,19 +131,26 @@ class Telemetry:
             "GLOBAL_POSITION_INT": self._global_position,
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "AUTOPILOT_VERSION": self._autopilot_version,
-            "GPS_RAW_INT": self._gps_raw_int,
+            "GPS_RAW_INT": lambda s: health.gps_raw_int(
+                self._boot_us(s), self._place(s.position_m)
+            ),
             "RC_CHANNELS": self._rc_channels,
-        }
-        if controller.firmware.name == "px4":
-            self._builders["ESTIMATOR_STATUS"] = self._estimator_status
-        else:
-            self._builders["EKF_STATUS_REPORT"] = lambda _: health.ekf_status_report()
-        self._builders |= {
-            "GPS_GLOBAL_ORIGIN": self._gps_global_origin,
+            "GPS_GLOBAL_ORIGIN": lambda _: mavlink.MAVLink_gps_global_origin_message(
+                *self._place(controller.origin_m)
+            ),
             "DISTANCE_SENSOR": self._distance_sensor,
             "TERRAIN_REPORT": lambda _: None,
-            **self._gimbal_builders(gimbal),
         }
+        if controller.firmware.name == "px4":
+            self._builders["ESTIMATOR_STATUS"] = lambda s: health.estimator_status(self._boot_us(s))
+        else:
+            self._builders["EKF_STATUS_REPORT"] = lambda _: health.ekf_status_report()
+        if gimbal is not None:
+            self._builders |= {
+                "GIMBAL_DEVICE_ATTITUDE_STATUS": lambda s: gimbal.attitude_status(self._boot_ms(s)),
+                "GIMBAL_MANAGER_INFORMATION": lambda s: gimbal.information(self._boot_ms(s)),
+                "GIMBAL_MANAGER_STATUS": lambda s: gimbal.status(self._boot_ms(s)),
+            }
         self._names = {getattr(mavlink, f"MAVLINK_MSG_ID_{n}"): n for n in self._builders}
         rates = controller.firmware.message_rates_hz
         now_s = controller.now_s
@@ -105,10 +183,10 @@ class Telemetry:
             # One that is late is not sent twice to catch up.
             self._due_s[name] = max(self._due_s[name] + self._period_s[name], now_s)
         self._next_s = min(self._due_s.values(), default=math.inf)
-        messages = [self._build(name) for name in names if self._is_told(name, now_s)]
+        messages = [self._build(name) for name in names if self._is_sent(name, now_s)]
         return [message for message in messages if message is not None]
 
-    def _is_told(self, name: str, now_s: float) -> bool:
+    def _is_sent(self, name: str, now_s: float) -> bool:
         """Whether a message that is due is sent."""
         if self._faults.telemetry_stopped and name != "HEARTBEAT":
             return False
@@ -121,9 +199,12 @@ class Telemetry:
         name = self._names.get(message_id)
         return None if name is None else self._build(name)
 
-    def boot_ms(self, time_s: float) -> int:
-        """Return a time on the autopilot's clock, as messages carry it."""
-        return round(self.since_boot_s(time_s) * 1000.0) & 0xFFFFFFFF
+    def _boot_ms(self, state: BodyState) -> int:
+        """Return a state's time on the autopilot's clock, as messages carry it."""
+        return round(self.since_boot_s(state.time_s) * 1000.0) & 0xFFFFFFFF
+
+    def _boot_us(self, state: BodyState) -> int:
+        return 1000 * self._boot_ms(state)
 
     def since_boot_s(self, time_s: float) -> float:
         """Return a time on the autopilot's clock in seconds."""
@@ -152,22 +233,23 @@ class Telemetry:
         )
 
     def _gps_raw_int(self, state: BodyState) -> Any:
-        latitude, longitude, height_m = self._position_deg(state)
-        place = latitude, longitude, self._controller.firmware.home[2] + height_m
-        return self._health.gps_raw_int(1000 * self.boot_ms(state.time_s), place)
-
-    def _estimator_status(self, state: BodyState) -> Any:
-        return self._health.estimator_status(1000 * self.boot_ms(state.time_s))
+        return self._health.gps_raw_int(self._boot_us(state), self._place(state.position_m))
 
     def _attitude(self, state: BodyState) -> Any:
         roll, pitch, yaw = self._trembling(state.attitude_rad, _ANGLE_NOISE_RAD)
         rates = self._trembling(state.rates_rad_s, _RATE_NOISE_RAD_S)
-        yaw = wrap(yaw + self._faults.yaw_jump_rad)
+        yaw = wrap_angle(yaw + self._faults.yaw_jump_rad)
         numbers: tuple[float, ...] = (roll, pitch, yaw, *rates)
-        numbers = self._frozen.of("ATTITUDE", numbers, self._faults.attitude_frozen)
+        numbers = self._frozen("ATTITUDE", numbers, self._faults.attitude_frozen)
         if self._faults.attitude_nan:
             numbers = (math.nan,) * 6
-        return mavlink.MAVLink_attitude_message(self.boot_ms(state.time_s), *numbers)
+        return mavlink.MAVLink_attitude_message(self._boot_ms(state), *numbers)
+
+    def _frozen(self, name: str, numbers: tuple[float, ...], frozen: bool) -> tuple[float, ...]:
+        """Return a message's numbers, or while it is frozen the last ones before that."""
+        if not frozen or name not in self._last:
+            self._last[name] = numbers
+        return self._last[name]
 
     def _trembling(self, numbers: Triple, deviation: float) -> Triple:
         a, b, c = self._rng.normal(0.0, deviation, 3).tolist()
@@ -177,38 +259,32 @@ class Telemetry:
         local_m = [p - o for p, o in zip(state.position_m, self._controller.origin_m, strict=True)]
         local_m[0] += self._faults.position_jump_m
         numbers = (*local_m, *state.velocity_m_s)
-        numbers = self._frozen.of("POSITION", numbers, self._faults.position_frozen)
+        numbers = self._frozen("POSITION", numbers, self._faults.position_frozen)
         if self._faults.position_nan:
             numbers = (math.nan,) * 6
-        return mavlink.MAVLink_local_position_ned_message(self.boot_ms(state.time_s), *numbers)
+        return mavlink.MAVLink_local_position_ned_message(self._boot_ms(state), *numbers)
 
     def _global_position(self, state: BodyState) -> Any:
-        latitude, longitude, height_m = self._position_deg(state)
-        north, east, down = (_int16(100.0 * v) for v in state.velocity_m_s)
+        velocity = (max(-32768, min(32767, round(100.0 * v))) for v in state.velocity_m_s)
         return mavlink.MAVLink_global_position_int_message(
-            self.boot_ms(state.time_s),
-            round(latitude * 1e7),
-            round(longitude * 1e7),
-            round((self._controller.firmware.home[2] + height_m) * 1000.0),
-            round(height_m * 1000.0),
-            *(north, east, down),
+            self._boot_ms(state),
+            *self._place(state.position_m),
+            round(-state.position_m[2] * 1000.0),
+            *velocity,
             round(math.degrees(state.yaw_rad) % 360.0 * 100.0) % 36000,
         )
 
-    def _position_deg(self, state: BodyState) -> tuple[float, float, float]:
-        """Return (latitude, longitude, height): home lies at the world's origin."""
-        latitude, longitude, _ = self._controller.firmware.home
-        north, east, down = state.position_m
+    def _place(self, position_m: Triple) -> tuple[int, int, int]:
+        """Return (latitude, longitude, altitude) of a position, metres NED from home.
+
+        In 1e-7 degrees and in millimetres above mean sea level, as messages carry them.
+        """
+        latitude, longitude, altitude_m = self._controller.firmware.home
+        north, east, down = position_m
         per_metre = math.degrees(1.0 / _EARTH_RADIUS_M)
         shrunk = math.cos(math.radians(latitude))
-        return latitude + north * per_metre, longitude + east * per_metre / shrunk, -down
-
-    def _gps_global_origin(self, state: BodyState) -> Any:
-        origin = BodyState(state.time_s, self._controller.origin_m)
-        latitude, longitude, height_m = self._position_deg(origin)
-        altitude = self._controller.firmware.home[2] + height_m
-        numbers = round(latitude * 1e7), round(longitude * 1e7), round(altitude * 1000.0)
-        return mavlink.MAVLink_gps_global_origin_message(*numbers)
+        latitude, longitude = latitude + north * per_metre, longitude + east * per_metre / shrunk
+        return round(latitude * 1e7), round(longitude * 1e7), round((altitude_m - down) * 1000.0)
 
     def _distance_sensor(self, state: BodyState) -> Any | None:
         """Return what a rangefinder below sees of level ground; None without one."""
@@ -219,43 +295,25 @@ class Telemetry:
         distance = min(round(-100.0 * state.position_m[2] / level), _FAR_CM)
         down = mavlink.MAV_SENSOR_ROTATION_PITCH_270
         return mavlink.MAVLink_distance_sensor_message(
-            self.boot_ms(state.time_s), 20, _FAR_CM, max(distance, 0), 0, 0, down, 255
+            self._boot_ms(state), 20, _FAR_CM, max(distance, 0), 0, 0, down, 255
         )
-
-    def _gimbal_builders(
-        self, gimbal: GimbalProtocol | None
-    ) -> dict[str, Callable[[BodyState], Any]]:
-        if gimbal is None:
-            return {}
-
-        def boot_ms(state: BodyState) -> int:
-            return self.boot_ms(state.time_s)
-
-        return {
-            "GIMBAL_DEVICE_ATTITUDE_STATUS": lambda state: gimbal.attitude_status(boot_ms(state)),
-            "GIMBAL_MANAGER_INFORMATION": lambda state: gimbal.information(boot_ms(state)),
-            "GIMBAL_MANAGER_STATUS": lambda state: gimbal.status(boot_ms(state)),
-        }
 
     def _rc_channels(self, state: BodyState) -> Any:
         pulses = self._controller.pulses_us[:_CHANNELS]
         unused = (_NO_CHANNEL,) * (_CHANNELS - len(pulses))
         return mavlink.MAVLink_rc_channels_message(
-            self.boot_ms(state.time_s), len(pulses), *pulses, *unused, 200
+            self._boot_ms(state), len(pulses), *pulses, *unused, 200
         )
 
     def _extended_sys_state(self, _state: BodyState) -> Any:
-        return mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())
-
-    def _landed_state(self) -> int:
-        controller = self._controller
-        if controller.landed:
-            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
         special = {
             Behaviour.TAKE_OFF: mavlink.MAV_LANDED_STATE_TAKEOFF,
             Behaviour.LAND: mavlink.MAV_LANDED_STATE_LANDING,
         }
-        return int(special.get(controller.mode.behaviour, mavlink.MAV_LANDED_STATE_IN_AIR))
+        landed = special.get(self._controller.mode.behaviour, mavlink.MAV_LANDED_STATE_IN_AIR)
+        if self._controller.landed:
+            landed = mavlink.MAV_LANDED_STATE_ON_GROUND
+        return mavlink.MAVLink_extended_sys_state_message(0, landed)
 
     def _autopilot_version(self, _state: BodyState) -> Any:
         capabilities = (
@@ -272,22 +330,3 @@ class Telemetry:
         return mavlink.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
         )
-
-
-class _Frozen:
-    """Repeats the last numbers of a message while it is frozen."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[float, ...]] = {}
-
-    def of(self, name: str, numbers: tuple[float, ...], frozen: bool) -> tuple[float, ...]:
-        """Return what the message says: the numbers, or the last ones before it froze."""
-        return self._last.setdefault(name, numbers) if frozen else self._kept(name, numbers)
-
-    def _kept(self, name: str, numbers: tuple[float, ...]) -> tuple[float, ...]:
-        self._last[name] = numbers
-        return numbers
-
-
-def _int16(value: float) -> int:
-    return max(-32768, min(32767, round(value)))

@@ -1,23 +1,109 @@
-"""Convex building blocks of the low-poly bodies.
+"""Low-poly bodies: vertices, flat faces and colours, and the convex blocks they are built of.
 
-Shapes are given in forward, right, up, which is how one thinks of a car; meshes are kept in
-forward, right, down.
+Blocks are given in forward, right, up; meshes are kept in forward, right, down.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from follower_sim.mesh import Colour, Mesh
-from follower_vision.camera import Vector
+from follower_vision.geometry.camera_model import Vector
+
+Colour: TypeAlias = tuple[int, int, int]
+"""Blue, green, red, 0 to 255."""
+
+Faces: TypeAlias = npt.NDArray[np.intp]
+
+_DOWN = np.array([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A body in its own axes (forward, right, down), origin where it touches the ground.
+
+    Attributes:
+        vertices: (V, 3) metres.
+        faces: (F, 4) vertex numbers, anticlockwise seen from outside; a triangle repeats its last.
+        colours: (F, 3) BGR, 0 to 255, before shading.
+        layers: (F,) faces of a higher layer are painted over those of a lower one.
+    """
+
+    vertices: Vector
+    faces: Faces
+    colours: Vector
+    layers: npt.NDArray[np.intp]
+
+    @classmethod
+    def of_polygons(cls, polygons: Iterable[tuple[npt.ArrayLike, Colour]], layer: int = 0) -> Mesh:
+        """Make a mesh of separate polygons of 3 or 4 corners each, (corners, 3) metres."""
+        vertices, faces, colours, count = [], [], [], 0
+        for corners, colour in polygons:
+            points = np.asarray(corners, np.float64)
+            faces.append([count + min(i, len(points) - 1) for i in range(4)])
+            vertices.append(points)
+            colours.append(colour)
+            count += len(points)
+        return cls(
+            np.vstack(vertices),
+            np.array(faces, np.intp),
+            np.array(colours, np.float64),
+            np.full(len(faces), layer, np.intp),
+        )
+
+    @classmethod
+    def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
+        """Put several meshes together."""
+        starts = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+        return cls(
+            np.vstack([m.vertices for m in meshes]),
+            np.vstack([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
+            np.vstack([m.colours for m in meshes]),
+            np.concatenate([m.layers for m in meshes]),
+        )
+
+    def moved(self, forward: float = 0.0, right: float = 0.0, down: float = 0.0) -> Mesh:
+        """Return the mesh shifted in its own axes, metres."""
+        return replace(self, vertices=self.vertices + np.array([forward, right, down]))
+
+    def turned(self, rotation: Vector) -> Mesh:
+        """Return the mesh turned about its origin by a 3x3 matrix."""
+        return replace(self, vertices=self.vertices @ rotation.T)
+
+    @cached_property
+    def corners(self) -> Vector:
+        """The vertices, (C, 3), each place once: faces that meet have their own."""
+        return np.asarray(np.unique(self.vertices, axis=0))
+
+    @cached_property
+    def reach_m(self) -> float:
+        """How far its farthest vertex is from its origin, metres."""
+        return float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    @cached_property
+    def normals(self) -> Vector:
+        """(F, 3) outward unit vectors."""
+        return face_normals(self.vertices, self.faces)
+
+
+def face_normals(vertices: Vector, faces: Faces) -> Vector:
+    """Return the outward unit normals, (F, 3), of flat faces."""
+    a, b, c, d = (vertices[faces[:, i]] for i in range(4))
+    normal = np.cross(c - a, d - b)
+    triangle = np.cross(b - a, c - a)
+    normal = np.where((faces[:, 2] == faces[:, 3])[:, None], triangle, normal)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.asarray(normal / np.maximum(length, 1e-12))
+
 
 Point = tuple[float, float, float]
 Outline = Sequence[Point] | Vector
-
-_DOWN = np.array([1.0, 1.0, -1.0])
 
 
 def convex(
@@ -88,7 +174,7 @@ def box(
 
 
 def disc(radius: float, at: Point, colour: Colour, sides: int = 8, layer: int = 0) -> Mesh:
-    """Make a level disc that faces up, seen from above only."""
+    """Make a level disc that faces up, seen from above only; metres."""
     parts = _quads(ring(sides, radius, at[2], at[:2]))
     return convex([(part, colour) for part in parts], layer, centre=(at[0], at[1], at[2] - 1))
 

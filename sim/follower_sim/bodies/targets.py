@@ -1,13 +1,12 @@
 """What can be followed: car, person, boat and quadrotor, at their real sizes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Literal
 
-from follower_sim.mesh import Colour, Mesh
-from follower_sim.shapes import (
+from follower_sim.bodies.mesh import (
+    Colour,
+    Mesh,
     Outline,
     Point,
     ball,
@@ -19,7 +18,7 @@ from follower_sim.shapes import (
     rectangle,
     wheel,
 )
-from follower_vision.lineofsight import rotation
+from follower_vision.geometry.line_of_sight import rotation
 
 TargetKind = Literal["person", "car", "boat", "quadrotor"]
 
@@ -51,16 +50,18 @@ def car(colour: Colour) -> Mesh:
         0.9,
         colour,
     )
-    low: Outline = [
-        (1.15, 0.84, 0.9),
-        (1.15, -0.84, 0.9),
-        (-2.05, -0.84, 0.96),
-        (-2.05, 0.84, 0.96),
-    ]
-    high: Outline = [(0.3, 0.66, 1.5), (0.3, -0.66, 1.5), (-1.55, -0.66, 1.5), (-1.55, 0.66, 1.5)]
+    low, high = _trapezium(1.15, -2.05, 0.84, 0.9, 0.96), _trapezium(0.3, -1.55, 0.66, 1.5, 1.5)
     cabin = prism(low, high, colour, darker(colour, 0.93), layer=3)
     wheels = [wheel(0.34, (f, 0.905 * s, 0.34), s, layer=1) for f in (1.4, -1.4) for s in (1, -1)]
     return Mesh.joined([body, *wheels, cabin, *_car_windows(low, high), *_car_lights()])
+
+
+def _trapezium(
+    front: float, rear: float, half_width: float, front_up: float, rear_up: float
+) -> list[Point]:
+    """Return the four corners of a cabin's floor or roof, from the right front, metres."""
+    f, r, w = front, rear, half_width
+    return [(f, w, front_up), (f, -w, front_up), (r, -w, rear_up), (r, w, rear_up)]
 
 
 def _extruded(profile: list[tuple[float, float]], half_width: float, colour: Colour) -> Mesh:
@@ -157,21 +158,8 @@ def quadrotor(colour: Colour) -> Mesh:
     motors = [box((0.12, 0.12, 0.13), colour, (f, r, 0.17)) for f, r in corners]
     legs = [box((0.04, 0.04, 0.17), _DARK, (f * 0.4, r * 0.4, 0)) for f, r in corners]
     body = box((0.5, 0.26, 0.13), colour, (0, 0, 0.16), darker(colour, 0.95))
-    nose = convex(
-        [
-            (
-                [
-                    (0.252, -0.08, 0.18),
-                    (0.252, 0.08, 0.18),
-                    (0.252, 0.08, 0.26),
-                    (0.252, -0.08, 0.26),
-                ],
-                (235, 235, 235),
-            )
-        ],
-        1,
-        (0, 0, 0.22),
-    )
+    front = [(0.252, s * 0.08, up) for s, up in ((-1, 0.18), (1, 0.18), (1, 0.26), (-1, 0.26))]
+    nose = convex([(front, (235, 235, 235))], 1, (0, 0, 0.22))
     rotors = [disc(0.27, (f, r, 0.31), (128, 126, 124), 10, 2) for f, r in corners]
     rotors += [_underside(rotor) for rotor in rotors]
     hubs = [disc(0.04, (f, r, 0.33), colour, 6, 3) for f, r in corners]

@@ -1,15 +1,13 @@
 """Courses and speeds by a name and a few numbers, drawn from a seed."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from follower_sim.speed_profile import SpeedChange
+from follower_control.common.strict_config import check_positive, check_ranges
+from follower_sim.paths.spline import SpeedChange
 
 ShapeKind = Literal["straight", "winding", "stop-and-go", "figure-eight", "evasive"]
 
@@ -49,47 +47,26 @@ class PathShape:
     start: Place = (0.0, 0.0)
     acceleration_m_s2: float = 1.5
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     def __post_init__(self) -> None:
-        for name in ("speed_m_s", "scale_m", "acceleration_m_s2"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"a shape's {name} is positive, not {getattr(self, name)}")
-        if self.from_s < 0 or self.height_m < 0:
-            raise ValueError("a shape's from_s and height_m are not negative")
+        check_positive(self, "speed_m_s", "scale_m", "acceleration_m_s2")
+        check_ranges(self, from_s=(0, 1e9), height_m=(0, 1e9))
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnPath:
-    """A shape as way points and speeds, as a scenario may also give them.
+def drawn(shape: PathShape, rng: np.random.Generator, until_s: float) -> dict[str, Any]:
+    """Return a shape as the waypoints and speeds of a scenario's path, enough until a time.
 
-    Attributes:
-        points: (north, east, height) in metres.
-        corners: how they are joined, see `Course`.
-        radius_m: of the corners.
-        closed: whether the last one is followed by the first.
-        speeds: the changes of speed.
+    The keys are those of `PathSettings`; points are (north, east, height) in metres.
     """
-
-    points: list[list[float]]
-    corners: Literal["winding", "rounded"]
-    radius_m: float
-    closed: bool
-    speeds: list[SpeedChange]
-
-
-def drawn(shape: PathShape, rng: np.random.Generator, until_s: float) -> DrawnPath:
-    """Return a shape's way points and speeds, enough to drive until a time."""
     driven_s = max(0.0, until_s - shape.from_s) + _SPARE_S
     length_m = _FASTEST * shape.speed_m_s * driven_s + 2 * shape.scale_m
     places = _PLACES[shape.kind](shape, rng, length_m)
-    return DrawnPath(
-        _placed(places, shape),
-        "rounded" if shape.kind == "evasive" else "winding",
-        _turn_radius_m(shape),
-        shape.kind == "figure-eight",
-        _SPEEDS.get(shape.kind, _steady)(shape, rng, until_s),
-    )
+    return {
+        "points": _placed(places, shape),
+        "corners": "rounded" if shape.kind == "evasive" else "winding",
+        "radius_m": _turn_radius_m(shape),
+        "closed": shape.kind == "figure-eight",
+        "speeds": _SPEEDS.get(shape.kind, _steady)(shape, rng, until_s),
+    }
 
 
 def _placed(places: list[Place], shape: PathShape) -> list[list[float]]:
@@ -104,18 +81,9 @@ def _straight(_: PathShape, __: np.random.Generator, length_m: float) -> list[Pl
     return [(0.0, 0.0), (length_m, 0.0)]
 
 
-def _winding(shape: PathShape, rng: np.random.Generator, length_m: float) -> list[Place]:
-    return _bends(shape, rng, length_m, (15.0, 35.0))
-
-
-def _gentle(shape: PathShape, rng: np.random.Generator, length_m: float) -> list[Place]:
-    return _bends(shape, rng, length_m, (5.0, 15.0))
-
-
-def _bends(
-    shape: PathShape, rng: np.random.Generator, length_m: float, degrees: tuple[float, float]
-) -> list[Place]:
+def _bends(shape: PathShape, rng: np.random.Generator, length_m: float) -> list[Place]:
     """Lean to one side and the other of the first direction, so that it leads somewhere."""
+    degrees = (15.0, 35.0) if shape.kind == "winding" else (5.0, 15.0)
     sides = int(rng.choice([-1, 1])) * (-1) ** np.arange(math.ceil(length_m / shape.scale_m) + 1)
     headings = np.radians(rng.uniform(*degrees, len(sides))) * sides
     legs = [(shape.scale_m, float(heading)) for heading in headings]
@@ -194,14 +162,11 @@ def _timed(shape: PathShape, goes: list[tuple[float, float]]) -> list[SpeedChang
     return changes
 
 
-_PLACES: dict[ShapeKind, Callable[[PathShape, np.random.Generator, float], list[Place]]] = {
+_PLACES = {
     "straight": _straight,
-    "winding": _winding,
-    "stop-and-go": _gentle,
+    "winding": _bends,
+    "stop-and-go": _bends,
     "figure-eight": _eight,
     "evasive": _evasive,
 }
-_SPEEDS: dict[ShapeKind, Callable[[PathShape, np.random.Generator, float], list[SpeedChange]]] = {
-    "stop-and-go": _stops,
-    "evasive": _changes,
-}
+_SPEEDS = {"stop-and-go": _stops, "evasive": _changes}

@@ -3,23 +3,94 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from follower_sim.course import Corners, Course
-from follower_sim.criteria import Criteria
-from follower_sim.gimbal import GimbalModel
-from follower_sim.path_shape import PathShape, drawn
-from follower_sim.paths import TargetPath
-from follower_sim.response import Drag
-from follower_sim.speed_profile import SpeedChange, SpeedProfile
-from follower_sim.stand_in_settings import StandInSettings
-from follower_sim.targets import TargetKind
-from follower_vision.acquire import ColourSearchSettings
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount
+from follower_control.common.strict_config import check_ranges
+from follower_sim.bodies.targets import TargetKind
+from follower_sim.paths.path_generator import PathShape, drawn
+from follower_sim.paths.spline import Corners, Course, SpeedChange, SpeedProfile, TargetPath
+from follower_sim.vehicle.gimbal import GimbalModel
+from follower_sim.vehicle.response import Drag
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CameraMount
+from follower_vision.selection import ColourSearchSettings
+
+_SHAPED_UNTIL_S = 80.0
+
+
+@dataclass(frozen=True, slots=True)
+class Criteria:
+    """Limits of a score; None asks for nothing.
+
+    Attributes:
+        min_in_frame_share: least share of the scored time with the target in frame.
+        max_line_of_sight_rms_deg: largest root mean square of the line-of-sight error.
+        max_median_range_error: largest median of the range error, as a share of the wanted range.
+        max_acquire_s: longest time from the choice of the target to following it.
+        max_approach_s: longest time from then on to the approach's end.
+        max_losses: largest number of losses.
+        max_found_again_s: longest time from when a hidden target is to be seen again until it is
+            tracked; a target that is never found again breaks it, one that is never hidden not.
+        max_mistaken_s: longest time for which another target may be tracked.
+        max_wrong_box_share: largest share of tracked frames whose box misses the target.
+    """
+
+    min_in_frame_share: float | None = 0.99
+    max_line_of_sight_rms_deg: float | None = 3.0
+    max_median_range_error: float | None = 0.12
+    max_acquire_s: float | None = 15.0
+    max_approach_s: float | None = 30.0
+    max_losses: int | None = None
+    max_found_again_s: float | None = None
+    max_mistaken_s: float | None = None
+    max_wrong_box_share: float | None = 0.02
+
+    def __post_init__(self) -> None:
+        check_ranges(self, **{field.name: (0.0, 1e9) for field in fields(self)})
+        check_ranges(self, min_in_frame_share=(0, 1), max_wrong_box_share=(0, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class NoisyTrackerSettings:
+    """How well the simulated tracker sees. Sizes are shares of the true box's side, √area.
+
+    The noise is as measured of the correlation tracker's boxes on the scenarios `pursue-…`.
+
+    Attributes:
+        centre_noise: standard deviation of the centre's error, along each axis.
+        size_noise: standard deviation of the error of the side's natural logarithm.
+        noise_s: time within which both errors change (Gauss-Markov).
+        offset: lasting error of the centre, (right, down): where the operator's choice lies.
+        size_factor: side of the box over the true one's.
+        least_visible: with less than this share of the target visible it is not seen.
+        coast_s: how long a box is extrapolated before the target is lost.
+        recognise_s: mean time from a lost target's coming back into view until it is recognised.
+        false_share: share of the losses in which something else is taken for the target.
+        false_after_s: mean time from such a loss until then.
+        false_s: how long it is taken for it.
+    """
+
+    centre_noise: float = 0.04
+    size_noise: float = 0.08
+    noise_s: float = 1.5
+    offset: tuple[float, float] = (0.0, 0.0)
+    size_factor: float = 1.0
+    least_visible: float = 0.4
+    coast_s: float = 0.5
+    recognise_s: float = 0.15
+    false_share: float = 0.03
+    false_after_s: float = 1.0
+    false_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        names = {field.name for field in fields(self)} - {"offset"}
+        check_ranges(self, **dict.fromkeys(names, (0.0, 1e9)))
+        check_ranges(self, size_factor=(1e-6, 1e6), least_visible=(0, 1), false_share=(0, 1))
+
 
 ColourText = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 """A colour as "#rrggbb"."""
@@ -33,8 +104,6 @@ CoursePoint = Annotated[list[float], Field(min_length=2, max_length=3)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
-
-_SHAPED_UNTIL_S = 80.0
 
 
 class _Section(BaseModel):
@@ -76,14 +145,7 @@ class PathSettings(_Section):
         """Return the same with way points in the place of a shape."""
         if self.shape is None:
             return self
-        path = drawn(self.shape, rng, until_s)
-        return PathSettings(
-            points=path.points,
-            corners=path.corners,
-            radius_m=path.radius_m,
-            closed=path.closed,
-            speeds=path.speeds,
-        )
+        return PathSettings(**drawn(self.shape, rng, until_s))
 
 
 class TargetSettings(_Section):
@@ -137,10 +199,15 @@ class SkySettings(_Section):
     visibility_m: Positive = 900.0
 
 
+SceneryKind = Literal[
+    "broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy", "hall"
+]
+
+
 class SceneryItem(_Section):
     """One thing that stands: it hides what is behind it and casts a shadow."""
 
-    kind: Literal["broadleaf", "fir", "house", "bridge", "rock", "bale", "buoy", "canopy", "hall"]
+    kind: SceneryKind
     at: PlanePoint
     heading_deg: float = 0.0
     size_m: Positive | None = None
@@ -205,7 +272,7 @@ class WindSettings(_Section):
     """Standard deviation of the gusts along each horizontal axis; vertically a third of it."""
 
 
-class CameraSettings(_Section):
+class SimCameraSettings(_Section):
     """The simulated camera and its imperfections."""
 
     width: Annotated[int, Field(ge=32, le=4096)] = 640
@@ -292,6 +359,26 @@ class Scenario(_Section):
     """A world, something to follow in it, and a camera on a drone.
 
     Time starts at 0 with the drone on the ground; targets move by their own clocks.
+
+    Attributes:
+        name: small letters, digits and hyphens.
+        title: one sentence.
+        duration_s: how long the flight may last, in seconds.
+        seed: of everything random.
+        ground: its kind and its roads.
+        sky: sun, clouds and haze.
+        targets: what moves and can be followed.
+        followed: the number of the target that the score is about, from 0.
+        scenery: single things that stand on the ground.
+        scatter: many things, placed at random.
+        occlusions: what hides the target, and for how long.
+        lookalikes: distractors of the target's kind.
+        wind: mean, gusts and direction.
+        faults: what goes wrong, and when.
+        vehicle: the airframe.
+        start: where the drone stands, north and east in metres, and its heading in degrees.
+        takeoff_height_m: above the ground, in metres.
+        select: how the operator points out the target.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
@@ -307,10 +394,10 @@ class Scenario(_Section):
     occlusions: OcclusionSettings = OcclusionSettings()
     lookalikes: LookAlikeSettings = LookAlikeSettings()
     wind: WindSettings = WindSettings()
-    camera: CameraSettings = CameraSettings()
+    camera: SimCameraSettings = SimCameraSettings()
     """The camera and its imperfections."""
-    stand_in: StandInSettings = StandInSettings()
-    """How well a stand-in sees in flights without pixels."""
+    stand_in: NoisyTrackerSettings = NoisyTrackerSettings()
+    """How well the simulated tracker sees in flights without pixels."""
     faults: list[FaultSettings] = Field(default_factory=list)
     vehicle: VehicleSettings = VehicleSettings()
     start: StartSettings

@@ -1,14 +1,23 @@
-"""Other values for single keys of a scenario: `wind.mean_m_s=6`, `targets.0.kind=boat`."""
-
-from __future__ import annotations
+"""Reading a scenario file, with errors of one line."""
 
 import copy
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-from follower_control.strict_yaml import SettingsError, load_yaml
+from follower_control.common.strict_config import (
+    SettingsError,
+    load_yaml,
+    merged,
+    parse,
+    read_mapping,
+)
+from follower_sim.scenario.scenario import Scenario
+
+SCENE = "--scene"
+"""The option by which single keys get other values."""
 
 
 def overridden(data: dict[str, Any], overrides: Sequence[str], option: str) -> dict[str, Any]:
@@ -53,3 +62,31 @@ def _number(section: list[Any], part: str, source: str) -> int:
     if not part.isdigit() or int(part) >= len(section):
         raise SettingsError(f"{source}: {part!r} is no number from 0 to {len(section) - 1}")
     return int(part)
+
+
+def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Read a scenario, with other values for single keys.
+
+    Raises:
+        SettingsError: the file is missing, is no YAML, or does not describe a scenario.
+    """
+    data = overridden(read_mapping(path), overrides, SCENE)
+    source = f"{path} with {SCENE} {overrides[-1]}" if overrides else str(path)
+    return parse(Scenario, data, source)
+
+
+def base_settings(scenario: Scenario) -> dict[str, Any]:
+    """Return what the settings of a flight in this scenario begin with.
+
+    The camera is what a calibrated follower would know of the scenario's, and the pilot is played.
+    """
+    camera = scenario.camera
+    base = {
+        "camera": {
+            "fov_deg": camera.fov_deg,
+            "pitch_deg": camera.pitch_deg,
+            "distortion": list(camera.distortion),
+        },
+        "autonomy": "full",
+    }
+    return merged(base, scenario.follow)

@@ -1,134 +1,86 @@
 """The truth about what the camera sees: for the score alone, never for the vision side."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from follower_sim.kinematics import BodyState, Triple
-from follower_sim.silhouettes import UNSEEN, SeenBody, Silhouettes
-from follower_sim.solid import Solid
-from follower_sim.truth_sample import TruthSample
-from follower_sim.view import View
-from follower_sim.world import World
-from follower_vision.box import Box
-from follower_vision.camera import CameraModel
-from follower_vision.lineofsight import CameraMount, LineOfSight, wrap_angle
+from follower_control.common.small_matrix import transformed
+from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.view import CameraView
+from follower_sim.world.silhouettes import UNSEEN, SeenBody, Silhouettes
+from follower_sim.world.solid import Solid
+from follower_sim.world.world import World
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 
 _TURNED = CameraModel.from_fov(640, 480, math.radians(75))
 """A camera that is turned to what the real one does not see."""
 
 
-@dataclass(frozen=True, slots=True)
-class TargetTruth:
-    """Where the followed target really is.
-
-    Attributes:
-        time_s: of the scenario.
-        box: tight box of its projected corners, beyond the image's edges too; None if it is
-            behind the camera, far outside the view, or not in the world.
-        in_frame_share: share of that box inside the image.
-        visible_share: share of its silhouette that nothing nearer hides, seen from the camera
-            whichever way that looks.
-        position_m: (north, east, down) of its centre.
-        velocity_m_s: (north, east, down).
-        range_m: from the camera to its centre.
-        line_of_sight: from the vehicle, azimuth from the vehicle's heading, elevation from the
-            horizontal.
-    """
-
-    time_s: float
-    box: Box | None
-    in_frame_share: float
-    visible_share: float
-    position_m: Triple
-    velocity_m_s: Triple
-    range_m: float
-    line_of_sight: LineOfSight
-
-
-class TruthTeller:
-    """Computes the truth for one world and camera; keeps what does not change.
+class GroundTruth:
+    """Computes the truth for one world and its camera; keeps what does not change.
 
     Args:
-        world: what there is.
-        camera: intrinsics and distortion; the scenario's own if None.
-        mount: how the camera is turned against the body; the scenario's own if None.
+        world: what there is; its scenario has the camera and how it is mounted.
     """
 
-    def __init__(
-        self, world: World, camera: CameraModel | None = None, mount: CameraMount | None = None
-    ) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
-        self._mount = mount or world.scenario.camera.mount
-        self._camera = camera or world.scenario.camera.model
+        self._mount = world.scenario.camera.mount
+        self._camera = world.scenario.camera.model
         self._silhouettes = Silhouettes(self._camera, world.scenery)
         self._turned = Silhouettes(_TURNED, world.scenery)
-
-    def truth(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> TargetTruth:
-        """Return the truth at a time of the scenario, with the vehicle at `body`.
-
-        `camera` is the body that carries the camera, if that is not the vehicle's: a gimbal.
-        """
-        seen = self.seen(time_s, camera or body)
-        centre, velocity_m_s, range_m, sight = self._whereabouts(time_s, body)
-        return TargetTruth(
-            time_s,
-            seen.box,
-            seen.in_frame_share,
-            seen.visible_share,
-            centre,
-            velocity_m_s,
-            range_m,
-            sight,
-        )
 
     def seen(self, time_s: float, camera: BodyState) -> SeenBody:
         """Return where the target is in the image; `camera` is the body that carries it."""
         number = self._world.scenario.followed
-        return self._seen(number, time_s, View.of(camera, self._mount))
+        return self._seen(number, time_s, CameraView.of(camera, self._mount))
 
     def sample(
-        self,
-        time_s: float,
-        body: BodyState,
-        clock_s: float | None = None,
-        camera: BodyState | None = None,
+        self, time_s: float, body: BodyState, camera: BodyState | None = None
     ) -> TruthSample:
-        """Return the truth as the score wants it, stamped `clock_s` (else `time_s`)."""
-        in_frame, visible = self._shares(time_s, View.of(camera or body, self._mount))
-        centre, velocity_m_s, range_m, sight = self._whereabouts(time_s, body)
+        """Return the truth as the score needs it.
+
+        Args:
+            time_s: of the scenario.
+            body: the vehicle.
+            camera: the body that carries the camera, if that is not the vehicle's: a gimbal.
+        """
+        world, number = self._world, self._world.scenario.followed
+        in_frame, visible = self._shares(time_s, CameraView.of(camera or body, self._mount))
+        centre = world.target_centre(number, time_s)
+        north, east, down = (c - p for c, p in zip(centre, body.position_m, strict=True))
+        sight = LineOfSight.towards(north, east, down)
         return TruthSample(
-            time_s if clock_s is None else clock_s,
+            time_s,
             body,
             centre,
-            velocity_m_s,
+            world.target_pose(number, time_s).velocity_m_s,
             in_frame,
             visible,
-            range_m,
-            sight.azimuth_rad,
+            math.sqrt(north * north + east * east + down * down),
+            wrap_angle(sight.azimuth_rad - body.yaw_rad),
             sight.elevation_rad,
         )
 
-    def box_sight(
-        self, truth: TargetTruth, body: BodyState, camera: BodyState | None = None
-    ) -> LineOfSight:
+    def box_sight(self, sample: TruthSample, camera: BodyState | None = None) -> LineOfSight:
         """Return the direction of the true box's middle, which is what a tracker can show.
 
         Of a body that is seen from above it is not quite that of the body's middle. Without a box,
-        the answer is that.
+        the answer is that. Azimuth from the vehicle's heading, elevation from the horizontal.
 
         Args:
-            truth: of this moment.
-            body: the vehicle.
-            camera: the body that carries the camera, if that is not the vehicle's.
+            sample: the truth at one instant.
+            camera: the body that carries the camera then, if that is not the vehicle's.
         """
-        if truth.box is None:
-            return truth.line_of_sight
-        (ray,) = self._camera.rays([[truth.box.cx, truth.box.cy]])
-        world_to_camera = View.of(camera or body, self._mount).world_to_camera
-        sight = LineOfSight.from_vector(world_to_camera.T @ ray)
+        body = sample.vehicle
+        box = self.seen(sample.time_s, camera or body).box
+        if box is None:
+            return LineOfSight(sample.azimuth_rad, sample.elevation_rad)
+        (ray,) = self._camera.rays([[box.cx, box.cy]])
+        world_to_camera = CameraView.of(camera or body, self._mount).world_to_camera
+        sight = LineOfSight.from_vector(transformed(world_to_camera.T, ray))
         return LineOfSight(wrap_angle(sight.azimuth_rad - body.yaw_rad), sight.elevation_rad)
 
     def others(self, time_s: float, body: BodyState, camera: BodyState | None = None) -> list[Box]:
@@ -139,25 +91,12 @@ class TruthTeller:
             body: the vehicle.
             camera: the body that carries the camera, if that is not the vehicle's.
         """
-        followed, view = self._world.scenario.followed, View.of(camera or body, self._mount)
+        followed, view = self._world.scenario.followed, CameraView.of(camera or body, self._mount)
         numbers = [n for n in range(len(self._world.paths)) if n != followed]
         seen = [self._seen(number, time_s, view) for number in numbers]
         return [one.box for one in seen if one.box is not None and one.visible_share > 0]
 
-    def _whereabouts(
-        self, time_s: float, body: BodyState
-    ) -> tuple[Triple, Triple, float, LineOfSight]:
-        """Return the target's centre, velocity, range and line of sight."""
-        number = self._world.scenario.followed
-        centre = self._world.target_centre(number, time_s)
-        north, east, down = (c - p for c, p in zip(centre, body.position_m, strict=True))
-        sight = LineOfSight.towards(north, east, down)
-        azimuth = wrap_angle(sight.azimuth_rad - body.yaw_rad)
-        velocity_m_s = self._world.target_pose(number, time_s).velocity_m_s
-        range_m = math.sqrt(north * north + east * east + down * down)
-        return centre, velocity_m_s, range_m, LineOfSight(azimuth, sight.elevation_rad)
-
-    def _shares(self, time_s: float, view: View) -> tuple[float, float]:
+    def _shares(self, time_s: float, view: CameraView) -> tuple[float, float]:
         """Return how much of the target's box is in the image, and how much nothing hides."""
         world, number = self._world, self._world.scenario.followed
         if world.is_present(number, time_s):
@@ -168,7 +107,7 @@ class TruthTeller:
         seen = self._seen(number, time_s, view)
         return seen.in_frame_share, seen.visible_share
 
-    def _seen(self, number: int, time_s: float, view: View) -> SeenBody:
+    def _seen(self, number: int, time_s: float, view: CameraView) -> SeenBody:
         """Return where a target is in the image; nowhere if it is not in the world."""
         world = self._world
         if not world.is_present(number, time_s):
@@ -182,7 +121,7 @@ class TruthTeller:
         in_frame = 0.0 if box is None else self._silhouettes.in_frame_share(box)
         return SeenBody(box, in_frame, 1.0)
 
-    def _is_in_the_open(self, number: int, time_s: float, view: View) -> bool:
+    def _is_in_the_open(self, number: int, time_s: float, view: CameraView) -> bool:
         """Whether surely nothing hides any of a target; asked before anything is drawn."""
         world = self._world
         others = [world.target_ball(n, time_s) for n in self._others(number, time_s)]
@@ -193,7 +132,7 @@ class TruthTeller:
         numbers = range(len(self._world.paths))
         return [n for n in numbers if n != number and self._world.is_present(n, time_s)]
 
-    def _seen_among_others(self, number: int, time_s: float, view: View) -> SeenBody:
+    def _seen_among_others(self, number: int, time_s: float, view: CameraView) -> SeenBody:
         """Draw a target, and what may hide it."""
         world = self._world
         others = [world.target_solid(n, time_s, lit=False) for n in self._others(number, time_s)]
@@ -201,19 +140,8 @@ class TruthTeller:
         seen = self._silhouettes.seen(solid, others, view)
         return seen if seen.box is not None else self._out_of_view(solid, others, view)
 
-    def _out_of_view(self, solid: Solid, others: Sequence[Solid], view: View) -> SeenBody:
+    def _out_of_view(self, solid: Solid, others: Sequence[Solid], view: CameraView) -> SeenBody:
         """Return a body without a box, with whether something hides it: unseen is not hidden."""
-        towards = View.towards(view.position_m, solid.centre)
+        towards = CameraView.towards(view.position_m, solid.centre)
         share = self._turned.seen(solid, others, towards).visible_share
         return replace(UNSEEN, visible_share=share)
-
-
-def target_truth(
-    world: World,
-    time_s: float,
-    body: BodyState,
-    camera: CameraModel | None = None,
-    mount: CameraMount | None = None,
-) -> TargetTruth:
-    """Return the truth once; keep a `TruthTeller` where it is asked for often."""
-    return TruthTeller(world, camera, mount).truth(time_s, body)

@@ -1,11 +1,9 @@
 """How soon a hidden target is found again, and whether another one is taken for it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from follower_sim.truth_sample import TruthSample
+from follower_sim.kinematics import TruthSample
 
 HIDDEN, PLAIN = 0.05, 0.5
 """A target is hidden while less than the first share of it is to be seen, until the second is."""

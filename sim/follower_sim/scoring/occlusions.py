@@ -1,12 +1,10 @@
 """When something hid the target, and how soon it was seen again; from the simulator's truth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from follower_sim.truth_sample import TruthSample
+from follower_sim.kinematics import TruthSample
 
 HIDDEN = 0.5
 """The target is hidden while less than this share of it is visible."""
@@ -32,12 +30,12 @@ class Occlusion:
 
     @property
     def length_s(self) -> float:
-        """How long it lasted."""
+        """How long it lasted, seconds."""
         return self.end_s - self.start_s
 
 
 @dataclass(frozen=True, slots=True)
-class Sighted:
+class ObservedFrame:
     """A frame in which vision rightly said to see the target.
 
     Attributes:
@@ -51,7 +49,7 @@ class Sighted:
 
 def occlusions(
     truth: Sequence[TruthSample],
-    sighted: Sequence[Sighted],
+    observed: Sequence[ObservedFrame],
     from_s: float,
     until_s: float,
     patience_s: float = 1.0,
@@ -60,7 +58,7 @@ def occlusions(
 
     Args:
         truth: samples in the order of time.
-        sighted: the frames with the target seen, in the order of time.
+        observed: the frames with the target seen, in the order of time.
         from_s: what began earlier does not count.
         until_s: the end of the time that is looked at.
         patience_s: an occlusion that ends later than so long before it does not count.
@@ -72,13 +70,13 @@ def occlusions(
     ]
     nexts = [*(start for start, _ in spans[1:]), math.inf][: len(spans)]
     return [
-        Occlusion(start, end, _reacquired(sighted, end, following))
+        Occlusion(start, end, _reacquired(observed, end, following))
         for (start, end), following in zip(spans, nexts, strict=True)
     ]
 
 
 def hidden_spans(truth: Sequence[TruthSample]) -> list[tuple[float, float]]:
-    """Return (start, end) of each time with the target hidden, that is over."""
+    """Return (start, end), seconds, of each time with the target hidden that is over."""
     spans: list[tuple[float, float]] = []
     start_s: float | None = None
     for sample in truth:
@@ -97,8 +95,8 @@ def _join(spans: list[tuple[float, float]], start_s: float, end_s: float) -> Non
     spans.append((start_s, end_s))
 
 
-def _reacquired(sighted: Sequence[Sighted], end_s: float, before_s: float) -> float | None:
-    found = next((one for one in sighted if one.captured_s >= end_s), None)
+def _reacquired(observed: Sequence[ObservedFrame], end_s: float, before_s: float) -> float | None:
+    found = next((one for one in observed if one.captured_s >= end_s), None)
     if found is None or found.captured_s >= before_s:
         return None
     return max(0.0, found.known_s - end_s)

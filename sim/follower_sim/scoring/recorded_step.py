@@ -27,24 +27,6 @@ class SentSetpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class SteppedSignal:
-    """A signal that was asked to step.
-
-    Attributes:
-        name: "forward", "right", "down" (m/s) or "yaw rate" (deg/s); in a world frame, north and
-            east stand for the first two.
-        values: shape (N,).
-        target: what was asked for.
-        error: RMS of what is read before the step, where 0 was asked for; level axes share theirs.
-    """
-
-    name: str
-    values: Series
-    target: float
-    error: float
-
-
-@dataclass(frozen=True, slots=True)
 class RecordedStep:
     """Motion over time, every array of shape (N,), and what was asked for.
 
@@ -54,7 +36,7 @@ class RecordedStep:
         velocity_m_s: (3, N), north, east, down.
         attitude_rad: (3, N), roll, pitch, yaw.
         yaw_rate_rad_s: about the body's down axis.
-        sent: the changes of the streamed set-point; empty for a lost stream.
+        sent: the changes of the streamed setpoint; empty for a lost stream.
     """
 
     name: str
@@ -94,37 +76,9 @@ class RecordedStep:
         cos_yaw, sin_yaw = np.cos(self.attitude_rad[2]), np.sin(self.attitude_rad[2])
         return np.stack([north * cos_yaw + east * sin_yaw, east * cos_yaw - north * sin_yaw, down])
 
-    @property
-    def asked_velocity_m_s(self) -> Series:
-        """The velocity in the frame of the set-points, world or heading: shape (3, N)."""
-        in_world = self.sent[1].frame in (1, 7)
-        return self.velocity_m_s if in_world else self.heading_velocity_m_s
-
-    @property
-    def stepped(self) -> list[SteppedSignal]:
-        """The signals that the second set-point asked to step."""
-        asked = self.sent[1]
-        signals = [*self.asked_velocity_m_s, np.degrees(self.yaw_rate_rad_s)]
-        targets = [*asked.velocity_m_s, math.degrees(asked.yaw_rate_rad_s)]
-        errors = [_rms(signal[self.time_s <= asked.time_s]) for signal in signals]
-        errors[:2] = [math.hypot(*errors[:2]) / math.sqrt(2.0)] * 2
-        names = ("forward", "right", "down", "yaw rate")
-        rows = zip(names, signals, targets, errors, strict=True)
-        return [SteppedSignal(*row) for row in rows if row[2] != 0]
-
-    @property
-    def max_tilt_deg(self) -> float:
-        """The largest angle between the body's down axis and gravity."""
-        roll, pitch, _ = self.attitude_rad
-        return math.degrees(np.arccos(np.cos(roll) * np.cos(pitch)).max())
-
-
-def _rms(values: Series) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
 
 def _changes(columns: dict[str, Series]) -> tuple[SentSetpoint, ...]:
-    """Return each new set-point; a row shows it if it was sent after the row before."""
+    """Return each new setpoint; a row shows it if it was sent after the row before."""
     times = columns["t_boot"] - columns["t_boot"][0]
     before = np.concatenate([times[:1], times[:-1]]).tolist()
     sent: list[SentSetpoint] = []

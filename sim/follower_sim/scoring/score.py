@@ -4,31 +4,114 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.commanded import CommandedPeaks, PursuitStep, commanded_peaks
-from follower_sim.identity_score import IdentityScore
-from follower_sim.truth_sample import TruthSample
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_sim.kinematics import TruthSample
+from follower_sim.scoring.identity_score import IdentityScore
+
+_ENGAGED = frozenset({"following", "coasting", "searching", "holding"})
 
 STEERING = frozenset({"following", "coasting"})
 """Names of the supervisor's states in which the servo steers."""
-
 IN_FRAME = 0.5
 """The target is in frame if at least this share of its true box is inside the image."""
-
 APPROACH_RANGE = 0.15
 """The approach is over within this share of the wanted distance, ..."""
-
 APPROACH_ANGLE_RAD = math.radians(5)
 """... with less than this line-of-sight error, ..."""
-
 APPROACH_HELD_S = 1.0
 """... both for this long."""
+
+
+@dataclass(frozen=True, slots=True)
+class PursuitStep:
+    """One step of the control loop, as far as the score needs it.
+
+    Attributes:
+        time_s: when the step ran, on the system's clock.
+        state: the supervisor's state by its name: "idle", "tracking", "ready", "following",
+            "coasting", "searching", "holding" or "released".
+        setpoint: what was sent to the autopilot, None if nothing was.
+        limits: names of the envelope's limits that changed it.
+    """
+
+    time_s: float
+    state: str
+    setpoint: VelocitySetpoint | None
+    limits: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CommandedPeaks:
+    """The largest change of what was commanded, all in the heading frame; 0 if nothing was.
+
+    Acceleration is the difference of two setpoints sent one after the other over the time between
+    them; jerk is the difference of two such accelerations over the later one's time, which is how
+    the envelope counts it. Horizontal is the length of the vector (forward, right); the turning of
+    the heading itself is not counted. Setpoints with unsent steps between them are not compared,
+    nor is the last hold before following with the first setpoint of it, which begins at the
+    vehicle's own velocity.
+    """
+
+    horizontal_acceleration_m_s2: float
+    vertical_acceleration_m_s2: float
+    yaw_acceleration_deg_s2: float
+    horizontal_jerk_m_s3: float
+    vertical_jerk_m_s3: float
+    yaw_jerk_deg_s3: float
+
+
+def commanded_peaks(steps: Sequence[PursuitStep]) -> CommandedPeaks:
+    """Return the largest accelerations and jerks of the setpoints sent, in the order of time."""
+    peaks = np.zeros((2, 3))
+    for run in _unbroken(steps):
+        peaks = np.maximum(peaks, _run_peaks(run))
+    (acceleration, vertical, yaw), (jerk, vertical_jerk, yaw_jerk) = peaks.tolist()
+    return CommandedPeaks(
+        acceleration, vertical, math.degrees(yaw), jerk, vertical_jerk, math.degrees(yaw_jerk)
+    )
+
+
+def _unbroken(steps: Sequence[PursuitStep]) -> Iterable[_Array]:
+    """Yield runs of steps that were all sent: rows of (time, forward, right, down, yaw rate)."""
+    run: list[tuple[float, ...]] = []
+    engaged = False
+    for step in steps:
+        engages = step.state in _ENGAGED and not engaged
+        engaged = step.state in _ENGAGED
+        if step.setpoint is None or engages:
+            yield np.array(run)
+            run = []
+        if step.setpoint is not None and (not run or step.time_s > run[-1][0]):
+            run.append((step.time_s, *step.setpoint.values))
+    yield np.array(run)
+
+
+def _run_peaks(run: _Array) -> _Array:
+    """Return the peaks of one run: rows acceleration, jerk; columns horizontal, vertical, yaw."""
+    if len(run) < 2:
+        return np.zeros((2, 3))
+    interval = np.diff(run[:, 0])[:, None]
+    acceleration = np.diff(run[:, 1:], axis=0) / interval
+    jerk = np.diff(acceleration, axis=0) / interval[1:]
+    return np.array([_largest(acceleration), _largest(jerk)])
+
+
+def _largest(change: _Array) -> _Array:
+    """Return the largest horizontal, vertical and yaw component, shape (3,), of (N, 4)."""
+    if not len(change):
+        return np.zeros(3)
+    horizontal = np.hypot(change[:, 0], change[:, 1])
+    return np.array(
+        [horizontal.max(), np.abs(change[:, 2]).max(), np.abs(change[:, 3]).max()], np.float64
+    )
+
 
 _Array = npt.NDArray[np.float64]
 
@@ -76,7 +159,7 @@ class PursuitScore:
 
     Attributes:
         time_to_acquire_s: from the choice of the target to the first step in state "following".
-        approach_s: from that step to the approach's end, which is the first moment from which on,
+        approach_s: from that step to the approach's end, which is the first time from which on,
             for 1 s, the range is within 15 % of the wanted one and the line-of-sight error below
             5 degrees.
         scored_s: length of the scored time, 0 if there is none.
@@ -153,7 +236,8 @@ def pursuit_score(
     steps = [step for step in steps if end_s is None or step.time_s <= end_s]
     course = _Course.of([s for s in truth if end_s is None or s.time_s <= end_s], goal)
     acquired_s = next((step.time_s for step in steps if step.state == "following"), None)
-    chosen_s = chosen_s if chosen_s is not None else _first_chosen(steps)
+    if chosen_s is None:
+        chosen_s = next((step.time_s for step in steps if step.state != "idle"), None)
     approached_s = None if acquired_s is None else course.approached(acquired_s)
     losses, reacquisitions = _losses(steps)
     return PursuitScore(
@@ -221,7 +305,7 @@ class _Course:
         return None
 
     def after(self, from_s: float | None) -> _Course:
-        """Return the part from a moment on; nothing if there is no such moment."""
+        """Return the part from a time on; nothing if it is None."""
         late = self.time_s >= (math.inf if from_s is None else from_s)
         range_error = None if self.range_error is None else self.range_error[late]
         return _Course(self.time_s[late], self.in_frame[late], self.angle[late], range_error)
@@ -253,10 +337,6 @@ class _Course:
             return None
         weights = self._weights()
         return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
-
-
-def _first_chosen(steps: Sequence[PursuitStep]) -> float | None:
-    return next((step.time_s for step in steps if step.state != "idle"), None)
 
 
 def _between(start_s: float | None, end_s: float | None) -> float | None:

@@ -1,14 +1,11 @@
 """A simulated gimbal: a camera that keeps its direction while the vehicle turns and tilts."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
 
-from follower_sim.angles import wrap
-from follower_sim.history import History
-from follower_sim.kinematics import BodyState
+from follower_control.common.strict_config import check_positive
+from follower_sim.kinematics import BodyState, StateHistory
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +20,6 @@ class GimbalModel:
         widest_deg: end stops of the yaw from the vehicle's nose, either way.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     max_rate_deg_s: float = 90.0
     lag_s: float = 0.06
     lowest_deg: float = -90.0
@@ -32,10 +27,7 @@ class GimbalModel:
     widest_deg: float = 160.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(getattr(self, field.name)) for field in fields(self)):
-            raise ValueError(f"a gimbal's numbers are finite, not {self}")
-        if self.max_rate_deg_s <= 0 or self.lag_s <= 0 or self.widest_deg <= 0:
-            raise ValueError("a gimbal needs a rate, a lag and a width above 0")
+        check_positive(self, "max_rate_deg_s", "lag_s", "widest_deg")
         if not -90 <= self.lowest_deg < self.highest_deg <= 90:
             raise ValueError("-90 <= lowest_deg < highest_deg <= 90 does not hold")
 
@@ -50,21 +42,17 @@ class Gimbal:
         time_s: the time of the start.
 
     Attributes:
-        wanted: pitch and yaw rate that it was told, rad/s.
+        wanted: pitch and yaw rate that it was given, rad/s.
+        model: what it can do.
     """
 
     def __init__(self, model: GimbalModel, pitch_rad: float, yaw_rad: float, time_s: float) -> None:
-        self._model = model
+        self.model = model
         self._most = math.radians(model.max_rate_deg_s)
-        self._pitch, self._yaw = pitch_rad, wrap(yaw_rad)
+        self._pitch, self._yaw = pitch_rad, wrap_angle(yaw_rad)
         self._pitch_rate = self._yaw_rate = 0.0
         self.wanted = (0.0, 0.0)
-        self._history = History(self._state(time_s))
-
-    @property
-    def model(self) -> GimbalModel:
-        """What it can do."""
-        return self._model
+        self._history = StateHistory(self._state(time_s))
 
     @property
     def state(self) -> BodyState:
@@ -87,15 +75,15 @@ class Gimbal:
         )
 
     def step(self, time_s: float, interval_s: float, vehicle_yaw_rad: float) -> None:
-        """Move on for an interval that ends at `time_s`."""
+        """Move on for an interval, seconds, that ends at `time_s`; the vehicle's yaw in rad."""
         pitch, yaw = (min(max(rate, -self._most), self._most) for rate in self.wanted)
-        share = interval_s / (interval_s + self._model.lag_s)
+        share = interval_s / (interval_s + self.model.lag_s)
         self._pitch_rate += share * (pitch - self._pitch_rate)
         self._yaw_rate += share * (yaw - self._yaw_rate)
         self._pitch += self._pitch_rate * interval_s
         lowest, highest = (
-            math.radians(self._model.lowest_deg),
-            math.radians(self._model.highest_deg),
+            math.radians(self.model.lowest_deg),
+            math.radians(self.model.highest_deg),
         )
         if not lowest <= self._pitch <= highest:
             self._pitch, self._pitch_rate = min(max(self._pitch, lowest), highest), 0.0
@@ -104,11 +92,11 @@ class Gimbal:
 
     def _turn(self, interval_s: float, vehicle_yaw_rad: float) -> None:
         """Turn against the world; at an end stop the vehicle takes it along."""
-        from_nose = wrap(self._yaw + self._yaw_rate * interval_s - vehicle_yaw_rad)
-        widest = math.radians(self._model.widest_deg)
+        from_nose = wrap_angle(self._yaw + self._yaw_rate * interval_s - vehicle_yaw_rad)
+        widest = math.radians(self.model.widest_deg)
         if abs(from_nose) > widest:
             from_nose, self._yaw_rate = math.copysign(widest, from_nose), 0.0
-        self._yaw = wrap(vehicle_yaw_rad + from_nose)
+        self._yaw = wrap_angle(vehicle_yaw_rad + from_nose)
 
     def _state(self, time_s: float) -> BodyState:
         rates = (

@@ -1,18 +1,12 @@
 """A multirotor with the autopilot's inner loops, stepped at a fixed rate."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
 
-from follower_sim.airframe import Airframe
-from follower_sim.demand import STAND_STILL, Demand
-from follower_sim.history import History
-from follower_sim.kinematics import BodyState, Triple
-from follower_sim.response import VehicleResponse
-from follower_sim.velocity_control import VelocityControl
-from follower_sim.yaw_control import YawAxis
+from follower_sim.kinematics import BodyState, StateHistory, Triple
+from follower_sim.vehicle.airframe import Airframe, VelocityControl, YawAxis
+from follower_sim.vehicle.response import STAND_STILL, Demand, VehicleResponse
 
 STEP_S = 0.005
 """The fixed step of the simulation: 200 Hz."""
@@ -26,7 +20,7 @@ WindField = Callable[[float], Triple]
 """Velocity of the air (north, east, down), m/s, at a time of the simulation."""
 
 
-class Vehicle:
+class SimulatedVehicle:
     """Follows velocity demands as the recorded vehicles do.
 
     Deterministic: the same start, demands and wind give the same motion, bit for bit.
@@ -57,7 +51,7 @@ class Vehicle:
         self._start_s = start.time_s
         self._steps = 0
         self.state = self._airframe.state(start.time_s)
-        self.history = History(self.state)
+        self.history = StateHistory(self.state)
         self.motors_on = not self.on_ground
 
     @property

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.ground_pyramid import Ground, GroundPyramid, Levels, Plane
-from follower_sim.mesh import Colour
-from follower_sim.view import View
-from follower_vision.frame import Image
+from follower_sim.bodies.mesh import Colour
+from follower_sim.view import CameraView
+from follower_sim.world.ground_pyramid import Ground, GroundPyramid, Levels, Plane
+from follower_vision.images.frame import Image
 
 _LOWEST_CAMERA_M = 0.05
 _FARTHEST_M = 4000.0
@@ -63,7 +63,7 @@ class GroundPainter:
         self._blank = np.full((_STRIP_PX, width, 3), haze, np.uint8)
         self._visibility_m = visibility_m
 
-    def paint(self, image: Image, view: View) -> None:
+    def paint(self, image: Image, view: CameraView) -> None:
         """Paint the ground over an image; pixels that see the sky stay as they are."""
         height = max(-float(view.position_m[2]), _LOWEST_CAMERA_M)
         for rows, rays in self._strips:
@@ -135,14 +135,14 @@ class _Look:
     """
 
     rays: PixelRays
-    view: View
+    view: CameraView
     height_m: float
     sink: Plane
     least: float
     most: float
 
     @classmethod
-    def of(cls, rays: PixelRays, view: View, height_m: float) -> Self:
+    def of(cls, rays: PixelRays, view: CameraView, height_m: float) -> Self:
         """Look down."""
         sink = rays.component(view.world_to_camera[:, 2])
         least, most, _, _ = cv2.minMaxLoc(sink)

@@ -1,7 +1,5 @@
 """Random textures that look grown: sums of smooth noise at several scales."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,6 @@
 """Draws bodies into an image by painter's algorithm: far ones first."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -10,16 +9,129 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_sim.lens import Lens
-from follower_sim.mesh import Faces
-from follower_sim.solid import Solid
-from follower_sim.view import View
-from follower_vision.camera import Vector
-from follower_vision.frame import Image
+from follower_sim.bodies.mesh import Faces
+from follower_sim.kinematics import Triple, mix
+from follower_sim.view import CameraView
+from follower_sim.world.solid import Solid
+from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.images.frame import Image
+
+NEAR_M = 0.15
+_WIDEST_GUARD = 3.0
 
 _SHIFT = 4
 _REACH_PX = 2
 """So far beyond its outline a polygon surely colours nothing."""
+
+
+class LensProjection:
+    """Projects points in camera axes and clips polygons to what the lens can image.
+
+    The distortion polynomial of a real lens folds back far outside the image. Therefore nothing
+    is projected beyond a guard pyramid, somewhat wider than the view, where it still grows.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        corners = np.array([[0, 0], [camera.width, 0], [0, camera.height],
+                            [camera.width, camera.height]], np.float64)  # fmt: skip
+        rays = camera.rays(corners)
+        self._extent = np.abs(rays[:, :2] / rays[:, 2:]).max(axis=0)
+        self._extent *= _guard_factor(camera, float(np.hypot(*self._extent)))
+        self._borders = _borders(camera)
+
+    def pixels(self, points: Vector) -> Vector:
+        """Project points in camera axes, (N, 3) with forward > 0, to pixels, (N, 2)."""
+        return self.camera.pixels(points)
+
+    def outside(self, points: Vector) -> npt.NDArray[np.bool_]:
+        """Return for each point, (..., 3), which of the five planes it is behind, (..., 5)."""
+        return np.stack(self._heights(points), axis=-1) < 0
+
+    def holds(self, centre: Vector, radius_m: float) -> bool:
+        """Whether a ball, its middle (3,) in camera axes, surely lies wholly in the image.
+
+        Of a lens with tangential distortion nothing is sure.
+        """
+        if self._borders is None:
+            return False
+        x, y, z = centre.tolist()
+        left, right, top, bottom = self._borders
+        inside = bool(z - radius_m > NEAR_M)
+        for slope, across in ((left, x), (right, -x), (top, y), (bottom, -y)):
+            inside = inside and z * slope + across > radius_m * math.hypot(1.0, slope)
+        return inside
+
+    def _heights(self, points: Vector) -> list[Vector]:
+        """Return the distances, up to a factor, inward from near, left, right, top, bottom."""
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        across, down = z * self._extent[0], z * self._extent[1]
+        return [z - NEAR_M, across + x, across - x, down + y, down - y]
+
+    def touches(self, centres: Vector, radii: Vector) -> npt.NDArray[np.bool_]:
+        """Return which spheres, centres (N, 3) in camera axes, reach into the guard pyramid."""
+        slopes = np.hypot(1, np.array([0, *np.repeat(self._extent, 2)]))
+        heights = np.stack(self._heights(centres), axis=-1)
+        return np.asarray(np.all(heights > -radii[:, None] * slopes, axis=-1))
+
+    def clipped(self, polygon: Vector) -> Vector:
+        """Cut a polygon, (N, 3) in camera axes, to the guard pyramid (Sutherland-Hodgman)."""
+        corners: list[Triple] = [(x, y, z) for x, y, z in polygon.tolist()]
+        wide, tall = self._extent.tolist()
+        for plane in range(5):
+            heights = [_height(corner, plane, wide, tall) for corner in corners]
+            if len(corners) >= 3 and min(heights) < 0:
+                corners = _cut(corners, heights)
+        return np.array(corners).reshape(-1, 3)
+
+
+def _height(corner: Triple, plane: int, wide: float, tall: float) -> float:
+    """Return the distance, up to a factor, inward from near, left, right, top or bottom."""
+    x, y, z = corner
+    return (z - NEAR_M, z * wide + x, z * wide - x, z * tall + y, z * tall - y)[plane]
+
+
+def _cut(polygon: list[Triple], heights: list[float]) -> list[Triple]:
+    """Keep the part of a polygon whose heights over a plane are not negative; plain floats."""
+    kept = []
+    for i, (corner, height) in enumerate(zip(polygon, heights, strict=True)):
+        before, height_before = polygon[i - 1], heights[i - 1]
+        if (height < 0) != (height_before < 0):
+            share = height_before / (height_before - height)
+            kept.append(mix(before, corner, share))
+        if height >= 0:
+            kept.append(corner)
+    return kept
+
+
+def _guard_factor(camera: CameraModel, corner: float) -> float:
+    """Return how much wider than the view the lens still images farther points farther out."""
+    if not any(camera.distortion):
+        return _WIDEST_GUARD
+    k1, k2, _, _, k3 = camera.distortion
+    factor = np.linspace(1, _WIDEST_GUARD, 201)
+    r2 = (factor * corner) ** 2
+    slope = 1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3))
+    folded = np.flatnonzero(slope <= 0.05)
+    last = folded[0] - 1 if len(folded) else len(factor) - 1
+    return max(1.01, float(factor[max(0, last)]))
+
+
+def _borders(camera: CameraModel) -> tuple[float, float, float, float] | None:
+    """Return how far left, right, up and down of the axis, per depth, all is in the image.
+
+    None if tangential distortion makes that too intricate.
+    """
+    k1, k2, p1, p2, k3 = camera.distortion
+    if p1 or p2:
+        return None
+    right, bottom = camera.width - camera.cx, camera.height - camera.cy
+    left, right = camera.cx / camera.fx, right / camera.fx
+    top, bottom = camera.cy / camera.fy, bottom / camera.fy
+    r2 = np.linspace(0, max(left, right) ** 2 + max(top, bottom) ** 2, 201)
+    most = max(1.0, float((1 + r2 * (k1 + r2 * (k2 + r2 * k3))).max()))
+    return left / most, right / most, top / most, bottom / most
+
 
 FixedPoints = npt.NDArray[np.int32]
 
@@ -71,7 +183,7 @@ class SolidBatch:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class VisibleFaces:
     """The faces that a view shows, in painting order.
 
     Attributes:
@@ -92,31 +204,33 @@ class SolidPainter:
     closes the seams between faces, and bodies look so much larger, without being shifted.
     """
 
-    def __init__(self, lens: Lens) -> None:
+    def __init__(self, lens: LensProjection) -> None:
         self._lens = lens
         self._focal_px = max(lens.camera.fx, lens.camera.fy)
 
-    def select(self, batches: Sequence[SolidBatch], view: View) -> Selection:
+    def select(self, batches: Sequence[SolidBatch], view: CameraView) -> VisibleFaces:
         """Choose the faces that look towards the camera and sort them, the farthest first."""
         parts = [self._chosen(batch, view) for batch in batches]
         corners, velocities, colours, keys = (np.concatenate(p) for p in zip(*parts, strict=True))
         order = np.lexsort(keys.T)
-        return Selection(corners[order], velocities[order], colours[order].tolist())
+        return VisibleFaces(corners[order], velocities[order], colours[order].tolist())
 
-    def _chosen(self, batch: SolidBatch, view: View) -> tuple[Vector, Vector, Vector, Vector]:
+    def _chosen(self, batch: SolidBatch, view: CameraView) -> tuple[Vector, Vector, Vector, Vector]:
         """Return corners, velocities, colours and sorting keys of one batch's visible faces."""
         near, distances = self._near_solids(batch, view)
         chosen = np.flatnonzero(near[batch.owners])
-        sight = batch.face_centres[chosen] - view.position_m
-        towards = np.einsum("ij,ij->i", batch.normals[chosen], sight) < 0
-        chosen, sight = chosen[towards], sight[towards]
+        away = batch.face_centres[chosen] - view.position_m
+        towards = np.einsum("ij,ij->i", batch.normals[chosen], away) < 0
+        chosen, away = chosen[towards], away[towards]
         owners = batch.owners[chosen]
-        depth = np.linalg.norm(sight, axis=1)
+        depth = np.linalg.norm(away, axis=1)
         keys = np.column_stack([-depth, batch.layers[chosen], owners, -distances[owners]])
         corners = batch.vertices[batch.faces[chosen]]
         return corners, batch.velocities_m_s[owners], batch.colours[chosen], keys
 
-    def _near_solids(self, batch: SolidBatch, view: View) -> tuple[npt.NDArray[np.bool_], Vector]:
+    def _near_solids(
+        self, batch: SolidBatch, view: CameraView
+    ) -> tuple[npt.NDArray[np.bool_], Vector]:
         """Return which solids are in view and drawn at their distance, and how far each is."""
         centres = view.to_camera(batch.centres)
         distances = np.asarray(np.linalg.norm(centres, axis=1))
@@ -124,7 +238,9 @@ class SolidPainter:
         shown = (apparent_px > batch.shown_px[:, 0]) & (apparent_px <= batch.shown_px[:, 1])
         return shown & self._lens.touches(centres, batch.radii_m), distances
 
-    def paint(self, image: Image, selection: Selection, view: View, after_s: float = 0.0) -> None:
+    def paint(
+        self, image: Image, selection: VisibleFaces, view: CameraView, after_s: float = 0.0
+    ) -> None:
         """Draw the faces as they stand `after_s` after their selection."""
         corners = selection.corners + selection.velocities_m_s[:, None] * after_s
         for number, polygon in self.polygons(corners, view, in_image_only=True):
@@ -132,7 +248,7 @@ class SolidPainter:
             cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SHIFT)
 
     def polygons(
-        self, corners: Vector, view: View, in_image_only: bool = False
+        self, corners: Vector, view: CameraView, in_image_only: bool = False
     ) -> Iterator[tuple[int, FixedPoints]]:
         """Yield the number and the image polygon, in OpenCV's fixed point, of each face in view.
 
@@ -168,7 +284,7 @@ class SolidPainter:
         polygon = self._lens.clipped(corners)
         return self._fixed(polygon) if len(polygon) >= 3 else None
 
-    def shade(self, image: Image, outline: Vector, view: View, darkness: float) -> None:
+    def shade(self, image: Image, outline: Vector, view: CameraView, darkness: float) -> None:
         """Darken the ground within a convex outline, (N, 2) north and east, with soft edges."""
         ground = np.column_stack([outline, np.zeros(len(outline))])
         polygon = self._lens.clipped(view.to_camera(ground))

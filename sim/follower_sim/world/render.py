@@ -1,23 +1,20 @@
 """Renders what a camera in the simulated world sees."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
-from follower_sim.ground import GroundPainter, PixelRays
 from follower_sim.kinematics import BodyState, Triple
-from follower_sim.lens import Lens
-from follower_sim.painter import SolidBatch, SolidPainter
-from follower_sim.sky import SkyPainter
-from follower_sim.view import View
-from follower_sim.world import World
-from follower_vision.camera import CameraModel, Vector
-from follower_vision.frame import Image
-from follower_vision.lineofsight import CameraMount
+from follower_sim.view import CameraView
+from follower_sim.world.ground import GroundPainter, PixelRays
+from follower_sim.world.painter import LensProjection, SolidBatch, SolidPainter
+from follower_sim.world.sky import SkyPainter
+from follower_sim.world.world import World
+from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.geometry.line_of_sight import CameraMount
+from follower_vision.images.frame import Image
 
 _SHADOW = 0.42
 _STILL_PX = 0.8
@@ -59,7 +56,7 @@ class Renderer:
         visibility = world.scenario.sky.visibility_m
         self._ground = GroundPainter(world.ground, rays, world.haze, visibility)
         self._sky = SkyPainter(world.sky, rays)
-        self._solids = SolidPainter(Lens(camera))
+        self._solids = SolidPainter(LensProjection(camera))
         self._blank = np.full((camera.height, camera.width, 3), world.haze, np.uint8)
 
     def render(self, time_s: float, body: BodyState, exposure_s: float = 0.0) -> Image:
@@ -72,13 +69,13 @@ class Renderer:
         """
         moving = self._world.moving(time_s)
         batches = [self._world.scenery_batch, SolidBatch.of(moving)]
-        selection = self._solids.select(batches, View.of(body, self._mount))
+        selection = self._solids.select(batches, CameraView.of(body, self._mount))
         shadows = [(solid.shadow(self._world.sun), solid.velocity_m_s) for solid in moving]
         count = self._steps(time_s, body, exposure_s)
         images = []
         for i in range(count):
             after_s = exposure_s * ((i + 0.5) / count - 0.5)
-            view = View.of(body, self._mount, after_s)
+            view = CameraView.of(body, self._mount, after_s)
             image = self._background(view, shadows, after_s)
             self._solids.paint(image, selection, view, after_s)
             images.append(image)
@@ -121,7 +118,7 @@ class Renderer:
         return float(np.linalg.norm(np.cross(away, passed))) / distance**2
 
     def _background(
-        self, view: View, shadows: Sequence[tuple[Vector, Triple]], after_s: float
+        self, view: CameraView, shadows: Sequence[tuple[Vector, Triple]], after_s: float
     ) -> Image:
         """Draw sky, ground and the shadows of what moves."""
         image = self._blank.copy()

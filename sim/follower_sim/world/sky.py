@@ -1,17 +1,15 @@
 """The sky with clouds and distant hills: a panorama drawn around the horizon."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 
-from follower_sim.ground import PixelRays
-from follower_sim.ground_pyramid import Plane
-from follower_sim.mesh import Colour
-from follower_sim.noise import layered_noise
-from follower_sim.view import View
-from follower_vision.camera import Vector
-from follower_vision.frame import Image
+from follower_sim.bodies.mesh import Colour
+from follower_sim.view import CameraView
+from follower_sim.world.ground import PixelRays
+from follower_sim.world.ground_pyramid import Plane
+from follower_sim.world.noise import layered_noise
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.images.frame import Image
 
 _PX_PER_DEG = 4.0
 _LOWEST_DEG, _HIGHEST_DEG = -4.0, 90.0
@@ -86,7 +84,7 @@ class SkyPainter:
         nodes = [_block_corners(plane) for plane in (rays.x, rays.y)]
         self._nodes = np.stack([*nodes, np.ones_like(nodes[0])], -1)
 
-    def paint(self, image: Image, view: View) -> None:
+    def paint(self, image: Image, view: CameraView) -> None:
         """Paint all rows that reach above the horizon; the ground is painted over them later."""
         directions = self._nodes @ view.world_to_camera
         rising = directions[..., 2] < 0.002
@@ -108,7 +106,7 @@ class SkyPainter:
         seen = cv2.remap(self._sky, x, y, cv2.INTER_LINEAR, None, mode)
         part[:] = cv2.resize(seen, (seen.shape[1] * 2, seen.shape[0] * 2))[:height, :width]
 
-    def _sky_pixels(self, directions: Vector, view: View) -> tuple[Vector, Vector]:
+    def _sky_pixels(self, directions: Vector, view: CameraView) -> tuple[Vector, Vector]:
         heading = np.arctan2(view.world_to_camera[2, 1], view.world_to_camera[2, 0])
         north, east, down = np.moveaxis(directions, -1, 0)
         right = east * np.cos(heading) - north * np.sin(heading)

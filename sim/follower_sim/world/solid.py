@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from follower_control.common.small_matrix import product
+from follower_sim.bodies.mesh import Faces, Mesh
 from follower_sim.kinematics import Triple
-from follower_sim.mesh import Faces, Mesh
-from follower_vision.camera import Vector
+from follower_vision.geometry.camera_model import Vector
 
 _AMBIENT = 0.62
 
@@ -59,8 +60,8 @@ class Solid:
                 where only the outline matters.
             velocity_m_s: of the body.
         """
-        vertices = mesh.vertices @ body_to_world.T + np.asarray(position_m)
-        normals = mesh.normals @ body_to_world.T
+        vertices = product(body_to_world, mesh.vertices.T).T + np.asarray(position_m)
+        normals = product(body_to_world, mesh.normals.T).T
         colours = mesh.colours if sun is None else _lit(mesh.colours, normals, sun)
         return cls(vertices, mesh.faces, normals, colours, mesh.layers, velocity_m_s)
 
@@ -71,7 +72,7 @@ class Solid:
 
     @cached_property
     def radius_m(self) -> float:
-        """Of the sphere about the centre that holds everything."""
+        """Of the sphere about the centre that holds everything, metres."""
         return float(np.linalg.norm(self.vertices - self.centre, axis=1).max())
 
     @cached_property

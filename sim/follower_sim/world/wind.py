@@ -1,13 +1,12 @@
 """Wind over time: a mean and gusts, the same for the same seed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
+from follower_control.common.small_matrix import length
 from follower_sim.kinematics import Triple
-from follower_sim.scenario import WindSettings
+from follower_sim.scenario.scenario import WindSettings
 
 _PERIODS_S = (11.3, 6.1, 3.7, 2.3, 1.3)
 
@@ -27,7 +26,7 @@ class Wind:
             0.0,
         )
         weights = np.sqrt(np.array(_PERIODS_S))
-        weights *= math.sqrt(2) / np.linalg.norm(weights)
+        weights *= math.sqrt(2) / length(weights)
         scale = np.array([1.0, 1.0, 1 / 3])[:, None] * settings.gust_m_s
         self._amplitudes = scale * weights
         self._phases = rng.uniform(0, 2 * math.pi, (3, len(_PERIODS_S)))

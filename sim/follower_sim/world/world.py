@@ -1,40 +1,116 @@
 """Everything that a scenario puts into the world, at any time."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from follower_sim.ball import Ball
-from follower_sim.course import Course
-from follower_sim.ground_pyramid import Ground
+from follower_control.common.small_matrix import product
+from follower_sim.bodies.mesh import Colour, Mesh
+from follower_sim.bodies.targets import HEIGHTS_M, TargetKind, target_mesh
 from follower_sim.kinematics import Triple
-from follower_sim.mesh import Colour, Mesh
-from follower_sim.painter import SolidBatch
-from follower_sim.paths import TargetPath, TargetPose
-from follower_sim.placing import scattered
-from follower_sim.roads import Road
-from follower_sim.scenario import RoadSettings, Scenario, SceneryItem, TargetSettings
-from follower_sim.scenery import DISTANT_KINDS, SIZES_M, distant_mesh, scenery_mesh
-from follower_sim.sky import panorama
-from follower_sim.solid import Solid
-from follower_sim.staging import staged
-from follower_sim.targets import HEIGHTS_M, TargetKind, target_mesh
-from follower_sim.terrain import PALETTES, make_ground
-from follower_sim.wind import Wind
-from follower_vision.camera import Vector
-from follower_vision.frame import Image
-from follower_vision.lineofsight import rotation
+from follower_sim.paths.path_generator import Place
+from follower_sim.paths.spline import Course, SpeedChange, SpeedProfile, TargetPath, TargetPose
+from follower_sim.scenario.scenario import (
+    PathSettings,
+    RoadSettings,
+    Scenario,
+    SceneryItem,
+    TargetSettings,
+)
+from follower_sim.world.ground_pyramid import Ground
+from follower_sim.world.painter import SolidBatch
+from follower_sim.world.scenery import (
+    DISTANT_KINDS,
+    SIZES_M,
+    canopies,
+    distant_mesh,
+    scattered,
+    scenery_mesh,
+)
+from follower_sim.world.silhouettes import BoundingSphere
+from follower_sim.world.sky import panorama
+from follower_sim.world.solid import Solid
+from follower_sim.world.terrain import PALETTES, Road, make_ground
+from follower_sim.world.wind import Wind
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import rotation
+from follower_vision.images.frame import Image
+
+_AFTER_S = 15.0
+_COMES_S, _GOES_S = 12.0, 15.0
+_STARTS_M_S2 = 2.0
+_CROSSING_DEG = (55.0, 125.0)
+_FLIES = "quadrotor"
+_LEVELS_M = 0.8
 
 _MARGIN_M = 55.0
 _SMALLEST_PX = 1.2
 _SIMPLE_PX = 16.0
 _ROAD_GOES_ON_M = 200.0
 _STAGING = 10_000
+
+
+def staged(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """Return the scenario with its shapes, occlusions and look-alikes as plain targets and things.
+
+    A scenario without any comes back as it is.
+    """
+    if not _is_to_be_staged(scenario):
+        return scenario
+    until_s = scenario.duration_s + _AFTER_S
+    targets = [
+        target.model_copy(update={"path": target.path.drawn(rng, until_s)})
+        for target in scenario.targets
+    ]
+    followed = targets[scenario.followed]
+    path = followed.path.build()
+    others = _look_alikes(scenario, followed, path, rng)
+    return scenario.model_copy(
+        update={
+            "targets": [*targets, *others],
+            "scenery": [*scenario.scenery, *canopies(scenario, followed, path)],
+        }
+    )
+
+
+def _is_to_be_staged(scenario: Scenario) -> bool:
+    shaped = any(target.path.shape is not None for target in scenario.targets)
+    return shaped or scenario.occlusions.hidden_s > 0 or scenario.lookalikes.count > 0
+
+
+def _look_alikes(
+    scenario: Scenario, followed: TargetSettings, path: TargetPath, rng: np.random.Generator
+) -> Iterator[TargetSettings]:
+    """Yield those that cross close behind the target, one after the other."""
+    settings = scenario.lookalikes
+    for number in range(settings.count):
+        near_s = settings.first_s + number * settings.every_s
+        pose = path.pose(near_s)
+        turn = float(rng.uniform(*_CROSSING_DEG)) * int(rng.choice([-1, 1]))
+        height_m = -pose.position_m[2] + (_LEVELS_M if followed.kind == _FLIES else 0.0)
+        ends, speeds = _crossing(pose, math.radians(turn), settings.beside_m, near_s)
+        points = [[*place, height_m] for place in ends]
+        yield followed.model_copy(update={"path": PathSettings(points=points, speeds=speeds)})
+
+
+def _crossing(
+    pose: TargetPose, turn_rad: float, beside_m: float, near_s: float
+) -> tuple[list[Place], list[SpeedChange]]:
+    """Return a straight way that passes behind a place at a time, with its speed."""
+    speed = max(1.0, math.hypot(*pose.velocity_m_s))
+    comes_s, ramp_s = min(_COMES_S, near_s), 1.5 * speed / _STARTS_M_S2
+    sets_off_s = max(0.0, near_s - comes_s - ramp_s / 2)
+    change = SpeedChange(sets_off_s, speed, _STARTS_M_S2)
+    heading, (north, east, _) = pose.heading_rad, pose.position_m
+    at = (north - beside_m * math.cos(heading), east - beside_m * math.sin(heading))
+    c, s = math.cos(heading + turn_rad), math.sin(heading + turn_rad)
+    before_m = SpeedProfile([change]).distance_m(near_s)
+    after_m = speed * _GOES_S
+    first = (at[0] - before_m * c, at[1] - before_m * s)
+    return [first, (at[0] + after_m * c, at[1] + after_m * s)], [change]
 
 
 def colour_of(text: str) -> Colour:
@@ -171,12 +247,12 @@ class World:
         """Return the corners, (C, 3) north, east and down, of a target's body."""
         pose = self.target_pose(number, time_s)
         mesh, turn = self._target_mesh(number, pose), self._target_turn(number, time_s, pose)
-        return np.asarray(mesh.corners @ turn.T + np.asarray(pose.position_m))
+        return np.asarray(product(turn, mesh.corners.T).T + pose.position_m)
 
-    def target_ball(self, number: int, time_s: float) -> Ball:
+    def target_ball(self, number: int, time_s: float) -> BoundingSphere:
         """Return a ball that holds the whole of a target's body, however it leans."""
         pose = self.target_pose(number, time_s)
-        return Ball(pose.position_m, self._target_mesh(number, pose).reach_m)
+        return BoundingSphere(pose.position_m, self._target_mesh(number, pose).reach_m)
 
     def _target_mesh(self, number: int, pose: TargetPose) -> Mesh:
         settings = self.scenario.targets[number]

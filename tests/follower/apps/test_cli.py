@@ -8,23 +8,34 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from follower.cli import INTERRUPTED, SUCCESS, UNUSABLE
-from follower.recorder import open_flight
-from follower_vision.sources import open_source
+from follower.apps.main import INTERRUPTED, SUCCESS, UNUSABLE
+from follower.recording import open_flight
+from follower_vision.sources.open import open_source
 
-FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
+RunCommand = Callable[..., Any]
+FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 
 
-def run(*arguments: str, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*FOLLOWER, *arguments], capture_output=True, text=True, timeout=120, cwd=cwd, check=False
-    )
+SMALL = """
+name: small
+title: A car stands in a meadow.
+duration_s: 60
+seed: 5
+targets:
+  - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}
+camera: {width: 320, height: 240, exposure_s: 0.0}
+takeoff_height_m: 4
+start: {at: [0, 0]}
+select: {colour: "#e0401c"}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +79,7 @@ def moving_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_bad_input_ends_in_one_line_and_leaves_nothing(
-    arguments: list[str], message: str, tmp_path: Path, moving_square: Path
+    arguments: list[str], message: str, run_command: RunCommand, tmp_path: Path, moving_square: Path
 ) -> None:
     (tmp_path / "broken.mp4").write_bytes(b"this is no video" * 100)
     mistyped = "name: a\ntitle: b\ndurations_s: 3\n"
@@ -79,42 +90,52 @@ def test_bad_input_ends_in_one_line_and_leaves_nothing(
         "mistyped": str(tmp_path / "mistyped.yaml"),
     }
     before = sorted(tmp_path.rglob("*"))
-    result = run(*(argument.format(**files) for argument in arguments), cwd=tmp_path)
-    assert result.returncode == UNUSABLE
-    assert result.stderr.count("\n") == 1
-    assert re.search(message, result.stderr)
+    result = run_command(*(argument.format(**files) for argument in arguments))
+    assert result.code == UNUSABLE
+    assert result.err.count("\n") == 1
+    assert re.search(message, result.err)
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_port_in_use_is_told_before_anything_is_written(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_port_in_use_is_told_before_anything_is_written(
+    run_command: RunCommand, tmp_path: Path
+) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        result = run("sim", "demo", "--connect", f"udpin:127.0.0.1:{port}", cwd=tmp_path)
-    assert result.returncode == UNUSABLE
-    assert "in use" in result.stderr
+        result = run_command("sim", "demo", "--connect", f"udpin:127.0.0.1:{port}")
+    assert result.code == UNUSABLE
+    assert re.search(f"udpin:127.0.0.1:{port}: .*in use.*--connect", result.err)
+    assert result.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_an_autopilot_that_never_answers_is_not_waited_for_for_ever(tmp_path: Path) -> None:
+def test_an_autopilot_that_never_answers_is_not_waited_for_for_ever(
+    run_command: RunCommand,
+    tmp_path: Path,
+    free_port: Callable[[], int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("follower.flight.control.takeoff_monitor._ANSWER_WITHIN_S", 1.0)
     arguments = ("--autopilot", "external", "--connect", f"udpin:127.0.0.1:{free_port()}")
-    result = run("sim", "demo", *arguments, cwd=tmp_path)
-    assert result.returncode == UNUSABLE
-    assert "no autopilot answered within 15 s" in result.stderr
+    result = run_command("sim", "demo", *arguments)
+    assert result.code == UNUSABLE
+    assert "no autopilot answered within 1 s" in result.err
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_tracking_a_recording_writes_boxes_setpoints_video_and_plot(
-    tmp_path: Path, moving_square: Path
+    run_command: RunCommand, tmp_path: Path, moving_square: Path
 ) -> None:
     video, boxes = tmp_path / "out.mp4", tmp_path / "out.csv"
-    result = run(
+    result = run_command(
         *("track", str(moving_square), "--target", "60,100,30,30"),
         *("--save", str(video), "--boxes", str(boxes)),
-        cwd=tmp_path,
     )
-    assert result.returncode == SUCCESS, result.stderr
+    assert result.code == SUCCESS, result.err
     rows = rows_of(boxes)
     assert len(rows) == 40
     assert rows[-1]["state"] == "tracking"
@@ -128,20 +149,25 @@ def test_tracking_a_recording_writes_boxes_setpoints_video_and_plot(
     assert np.diff(times) == pytest.approx(0.02, abs=1e-6)
 
 
-def test_a_target_can_be_chosen_by_its_colour(tmp_path: Path, moving_square: Path) -> None:
-    result = run("track", str(moving_square), "--colour", "#dc1e1e", cwd=tmp_path)
-    assert result.returncode == SUCCESS, result.stderr
+@pytest.mark.slow
+def test_a_target_can_be_chosen_by_its_colour(
+    run_command: RunCommand, tmp_path: Path, moving_square: Path
+) -> None:
+    result = run_command("track", str(moving_square), "--colour", "#dc1e1e")
+    assert result.code == SUCCESS, result.err
     boxes = tmp_path / "runs" / f"track-{moving_square.name}" / "boxes.csv"
     rows = rows_of(boxes)
     assert float(rows[0]["x"]) == pytest.approx(60, abs=4)
     assert rows[-1]["state"] == "tracking"
 
 
-def test_scenarios_and_settings_are_listed() -> None:
-    assert "winding road" in run("scenarios").stdout
-    assert "max_yaw_rate_deg_s" in run("settings").stdout
-    assert "demo" in run("--help").stdout
-    assert run("--version").stdout.startswith("follower 0.")
+@pytest.mark.slow
+def test_scenarios_and_settings_are_listed(run_command: RunCommand) -> None:
+    assert "winding road" in run_command("scenarios").out
+    assert "max_yaw_rate_deg_s" in run_command("settings").out
+    assert "demo" in run_command("--help").out
+    version = subprocess.run([*FOLLOWER, "--version"], capture_output=True, text=True, check=True)
+    assert version.stdout.startswith("follower 0.")
 
 
 @pytest.mark.slow
@@ -149,8 +175,9 @@ def test_scenarios_and_settings_are_listed() -> None:
 def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     tmp_path: Path, after: str
 ) -> None:
+    (tmp_path / "small.yaml").write_text(SMALL, encoding="utf-8")
     process = subprocess.Popen(
-        [*FOLLOWER, "sim", "demo", "--connect", f"udpin:127.0.0.1:{free_port()}"],
+        [*FOLLOWER, "sim", "small.yaml"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -160,18 +187,18 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     for line in process.stdout:
         if after == "arming" or after in line:
             break
-    time.sleep(3.0)
+    time.sleep(2.0)
     process.send_signal(signal.SIGINT)
     printed, _ = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED, printed
-    folder = tmp_path / "runs" / "demo"
+    folder = tmp_path / "runs" / "small"
     assert "The user ended this flight." in (folder / "report.html").read_text("utf-8")
     assert json.loads((folder / "score.json").read_text("utf-8"))["passed"] is False
-    assert count_frames(folder / "overlay.mp4") > 20
+    assert count_frames(folder / "overlay.mp4") > 5
     flight = open_flight(folder)
     assert flight.remarks == []
-    assert len(list(flight.pictures())) > 20
-    assert len(list(flight.packets())) > 100
+    assert len(list(flight.pictures())) > 5
+    assert len(list(flight.packets())) > 50
     rows = rows_of(folder / "setpoints.csv")
     assert rows[-1]["state"] == "released"
     assert float(rows[-1]["forward_m_s"]) == pytest.approx(0.0, abs=0.01)
@@ -180,12 +207,6 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def count_frames(path: Path) -> int:

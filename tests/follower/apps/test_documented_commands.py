@@ -14,13 +14,13 @@ import typer
 import yaml
 from typer.exceptions import TyperException
 
-from follower.cli import app
-from follower.configs import find_scenario
-from follower.faults.catalogue import fault_named
-from follower.settings import load_settings
-from follower_control.strict_yaml import SettingsError
+from follower.apps.main import app
+from follower.settings.bundled import find_scenario
+from follower.settings.settings import load_settings
+from follower.simulation.faults.catalogue import fault_named
+from follower_control.common.strict_config import SettingsError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md")))
 FENCED = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(follower [^`\n]+)`")

@@ -7,15 +7,18 @@ from xml.etree import ElementTree
 
 import pytest
 
-from follower.cli import app
-from follower.fly import waiting
-from follower.preflight.table import CHECKS
-from follower.supervisor import Reason
+from follower.apps.fly import flight
+from follower.apps.main import app
+from follower.apps.preflight.checklist import CHECKS
+from follower.flight.supervision.supervisor import SupervisorReason
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 GUIDES = (
-    *("start-simulator.md", "start-raspberry-pi.md", "calibration.md"),
-    *("when-it-goes-wrong.md", "ground-station.md", "cockpit.md", "video.md"),
+    *(f"tutorials/{name}.md" for name in ("raspberry-pi", "simulator")),
+    *(f"how-to/{name}.md" for name in ("calibrate", "cockpit", "fly", "ground-station")),
+    *(f"how-to/{name}.md" for name in ("live-video", "offline-flight", "troubleshooting")),
+    *(f"reference/{name}.md" for name in ("envelope", "faults", "flight-log", "follow-modes")),
+    *(f"reference/{name}.md" for name in ("links", "supervisor")),
 )
 PACKAGES = ("follower", "control/follower_control", "vision/follower_vision")
 GLUED = re.compile(r'"\s*\n\s*f?"')
@@ -49,7 +52,7 @@ def parts(phrase: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("page", "heading"),
-    [("when-it-goes-wrong.md", "Starting"), ("calibration.md", "What it refuses")],
+    [("how-to/troubleshooting.md", "Starting"), ("how-to/calibrate.md", "What it refuses")],
 )
 def test_errors_of_the_tables_are_the_programs_own(page: str, heading: str, sources: str) -> None:
     phrases = [p for cell in first_cells(guide(page), heading) for p in CODE.findall(cell)]
@@ -59,17 +62,18 @@ def test_errors_of_the_tables_are_the_programs_own(page: str, heading: str, sour
 
 
 def test_checks_and_reasons_of_the_tables_exist() -> None:
-    text = guide("when-it-goes-wrong.md")
+    text = guide("how-to/troubleshooting.md")
     checks = {name for cell in first_cells(text, "The checklist") for name in CODE.findall(cell)}
     assert checks <= {check.name for check in CHECKS}
-    reasons = {name for cell in first_cells(text, "It let go") for name in CODE.findall(cell)}
-    assert reasons <= set(map(str, Reason))
+    released = first_cells(text, "It released the vehicle")
+    reasons = {name for cell in released for name in CODE.findall(cell)}
+    assert reasons <= set(map(str, SupervisorReason))
     assert len(reasons) > 8
 
 
 def test_every_line_that_the_terminal_waits_with_is_in_the_table() -> None:
-    table = guide("fly.md")
-    lines = [*waiting._TROUBLES.values(), *waiting._CONSENTS.values(), "waiting for the autopilot"]
+    table = guide("how-to/fly.md")
+    lines = [*flight._TROUBLES.values(), *flight._CONSENTS.values(), "waiting for the autopilot"]
     assert [line for line in lines if f'"{line}"' not in table] == []
 
 
@@ -77,12 +81,14 @@ def test_every_line_that_the_terminal_waits_with_is_in_the_table() -> None:
 def test_links_of_the_guides_lead_somewhere(name: str) -> None:
     links = re.findall(r"\]\(([^)#]+)", guide(name))
     assert links
-    assert [one for one in links if not (ROOT / "docs" / one).exists()] == []
+    assert [one for one in links if not ((ROOT / "docs" / name).parent / one).exists()] == []
 
 
 def test_pictures_are_there_and_small_and_need_nothing_from_elsewhere() -> None:
-    pages = [path.read_text("utf-8") for path in (ROOT / "docs").glob("*.md")]
-    names = {name for page in pages for name in re.findall(r"[(\"](pictures/[^)\"]+)", page)}
+    pages = [path.read_text("utf-8") for path in (ROOT / "docs").glob("**/*.md")]
+    names = {
+        name for page in pages for name in re.findall(r"[(\"](?:\.\./)*(pictures/[^)\"]+)", page)
+    }
     assert len(names) > 10
     for name in names:
         data = (ROOT / "docs" / name).read_bytes()
@@ -96,7 +102,9 @@ def test_the_drawing_of_the_wires_says_what_the_table_says() -> None:
     texts = [element.text or "" for element in drawing.iter(f"{SVG}text")]
     (about,) = (element.text or "" for element in drawing.iter(f"{SVG}desc"))
     rows = re.findall(
-        r"^\| (\d): (\w+) \| . \| pin (\d+): (.+) \|$", guide(GUIDES[1]), re.MULTILINE
+        r"^\| (\d): (\w+) \| . \| pin (\d+): (.+) \|$",
+        guide("tutorials/raspberry-pi.md"),
+        re.MULTILINE,
     )
     assert len(rows) == 3
     for pin, name, to, what in rows:

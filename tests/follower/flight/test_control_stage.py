@@ -6,18 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from follower.control_stage import ControlStage
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.links.vehicle_health import GpsHealth, SensorHealth, VehicleHealth
-from follower.settings import Settings, load_settings
-from follower.situation import Order
-from follower.supervisor import Reason, State
-from follower_control.present_motion import heading_velocity
-from follower_control.servo_settings import Mode
-from follower_control.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_vision.box import Box
-from follower_vision.track import Track, TrackState
+from follower.settings.live import SettingChange
+from follower.settings.settings import Settings, load_settings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState, heading_velocity
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import Track, TrackState
 
 WIDTH, HEIGHT, STEP_S = 640, 480, 0.02
 DISTANCE_M, SIZE_M = 15.0, 2.0
@@ -121,9 +120,9 @@ def test_an_unseen_target_is_coasted_held_and_let_go() -> None:
         record = bench.fly(bench.box(), 1.0, TrackState.LOST)
         if not states or states[-1] is not record.state:
             states.append(record.state)
-        if record.state in (State.HOLDING, State.RELEASED):
+        if record.state in (SupervisorState.HOLDING, SupervisorState.RELEASED):
             assert record.asked == HOLD
-    assert states == [State.SEARCHING, State.HOLDING, State.RELEASED]
+    assert states == [SupervisorState.SEARCHING, SupervisorState.HOLDING, SupervisorState.RELEASED]
     assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
 
 
@@ -132,9 +131,9 @@ def test_stale_telemetry_holds_and_good_telemetry_goes_on() -> None:
     bench.fly(bench.box(right_px=80), 1.0)
     bench.stale = True
     bench.vehicle = replace(bench.vehicle, heartbeat_s=100.0)
-    assert bench.fly(bench.box(right_px=80), 0.7).reason is Reason.TELEMETRY_STALE
+    assert bench.fly(bench.box(right_px=80), 0.7).reason is SupervisorReason.TELEMETRY_STALE
     bench.stale = False
-    assert bench.fly(bench.box(right_px=80), 0.2).state is State.FOLLOWING
+    assert bench.fly(bench.box(right_px=80), 0.2).state is SupervisorState.FOLLOWING
 
 
 def test_an_attitude_that_repeats_itself_is_stale_though_its_time_goes_on() -> None:
@@ -142,10 +141,13 @@ def test_an_attitude_that_repeats_itself_is_stale_though_its_time_goes_on() -> N
     bench.fly(bench.box(right_px=80), 1.0)
     bench.hung = True
     record = bench.fly(bench.box(right_px=80), 0.7)
-    assert (record.state, record.reason) == (State.HOLDING, Reason.TELEMETRY_STALE)
+    assert (record.state, record.reason) == (
+        SupervisorState.HOLDING,
+        SupervisorReason.TELEMETRY_STALE,
+    )
     assert record.asked is HOLD
     bench.hung = False
-    assert bench.fly(bench.box(right_px=80), 0.2).state is State.FOLLOWING
+    assert bench.fly(bench.box(right_px=80), 0.2).state is SupervisorState.FOLLOWING
 
 
 def test_the_pilot_takes_over_and_nothing_more_is_sent() -> None:
@@ -153,13 +155,13 @@ def test_the_pilot_takes_over_and_nothing_more_is_sent() -> None:
     bench.fly(bench.box(), 1.0)
     bench.vehicle = replace(bench.vehicle, obeys_setpoints=False, mode="LOITER")
     record = bench.fly(bench.box(), STEP_S)
-    assert (record.state, record.sent) == (State.RELEASED, False)
+    assert (record.state, record.sent) == (SupervisorState.RELEASED, False)
     bench.vehicle = replace(bench.vehicle, obeys_setpoints=True, mode="GUIDED")
     record = bench.fly(bench.box(right_px=80), 2.0)
-    assert record.state is State.RELEASED
+    assert record.state is SupervisorState.RELEASED
     assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
-    bench.stage.renew_consent()
-    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
+    bench.stage.order(ConsentRequest.RENEW)
+    assert bench.fly(bench.box(), 0.1).state is SupervisorState.FOLLOWING
 
 
 def test_stop_lets_go_at_the_next_step() -> None:
@@ -167,33 +169,39 @@ def test_stop_lets_go_at_the_next_step() -> None:
     bench.fly(bench.box(), 1.0)
     bench.stage.request_stop()
     record = bench.fly(bench.box(), STEP_S)
-    assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+    assert (record.state, record.reason) == (
+        SupervisorState.RELEASED,
+        SupervisorReason.STOP_REQUESTED,
+    )
 
 
 def test_a_target_chosen_anew_renews_consent_but_not_by_a_frame_from_before() -> None:
     bench = Bench()
     bench.fly(bench.box(), 1.0)
     bench.vehicle = replace(bench.vehicle, obeys_setpoints=False, mode="LOITER")
-    assert bench.fly(bench.box(), STEP_S).state is State.RELEASED
+    assert bench.fly(bench.box(), STEP_S).state is SupervisorState.RELEASED
     bench.vehicle = replace(bench.vehicle, obeys_setpoints=True, mode="GUIDED")
     bench.wishes += 1  # the frame is 0.04 s old: it showed what was seen before the release
-    assert bench.fly(bench.box(), 0.5).state is State.RELEASED
+    assert bench.fly(bench.box(), 0.5).state is SupervisorState.RELEASED
     bench.wishes += 1
-    assert bench.fly(bench.box(), 0.5).state is State.FOLLOWING
+    assert bench.fly(bench.box(), 0.5).state is SupervisorState.FOLLOWING
 
 
 def test_a_vehicle_that_brakes_goes_on_braking_when_it_gets_ready_meanwhile() -> None:
     bench = Bench(0.0, True, "consent.kind=command")
-    bench.stage.order(Order.GIVE)
+    bench.stage.order(ConsentRequest.GIVE)
     fast = bench.fly(bench.box(nearness=0.4), 1.5)
     assert fast.allowed.forward_m_s > 1.0
     bench.stage.request_stop()
-    assert bench.fly(bench.box(), 0.1).state is State.RELEASED
-    bench.stage.order(Order.RENEW)
+    assert bench.fly(bench.box(), 0.1).state is SupervisorState.RELEASED
+    bench.stage.order(ConsentRequest.RENEW)
     speeds = [bench.log.controls[-1].allowed.forward_m_s]
     for _ in range(100):
         record = bench.fly(bench.box(), STEP_S)
-        assert (record.state, record.reason) == (State.READY, Reason.WAITING_FOR_CONSENT)
+        assert (record.state, record.reason) == (
+            SupervisorState.READY,
+            SupervisorReason.WAITING_FOR_CONSENT,
+        )
         speeds.append(record.allowed.forward_m_s)
     changes = [abs(after - before) for before, after in itertools.pairwise(speeds)]
     assert max(changes) <= bench.stage.settings.envelope.max_acceleration_m_s2 * STEP_S + 1e-9
@@ -204,14 +212,17 @@ def test_a_place_that_stays_the_same_though_the_vehicle_is_sent_away_is_stale() 
     bench = Bench()
     bench.placed = True
     record = bench.fly(bench.box(nearness=0.4), 1.0)
-    assert (record.state, record.allowed.forward_m_s > 0.5) == (State.FOLLOWING, True)
+    assert (record.state, record.allowed.forward_m_s > 0.5) == (SupervisorState.FOLLOWING, True)
     record = bench.fly(bench.box(nearness=0.4), 2.0)
-    assert (record.state, record.reason) == (State.HOLDING, Reason.TELEMETRY_STALE)
-    assert bench.fly(bench.box(nearness=0.4), 9.0).state is State.RELEASED
+    assert (record.state, record.reason) == (
+        SupervisorState.HOLDING,
+        SupervisorReason.TELEMETRY_STALE,
+    )
+    assert bench.fly(bench.box(nearness=0.4), 9.0).state is SupervisorState.RELEASED
 
 
-@pytest.mark.parametrize("order", [Order.GIVE, Order.RENEW])
-def test_a_stop_outdoes_the_consent_that_came_in_the_same_moment(order: Order) -> None:
+@pytest.mark.parametrize("order", [ConsentRequest.GIVE, ConsentRequest.RENEW])
+def test_a_stop_outdoes_the_consent_that_came_in_the_same_moment(order: ConsentRequest) -> None:
     """As Ctrl-C does that of a page."""
     bench = Bench()
     bench.fly(bench.box(), 1.0)
@@ -219,17 +230,20 @@ def test_a_stop_outdoes_the_consent_that_came_in_the_same_moment(order: Order) -
     bench.stage.request_stop()
     bench.stage.order(order)
     record = bench.fly(bench.box(), 0.5)
-    assert (record.state, record.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
+    assert (record.state, record.reason) == (
+        SupervisorState.RELEASED,
+        SupervisorReason.STOP_REQUESTED,
+    )
     bench.stage.order(order)
-    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
+    assert bench.fly(bench.box(), 0.1).state is SupervisorState.FOLLOWING
 
 
 def test_a_stalled_control_loop_holds_once_and_goes_on() -> None:
     bench = Bench()
     bench.fly(bench.box(), 1.0)
     bench.now_s += 0.5
-    assert bench.fly(bench.box(), STEP_S).reason is Reason.CONTROL_LATE
-    assert bench.fly(bench.box(), 0.1).state is State.FOLLOWING
+    assert bench.fly(bench.box(), STEP_S).reason is SupervisorReason.CONTROL_LATE
+    assert bench.fly(bench.box(), 0.1).state is SupervisorState.FOLLOWING
 
 
 def test_without_telemetry_a_stall_does_not_end_the_stream_for_good() -> None:
@@ -267,16 +281,28 @@ def test_following_begins_at_the_vehicles_own_speed() -> None:
 @pytest.mark.parametrize(
     ("health", "state", "reason"),
     [
-        (VehicleHealth(sensors=SensorHealth(1, 1, 0.1, 1.0)), State.RELEASED, Reason.BATTERY_LOW),
-        (VehicleHealth(gps=GpsHealth(1, 3, 5.0, 1.0)), State.HOLDING, Reason.NAVIGATION_POOR),
-        (VehicleHealth(gps=GpsHealth(3, 12, 0.8, 1.0)), State.FOLLOWING, Reason.TARGET_SEEN),
+        (
+            VehicleHealth(sensors=SensorHealth(1, 1, 0.1, 1.0)),
+            SupervisorState.RELEASED,
+            SupervisorReason.BATTERY_LOW,
+        ),
+        (
+            VehicleHealth(gps=GpsHealth(1, 3, 5.0, 1.0)),
+            SupervisorState.HOLDING,
+            SupervisorReason.NAVIGATION_POOR,
+        ),
+        (
+            VehicleHealth(gps=GpsHealth(3, 12, 0.8, 1.0)),
+            SupervisorState.FOLLOWING,
+            SupervisorReason.TARGET_SEEN,
+        ),
     ],
 )
 def test_a_vehicle_that_is_not_well_is_not_followed_with(
-    health: VehicleHealth, state: State, reason: Reason
+    health: VehicleHealth, state: SupervisorState, reason: SupervisorReason
 ) -> None:
     bench = Bench()
-    assert bench.fly(bench.box(), 1.0).state is State.FOLLOWING
+    assert bench.fly(bench.box(), 1.0).state is SupervisorState.FOLLOWING
     record = bench.stage.step(bench.now_s, None, bench.vehicle, (), 0.0, health)
     assert (record.state, record.reason) == (state, reason)
     assert record.health == health
@@ -287,10 +313,11 @@ def test_a_vehicle_that_is_not_well_is_not_followed_with(
 def test_a_change_of_mode_is_in_the_record_and_begins_where_it_flew() -> None:
     bench = Bench()
     before = bench.fly(bench.box(nearness=0.7), 2.0)
-    bench.stage.change_mode(Mode.WATCH)
+    watch = SettingChange.of("servo.mode", "watch")
+    bench.stage.repeat_changes([watch])
     record = bench.fly(bench.box(nearness=0.7), STEP_S)
-    assert record.mode_asked is Mode.WATCH
+    assert record.changes == (watch,)
     assert record.allowed.forward_m_s == pytest.approx(before.allowed.forward_m_s, abs=0.1)
     later = bench.fly(bench.box(nearness=0.7), 3.0)
-    assert later.mode_asked is None
+    assert later.changes == ()
     assert later.allowed.forward_m_s == pytest.approx(0.0, abs=0.05)

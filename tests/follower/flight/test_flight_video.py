@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from follower.flight_video import BackgroundVideo, OverlayVideo
-from follower_vision.frame import Frame
-from follower_vision.sources import open_source
+from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo
+from follower_vision.images.frame import Frame
+from follower_vision.sources.open import open_source
 
 RNG = np.random.default_rng(4)
 
@@ -37,6 +37,7 @@ def test_every_frame_handed_in_at_leisure_is_in_the_file(
     assert video.remark is None
 
 
+@pytest.mark.slow
 def test_a_burst_leaves_frames_out_and_says_so_but_never_waits(tmp_path: Path) -> None:
     path = tmp_path / "video.mp4"
     with BackgroundVideo(path, 30.0) as video:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from follower.interpreter import short_pauses
+from follower.flight.threads import short_pauses
 
 
 def generations_collected() -> set[int]:
@@ -25,6 +25,7 @@ def generations_collected() -> set[int]:
     return seen
 
 
+@pytest.mark.slow
 def test_what_a_flight_has_noted_is_not_looked_through_during_it() -> None:
     assert 2 in generations_collected()
     with short_pauses():

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from follower.candidates import draw_candidates, numbered, summary
-from follower.object_selector import ChoiceError, ObjectSelector, Wanted
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
+from follower.flight.target.candidate_image import draw_candidates, numbered, summary
+from follower.flight.target.selectors import ChoiceError, ObjectSelector, Wanted
+from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detection
-from follower_vision.detection.scan import scan
-from follower_vision.frame import Frame, Image
+from follower_vision.detection.detectors import scan
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
 
 CLASSES = ("person", "car", "traffic light")
 

@@ -9,27 +9,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.flightlog import FlightLog
-from follower.operator_requests import OperatorRequests
-from follower.realtime import VisionLoop
-from follower.setting_change import SettingChange, changed, live_keys, value_at
-from follower.settings import Settings, load_settings
-from follower.situation import Order
-from follower.steering import Steering
-from follower.supervisor import State
-from follower.target_finder import TargetFinder
-from follower.target_wish import PointWish, RectangleWish, RequestRefusedError
-from follower.vision_stage import VisionStage
-from follower_control.estimate import TargetEstimate
-from follower_control.sighting import SightFrame
-from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_vision.box import Box
+from follower.flight.control.guidance import Guidance
+from follower.flight.log import FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.target.request import BoxSelection, PointSelection, RequestRefusedError
+from follower.flight.target.resolver import TargetFinder
+from follower.flight.threads import VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.settings.live import SettingChange, changed, live_keys, value_at
+from follower.settings.settings import Settings, load_settings
+from follower_control.common.strict_config import SettingsError
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
 from follower_vision.detection import Detection
-from follower_vision.frame import Frame, Image
-from follower_vision.pointed import box_around
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.selection import box_around
+from follower_vision.trackers.track import Track, TrackState
 
 WIDTH, HEIGHT = 160, 120
 BY = "somebody"
@@ -183,22 +183,24 @@ def test_a_newer_wish_ends_the_search_for_an_object() -> None:
 
 
 @pytest.mark.parametrize("taken", [False, True])
-def test_a_wish_from_before_the_vehicle_was_let_go_is_refused_but_for_none(taken: bool) -> None:
+def test_a_selection_from_before_a_release_is_refused_but_for_none(
+    taken: bool,
+) -> None:
     detector = SeesOne(FAR)
     requests, vision = rig(detector)
     request = requests.select_object(*SHOWN, BY)
     if taken:
         vision.step(frame(0))
-    requests.let_go()
+    requests.on_release()
     detector.box = Box(84, 50, 30, 24)
     record = vision.step(frame(1))
     assert (record.track, record.requests) == (None, 0)
     assert request.outcome is not None
-    assert "let go meanwhile" in request.outcome.text
+    assert "released meanwhile" in request.outcome.text
     requests.select_object(*SHOWN, BY)
     assert vision.step(frame(2)).track is not None
     none = requests.stop_tracking(BY)
-    requests.let_go()
+    requests.on_release()
     assert vision.step(frame(3)).track is None
     assert none.outcome is not None
     assert none.outcome.accepted
@@ -277,7 +279,7 @@ def test_any_rectangle_is_refused_or_lies_in_the_image(
     left: float, top: float, right: float, bottom: float
 ) -> None:
     try:
-        box = RectangleWish(left, top, right, bottom).on(WIDTH, HEIGHT)
+        box = BoxSelection(left, top, right, bottom).on(WIDTH, HEIGHT)
     except RequestRefusedError:
         return
     assert box.left >= -1e-9
@@ -290,10 +292,10 @@ def test_any_rectangle_is_refused_or_lies_in_the_image(
 @given(any_number, any_number)
 def test_any_point_is_refused_or_can_be_looked_at(x: float, y: float) -> None:
     try:
-        wish = PointWish(x, y)
+        selection = PointSelection(x, y)
     except RequestRefusedError:
         return
-    outcome = TargetFinder().find(wish, frame())
+    outcome = TargetFinder().find(selection, frame())
     assert outcome.accepted == (outcome.box is not None)
 
 
@@ -323,7 +325,7 @@ def test_orders_and_a_stop_reach_control_once() -> None:
     requests.withdraw_consent(BY)
     requests.stop(BY)
     taken = requests.take()
-    assert list(taken.orders) == [Order.GIVE, Order.WITHDRAW]
+    assert list(taken.orders) == [ConsentRequest.GIVE, ConsentRequest.WITHDRAW]
     assert taken.stop
     assert not requests.take().stop
 
@@ -410,8 +412,10 @@ EXTREMES = (3.4e38, -3.4e38, 1e6, 0.5, 0.0, 1e-38, -1e-3, -0.5)
 
 
 @pytest.mark.parametrize("key", [one.key for one in live_keys()])
-@pytest.mark.parametrize("state", [State.FOLLOWING, State.COASTING, State.SEARCHING])
-def test_whatever_is_accepted_can_be_flown(key: str, state: State) -> None:
+@pytest.mark.parametrize(
+    "state", [SupervisorState.FOLLOWING, SupervisorState.COASTING, SupervisorState.SEARCHING]
+)
+def test_whatever_is_accepted_can_be_flown(key: str, state: SupervisorState) -> None:
     """What is refused too late, where control takes it, would end the flight."""
     for value in EXTREMES:
         requests = OperatorRequests(Settings())
@@ -419,9 +423,9 @@ def test_whatever_is_accepted_can_be_flown(key: str, state: State) -> None:
             accepted = requests.change(key, value, BY)
         except RequestRefusedError:
             continue
-        steering, vehicle = Steering(Settings()), flying(0.0)
+        steering, vehicle = Guidance(Settings()), flying(0.0)
         steering.begin(vehicle, 0.0)
-        steering.step(State.FOLLOWING, 0.0, seen(0.0), vehicle, 0.0)
+        steering.step(SupervisorState.FOLLOWING, 0.0, seen(0.0), vehicle, 0.0)
         steering.begin_search(vehicle)
         steering.change(accepted)
         for now_s in (0.02, 0.04, 0.06):
@@ -438,7 +442,7 @@ def flying(time_s: float) -> VehicleState:
 
 def seen(time_s: float) -> TargetEstimate:
     return TargetEstimate(
-        time_s, 0.2, -0.3, -2.3, 0.1, -0.1, 0.01, np.eye(6), time_s, SightFrame.WORLD
+        time_s, 0.2, -0.3, -2.3, 0.1, -0.1, 0.01, np.eye(6), time_s, BearingFrame.WORLD
     )
 
 

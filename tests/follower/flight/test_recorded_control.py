@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from follower.flightlog import FlightLog, TrackRecord
-from follower.recorded import RecordedControl
-from follower.settings import Settings, load_settings
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.track import Track, TrackState
+from follower.flight.control.offline import RecordedControl
+from follower.flight.log import FlightLog, TrackRecord
+from follower.settings.settings import Settings, load_settings
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track, TrackState
 
 DAY_S = 86_400.0
 WIDTH, HEIGHT = 160, 120

@@ -8,14 +8,14 @@ import numpy as np
 import onnx
 import pytest
 
-from follower import tracking
-from follower.settings import Settings
-from follower.tracking import make_multi_tracker, make_target_tracker
-from follower_vision.box import Box
+from follower.flight.vision import tracker_factory
+from follower.flight.vision.tracker_factory import make_multi_tracker, make_target_tracker
+from follower.settings.settings import Settings
+from follower_vision.appearance.embedding import OnnxEmbedder
 from follower_vision.detection import Detection
-from follower_vision.embedding import OnnxEmbedder
-from follower_vision.frame import Frame, Image
-from follower_vision.network import ModelError, Tensor
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.onnx_network import ModelError, Tensor
 
 h = onnx.helper
 FRAME = Frame(np.random.default_rng(3).integers(0, 255, (120, 160, 3), np.uint8), 0.0, 0)
@@ -40,7 +40,7 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
     graph = h.make_graph([node], "averaging", [picture], [vector])
     model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
     (tmp_path / "mine.onnx").write_bytes(model.SerializeToString())
-    monkeypatch.setattr(tracking, "make_settings_detector", lambda _: BlindDetector())
+    monkeypatch.setattr(tracker_factory, "make_settings_detector", lambda _: BlindDetector())
     return Settings(detector="any", appearance=str(tmp_path / "mine.onnx"))
 
 

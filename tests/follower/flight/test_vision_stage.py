@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from follower.vision_stage import OUT_OF_ORDER, VisionStage
-from follower_vision.box import Box
-from follower_vision.correlation import CorrelationTracker
-from follower_vision.frame import Frame
-from follower_vision.longterm import LongTermTracker
-from follower_vision.track import TrackState
+from follower.flight.vision.stage import OUT_OF_ORDER, VisionStage
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.longterm.tracker import LongTermTracker
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.track import TrackState
 
 BOX = Box(80, 60, 20, 20)
 

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.links.autopilot_clock import AutopilotClock
-from follower.links.timesync import TimeSync, time_ns
+from follower.links.clock_sync import AutopilotClock, TimeSync, time_ns
 
 
 @given(st.lists(st.floats(0.0, 0.3), min_size=20, max_size=60), st.floats(0, 1000))

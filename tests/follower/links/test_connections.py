@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from follower.links import connection
-from follower.links.channel import PacketChannel
-from follower.links.connection import ConnectionFailedError, open_connection
-from follower.links.serial_port import SerialTransport
-from follower.links.tcp import TcpTransport
-from follower_control.transport import Transport
-from follower_control.udp import UdpTransport
+from follower.links import connections
+from follower.links.connections import (
+    ConnectionFailedError,
+    SerialTransport,
+    TcpTransport,
+    open_connection,
+)
+from follower.links.packet_channel import PacketChannel
+from follower_control.common.transport import Transport, UdpTransport
 from follower_vision.clock import SimulatedClock
 
 
@@ -32,12 +34,6 @@ def _receive(transport: Transport, wanted: int = 1) -> bytes:
     return data
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.mark.parametrize(
     "text", ["", "udpin", "udpin:14540", "tcp:h:1:2", "COM3", "serial:ttyACM0:57600", "/dev/x:fast"]
 )
@@ -46,8 +42,8 @@ def test_what_is_no_connection_is_answered_with_examples(text: str) -> None:
         open_connection(text)
 
 
-def test_tcp_carries_bytes_both_ways() -> None:
-    port = _free_port()
+def test_tcp_carries_bytes_both_ways(free_port: Callable[[], int]) -> None:
+    port = free_port()
     with (
         closing(open_connection(f"tcpin:127.0.0.1:{port}")) as server,
         closing(open_connection(f"tcp:127.0.0.1:{port}")) as client,
@@ -65,9 +61,8 @@ def test_tcp_is_taken_up_again_after_it_broke() -> None:
     client = TcpTransport.connect("127.0.0.1", server.port, clock)
     client.send(b"first")
     assert _receive(server, 5) == b"first"
-    assert server._socket is not None
-    server._socket.close()  # the autopilot is restarted
-    server._socket = None
+    assert server._file is not None
+    server._drop()  # the autopilot is restarted
     for _ in range(100):
         client.receive()
         time.sleep(0.001)
@@ -116,15 +111,15 @@ def test_a_tcp_peer_that_sends_without_end_does_not_hold_up_who_listens() -> Non
     assert sum(map(len, parts)) == sent
 
 
-def test_a_refused_connection_says_that_nobody_listens() -> None:
-    port = _free_port()
+def test_a_refused_connection_says_that_nobody_listens(free_port: Callable[[], int]) -> None:
+    port = free_port()
     with pytest.raises(ConnectionFailedError, match=f"nobody listens on port {port} of 127.0.0.1"):
         open_connection(f"tcp:127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcpin"])
-def test_a_port_in_use_is_named(kind: str) -> None:
-    with closing(open_connection(f"{kind}:127.0.0.1:{(port := _free_port())}")):
+def test_a_port_in_use_is_named(kind: str, free_port: Callable[[], int]) -> None:
+    with closing(open_connection(f"{kind}:127.0.0.1:{(port := free_port())}")):
         pattern = f"{kind}:127.0.0.1:{port}.*in use.*--connect"
         with pytest.raises(ConnectionFailedError, match=pattern):
             open_connection(f"{kind}:127.0.0.1:{port}")
@@ -288,7 +283,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch) -> Refuse:
         def fail(device: str, _baud: int) -> Transport:
             raise OSError(number, os.strerror(number), device)
 
-        monkeypatch.setattr(connection, "SerialTransport", fail)
+        monkeypatch.setattr(connections, "SerialTransport", fail)
 
     return refuse_with
 

@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
 from follower.links.mavsdk_link import MavsdkLink
-from follower.links.surroundings import clearance_by_rangefinder, gimbal_of
-from follower_control.gimbal import GimbalRates
-from follower_control.transport import MemoryTransport
-from follower_sim.autopilot import SimAutopilot
-from follower_sim.gimbal import Gimbal, GimbalModel
+from follower.links.pymavlink_link import MavlinkLink
+from follower.links.vehicle_monitor import clearance_by_rangefinder, gimbal_of
+from follower.settings.link import LinkSettings
+from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.gimbal import GimbalRates
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
+from follower_sim.vehicle.gimbal import Gimbal, GimbalModel
 from follower_vision.clock import MonotonicClock
 
 STEP_S = 0.02

@@ -8,16 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.connection import ConnectionFailedError, open_connection
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
+from follower.links.connections import ConnectionFailedError, open_connection
 from follower.links.modes import mode_name, set_mode_params
-from follower.simulate import other_end, simulate
-from follower.simulation_options import SimulationOptions
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.strict_yaml import SettingsError
-from follower_control.transport import MemoryTransport
-from follower_control.udp import UdpTransport
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.link import LinkSettings
+from follower.simulation.autopilot_connection import other_end
+from follower.simulation.options import SimulationOptions
+from follower.simulation.run import simulate
+from follower_control.common.strict_config import SettingsError
+from follower_control.common.transport import MemoryTransport, UdpTransport
+from follower_control.vehicle.setpoint import VelocitySetpoint
 
 
 @pytest.mark.parametrize("text", ["", "udpin", "udpin:14540", "com3:57600:1", "udpin:h:99999"])

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.mavsdk_stream import stands_still
+from follower.links.mavsdk_link import stands_still
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.packets import PacketReader
-from follower.links.unpacking import Unpacker
+from follower.links.packet_parser import PacketReader, Unpacker
 
 NUMBERS = st.floats(-100, 100, width=32)
 

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
-from follower.links.packets import PacketReader, checksum, crc_extra_of, message_id_of
-from follower.links.sequence import SequenceCounter
-from follower_control.transport import MemoryTransport
+from follower.links.packet_channel import SequenceCounter
+from follower.links.packet_parser import PacketReader, checksum, crc_extra_of, message_id_of
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.link import LinkSettings
+from follower_control.common.transport import MemoryTransport
 
 
 def _codec(system: int = 7, component: int = 1) -> Any:

@@ -9,15 +9,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
-from follower.links.packets import Packet, PacketReader
-from follower.links.signing import Refusal, Signer
-from follower.links.signing_key import SigningKey, SigningKeyError
-from follower.recorder import FlightConfig
-from follower.settings import Settings
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.transport import MemoryTransport
+from follower.links.packet_parser import MavlinkPacket, PacketReader
+from follower.links.pymavlink_link import MavlinkLink
+from follower.links.signing import SignatureRefusal, Signer, SigningKey, SigningKeyError
+from follower.recording import FlightConfig
+from follower.settings.link import LinkSettings
+from follower.settings.settings import Settings
+from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.setpoint import VelocitySetpoint
 
 SECRET = bytes(range(100, 132))
 YEAR_2026_NS = 1_790_000_000 * 10**9
@@ -87,7 +86,7 @@ def _plain(number: int = 0, system: int = 1, component: int = 1) -> bytes:
     return bytes(mavlink.MAVLink_heartbeat_message(2, 12, 129, 6 << 16, 4, 3).pack(codec))
 
 
-def _packet(data: bytes) -> Packet:
+def _packet(data: bytes) -> MavlinkPacket:
     (packet,) = PacketReader().feed(data)
     return packet
 
@@ -125,20 +124,20 @@ def test_we_believe_what_pymavlink_signs() -> None:
 def test_what_is_not_signed_or_wrongly_or_again_or_long_ago_is_refused() -> None:
     signer, codec = _signer(), _theirs()
     good = _signed_by_pymavlink(codec)
-    assert signer.refusal(_packet(_plain()), 1.0) is Refusal.UNSIGNED
+    assert signer.refusal(_packet(_plain()), 1.0) is SignatureRefusal.UNSIGNED
     other = _signed_by_pymavlink(_theirs(secret=bytes(32)))
-    assert signer.refusal(_packet(other), 1.0) is Refusal.WRONG
+    assert signer.refusal(_packet(other), 1.0) is SignatureRefusal.WRONG
     assert signer.refusal(_packet(good), 1.0) is None
-    assert signer.refusal(_packet(good), 1.0) is Refusal.REPLAYED
+    assert signer.refusal(_packet(good), 1.0) is SignatureRefusal.REPLAYED
     old = _signed_by_pymavlink(_theirs(stamp=STAMP_2026 - 61 * 100_000, system=2))
-    assert signer.refusal(_packet(old), 0.0) is Refusal.OLD
+    assert signer.refusal(_packet(old), 0.0) is SignatureRefusal.OLD
 
 
 def test_a_forged_packet_from_the_future_does_not_shut_out_the_true_sender() -> None:
     signer, codec = _signer(), _theirs()
     assert signer.refusal(_packet(_signed_by_pymavlink(codec)), 1.0) is None
     forged = _signed_by_pymavlink(_theirs(secret=bytes(32), stamp=(1 << 48) - 2))
-    assert signer.refusal(_packet(forged), 1.0) is Refusal.WRONG
+    assert signer.refusal(_packet(forged), 1.0) is SignatureRefusal.WRONG
     assert signer.refusal(_packet(_signed_by_pymavlink(codec)), 1.0) is None
 
 

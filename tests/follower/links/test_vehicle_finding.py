@@ -8,13 +8,13 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from rich.console import Console
 
-from follower.links.link_settings import LinkSettings
-from follower.links.link_status import LinkStatus
-from follower.links.mavlink import MavlinkLink
-from follower.links.message_rates import MessageRate, MessageRates
-from follower.live_status import LiveStatus
-from follower.terminal import status_table
-from follower_control.transport import MemoryTransport
+from follower.flight.status import LiveStatus
+from follower.links.pymavlink_link import MavlinkLink
+from follower.links.request_scheduler import MessageRate, MessageRates
+from follower.links.status import LinkStatus
+from follower.settings.link import LinkSettings
+from follower.ui.terminal.flight_display import status_table
+from follower_control.common.transport import MemoryTransport
 
 PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 QUADROTOR = mavlink.MAV_TYPE_QUADROTOR
@@ -64,7 +64,8 @@ def test_among_several_none_is_guessed_and_they_are_listed() -> None:
     air.pass_time(5.0, 3, 1, 2)
     assert not air.link.connected
     problem = air.link.status(5.0).problem
-    assert problem.startswith("several vehicles are heard: 1 (px4), 2 (px4), 3 (px4); choose one")
+    named = "1 (px4), 2 (px4), 3 (px4); choose one"
+    assert problem.startswith(f"several vehicles send heartbeats: {named}")
     assert "--set link.vehicle_id=1" in problem
     assert air.heard("COMMAND_LONG") == []
 
@@ -77,7 +78,7 @@ def test_the_chosen_one_is_taken_at_once_and_the_others_are_told_of_once() -> No
     air.pass_time(3.0, 2, 1)
     assert air.link.status(3.0).vehicle_id == 2
     told = [note for note in air.link.take_notes() if "another vehicle" in note]
-    assert told == ["another vehicle, system 1, is heard and not listened to"]
+    assert told == ["another vehicle, system 1, sends heartbeats and is ignored"]
 
 
 @pytest.mark.parametrize(
@@ -232,7 +233,7 @@ def test_a_wanted_vehicle_is_given_time_to_speak_before_others_are_called_a_prob
     air.pass_time(0.4, 2)
     assert air.link.status(0.4).problem == ""
     air.pass_time(2.6, 2)
-    assert "system 1 is not heard, but 2 (px4)" in air.link.status(2.6).problem
+    assert "system 1 sends no heartbeat, but 2 (px4)" in air.link.status(2.6).problem
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])

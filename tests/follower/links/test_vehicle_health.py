@@ -8,21 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from follower.links.health_monitor import HealthMonitor
-from follower.links.packets import PacketReader
-from follower.links.parameter_reader import ParameterReader
-from follower.links.vehicle_finder import Vehicle
+from follower.links.packet_parser import PacketReader, Unpacker
+from follower.links.parameters import ParameterReader
+from follower.links.vehicle_health import HealthMonitor
 
-PX4, ARDUPILOT = Vehicle(1, 12), Vehicle(1, 3)
+PX4, ARDUPILOT = True, False
+"""Whether integer parameters come as their bytes."""
 INT8, INT32, REAL32 = 2, 6, 9
 
 
-def told(vehicle: Vehicle, *messages: Any, now_s: float = 5.0) -> HealthMonitor:
+def told(*messages: Any, now_s: float = 5.0) -> HealthMonitor:
     """Pack messages as an autopilot does, and read the bytes."""
-    monitor, codec = HealthMonitor(vehicle), mavlink.MAVLink(None, 1, 1)
+    monitor, codec = HealthMonitor(), mavlink.MAVLink(None, 1, 1)
     data = b"".join(message.pack(codec) for message in messages)
     for packet in PacketReader().feed(data):
-        monitor.take(packet, now_s)
+        message = Unpacker().message(packet)
+        monitor.take(message.get_type(), message, now_s)
     return monitor
 
 
@@ -38,7 +39,7 @@ def test_ardupilots_own_message_is_read_though_trailing_zeros_are_cut(
     ratios: list[float], flags: int
 ) -> None:
     message = mavlink.MAVLink_ekf_status_report_message(flags, *ratios)
-    estimator = told(ARDUPILOT, message).health.estimator
+    estimator = told(message).health.estimator
     assert estimator is not None
     assert estimator.flags == flags
     assert list(estimator.ratios.values()) == ratios[:4]
@@ -48,7 +49,7 @@ def test_ardupilots_own_message_is_read_though_trailing_zeros_are_cut(
 def test_px4s_estimator_status_may_hold_nan_for_what_it_does_not_use() -> None:
     nan = float("nan")
     message = mavlink.MAVLink_estimator_status_message(9, 831, 0.2, nan, 0.4, 0.5, nan, nan, 1, 1)
-    estimator = told(PX4, message).health.estimator
+    estimator = told(message).health.estimator
     assert estimator is not None
     assert tuple(estimator.ratios.values()) == pytest.approx((0.2, 0.0, 0.4, 0.5))
 
@@ -56,7 +57,7 @@ def test_px4s_estimator_status_may_hold_nan_for_what_it_does_not_use() -> None:
 def test_what_the_autopilot_does_not_know_is_unknown() -> None:
     gps = mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 65535, 65535, 65535, 65535, 255)
     status = mavlink.MAVLink_sys_status_message(7, 7, 5, 0, 0, -1, -1, 0, 0, 0, 0, 0, 0)
-    health = told(PX4, gps, status).health
+    health = told(gps, status).health
     assert health.gps is not None
     assert (health.gps.fix_type, health.gps.satellites, health.gps.hdop) == (1, None, None)
     assert health.sensors is not None
@@ -69,11 +70,11 @@ def test_the_firmwares_version_is_unpacked() -> None:
     version = mavlink.MAVLink_autopilot_version_message(
         0, 4 << 24 | 6 << 16 | 3 << 8 | 255, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
     )
-    assert told(ARDUPILOT, version).health.firmware == (4, 6, 3)
+    assert told(version).health.firmware == (4, 6, 3)
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "kind", "carried", "value"),
+    ("bytewise", "kind", "carried", "value"),
     [
         (PX4, INT32, as_float(3), 3.0),
         (PX4, INT32, as_float(-1), -1.0),
@@ -83,17 +84,18 @@ def test_the_firmwares_version_is_unpacked() -> None:
     ],
 )
 def test_each_autopilots_encoding_of_parameters(
-    vehicle: Vehicle, kind: int, carried: float, value: float
+    bytewise: bool, kind: int, carried: float, value: float
 ) -> None:
-    monitor = HealthMonitor(vehicle)
-    monitor.parameters.want(["NAME"])
+    reader = ParameterReader(bytewise)
+    reader.want(["NAME"])
     data = mavlink.MAVLink_param_value_message(b"NAME", carried, kind, 9, 1).pack(
         mavlink.MAVLink(None, 1, 1)
     )
     for packet in PacketReader().feed(data):
-        assert monitor.take(packet, 0.0) == "PARAM_VALUE"
-    assert monitor.parameters.values == {"NAME": value}
-    assert monitor.parameters.done
+        message = Unpacker().message(packet)
+        reader.take(message.param_id, message.param_value, message.param_type)
+    assert reader.values == {"NAME": value}
+    assert not reader.missing
 
 
 def test_names_are_asked_for_a_few_at_once_again_and_then_given_up() -> None:
@@ -111,7 +113,6 @@ def test_names_are_asked_for_a_few_at_once_again_and_then_given_up() -> None:
     assert asked.count("P7") == 6
     assert sorted(set(asked)) == sorted(names)
     assert reader.missing == {"P7"}
-    assert reader.done
 
 
 def test_nobody_sets_what_was_not_asked_for_and_nan_is_no_value() -> None:
@@ -120,4 +121,4 @@ def test_nobody_sets_what_was_not_asked_for_and_nan_is_no_value() -> None:
     reader.take("OTHER", 1.0, REAL32)
     reader.take("ASKED", float("nan"), REAL32)
     assert reader.values == {}
-    assert not reader.done
+    assert not reader.missing

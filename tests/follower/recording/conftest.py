@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.control_stage import ControlStage
-from follower.flightlog import FlightLog
-from follower.realtime import VisionLoop
-from follower.recorder import FlightConfig, Recorder, RecorderSettings, VideoKind
-from follower.selecting import box_selector
-from follower.settings import Settings
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_control.transport import MemoryTransport
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_vision.box import Box
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import FlightLog
+from follower.flight.target.selectors import box_selector
+from follower.flight.threads import VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.recording import FlightConfig, Recorder, RecorderSettings, VideoKind
+from follower.settings.settings import Settings
+from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
 
 WIDTH, HEIGHT = 160, 120
 FRAME_S, STEP_S = 1 / 20, 1 / 50

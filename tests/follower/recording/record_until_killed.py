@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.control_stage import ControlStage
-from follower.recorder import FlightConfig, Recorder, RecorderSettings, VideoKind, epoch_now_ns
-from follower.settings import Settings
-from follower_control.transport import MemoryTransport
-from follower_control.vehicle import VehicleState
+from follower.flight.control.stage import ControlStage
+from follower.recording import FlightConfig, Recorder, RecorderSettings, VideoKind, epoch_now_ns
+from follower.settings.settings import Settings
+from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.state import VehicleState
 from follower_vision.clock import MonotonicClock
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 
 def main() -> None:

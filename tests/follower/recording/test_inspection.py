@@ -14,17 +14,17 @@ import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
-from follower.cli import app
-from follower.flightlog import FlightLog, TrackRecord
-from follower.identify.flights import read_flight
-from follower.inspection import inspect_flight
-from follower.recorder import FlightFileError
-from follower.report.delays import first_uses
-from follower.report.flight import Flight
-from follower.report.losses import losses, pick_images, wanted_frames
-from follower_vision.box import Box
-from follower_vision.frame import Frame
-from follower_vision.track import Track, TrackState
+from follower.apps.inspect import inspect_flight
+from follower.apps.main import app
+from follower.flight.log import FlightLog, TrackRecord
+from follower.recording import FlightFileError
+from follower.report.pilot_plot import first_uses
+from follower.report.series import LoggedFlight
+from follower.report.track_losses import losses, pick_images, wanted_frames
+from follower.tuning.identify.readers import read_flight
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track, TrackState
 
 _VOID = {"meta", "link", "br", "img", "hr", "input"}
 
@@ -73,6 +73,7 @@ def whole(small_flight: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[
     return inspected(folder)
 
 
+@pytest.mark.slow
 def test_the_report_shows_what_a_flight_was(whole: tuple[Page, str]) -> None:
     page, printed = whole
     wanted = {"States", "Losses", "Track error", "Map", "Delays and ages", "Recording", "Events"}
@@ -84,6 +85,7 @@ def test_the_report_shows_what_a_flight_was(whole: tuple[Page, str]) -> None:
     assert "following" in printed
 
 
+@pytest.mark.slow
 def test_the_report_needs_nothing_from_elsewhere(whole: tuple[Page, str]) -> None:
     page, _ = whole
     files = {"flight.mcap", "mavlink.tlog", "video.mkv", "config.yaml"}
@@ -91,6 +93,7 @@ def test_the_report_needs_nothing_from_elsewhere(whole: tuple[Page, str]) -> Non
         assert target.startswith(("data:", "#")) or target in files
 
 
+@pytest.mark.slow
 def test_a_truncated_flight_is_reported_up_to_where_it_ends(
     small_flight: Any, tmp_path: Path
 ) -> None:
@@ -104,6 +107,7 @@ def test_a_truncated_flight_is_reported_up_to_where_it_ends(
     assert "States" in page.headings
 
 
+@pytest.mark.slow
 def test_a_flight_without_its_video_is_reported_without_pictures(
     small_flight: Any, tmp_path: Path
 ) -> None:
@@ -115,13 +119,17 @@ def test_a_flight_without_its_video_is_reported_without_pictures(
     assert "States" in page.headings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
         {},
         {"servo": 3, "camera": None},
-        {"servo": {"target_size_m": "x", "distance_m": [], "elevation_deg": {}}},
-        {"camera": {"pitch_deg": True, "latency_s": "x"}, "recorder": 1},
+        {
+            "servo": {"target_size_m": "x", "distance_m": [], "elevation_deg": {}},
+            "camera": {"pitch_deg": True, "latency_s": "x"},
+            "recorder": 1,
+        },
     ],
 )
 def test_settings_of_another_form_are_passed_over(
@@ -147,6 +155,7 @@ def test_a_foreign_file_is_refused_in_one_line(content: bytes, tmp_path: Path) -
     assert not (tmp_path / "inspection.html").exists()
 
 
+@pytest.mark.slow
 def test_the_report_goes_where_it_is_wanted(small_flight: Any, tmp_path: Path) -> None:
     out = tmp_path / "here.html"
     result = CliRunner().invoke(app, ["inspect", str(small_flight.folder), "--out", str(out)])
@@ -162,10 +171,10 @@ def record(number: int, state: TrackState | None) -> TrackRecord:
     return TrackRecord(track, number, time_s, time_s, time_s, 0.0)
 
 
-def flight_of(states: str) -> Flight:
+def flight_of(states: str) -> LoggedFlight:
     """Make a flight of a letter a frame: t(racking), c(oasting), l(ost), n(one)."""
     names = {"t": TrackState.TRACKING, "c": TrackState.COASTING, "l": TrackState.LOST, "n": None}
-    return Flight.of(FlightLog([record(n, names[letter]) for n, letter in enumerate(states)]))
+    return LoggedFlight(FlightLog([record(n, names[letter]) for n, letter in enumerate(states)]))
 
 
 def test_losses_begin_with_the_first_frame_unseen_and_end_with_the_next_one_seen() -> None:
@@ -187,7 +196,7 @@ def test_a_loss_at_the_end_has_no_end() -> None:
     first, last = losses(flight_of("tctlll"))
     assert first.seen_again is not None
     assert last.seen_again is None
-    assert [word for word, _ in last.moments] == ["seen last", "unseen"]
+    assert [word for word, _ in last.shown_records] == ["seen last", "unseen"]
 
 
 def test_only_the_wanted_pictures_are_read() -> None:

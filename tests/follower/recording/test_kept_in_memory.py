@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from follower.flightlog import TrackRecord
-from follower.recorder import FlightConfig, Recorder
-from follower.recorder.recorded_flight import open_flight
-from follower.settings import Settings
+from follower.flight.log import TrackRecord
+from follower.recording import FlightConfig, Recorder
+from follower.recording.recorded_flight import open_flight
+from follower.settings.settings import Settings
 from follower_vision.clock import SimulatedClock
 
 KEPT = 10

@@ -1,19 +1,18 @@
 """The page about the log says what the table of messages says."""
 
-from pathlib import Path
+import re
 
 import pytest
+from flight_log_messages import PAGE, messages_markdown, nested_records, renewed
 
-from follower.recorder.docs import messages_markdown, renewed
-from follower.recorder.fields import fields_of, unit_of
-from follower.recorder.messages import BY_RECORD, BY_TOPIC, MESSAGES
-
-PAGE = Path(__file__).parents[3] / "docs" / "flight-log.md"
+from follower.recording.codec import fields_of
+from follower.recording.messages import BY_RECORD, BY_TOPIC, MESSAGES
+from follower.settings.field_docs import unit_of
 
 
 def test_the_page_is_up_to_date() -> None:
     page = PAGE.read_text("utf-8")
-    assert page == renewed(page), "python -m follower.recorder.docs docs/flight-log.md"
+    assert page == renewed(page), "python tests/docs_tables/flight_log_messages.py"
 
 
 def test_every_message_and_field_is_on_the_page() -> None:
@@ -21,7 +20,19 @@ def test_every_message_and_field_is_on_the_page() -> None:
     for message in MESSAGES:
         section = text.partition(f"### {message.topic}\n")[2].partition("\n###")[0]
         for field in fields_of(message.record):
-            assert f"`{field.name}" in section
+            assert f"`{field.name}`" in section
+
+
+def test_records_in_messages_have_a_list_each_and_every_link_leads_to_one() -> None:
+    text = messages_markdown()
+    assert len(nested_records()) > 5
+    for record in nested_records():
+        section = text.partition(f"#### {record.__name__}\n")[2].partition("\n###")[0]
+        assert all(f"`{field.name}`" in section for field in fields_of(record))
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    anchors = {heading.replace("/", "").lower() for heading in headings}
+    assert len(anchors) == len(headings)
+    assert set(re.findall(r"\(#(\w+)\)", text)) <= anchors
 
 
 def test_topics_and_records_are_each_used_once() -> None:

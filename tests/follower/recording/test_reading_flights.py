@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from follower.recorder import FlightFileError, open_flight
-from follower.recorder.mcap_log import METADATA, PROFILE
+from follower.recording import FlightFileError, open_flight
+from follower.recording.mcap_writer import METADATA, PROFILE
 
 CLUSTER = bytes.fromhex("1f43b675")
 """Matroska's mark of a cluster: some 400 ms of pictures."""
@@ -41,6 +41,7 @@ def test_a_cut_log_is_read_up_to_the_cut(small_flight: Any, tmp_path: Path, shar
         assert not times
 
 
+@pytest.mark.slow
 def test_the_further_the_log_goes_the_more_is_read(small_flight: Any, tmp_path: Path) -> None:
     """At every cut: never an error, never less than at an earlier cut."""
     folder = copied(small_flight, tmp_path / "flight")
@@ -76,6 +77,7 @@ def test_a_cut_video_gives_the_pictures_before_the_cut(small_flight: Any, tmp_pa
     assert any("video.mkv ends after" in remark for remark in flight.remarks)
 
 
+@pytest.mark.slow
 def test_damage_inside_a_video_costs_the_pictures_there_and_no_other_is_taken_for_them(
     small_flight: Any, tmp_path: Path
 ) -> None:
@@ -194,6 +196,7 @@ def test_without_its_configuration_file_the_log_still_knows_it(
 GOOD = "kind: simulated\nsettings: {}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [
@@ -248,6 +251,7 @@ def what_is_said(folder: Path) -> list[str]:
         return [str(error)]
 
 
+@pytest.mark.slow
 def test_damage_anywhere_is_a_remark_or_a_line(small_flight: Any, tmp_path: Path) -> None:
     """Bytes at random, most of them where no checksum guards them: at the beginning."""
     folder = copied(small_flight, tmp_path / "flight")

@@ -6,20 +6,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.flight.target.selectors import box_selector
+from follower.flight.threads import RealtimeRun, VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
 from follower.links.vehicle_health import SensorHealth, VehicleHealth
-from follower.realtime import RealtimeRun, VisionLoop
-from follower.recorder import FlightConfig, Recorder, open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.selecting import box_selector
-from follower.settings import Settings
-from follower.situation import Order
-from follower.supervisor import Reason, State
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_control.servo_settings import Mode
-from follower_control.vehicle import (
+from follower.recording import FlightConfig, Recorder, open_flight
+from follower.settings.live import SettingChange
+from follower.settings.settings import Settings
+from follower_control.vehicle.state import (
     Attitude,
     Clearance,
     GimbalState,
@@ -27,10 +28,10 @@ from follower_control.vehicle import (
     RcChannels,
     VehicleState,
 )
-from follower_vision.box import Box
 from follower_vision.clock import MonotonicClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 AT_MOST_S = 40.0
 PAUSE_S = 0.3
@@ -116,17 +117,20 @@ class Link:
         self.sent.append(setpoint)
 
 
+WATCH = SettingChange.of("servo.mode", "watch")
+
+
 class Operator:
     """Does each of a few things once, in the state for it, however busy the machine is."""
 
     def __init__(self, stage: ControlStage) -> None:
         self._stage, self._acted_s = stage, 0.0
         self._plan = [
-            (State.READY, lambda: stage.order(Order.GIVE)),
-            (State.FOLLOWING, lambda: stage.change_mode(Mode.WATCH)),
-            (State.FOLLOWING, lambda: stage.order(Order.WITHDRAW)),
-            (State.RELEASED, lambda: stage.order(Order.GIVE)),
-            (State.FOLLOWING, stage.request_stop),
+            (SupervisorState.READY, lambda: stage.order(ConsentRequest.GIVE)),
+            (SupervisorState.FOLLOWING, lambda: stage.repeat_changes([WATCH])),
+            (SupervisorState.FOLLOWING, lambda: stage.order(ConsentRequest.WITHDRAW)),
+            (SupervisorState.RELEASED, lambda: stage.order(ConsentRequest.GIVE)),
+            (SupervisorState.FOLLOWING, stage.request_stop),
         ]
 
     def goes_on(self, now_s: float) -> bool:
@@ -139,6 +143,7 @@ class Operator:
         return bool(self._plan) or now_s < self._acted_s + PAUSE_S
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> None:
     settings = Settings.model_validate(
@@ -171,10 +176,14 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
     assert flight.remarks == []
     assert len(flight.log.controls) == len(recorder.log.controls) > 50
     reasons = {record.reason for record in flight.log.controls}
-    assert {Reason.CONSENT_WITHDRAWN, Reason.STOP_REQUESTED, Reason.TARGET_SEEN} <= reasons
+    assert {
+        SupervisorReason.CONSENT_WITHDRAWN,
+        SupervisorReason.STOP_REQUESTED,
+        SupervisorReason.TARGET_SEEN,
+    } <= reasons
     assert all(record.gimbal for record in flight.log.controls if record.state.steers)
     assert len([record for record in flight.log.controls if record.health]) > 3
-    assert [record.mode_asked for record in flight.log.controls if record.mode_asked] == ["watch"]
+    assert [record.changes for record in flight.log.controls if record.changes] == [(WATCH,)]
     replay = Replay(flight, replay_settings(flight))
     compared = compare(flight.log, replay.run())
     assert replay.missed == 0

@@ -18,19 +18,19 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.recorder import FlightConfig, Recorder, open_flight
-from follower.recorder.codec import decode, encode
-from follower.recorder.config import without_secrets
-from follower.recorder.messages import MESSAGES
-from follower.recorder.schema import json_schema
-from follower.recorder.tlog import Direction, PacketSplitter, TlogWriter, read_tlog
-from follower.settings import Settings
-from follower_control.estimate import TargetEstimate
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.sighting import SightFrame
-from follower_control.transport import MemoryTransport
+from follower.recording import FlightConfig, Recorder, open_flight
+from follower.recording.codec import decode, encode, json_schema
+from follower.recording.config import without_secrets
+from follower.recording.machine import processor_features
+from follower.recording.messages import MESSAGES
+from follower.recording.tlog import Direction, PacketSplitter, TlogWriter, read_tlog
+from follower.settings.settings import Settings
+from follower_control.common.transport import MemoryTransport
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 FlySmall = Callable[..., Any]
 any_float = st.floats(allow_nan=True, allow_infinity=True)
@@ -54,11 +54,11 @@ def test_every_float_comes_back_bit_for_bit_also_those_json_does_not_know(
 def test_arrays_keep_their_shape_and_bits() -> None:
     covariance = np.random.default_rng(1).normal(size=(6, 6))
     numbers = (1.0, 0.1, -0.2, 1 / 3, 0.0, -0.0, 5e-324)
-    estimate = TargetEstimate(*numbers, covariance, 0.9, SightFrame.WORLD)
+    estimate = TargetEstimate(*numbers, covariance, 0.9, BearingFrame.WORLD)
     again = decode(TargetEstimate, encode(estimate))
     assert again.covariance.tobytes() == covariance.tobytes()
     assert replace(again, covariance=covariance).azimuth_rate_rad_s == 0.0
-    assert again.frame is SightFrame.WORLD
+    assert again.frame is BearingFrame.WORLD
 
 
 def test_numpy_scalars_are_written_as_what_they_are_worth() -> None:
@@ -129,6 +129,7 @@ def test_matroska_times_are_the_capture_times_to_the_millisecond(small_flight: A
     assert times == pytest.approx(wanted, abs=0.0006)
 
 
+@pytest.mark.slow
 def test_a_flight_in_lockstep_is_recorded_the_same_each_time(
     fly_small: FlySmall, tmp_path: Path
 ) -> None:
@@ -324,6 +325,10 @@ def test_behind_damaged_bytes_a_telemetry_log_goes_on(tmp_path: Path) -> None:
 def test_the_configuration_tells_what_flew(small_flight: Any) -> None:
     config = open_flight(small_flight.folder).config
     assert config.versions["numpy"] == np.__version__
+    named = {"python", "machine", "libc", "opencv-python-headless", "onnxruntime", "filterpy"}
+    assert named <= config.versions.keys()
+    assert set(config.processor["features"].split()) == {*processor_features()}
+    assert config.processor["model"]
     assert config.settings["recorder"]["video"] == "lossless"
     assert Settings.model_validate(config.settings).control_rate_hz == 50
 

@@ -11,17 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
-from follower.flightlog import FlightLog
-from follower.recorder import FlightFileError, RecordedFlight, open_flight
-from follower.recorder.log_writer import control_messages
-from follower.replay import Replay, compare, replay_settings
-from follower.replay.command import DIFFERENT, SAME, ReplayOptions, replay_flight
-from follower.replay.comparison import difference
-from follower_control.strict_yaml import SettingsError
-from follower_vision.camera import CameraModel
+from follower.apps.inspect import inspect_flight
+from follower.apps.replay.comparison import compare, difference
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.apps.replay.run import DIFFERENT, SAME, replay_flight
+from follower.flight.log import FlightLog
+from follower.recording import FlightFileError, RecordedFlight, open_flight
+from follower.recording.messages import messages_of
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.camera_model import CameraModel
 
 FlySmall = Callable[..., Any]
+OLD = Path(__file__).parent / "before_processors"
 
 
 def replayed(flight: RecordedFlight, *overrides: str, **options: Any) -> Replay:
@@ -44,6 +47,7 @@ def test_the_replay_of_a_lossless_flight_is_the_flight(small_flight: Any) -> Non
     ]
 
 
+@pytest.mark.slow
 def test_other_gains_change_the_setpoints_and_nothing_before_them(small_flight: Any) -> None:
     flight = open_flight(small_flight.folder)
     compared = compare(flight.log, replayed(flight, "servo.distance_m=3").log)
@@ -100,21 +104,22 @@ def test_control_replays_from_the_recorded_tracks_without_any_video(
     flight = open_flight(folder)
     replay = replayed(flight, tracks_recorded=True)
     assert compare(flight.log, replay.log).identical
-    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == SAME
+    assert replay_flight(folder, out=tmp_path / "runs") == SAME
 
 
+@pytest.mark.slow
 def test_lossy_video_replays_control_exactly_and_its_saved_replay_wholly(
     fly_small: FlySmall, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fly_small(tmp_path / "lossy", video="h264")
     runs = tmp_path / "runs"
-    assert replay_flight(ReplayOptions(tmp_path / "lossy", save=True, out=runs)) == SAME
+    assert replay_flight(tmp_path / "lossy", save=True, out=runs) == SAME
     said = " ".join(capsys.readouterr().out.split())
     assert "Control replays bit for bit" in said
     assert "the video is lossy" in said
     assert (runs / "replay-lossy" / "replay.png").stat().st_size > 10_000
     reference = runs / "lossy-replayed"
-    assert replay_flight(ReplayOptions(reference, out=runs)) == SAME
+    assert replay_flight(reference, out=runs) == SAME
     assert "identical to the flight, bit for bit" in " ".join(capsys.readouterr().out.split())
     one, two = open_flight(tmp_path / "lossy"), open_flight(reference)
     assert two.frames == one.frames
@@ -129,6 +134,7 @@ def rewritten(flight: RecordedFlight, change: Callable[[Any], Any]) -> None:
     flight.log.tracks = [change(record) for record in flight.log.tracks]
 
 
+@pytest.mark.slow
 def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +143,7 @@ def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
     shutil.copytree(small_flight.folder, folder)
     config = folder / "config.yaml"
     config.write_text(config.read_text().replace("max_jerk_m_s3: 10.0", "max_jerk_m_s3: 9.9"))
-    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == DIFFERENT
+    assert replay_flight(folder, out=tmp_path / "runs") == DIFFERENT
     said = " ".join(capsys.readouterr().out.split())
     assert "The replay differs from the flight" in said
     assert "The first difference is at" in said
@@ -145,16 +151,101 @@ def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
     assert (tmp_path / "runs" / "replay-flight" / "setpoints.csv").exists()
 
 
+def of_another_kind(flight: Any, folder: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
+    """A copy of a flight that says that it was recorded on another machine."""
+    shutil.copytree(flight.folder, folder)
+    config = yaml.safe_load((folder / "config.yaml").read_text("utf-8"))
+    edit(config)
+    (folder / "config.yaml").write_text(yaml.safe_dump(config), "utf-8")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (lambda config: config["processor"].update(features="NEON"), "recorded with NEON"),
+        (lambda config: config["processor"].update(blas="Z80"), "recorded with Z80"),
+        (lambda config: config["versions"].update(numpy="1.0"), "recorded with 1.0"),
+        (lambda config: config["versions"].update(libc="musl 9"), "recorded with musl 9"),
+        (lambda config: config["versions"].update(machine="aarch64"), "recorded with aarch64"),
+        (lambda config: config.pop("processor"), "the recording does not name its processor"),
+    ],
+)
+def test_elsewhere_control_is_compared_within_a_tolerance_and_it_says_why(
+    small_flight: Any,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    edit: Callable[[dict[str, Any]], None],
+    why: str,
+) -> None:
+    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    assert replay_flight(folder, out=tmp_path / "runs") == SAME
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Compared within 1e-09: " in said
+    assert why in said
+    assert "Control replays within 1e-09. Vision was not compared strictly: a tracker's" in said
+
+
+@pytest.mark.slow
+def test_another_version_of_this_program_and_another_model_are_the_same_kind(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def edit(config: dict[str, Any]) -> None:
+        config["versions"]["drone-target-follower"] = "0.0.1"
+        config["processor"]["model"] = "Another Name"
+
+    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    assert replay_flight(folder, out=tmp_path / "runs") == SAME
+    assert "Compared bit for bit: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_elsewhere_more_than_rounding_is_a_difference(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def edit(config: dict[str, Any]) -> None:
+        config["processor"]["features"] = "NEON"
+        config["settings"]["envelope"]["max_jerk_m_s3"] = 9.9999999
+
+    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    assert replay_flight(folder, out=tmp_path / "runs") == DIFFERENT
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The replay differs from the flight" in said
+    assert "Compared within 1e-09: processor features" in said
+
+
+@pytest.mark.slow
+def test_a_flight_from_before_recordings_named_their_processor_opens_replays_and_reports(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of it there are log and settings; its control multiplied its matrices by BLAS."""
+    flight = open_flight(OLD)
+    assert flight.config.processor == {}
+    compared = compare(flight.log, replayed(flight, tracks_recorded=True).log)
+    assert compared.agrees(1e-9)
+    assert not compared.agrees(0.0)
+    assert replay_flight(OLD, out=tmp_path) == SAME
+    said = " ".join(capsys.readouterr().out.split())
+    assert "952 compared, the same within 1e-09 (the largest difference is" in said
+    assert "Compared within 1e-09: the recording does not name its processor." in said
+    assert "Control replays within 1e-09. Vision was not replayed." in said
+    report = inspect_flight(OLD, tmp_path / "report.html", Console(quiet=True))
+    assert "not recorded" in report.read_text("utf-8")
+
+
+@pytest.mark.slow
 def test_with_other_settings_the_replay_is_labelled_open_loop(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ReplayOptions(small_flight.folder, ("servo.distance_m=3",), save=True, out=tmp_path)
-    assert replay_flight(options) == SAME
+    folder, overrides = small_flight.folder, ["servo.distance_m=3"]
+    assert replay_flight(folder, overrides, save=True, out=tmp_path) == SAME
     assert "Open loop" in capsys.readouterr().out
     saved = open_flight(tmp_path / f"{small_flight.folder.name}-replayed")
     assert saved.config.run["open_loop"] == "replayed with servo.distance_m=3"
 
 
+@pytest.mark.slow
 def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
     small_flight: Any,
 ) -> None:
@@ -173,6 +264,7 @@ def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
     assert len(replay.log.controls) == len(flight.log.controls)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [b"", b"no video" * 99, None])
 def test_without_a_video_that_can_be_read_control_is_replayed_and_that_is_said(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
@@ -182,12 +274,12 @@ def test_without_a_video_that_can_be_read_control_is_replayed_and_that_is_said(
         (folder / "video.mkv").unlink()
     else:
         (folder / "video.mkv").write_bytes(content)
-    assert replay_flight(ReplayOptions(folder, out=tmp_path)) == SAME
+    assert replay_flight(folder, out=tmp_path) == SAME
     out = capsys.readouterr().out
     assert "video.mkv cannot be read (" in out
     assert "Control replays bit for bit. Vision was not replayed." in out
     with pytest.raises(FlightFileError, match="--save needs the video"):
-        replay_flight(ReplayOptions(folder, save=True, out=tmp_path))
+        replay_flight(folder, save=True, out=tmp_path)
 
 
 def test_a_log_with_nothing_in_it_is_no_replay_that_succeeded(
@@ -201,7 +293,7 @@ def test_a_log_with_nothing_in_it_is_no_replay_that_succeeded(
         "camera": {**camera, "distortion": [0] * 5},
     }
     config.write_text(yaml.safe_dump(known), "utf-8")
-    assert replay_flight(ReplayOptions(folder, out=tmp_path)) == DIFFERENT
+    assert replay_flight(folder, out=tmp_path) == DIFFERENT
     assert "There was nothing to compare." in capsys.readouterr().out
 
 
@@ -218,9 +310,9 @@ def test_a_log_that_contradicts_itself_is_named(small_flight: Any) -> None:
 
 
 def test_a_control_step_is_written_in_parts_that_end_with_the_step(small_flight: Any) -> None:
-    names = [type(part).__name__ for part in control_messages(small_flight.log.controls[-1])]
+    names = [type(part).__name__ for part in messages_of(small_flight.log.controls[-1])]
     assert names == [
-        *("Attitude", "Attitude", "VehicleState", "Situation", "TargetEstimate"),
+        *("Attitude", "Attitude", "VehicleState", "SupervisorInputs", "TargetEstimate"),
         *("SetpointRecord", "StepRecord"),
     ]
 
@@ -228,7 +320,7 @@ def test_a_control_step_is_written_in_parts_that_end_with_the_step(small_flight:
 @pytest.mark.slow
 def test_the_command_replays_in_another_process(small_flight: Any, tmp_path: Path) -> None:
     """Another process, other addresses in memory, other hash seeds: the same bits."""
-    command = [sys.executable, "-c", "from follower.cli import main; main()", "replay"]
+    command = [sys.executable, "-c", "from follower.apps.main import main; main()", "replay"]
     done = subprocess.run(
         [*command, str(small_flight.folder), "--out", str(tmp_path)],
         capture_output=True,

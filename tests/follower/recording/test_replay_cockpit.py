@@ -15,10 +15,10 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
-from follower.cockpit.flights import Flights
-from follower.recorder import open_flight
-from follower.replay import replay_settings
-from follower.replay.on_page import Player
+from follower.apps.replay.playback_page import Player
+from follower.apps.replay.replay import replay_settings
+from follower.recording import open_flight
+from follower.ui.cockpit.recordings_api import RecordingFolder
 
 PATIENCE_S = 60.0
 
@@ -40,7 +40,7 @@ class Station:
 
 def test_an_end_between_two_flights_ends_it(small_flight: Any, tmp_path: Path) -> None:
     station: Any = Station()
-    player = Player(station, Flights(tmp_path))
+    player = Player(station, RecordingFolder(tmp_path))
     player.stop()
     flight = open_flight(small_flight.folder)
     player.play(flight, replay_settings(flight))
@@ -54,7 +54,7 @@ def test_a_flight_is_played_and_then_the_one_that_is_chosen(
 ) -> None:
     for name in ("first", "second"):
         shutil.copytree(small_flight.folder, tmp_path / name)
-    code = "from follower.cli import main; main()"
+    code = "from follower.apps.main import main; main()"
     arguments = ("replay", "first", "--cockpit")
     settings = tmp_path / "said.txt"
     with settings.open("w") as said:

@@ -7,21 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from follower.control_stage import ControlStage
-from follower.flightlog import ControlRecord, FlightLog
-from follower.operator_requests import OperatorRequests
-from follower.realtime import VisionLoop
-from follower.recorder import FlightConfig, Recorder, open_flight
-from follower.recorder_settings import RecorderSettings, VideoKind
-from follower.replay import Replay, compare, replay_settings
-from follower.settings import Settings
-from follower.supervisor import Reason, State
-from follower.tracking import make_target_tracker
-from follower.vision_stage import VisionStage
-from follower_control.servo_settings import Mode
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.flight.threads import VisionLoop
+from follower.flight.vision.stage import VisionStage
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.recording import FlightConfig, Recorder, open_flight
+from follower.settings.recorder import RecorderSettings, VideoKind
+from follower.settings.settings import Settings
+from follower_control.servo.settings import FollowMode
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 WIDTH, HEIGHT = 160, 120
 FRAMES_PER_STEP, STEP_S = 2, 0.02
@@ -94,7 +95,7 @@ def busy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightLog]:
         ),
         1.0: lambda requests: requests.change("envelope.max_speed_m_s", 3.3, "a test"),
         1.2: select(1, 1.2),
-        1.6: lambda requests: requests.change("servo.mode", Mode.ORBIT, "a test"),
+        1.6: lambda requests: requests.change("servo.mode", FollowMode.ORBIT, "a test"),
         2.0: lambda requests: requests.stop_tracking("a test"),
         2.3: select(0, 2.3),
         2.7: lambda requests: requests.stop("a test"),
@@ -104,26 +105,31 @@ def busy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightLog]:
     return folder, fly(folder, 3.6, asks)
 
 
+@pytest.mark.slow
 def test_all_of_it_happened(busy: tuple[Path, FlightLog]) -> None:
     _, log = busy
-    assert at(log, 0.7).state is State.FOLLOWING
+    assert at(log, 0.7).state is SupervisorState.FOLLOWING
     assert [change.key for change in at(log, 0.8).changes] == [
         "servo.azimuth.kp",
         "servo.distance_m",
     ]
     assert not at(log, 0.82).changes
-    assert at(log, 1.5).state is State.FOLLOWING
-    assert at(log, 2.2).reason is Reason.NO_TARGET
-    assert at(log, 2.2).state is State.HOLDING
-    assert at(log, 2.6).state is State.FOLLOWING
+    assert at(log, 1.5).state is SupervisorState.FOLLOWING
+    assert at(log, 2.2).reason is SupervisorReason.NO_TARGET
+    assert at(log, 2.2).state is SupervisorState.HOLDING
+    assert at(log, 2.6).state is SupervisorState.FOLLOWING
     stopped = at(log, 2.7)
-    assert (stopped.state, stopped.reason) == (State.RELEASED, Reason.STOP_REQUESTED)
-    assert at(log, 3.1).state is State.RELEASED, "a target alone does not undo a stop"
-    assert at(log, 3.3).state is State.FOLLOWING
+    assert (stopped.state, stopped.reason) == (
+        SupervisorState.RELEASED,
+        SupervisorReason.STOP_REQUESTED,
+    )
+    assert at(log, 3.1).state is SupervisorState.RELEASED, "a target alone does not undo a stop"
+    assert at(log, 3.3).state is SupervisorState.FOLLOWING
     said = [event.text for event in log.events if event.source == "operator"]
     assert any("servo.azimuth.kp: 1.5 -> 0.7, by a test" in text for text in said)
 
 
+@pytest.mark.slow
 def test_another_target_is_steered_after_at_once_and_without_a_step(
     busy: tuple[Path, FlightLog],
 ) -> None:
@@ -135,6 +141,7 @@ def test_another_target_is_steered_after_at_once_and_without_a_step(
     assert abs(after.asked.yaw_rate_rad_s - before.asked.yaw_rate_rad_s) < 0.05
 
 
+@pytest.mark.slow
 def test_the_replay_is_the_flight_to_the_last_bit(busy: tuple[Path, FlightLog]) -> None:
     flight = open_flight(busy[0])
     assert sum(selection.box is None for selection in flight.selections) == 1
@@ -145,10 +152,11 @@ def test_the_replay_is_the_flight_to_the_last_bit(busy: tuple[Path, FlightLog]) 
     assert [one.changes for one in replay.log.controls] == [one.changes for one in busy[1].controls]
 
 
+@pytest.mark.slow
 def test_a_target_given_up_is_let_go_after_a_hold(tmp_path: Path) -> None:
     asks: Asks = {0.1: select(0, 0.1), 0.6: lambda requests: requests.stop_tracking("a test")}
     log = fly(tmp_path, 4.0, asks)
-    assert at(log, 0.5).state is State.FOLLOWING
+    assert at(log, 0.5).state is SupervisorState.FOLLOWING
     states = [record.state for record in log.controls if record.time_s > 0.62]
-    assert list(dict.fromkeys(states)) == [State.HOLDING, State.RELEASED]
+    assert list(dict.fromkeys(states)) == [SupervisorState.HOLDING, SupervisorState.RELEASED]
     assert log.controls[-1].allowed.values == pytest.approx((0, 0, 0, 0), abs=1e-6)

@@ -7,11 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from follower.recorder import open_flight
-from follower.replay.command import SAME, ReplayOptions, replay_flight
-from follower.track import track
-from follower.track_options import TrackOptions
-from follower_vision.box import Box
+from follower.apps.replay.run import SAME, replay_flight
+from follower.apps.target_choice import TargetChoice
+from follower.apps.track.run import TrackFiles
+from follower.apps.track.session import track
+from follower.apps.video_input import VideoInput
+from follower.recording import open_flight
+from follower.settings.settings import Settings, load_settings
+from follower_vision.geometry.box import Box
+
+TARGET = TargetChoice((Box(70.0, 60.0, 20.0, 16.0),))
 
 
 @pytest.fixture(scope="module")
@@ -22,19 +27,13 @@ def pictures(small_flight: Any, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return folder
 
 
+@pytest.mark.slow
 def test_a_recorded_run_is_a_flight_and_replays_bit_for_bit(
     pictures: Path, small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = TrackOptions(
-        str(pictures),
-        targets=(Box(70.0, 60.0, 20.0, 16.0),),
-        rate_hz=20.0,
-        record=True,
-        video=False,
-        overrides=("recorder.video=lossless",),
-        out=tmp_path,
-    )
-    assert track(options) == 0
+    settings = load_settings(overrides=["recorder.video=lossless"])
+    files = TrackFiles(tmp_path, video=False, record=True)
+    assert track(settings, TARGET, VideoInput(str(pictures), rate_hz=20.0), files) == 0
     (folder,) = tmp_path.iterdir()
     flight = open_flight(folder)
     assert len(flight.log.tracks) == 30
@@ -46,12 +45,12 @@ def test_a_recorded_run_is_a_flight_and_replays_bit_for_bit(
         np.array_equal(a, b.image) for a, b in zip(images, small_flight.frames[:30], strict=True)
     )
     capsys.readouterr()
-    assert replay_flight(ReplayOptions(folder, out=tmp_path / "runs")) == SAME
+    assert replay_flight(folder, out=tmp_path / "runs") == SAME
     assert "identical to the flight, bit for bit" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_without_the_option_nothing_is_recorded(pictures: Path, tmp_path: Path) -> None:
-    options = TrackOptions(str(pictures), targets=(Box(70.0, 60.0, 20.0, 16.0),), out=tmp_path)
-    assert track(options) == 0
+    assert track(Settings(), TARGET, VideoInput(str(pictures)), TrackFiles(tmp_path)) == 0
     (folder,) = tmp_path.iterdir()
     assert not (folder / "flight.mcap").exists()

@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from follower.flightlog import ControlRecord, FlightLog
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.links.vehicle_health import EstimatorHealth, SensorHealth, VehicleHealth
 from follower.report import style
-from follower.report.flight import Flight
 from follower.report.pilot_plot import channels, gimbal_angles, health, pilot_and_vehicle
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
-from follower_control.vehicle import Attitude, GimbalState, RcChannels, VehicleState
+from follower.report.series import LoggedFlight
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, GimbalState, RcChannels, VehicleState
 
 EMPTY = ControlRecord(
     time_s=0.0,
     late_s=0.0,
     busy_s=0.0,
-    state=State.IDLE,
-    reason=Reason.NO_TARGET,
+    state=SupervisorState.IDLE,
+    reason=SupervisorReason.NO_TARGET,
     estimate=None,
     track_captured_s=None,
     vehicle=VehicleState(),
@@ -36,10 +36,10 @@ TOLD = VehicleHealth(
 )
 
 
-def flight(*records: ControlRecord) -> Flight:
+def flight(*records: ControlRecord) -> LoggedFlight:
     log = FlightLog()
     log.controls.extend(records)
-    return Flight.of(log)
+    return LoggedFlight(log)
 
 
 def test_nothing_known_draws_nothing() -> None:

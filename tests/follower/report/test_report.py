@@ -15,10 +15,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from follower.flightlog import FlightLog
-from follower.report import ReportMeta, write_report, write_score, write_whole
-from follower.report.flight import Flight
+from follower.flight.log import FlightLog, setpoint_delays
+from follower.report.figures import write_track_plot
+from follower.report.flight_page import write_report, write_score
 from follower.report.series import (
+    LoggedFlight,
+    ReportMeta,
     directions,
     setpoints,
     state_spans,
@@ -26,11 +28,11 @@ from follower.report.series import (
     thinned,
     true_motion,
 )
-from follower.report.track_plot import write_track_plot
-from follower.scoring import score_flight, setpoint_delays, stopped_s
-from follower_control.setpoint import HOLD
-from follower_sim.criteria import Criteria
-from follower_sim.score import PursuitScore
+from follower.simulation.ground_truth import score_flight, stopped_s
+from follower_control.vehicle.setpoint import HOLD
+from follower_sim.scenario.scenario import Criteria
+from follower_sim.scoring.score import PursuitScore
+from follower_vision.atomic_file import write_whole
 
 META = ReportMeta(
     title="A car <on> a winding road",
@@ -127,6 +129,7 @@ def page(html: str) -> Page:
     return Page(html)
 
 
+@pytest.mark.slow
 def test_the_page_is_well_formed_and_has_each_section(page: Page) -> None:
     assert page.open == []
     assert tuple(page.headings) == SECTIONS
@@ -179,6 +182,7 @@ def test_the_headline_follows_the_verdict(score: PursuitScore, tmp_path: Path) -
         assert headline in (tmp_path / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_the_same_flight_gives_the_same_page_and_leaves_matplotlib_alone(
     flight: Any, score: PursuitScore, html: str, tmp_path: Path
 ) -> None:
@@ -188,6 +192,7 @@ def test_the_same_flight_gives_the_same_page_and_leaves_matplotlib_alone(
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.slow
 def test_a_flight_without_truth_or_telemetry_still_shows_track_and_setpoints(
     fly: Any, tmp_path: Path
 ) -> None:
@@ -201,6 +206,7 @@ def test_a_flight_without_truth_or_telemetry_still_shows_track_and_setpoints(
     assert "no truth to score by" in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "with_truth"), [(0, False), (1, False), (1, True), (2, True)])
 def test_a_log_of_hardly_anything_makes_a_report(
     flight: Any, count: int, with_truth: bool, tmp_path: Path
@@ -216,6 +222,7 @@ def test_a_log_of_hardly_anything_makes_a_report(
     write_track_plot(tmp_path / "track.png", log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["tracks", "controls"])
 def test_a_missing_part_of_the_log_is_left_out(flight: Any, missing: str, tmp_path: Path) -> None:
     log = replace(flight.log, **{missing: []})
@@ -292,7 +299,7 @@ def test_states_fill_the_flight_without_gaps(flight: Any) -> None:
 
 def test_the_approachs_end_is_drawn_where_the_score_says(flight: Any) -> None:
     score = score_flight(flight.log, flight.truth, flight.goal)
-    shown = Flight.of(flight.log, flight.truth, flight.goal, score=score)
+    shown = LoggedFlight(flight.log, flight.truth, flight.goal, score=score)
     if score.approach_s is None:
         assert shown.approached_s is None
     else:

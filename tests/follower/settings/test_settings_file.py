@@ -7,14 +7,14 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower.operator_requests import OperatorRequests
-from follower.setting_change import SettingChange, live_keys, value_at
-from follower.settings import Settings, load_settings
-from follower.settings_file import save_settings, with_values
-from follower.target_wish import RequestRefusedError
-from follower_control.strict_yaml import SettingsError
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.target.request import RequestRefusedError
+from follower.settings.live import SettingChange, live_keys, value_at
+from follower.settings.save import save_settings, with_values
+from follower.settings.settings import Settings, load_settings
+from follower_control.common.strict_config import SettingsError
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 MINE = """\
 # My drone, my numbers.
 tracker: correlation
@@ -83,6 +83,7 @@ def test_our_own_examples_can_be_edited(path: Path, tmp_path: Path) -> None:
 keys = st.lists(st.sampled_from([one.key for one in live_keys()]), min_size=1, max_size=6)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(keys)
 def test_whatever_is_changed_and_saved_is_in_force_when_read_again(chosen: list[str]) -> None:

@@ -10,10 +10,10 @@ from types import ModuleType
 
 import pytest
 
-from follower.sight import Sight
+from follower.simulation.options import VisionSource
 from follower_control.tuning.axes import Axis
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "closed_loop.py"
+BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "closed_loop.py"
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def closed_loop() -> ModuleType:
 def test_the_azimuth_loop_is_as_fast_as_theory_says(closed_loop: ModuleType) -> None:
     settings, here, gains = closed_loop.usual("px4")
     predicted, measured = closed_loop.bandwidth(
-        "px4", Sight.TRUTH, gains, here, settings, Axis.AZIMUTH
+        "px4", VisionSource.TRUTH, gains, here, settings, Axis.AZIMUTH
     )
     assert measured == pytest.approx(predicted, rel=0.2)
 
@@ -41,5 +41,5 @@ def test_the_azimuth_loop_is_as_fast_as_theory_says(closed_loop: ModuleType) -> 
 def test_the_azimuth_loop_begins_to_swing_where_theory_says(closed_loop: ModuleType) -> None:
     _, _, gains = closed_loop.usual("px4")
     at = closed_loop.predicted_onset("px4", Axis.AZIMUTH)
-    assert not closed_loop.swings("px4", Sight.TRUTH, gains, Axis.AZIMUTH, 0.75 * at)
-    assert closed_loop.swings("px4", Sight.TRUTH, gains, Axis.AZIMUTH, 1.25 * at)
+    assert not closed_loop.swings("px4", VisionSource.TRUTH, gains, Axis.AZIMUTH, 0.75 * at)
+    assert closed_loop.swings("px4", VisionSource.TRUTH, gains, Axis.AZIMUTH, 1.25 * at)

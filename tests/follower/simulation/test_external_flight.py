@@ -6,26 +6,26 @@ from typing import cast
 
 import pytest
 
-from follower.autonomy import Phase
-from follower.autopilot_wait import AutopilotWait
-from follower.flight_extras import FlightExtras
-from follower.flightlog import FlightLog
-from follower.flying import fly_lockstep
-from follower.links.connection import ConnectionFailedError
+from follower.flight.control.takeoff_monitor import AutopilotWait
+from follower.flight.log import FlightLog
+from follower.flight.supervision.autonomy import AutonomyPhase
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
-from follower.links.link_status import LinkStatus
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.sight import Sight
-from follower.simulated_flight import EXTERNAL, SimulatedFlight
-from follower.supervisor import State
-from follower.telemetry_vehicle import TelemetryVehicle
-from follower_control.transport import MemoryTransport
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_sim.autopilot import SimAutopilot
+from follower.links.status import LinkStatus
+from follower.settings.settings import load_settings
+from follower.simulation.components import FlightOptions
+from follower.simulation.external_vehicle import TelemetryVehicle
+from follower.simulation.flight import EXTERNAL, SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 FLAVOURS = ("px4", "ardupilot")
@@ -78,7 +78,7 @@ class Elsewhere:
         told = scenario()
         settings, clock = load_settings(base=base_settings(told)), SimulatedClock()
         ends = self._transport, MemoryTransport.pair()[1]
-        extras = FlightExtras(sight=Sight.TRUTH)
+        extras = FlightOptions(vision=VisionSource.TRUTH)
         flight = SimulatedFlight(World(told), settings, EXTERNAL, clock, ends, extras)
         began_s, lines = self._time_s, []
 
@@ -111,9 +111,10 @@ def check_pursuit(flight: SimulatedFlight) -> None:
     assert max(sample.range_m for sample in late) < 20
     assert max(abs(sample.azimuth_rad) for sample in late) < math.radians(10)
     assert flight.score().wrong_box_share == 0
-    assert flight.phase is Phase.DONE
+    assert flight.phase is AutonomyPhase.DONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_a_late_autopilot_flies_twice_from_its_own_origin_and_heading(flavour: str) -> None:
     elsewhere = Elsewhere(flavour)
@@ -137,7 +138,7 @@ def test_a_late_autopilot_flies_twice_from_its_own_origin_and_heading(flavour: s
     second, said = elsewhere.flight()
     assert second.chosen_s is not None
     assert second.chosen_s < 4.0
-    assert str(Phase.TAKING_OFF) not in said
+    assert str(AutonomyPhase.TAKING_OFF) not in said
     check_pursuit(second)
 
 
@@ -152,7 +153,7 @@ def check_waiting(flight: SimulatedFlight) -> None:
 
 def check_control(flight: SimulatedFlight) -> None:
     """Control flew in the autopilot's own world."""
-    first = next(r for r in flight.log.controls if r.state is State.FOLLOWING)
+    first = next(r for r in flight.log.controls if r.state is SupervisorState.FOLLOWING)
     assert first.vehicle.attitude is not None
     assert first.vehicle.attitude.yaw_rad == pytest.approx(HEADING_RAD, abs=0.1)
 
@@ -177,18 +178,18 @@ POSITION = LocalPosition(40.0, -7.0, -9.0, 0.0, 2.0, 0.0, 0.0)
 def test_who_does_not_answer_is_given_up_soon_and_one_whose_estimator_settles_late() -> None:
     told = Told()
     wait = AutopilotWait(cast(Link, told), FlightLog())
-    wait.check(Phase.CONNECTING, 14.9)
+    wait.check(AutonomyPhase.CONNECTING, 14.9)
     with pytest.raises(ConnectionFailedError, match="no autopilot answered within 15 s"):
-        wait.check(Phase.CONNECTING, 15.1)
+        wait.check(AutonomyPhase.CONNECTING, 15.1)
     told.connected, told.state = True, VehicleState(attitude=ATTITUDE)
-    assert wait.words(Phase.CONNECTING) == "connecting: the estimator has no position yet"
-    wait.check(Phase.CONNECTING, 10.0)
-    wait.check(Phase.CONNECTING, 99.9)
+    assert wait.words(AutonomyPhase.CONNECTING) == "connecting: the estimator has no position yet"
+    wait.check(AutonomyPhase.CONNECTING, 10.0)
+    wait.check(AutonomyPhase.CONNECTING, 99.9)
     with pytest.raises(ConnectionFailedError, match="the estimator has no position yet"):
-        wait.check(Phase.CONNECTING, 100.1)
-    told.problem = "several vehicles are heard"
+        wait.check(AutonomyPhase.CONNECTING, 100.1)
+    told.problem = "several vehicles send heartbeats"
     with pytest.raises(ConnectionFailedError, match="several vehicles"):
-        wait.check(Phase.CONNECTING, 10.0)
+        wait.check(AutonomyPhase.CONNECTING, 10.0)
 
 
 def test_one_that_refuses_to_arm_is_quoted_and_given_up_late() -> None:
@@ -196,19 +197,19 @@ def test_one_that_refuses_to_arm_is_quoted_and_given_up_late() -> None:
     told.connected, told.altitude_msl_m = True, 500.0
     told.state = VehicleState(attitude=ATTITUDE, position=POSITION)
     wait = AutopilotWait(cast(Link, told), log)
-    assert wait.words(Phase.ARMING) == "arming"
+    assert wait.words(AutonomyPhase.ARMING) == "arming"
     log.note(0.0, "autopilot", "Arm: Need Position Estimate")
     log.note(0.0, "autopilot", "MAV_CMD_COMPONENT_ARM_DISARM: MAV_RESULT_FAILED")
     log.note(0.0, "autopilot", "ATTITUDE comes at 4.0 Hz, not at 100; asking again")
-    assert wait.words(Phase.ARMING) == "arming: Arm: Need Position Estimate"
-    wait.check(Phase.ARMING, 30.0)
+    assert wait.words(AutonomyPhase.ARMING) == "arming: Arm: Need Position Estimate"
+    wait.check(AutonomyPhase.ARMING, 30.0)
     log.note(31.0, "autonomy", "taking off")
-    assert wait.words(Phase.TAKING_OFF) == "taking off"
+    assert wait.words(AutonomyPhase.TAKING_OFF) == "taking off"
     log.note(32.0, "autopilot", "Takeoff denied")
-    wait.check(Phase.TAKING_OFF, 209.0)
+    wait.check(AutonomyPhase.TAKING_OFF, 209.0)
     with pytest.raises(ConnectionFailedError, match="taking off: Takeoff denied"):
-        wait.check(Phase.TAKING_OFF, 211.0)
-    wait.check(Phase.AIRBORNE, 999.0)
+        wait.check(AutonomyPhase.TAKING_OFF, 211.0)
+    wait.check(AutonomyPhase.AIRBORNE, 999.0)
     wait.check(None, 999.0)
     assert wait.words(None) == ""
 

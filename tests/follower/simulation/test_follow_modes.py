@@ -7,16 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.flying import fly_lockstep
-from follower.recorder import open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.simulate import simulate, simulation_settings
-from follower.simulated_flight import SimulatedFlight
-from follower.simulation_options import SimulationOptions
-from follower_control.servo_settings import Mode
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.recording import open_flight
+from follower.settings.live import SettingChange
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import SimulationOptions, simulation_settings
+from follower.simulation.run import simulate
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_control.servo.settings import FollowMode
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 pytestmark = pytest.mark.slow
@@ -54,20 +56,23 @@ def scenario(target: dict[str, Any], servo: dict[str, Any], **more: Any) -> Scen
     )
 
 
-def flown(wanted: Scenario, flavour: str, changes: dict[float, Mode] | None = None) -> np.ndarray:
+def flown(
+    wanted: Scenario, flavour: str, changes: dict[float, FollowMode] | None = None
+) -> np.ndarray:
     """Return the truth of a flight, a row a control step.
 
     Time, the vehicle from the target (north, east, up), the target's azimuth off the nose, its
     share in the frame, and the vehicle's speed.
     """
     clock = SimulatedClock()
-    settings = simulation_settings(wanted, SimulationOptions("test", flavour, lockstep=True))
+    settings = simulation_settings(wanted)
     flight = SimulatedFlight(World(wanted), settings, flavour, clock, MemoryTransport.pair())
     waiting = dict(changes or {})
 
     def show() -> None:
         if waiting and clock.now() >= min(waiting):
-            flight.stage.change_mode(waiting.pop(min(waiting)))
+            mode = waiting.pop(min(waiting))
+            flight.stage.repeat_changes([SettingChange.of("servo.mode", mode)])
 
     fly_lockstep(flight, clock, show)
     flight.close()
@@ -102,7 +107,7 @@ def test_round_a_person_it_circles_and_then_only_watches() -> None:
         "target_middle_m": 1.3,
         "elevation_deg": -28,
     }
-    rows = flown(scenario(PERSON, servo), "px4", {19.0: Mode.WATCH})
+    rows = flown(scenario(PERSON, servo), "px4", {19.0: FollowMode.WATCH})
     circling, watching = late(rows, 13.0, 19.0), late(rows, 22.0)
     bearing = np.unwrap(np.arctan2(circling[:, 2], circling[:, 1]))
     rate_deg = math.degrees((bearing[-1] - bearing[0]) / (circling[-1, 0] - circling[0, 0]))

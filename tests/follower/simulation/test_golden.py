@@ -1,8 +1,11 @@
 """Recorded flights, sound and broken on purpose, replayed through the real pipeline.
 
-tests/golden holds three short simulated flights; `make golden` flies them anew. Another processor
-may round differently, so that vision is allowed small differences here; bit for bit is what
-tests/follower/recorder promises, where flight and replay run on one machine.
+tests/golden holds three short simulated flights; `make golden` flies them anew. All have pixels.
+OpenCV and the trackers' matrix products choose their code by the processor, and a tracker's
+rounding errors grow: of vision, the outcome is compared, within the tolerances below. They are
+about twice what OpenBLAS' kernels, and NumPy and OpenCV without AVX, make of these flights. Control
+is fed the recorded tracks and compared as `follower replay` does: bit for bit on the kind of
+machine that recorded them, within 1e-9 elsewhere.
 """
 
 from __future__ import annotations
@@ -18,21 +21,30 @@ from typing import TypeAlias
 import numpy as np
 import pytest
 
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower.recorder import RecordedFlight, open_flight
-from follower.recorder.mcap_log import McapLog
-from follower.recorder.records import FrameRecord, StepRecord
-from follower.replay.comparison import compare
-from follower.replay.replay import Replay, replay_settings
-from follower.supervisor import Reason, State
-from follower_control.vehicle import Attitude, VehicleState
+from follower.apps.replay.comparison import Strictness, compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.recording import RecordedFlight, open_flight
+from follower.recording.mcap_writer import McapLog
+from follower.recording.messages import FrameRecord, StepRecord
+from follower_control.vehicle.state import Attitude, VehicleState
 
 pytestmark = pytest.mark.slow
 
-GOLDEN = Path(__file__).parents[1] / "golden"
+GOLDEN = Path(__file__).parents[2] / "golden"
 FLIGHTS = ("chase", "blackout", "watch")
 BROKEN_S = 12.0
 """When things begin to go wrong; by then every flight follows its target."""
+
+LEAST_OVERLAP = 0.9
+"""Intersection over union of a replayed box with the recorded one, in every frame."""
+MOST_APART_M_S, MEAN_APART_M_S = 0.5, 0.1
+"""How far a component of the velocity may be off, at any time and on average."""
+MOST_APART_RAD_S = 0.02
+"""The same for the yaw rate."""
+LATE_STEPS = 2
+"""So many control steps may have decided otherwise, in all."""
 
 Messages: TypeAlias = Iterator[tuple[float, object]]
 Edit: TypeAlias = Callable[[Messages], Messages]
@@ -68,30 +80,39 @@ def chase(tmp_path: Path) -> Golden:
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_recorded_flight_is_flown_the_same_way_again(name: str) -> None:
     flight = open_flight(GOLDEN / name)
-    comparison = compare(flight.log, replayed(flight))
-    largest = {one.name: one.largest for one in (*comparison.tracks, *comparison.control)}
-    for side in ("centre x", "centre y", "width", "height"):
-        assert largest[f"track: {side}"] < 1.0
-    for component in ("forward", "right", "down"):
-        assert largest[f"allowed: {component}"] < 0.1
-    assert largest["allowed: yaw rate"] < 0.05
-    late = [one for one in comparison.control if one.name == "state and reason"]
-    assert late[0].count <= 2
+    log = replayed(flight)
+    for before, now in zip(flight.log.tracks, log.tracks, strict=True):
+        assert (before.track is None) == (now.track is None)
+        if before.track is not None and now.track is not None:
+            assert now.track.state is before.track.state
+            assert now.track.box.iou(before.track.box) > LEAST_OVERLAP
+    assert states(log) == states(flight.log)
+    steps = list(zip(flight.log.controls, log.controls, strict=True))
+    assert sum(a.reason is not b.reason for a, b in steps) <= LATE_STEPS
+    apart = np.abs([np.subtract(a.allowed.values, b.allowed.values) for a, b in steps])
+    assert (apart[:, :3] < MOST_APART_M_S).all()
+    assert (apart[:, :3].mean(axis=0) < MEAN_APART_M_S).all()
+    assert (apart[:, 3] < MOST_APART_RAD_S).all()
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_control_alone_gives_the_recorded_setpoints(name: str) -> None:
-    flight = open_flight(GOLDEN / name)
+    assert_control_replays(open_flight(GOLDEN / name))
+
+
+def assert_control_replays(flight: RecordedFlight) -> None:
+    """Fed the recorded tracks: to the last bit on this kind of machine, else within 1e-9."""
     replay = Replay(flight, replay_settings(flight), tracks_recorded=True)
+    allowed = Strictness.of(flight).tolerance
     for one in compare(flight.log, replay.run()).control:
-        assert one.largest < 1e-6, one.name
+        assert one.largest <= allowed, one.name
 
 
 def test_the_golden_flights_are_what_they_are_meant_to_be() -> None:
     chase, blackout, watch = (open_flight(GOLDEN / name) for name in FLIGHTS)
-    assert any(state is State.FOLLOWING for state in states(chase.log))
+    assert any(state is SupervisorState.FOLLOWING for state in states(chase.log))
     assert max(record.allowed.forward_m_s for record in chase.log.controls) > 2.0
-    assert states(blackout.log)[-2:] == [State.HOLDING, State.RELEASED]
+    assert states(blackout.log)[-2:] == [SupervisorState.HOLDING, SupervisorState.RELEASED]
     assert all(record.allowed.forward_m_s == 0 for record in watch.log.controls)
     assert max(abs(record.allowed.yaw_rate_rad_s) for record in watch.log.controls) > 0.1
 
@@ -99,7 +120,7 @@ def test_the_golden_flights_are_what_they_are_meant_to_be() -> None:
 def test_a_frozen_gyro_makes_it_hold(chase: Golden) -> None:
     """The attitude repeats itself while its time goes on: within 0.15 s it asks for a hold."""
     log = replayed(chase.broken(frozen))
-    stale = [record for record in log.controls if record.reason is Reason.TELEMETRY_STALE]
+    stale = [record for record in log.controls if record.reason is SupervisorReason.TELEMETRY_STALE]
     assert BROKEN_S < stale[0].time_s < BROKEN_S + 0.15
     assert_holds_from(log, BROKEN_S + 0.15)
 
@@ -126,7 +147,7 @@ def test_dropped_frames_are_borne(chase: Golden) -> None:
         log = replayed(chase.broken(partial(dropping, first)))
         assert len(log.tracks) < 0.8 * len(chase.flight.log.tracks)
         followed = [record for record in log.controls if BROKEN_S < record.time_s < 21.5]
-        assert all(record.state is State.FOLLOWING for record in followed)
+        assert all(record.state is SupervisorState.FOLLOWING for record in followed)
         apart += [
             abs(record.allowed.forward_m_s - sound.allowed.forward_m_s)
             for record, sound in zip(log.controls, chase.flight.log.controls, strict=True)
@@ -141,7 +162,7 @@ def test_times_that_jump_back_are_refused(chase: Golden) -> None:
     newest = [record.estimate.last_seen_s for record in log.controls if record.estimate]
     assert newest == sorted(newest)
     late = [record for record in log.controls if BROKEN_S + 0.6 < record.time_s < BROKEN_S + 0.9]
-    assert {record.reason for record in late} == {Reason.FRAMES_STALE}
+    assert {record.reason for record in late} == {SupervisorReason.FRAMES_STALE}
     assert all(record.asked.values == (0, 0, 0, 0) for record in late)
 
 
@@ -172,9 +193,7 @@ def test_a_truncated_log_replays_up_to_its_end(chase: Golden, share: float) -> N
     cut = open_flight(chase.folder)
     assert 0.5 * share < len(cut.log.controls) / len(chase.flight.log.controls) < share + 0.1
     assert any("cut off" in remark for remark in cut.remarks)
-    replay = Replay(cut, replay_settings(cut), tracks_recorded=True)
-    for one in compare(cut.log, replay.run()).control:
-        assert one.largest < 1e-6, one.name
+    assert_control_replays(cut)
 
 
 def test_a_truncated_video_leaves_the_recorded_tracks(chase: Golden) -> None:
@@ -191,9 +210,9 @@ def test_a_truncated_video_leaves_the_recorded_tracks(chase: Golden) -> None:
     assert_in_bounds(log)
 
 
-def states(log: FlightLog) -> list[State]:
+def states(log: FlightLog) -> list[SupervisorState]:
     """The states in turn, each once."""
-    found: list[State] = []
+    found: list[SupervisorState] = []
     for record in log.controls:
         if not found or record.state is not found[-1]:
             found.append(record.state)
@@ -212,7 +231,9 @@ def assert_holds_from(log: FlightLog, time_s: float) -> None:
     after = [record for record in log.controls if record.time_s > time_s]
     assert after
     assert all(record.asked.values == (0, 0, 0, 0) for record in after)
-    assert all(record.state in (State.HOLDING, State.RELEASED) for record in after)
+    assert all(
+        record.state in (SupervisorState.HOLDING, SupervisorState.RELEASED) for record in after
+    )
     assert speed(after[-1]) < 1e-6
 
 

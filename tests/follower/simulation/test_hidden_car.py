@@ -4,16 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from follower.flying import fly_lockstep
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
+from follower.settings.settings import load_settings
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
-FILE = Path(__file__).parents[2] / "configs" / "scenarios" / "demo.yaml"
+FILE = Path(__file__).parents[3] / "configs" / "scenarios" / "demo.yaml"
 
 
 @pytest.mark.slow

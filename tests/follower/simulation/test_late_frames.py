@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from follower.flightlog import FlightLog, TrackRecord
-from follower.keeping_up import said_of_late_frames
+from follower.flight.log import FlightLog, TrackRecord
+from follower.simulation.run import late_frame_warning
 
 
 def log_of(captured_s: list[float]) -> FlightLog:
@@ -15,12 +15,12 @@ def log_of(captured_s: list[float]) -> FlightLog:
 
 
 def test_nothing_is_said_of_vision_that_keeps_up() -> None:
-    assert said_of_late_frames(log_of(list(np.arange(0, 10, 1 / 28))), 30) is None
-    assert said_of_late_frames(log_of([1.0]), 30) is None
+    assert late_frame_warning(log_of(list(np.arange(0, 10, 1 / 28))), 30) is None
+    assert late_frame_warning(log_of([1.0]), 30) is None
 
 
 def test_too_few_frames_are_told_with_their_rate() -> None:
-    said = said_of_late_frames(log_of(list(np.arange(0, 10, 1 / 15))), 30)
+    said = late_frame_warning(log_of(list(np.arange(0, 10, 1 / 15))), 30)
     assert said is not None
     assert "15 of the camera's 30 frames a second" in said
     assert "--lockstep" in said
@@ -30,6 +30,6 @@ def test_too_few_frames_are_told_with_their_rate() -> None:
 def test_a_gap_is_told_however_many_frames_there_were(gap_s: float) -> None:
     before = list(np.arange(0, 10, 1 / 30))
     after = [before[-1] + gap_s + number / 30 for number in range(300)]
-    said = said_of_late_frames(log_of(before + after), 30)
+    said = late_frame_warning(log_of(before + after), 30)
     assert said is not None
     assert f"gaps of up to {gap_s:.1f} s" in said

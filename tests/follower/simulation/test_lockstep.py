@@ -2,7 +2,7 @@
 
 import pytest
 
-from follower.lockstep import Lockstep
+from follower.flight.lockstep import Lockstep
 from follower_vision.clock import SimulatedClock
 
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from follower.selecting import colour_selector
-from follower_vision.box import Box
-from follower_vision.frame import Frame
+from follower.flight.target.selectors import colour_selector
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
 
 RED = "#d02020"
 SMALL, LARGE = Box(60, 90, 24, 20), Box(200, 90, 44, 40)

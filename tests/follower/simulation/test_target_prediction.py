@@ -1,44 +1,42 @@
 """Control tells vision where in the next image the target can be: it holds, and it replays."""
 
 import math
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from follower.configs import find_scenario
-from follower.flight_extras import FlightExtras
-from follower.flightlog import TrackRecord
-from follower.flying import fly_lockstep
-from follower.recorder import open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.sight import Sight
-from follower.simulate import simulation_settings
-from follower.simulated_flight import SimulatedFlight
-from follower.simulation_options import SimulationOptions
-from follower.vision_stage import VisionStage
-from follower_control.estimator import EstimatorSettings, TargetEstimator
-from follower_control.servo import VisualServo
-from follower_control.servo_settings import ServoSettings
-from follower_control.setpoint import HOLD
-from follower_control.sighting import SightFrame, Sighting
-from follower_control.transport import MemoryTransport
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
-from follower_sim.scenario_file import load_scenario
-from follower_sim.truth import TruthTeller
-from follower_sim.world import World
-from follower_vision.box import Box
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.log import TrackRecord
+from follower.flight.vision.stage import VisionStage
+from follower.recording import open_flight
+from follower.settings.bundled import find_scenario
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import SimulationOptions, VisionSource, simulation_settings
+from follower.simulation.run import simulate
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_control.servo.servo import VisualServo
+from follower_control.servo.settings import ServoSettings
+from follower_control.target.estimator import EstimatorSettings, TargetEstimator
+from follower_control.target.observation import BearingFrame, BearingObservation
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.scoring.ground_truth import GroundTruth
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.lineofsight import LineOfSight
-from follower_vision.prospect import Prospect, has_middle
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.geometry.line_of_sight import LineOfSight
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.target_tracker import TargetPrediction, has_middle
+from follower_vision.trackers.track import Track, TrackState
 
 BOX = Box(80, 60, 20, 20)
-FAR = Prospect(500.0, 100.0, Box(500, 100, 40, 40), Box(500, 100, 80, 80))
+FAR = TargetPrediction(500.0, 100.0, Box(500, 100, 40, 40), Box(500, 100, 80, 80))
 
 
 def frame(number: int, time_s: float) -> Frame:
@@ -49,12 +47,12 @@ class Told:
     """A tracker that sees nothing, and notes what it was told before each frame."""
 
     def __init__(self) -> None:
-        self.told: list[Prospect | None] = []
+        self.told: list[TargetPrediction | None] = []
 
     def start(self, frame: Frame, box: Box) -> Track:
         return Track(box, TrackState.TRACKING, 1.0, "told", frame.captured_s, frame.sequence)
 
-    def expect(self, prospect: Prospect | None) -> None:
+    def expect(self, prospect: TargetPrediction | None) -> None:
         self.told.append(prospect)
 
     def step(self, frame: Frame) -> Track:
@@ -64,7 +62,7 @@ class Told:
 def test_a_tracker_is_told_before_each_frame_but_the_one_in_which_it_starts() -> None:
     tracker, asked = Told(), []
 
-    def prospects(captured_s: float, requests: int) -> Prospect | None:
+    def prospects(captured_s: float, requests: int) -> TargetPrediction | None:
         asked.append((captured_s, requests))
         return FAR if captured_s < 0.25 else None
 
@@ -83,24 +81,23 @@ def test_a_tracker_is_told_before_each_frame_but_the_one_in_which_it_starts() ->
 @pytest.mark.parametrize("name", ["pursue-car", "pursue-person", "pursue-quadrotor"])
 def test_a_hidden_target_is_where_it_is_said_to_be(name: str) -> None:
     """Whatever it does below a canopy; and it is no large part of the image."""
-    scenario = load_scenario(find_scenario(name), ("duration_s=60", "occlusions.hidden_s=3"))
+    scenario = load_scenario(find_scenario(name), ("duration_s=45", "occlusions.hidden_s=3"))
     world, clock = World(scenario, 5), SimulatedClock()
-    options = SimulationOptions(name, sight=Sight.TRUTH)
     flight = SimulatedFlight(
         world,
-        simulation_settings(scenario, options),
+        simulation_settings(scenario),
         "px4",
         clock,
         MemoryTransport.pair(),
-        FlightExtras(sight=Sight.TRUTH),
+        FlightOptions(vision=VisionSource.TRUTH),
     )
-    teller, asked = TruthTeller(world), []
+    truth, asked = GroundTruth(world), []
     look = flight.vision.step
 
     def step(frame: Frame, delay_s: float = 0.0) -> TrackRecord:
         captured_s = frame.captured_s
         true_s = captured_s - scenario.camera.stamp_offset_s
-        seen = teller.seen(true_s, flight.vehicle.state_at(true_s))
+        seen = truth.seen(true_s, flight.vehicle.state_at(true_s))
         asked.append((seen, flight.stage.prospect(captured_s, 0)))
         return look(frame, delay_s)
 
@@ -129,34 +126,36 @@ def test_nothing_is_foreseen_of_a_target_that_has_long_been_gone() -> None:
         now_s = 0.02 * number
         if now_s < gone_s:
             sight = LineOfSight(0.0, -0.3)
-            estimator.observe(Sighting(sight, math.log(0.1), now_s, SightFrame.WORLD, False))
+            estimator.observe(
+                BearingObservation(sight, math.log(0.1), now_s, BearingFrame.WORLD, False)
+            )
         estimate = estimator.estimate(now_s)
         attitude = Attitude(0, 0, 0, 0, 0, 0, now_s)
         position = LocalPosition(0, 0, -5, 0, 0, 0, now_s)
         assert estimate is not None
         servo.update(estimate, VehicleState(attitude, position, "OFFBOARD", True, True), HOLD)
         if 1.0 < now_s < gone_s + 5.0:
-            outlook = servo.outlook(now_s)
+            outlook = servo.pursuit.predicted_region(now_s)
             assert outlook is not None
             assert outlook.away_m[0] > 5
         if now_s > gone_s + 6.1:
-            assert servo.outlook(now_s) is None
+            assert servo.pursuit.predicted_region(now_s) is None
 
 
 @pytest.mark.slow
 def test_what_vision_was_told_is_recorded_and_replays_bit_for_bit(tmp_path: Path) -> None:
-    arguments = ["sim", "pursue-person", "--lockstep", "--seed", "3", "--out", str(tmp_path)]
-    arguments += ["--set", "tracker=re3", "--set", "detector=embedded"]
-    arguments += ["--set", "recorder.video=lossless", "--scene", "duration_s=18"]
-    subprocess.run(
-        [sys.executable, "-c", "from follower.cli import main; main()", *arguments],
-        cwd=tmp_path,
-        timeout=280,
-        check=False,  # so short a pursuit need not pass
-        capture_output=True,
+    options = SimulationOptions(
+        "pursue-person",
+        lockstep=True,
+        seed=3,
+        out=tmp_path,
+        video=False,
+        overrides=("tracker=re3", "detector=embedded", "recorder.video=lossless"),
+        scene=("duration_s=11",),
     )
+    simulate(options)
     flight = open_flight(tmp_path / "pursue-person")
     told = [record for record in flight.log.tracks if record.prospect is not None]
-    assert len(told) > 200
+    assert len(told) > 60
     compared = compare(flight.log, Replay(flight, replay_settings(flight)).run())
     assert compared.identical, [one.name for one in compared.differing]

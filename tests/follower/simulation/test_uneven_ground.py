@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.settings import load_settings
-from follower.steering import Steering
-from follower.supervisor import State
-from follower_control.estimate import TargetEstimate
-from follower_control.sighting import SightFrame
-from follower_control.vehicle import Attitude, Clearance, LocalPosition, VehicleState
+from follower.flight.control.guidance import Guidance
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.settings import load_settings
+from follower_control.target.estimate import TargetEstimate
+from follower_control.target.observation import BearingFrame
+from follower_control.vehicle.state import Attitude, Clearance, LocalPosition, VehicleState
 
 DT, PERSON_M, MIDDLE_M = 0.02, 0.9, 0.9
 KEEP_OUT_M = 4.0
@@ -49,7 +49,7 @@ class Walk:
     north_m: float = 0.0
 
     def __post_init__(self) -> None:
-        self.steering = Steering(load_settings(base=self.settings))
+        self.steering = Guidance(load_settings(base=self.settings))
         self.ranges_m: list[float] = []
         self.told_m: list[float] = []
         self._forward = self._down = self._now_s = 0.0
@@ -66,9 +66,12 @@ class Walk:
         range_m = math.hypot(ahead, rise)
         seen = TargetEstimate(
             self._now_s, 0.0 if ahead > 0 else math.pi, math.atan2(rise, abs(ahead)),
-            math.log(PERSON_M / range_m), 0, 0, 0, np.eye(6) * 1e-5, self._now_s, SightFrame.WORLD,
+            math.log(PERSON_M / range_m), 0, 0, 0, np.eye(6) * 1e-5, self._now_s,
+            BearingFrame.WORLD,
         )  # fmt: skip
-        limited = self.steering.step(State.FOLLOWING, self._now_s, seen, self._vehicle(), 0.0)
+        limited = self.steering.step(
+            SupervisorState.FOLLOWING, self._now_s, seen, self._vehicle(), 0.0
+        )
         self._forward += (limited.allowed.forward_m_s - self._forward) * DT / VELOCITY_LAG_S
         self._down += (limited.allowed.down_m_s - self._down) * DT / CLIMB_LAG_S
         self.north_m += self._forward * DT
@@ -104,6 +107,7 @@ def test_on_level_ground_the_wanted_distance_is_kept() -> None:
     assert walk.ranges_m[-1] == pytest.approx(9.0, abs=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rangefinder", [False, True])
 @pytest.mark.parametrize(("slope", "rise_m"), [(0.1, 3.0), (0.2, 5.0), (0.5, 5.0)])
 def test_up_a_hill_it_does_not_fly_into_whom_it_follows(

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from follower.sight import Sight, check_without_pixels
-from follower.simulate import simulate
-from follower.simulation_options import SimulationOptions
-from follower_control.strict_yaml import SettingsError
-from follower_sim.scenario_file import load_scenario
-from follower_sim.stand_in import LABEL
+from follower.simulation.options import SimulationOptions, VisionSource, check_without_pixels
+from follower.simulation.run import simulate
+from follower_control.common.strict_config import SettingsError
+from follower_sim.noisy_tracker import LABEL
+from follower_sim.scenario.scenario_file import load_scenario
 
 SHORT = ("duration_s=16", "targets.0.path.shape.from_s=10")
 
@@ -22,12 +21,13 @@ def options(out: Path, **more: object) -> SimulationOptions:
         lockstep=True,
         out=out,
         video=False,
-        sight=Sight.TRUTH,
+        vision=VisionSource.TRUTH,
         scene=SHORT,
         **more,  # type: ignore[arg-type]
     )
 
 
+@pytest.mark.slow
 def test_a_flight_without_pixels_is_labelled_and_the_same_each_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,7 +53,7 @@ def test_faults_of_the_picture_need_pixels(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="frames-black@12:1 needs pixels"):
         simulate(options(tmp_path, faults=("frames-black@12:1",)))
     scenario = load_scenario(
-        Path(__file__).parents[2] / "configs" / "scenarios" / "pursue-car.yaml",
+        Path(__file__).parents[3] / "configs" / "scenarios" / "pursue-car.yaml",
         ("faults=[{kind: frozen, from_s: 3}]",),
     )
     with pytest.raises(SettingsError, match="the scenario's fault 'frozen' needs pixels"):
@@ -62,7 +62,7 @@ def test_faults_of_the_picture_need_pixels(tmp_path: Path) -> None:
 
 def test_another_sight_is_named() -> None:
     with pytest.raises(SettingsError, match=r"--vision eyes: choose pixels or truth\+noise"):
-        Sight.of("eyes")
+        VisionSource.of("eyes")
 
 
 def test_a_mistyped_key_of_the_scenario_is_named(tmp_path: Path) -> None:

@@ -8,12 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from follower.training.detector.coco_folder import read_coco
-from follower.training.detector.folder import FolderPictures
-from follower.training.detector.folder_settings import FolderSettings
-from follower.training.detector.labelled import IGNORED
-from follower.training.detector.yolo_folder import read_yolo
-from follower_control.strict_yaml import SettingsError
+from follower.training.detector.dataset import FolderPictures, read_coco, read_yolo
+from follower.training.detector.labelled_image import IGNORED
+from follower.training.detector.settings import FolderSettings
+from follower_control.common.strict_config import SettingsError
 
 
 def picture(path: Path) -> None:
@@ -47,10 +45,10 @@ def coco(folder: Path, **changes: Any) -> Path:
 
 
 def test_yolos_shares_become_pixels_and_its_folders_part_the_pictures(tmp_path: Path) -> None:
-    dataset = read_yolo(yolo(tmp_path))
-    assert dataset.names == ("car", "drone")
-    (learnt,), (held_out,) = dataset.training, dataset.held_out
+    names, (learnt, held_out) = read_yolo(yolo(tmp_path))
+    assert names == ("car", "drone")
     assert learnt.path.parent.name == "train"
+    assert (learnt.held_out, held_out.held_out) == (False, True)
     assert held_out.classes == ()
     loaded = learnt.load()
     np.testing.assert_allclose(loaded.boxes, [[12, 6, 20, 10], [30, 10, 50, 30]], atol=1e-4)
@@ -61,9 +59,9 @@ def test_names_may_stand_in_a_text_file_and_labels_beside_the_pictures(tmp_path:
     picture(tmp_path / "one.jpg")
     (tmp_path / "one.txt").write_text("0 0.5 0.5 1 1")
     (tmp_path / "classes.txt").write_text("rover\n\n")
-    dataset = read_yolo(tmp_path)
-    assert dataset.names == ("rover",)
-    assert dataset.training[0].load().boxes.tolist() == [[0, 0, 80, 40]]
+    names, (entry,) = read_yolo(tmp_path)
+    assert names == ("rover",)
+    assert entry.load().boxes.tolist() == [[0, 0, 80, 40]]
 
 
 @pytest.mark.parametrize(
@@ -97,9 +95,9 @@ def test_a_yolo_folder_without_names_pictures_or_labels_says_what_is_missing(
 
 
 def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) -> None:
-    dataset = read_coco(coco(tmp_path))
-    assert dataset.names == ("car", "drone")
-    first, second = (entry.load() for entry in dataset.training)
+    names, entries = read_coco(coco(tmp_path))
+    assert names == ("car", "drone")
+    first, second = (entry.load() for entry in entries)
     assert first.boxes.tolist() == [[10, 5, 30, 15]]
     assert first.classes.tolist() == [1]
     assert second.classes.tolist() == [IGNORED]
@@ -108,13 +106,16 @@ def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"images": [{"id": 7}]}, "image 0: an image has"),
+        ({"images": [{"id": 7}]}, r"images\[0\]\.file_name: Field required"),
         ({"images": [{"id": 7, "file_name": "c.png"}]}, "image 0: the picture c.png"),
-        ({"annotations": [{"image_id": 7}]}, "annotation 0: expected"),
+        ({"annotations": [{"image_id": 7}]}, r"annotations\[0\]\.category_id: Field required"),
         ({"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, 1, 1]}]}, "category 5"),
-        ({"annotations": [{"image_id": 7, "category_id": 4, "bbox": [0, 0, 0, 1]}]}, "positive"),
+        (
+            {"annotations": [{"image_id": 7, "category_id": 4, "bbox": [0, 0, 0, 1]}]},
+            "greater than 0",
+        ),
         ({"annotations": [{"image_id": 8, "category_id": 4, "bbox": [0, 0, 1, 1]}]}, "image 8"),
-        ({"categories": {}}, "no list 'categories'"),
+        ({"categories": {}}, "categories: Input should be a valid list"),
     ],
 )
 def test_what_is_wrong_in_a_coco_file_is_named(
@@ -132,15 +133,16 @@ def test_a_broken_json_file_is_named_with_its_line(tmp_path: Path) -> None:
 
 
 def test_pictures_are_parted_by_the_seed_and_a_broken_one_is_named(tmp_path: Path) -> None:
-    (tmp_path / "data.yaml").write_text("names: [car]")
+    (tmp_path / "data.yaml").write_text(f"names: {[f'class {number}' for number in range(10)]}")
     for number in range(10):
         picture(tmp_path / f"{number}.png")
-        (tmp_path / f"{number}.txt").write_text("0 0.5 0.5 0.5 0.5")
+        (tmp_path / f"{number}.txt").write_text(f"{number} 0.5 0.5 0.5 0.5")
     pictures = FolderPictures(tmp_path, FolderSettings(held_out_share=0.3), seed=1)
-    assert pictures.counts == (7, 3)
-    held_out = {one.name for one in pictures.held_out(96, 10)}
+    held_out = {one.classes.item() for one in pictures.held_out(96, 10)}
     stream = pictures.training(96, 1)
-    assert held_out.isdisjoint(next(stream).name for _ in range(21))
+    learnt = {number for _ in range(210) for number in next(stream).classes.tolist()}
+    assert len(held_out) == 3
+    assert learnt - {IGNORED} == set(range(10)) - held_out
     for number in range(10):
         (tmp_path / f"{number}.png").write_bytes(b"no picture")
     with pytest.raises(SettingsError, match=r"\.png: this is no picture"):

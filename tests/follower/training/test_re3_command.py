@@ -9,10 +9,10 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from follower.cli import app
-from follower.training.extra import check_extra
-from follower_control.strict_yaml import SettingsError
-from follower_vision.re3_network import Re3Network
+from follower.apps.main import app
+from follower.ui.terminal.console import check_extra
+from follower_control.common.strict_config import SettingsError
+from follower_vision.trackers.re3 import Re3Network
 
 RECIPE = """
 name: tiny
@@ -40,6 +40,7 @@ def follower(*arguments: str) -> str:
     return result.output
 
 
+@pytest.mark.slow
 def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     recipe = tmp_path / "tiny.yaml"
     recipe.write_text(RECIPE, encoding="utf-8")
@@ -67,12 +68,13 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     assert "tiny.onnx" in follower("train", "re3", "--resume", str(folder), "--device", "cpu")
 
 
+@pytest.mark.slow
 def test_sequences_are_written_where_evaluate_finds_them(tmp_path: Path) -> None:
     follower("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
     assert len(list((tmp_path / "out").glob("generated_*/img/*.jpg"))) == 6
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("follower.training.extra.find_spec", lambda _: None)
+    monkeypatch.setattr("follower.ui.terminal.console.find_spec", lambda _: None)
     with pytest.raises(SettingsError, match=r"in the clone: pip install -e '\.\[train\]'"):
-        check_extra()
+        check_extra("training", "train", "torch", "onnx")

@@ -11,26 +11,25 @@ import pytest
 import torch
 from onnx import helper, save
 
-from follower.training.checkpoint import load_checkpoint, save_checkpoint
-from follower.training.re3.calibration import Calibration, Tracked, calibrated
-from follower.training.re3.compact import folded
-from follower.training.re3.examples import looked, pair, remembered
-from follower.training.re3.export import AGREEMENT, export_re3
-from follower.training.re3.loss import re3_loss
-from follower.training.re3.network import Re3Network, Re3NetworkSettings
-from follower.training.re3.rollout import Batch, answered
-from follower.training.re3.settings import Re3TrainingSettings, Stage
-from follower.training.re3.sheet import sample_sheet
-from follower.training.re3.trainer import Re3Trainer
-from follower.training.scenes.maker import SceneMaker
-from follower.training.scenes.pictures import Pictures, procedural
-from follower.training.scenes.settings import SceneSettings
-from follower_control.strict_yaml import SettingsError
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.network import ModelError
-from follower_vision.re3_geometry import SEARCH_PX, search_region
-from follower_vision.re3_network import Re3Network as Re3Runner
+from follower.training.onnx_export import AGREEMENT
+from follower.training.re3.examples import Batch, Tracked, answered, looked, pair, remembered
+from follower.training.re3.export import UNCALIBRATED, calibrated, export_re3, folded
+from follower.training.re3.network import Re3Module
+from follower.training.re3.run import sample_sheet
+from follower.training.re3.settings import (
+    Re3NetworkSettings,
+    Re3TrainingSettings,
+    TrainingStage,
+)
+from follower.training.re3.trainer import Re3Trainer, re3_loss
+from follower.training.scenes.generator import SceneMaker, SceneSettings
+from follower.training.scenes.image_source import ImageSource, procedural
+from follower.training.trainer import load_checkpoint, save_checkpoint
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.box import Box
+from follower_vision.images.crop import crop
+from follower_vision.onnx_network import ModelError
+from follower_vision.trackers.re3 import SEARCH_PX, Re3Network, search_region
 
 SMALL = Re3NetworkSettings(channels=16, hidden=16, head=16)
 EASY = SceneSettings(
@@ -59,19 +58,20 @@ def one_thread():
 
 
 @pytest.fixture(scope="module")
-def pictures() -> Pictures:
+def pictures() -> ImageSource:
     return procedural(np.random.default_rng(3), 6)
 
 
-def settings(*stages: Stage, scenes: SceneSettings = EASY) -> Re3TrainingSettings:
+def settings(*stages: TrainingStage, scenes: SceneSettings = EASY) -> Re3TrainingSettings:
     return Re3TrainingSettings(
         stages=stages, network=SMALL, scenes=scenes, validation_scenes=6, validation_frames=10
     )
 
 
-def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: Pictures) -> None:
+@pytest.mark.slow
+def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: ImageSource) -> None:
     torch.manual_seed(0)
-    network, rng = Re3Network(SMALL), np.random.default_rng(0)
+    network, rng = Re3Module(SMALL), np.random.default_rng(0)
     maker = SceneMaker(pictures, EASY, 1)
     batch = Batch([pair(rng, maker.scene(index, 6)) for index in range(8)], CPU)
     optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
@@ -89,19 +89,20 @@ def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: Pictures) -> None:
 
 
 @pytest.mark.slow
-def test_a_tiny_run_learns_to_track(pictures: Pictures) -> None:
-    trainer = Re3Trainer(settings(Stage(steps=130, batch=8, rate=3e-3)), pictures)
+def test_a_tiny_run_learns_to_track(pictures: ImageSource) -> None:
+    trainer = Re3Trainer(settings(TrainingStage(steps=130, batch=8, rate=3e-3)), pictures)
     untrained = trainer.validate()
     while not trainer.done:
         trainer.train_step()
     assert trainer.validate() > untrained + 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unroll", [1, 3])
 def test_an_interrupted_training_ends_as_an_uninterrupted_one(
-    pictures: Pictures, tmp_path: Path, unroll: int
+    pictures: ImageSource, tmp_path: Path, unroll: int
 ) -> None:
-    plan = settings(Stage(steps=4, batch=3, unroll=unroll, own_boxes=0.5))
+    plan = settings(TrainingStage(steps=4, batch=3, unroll=unroll, own_boxes=0.5))
     through = Re3Trainer(plan, pictures)
     for _ in range(4):
         through.train_step()
@@ -119,14 +120,19 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
         torch.testing.assert_close(one, other, rtol=0, atol=0)
 
 
-def test_a_checkpoint_of_another_size_is_refused(pictures: Pictures) -> None:
-    other = dataclasses.replace(settings(Stage(steps=1)), network=Re3NetworkSettings(24, 16, 16))
+@pytest.mark.slow
+def test_a_checkpoint_of_another_size_is_refused(pictures: ImageSource) -> None:
+    other = dataclasses.replace(
+        settings(TrainingStage(steps=1)), network=Re3NetworkSettings(24, 16, 16)
+    )
     with pytest.raises(SettingsError, match="another size"):
-        Re3Trainer(other, pictures).restore(Re3Trainer(settings(Stage(1)), pictures).state())
+        Re3Trainer(other, pictures).restore(
+            Re3Trainer(settings(TrainingStage(1)), pictures).state()
+        )
 
 
-def test_the_trunk_rests_where_a_stage_says_so(pictures: Pictures) -> None:
-    trainer = Re3Trainer(settings(Stage(steps=2, batch=2, unroll=2, trunk=False)), pictures)
+def test_the_trunk_rests_where_a_stage_says_so(pictures: ImageSource) -> None:
+    trainer = Re3Trainer(settings(TrainingStage(steps=2, batch=2, unroll=2, trunk=False)), pictures)
     before = [value.clone() for value in trainer.network.trunk.state_dict().values()]
     lstm = trainer.network.first.weight_hh.clone()
     for _ in range(2):
@@ -136,10 +142,10 @@ def test_the_trunk_rests_where_a_stage_says_so(pictures: Pictures) -> None:
     assert (trainer.network.first.weight_hh != lstm).any()
 
 
-def test_recurrence_begins_anew_without_a_say_and_learns_alone(pictures: Pictures) -> None:
+def test_recurrence_begins_anew_without_a_say_and_learns_alone(pictures: ImageSource) -> None:
     plan = settings(
-        Stage(steps=2, batch=2, unroll=2, rate=0.01),
-        Stage(steps=2, batch=2, unroll=2, rate=0.01, recurrence_anew=True),
+        TrainingStage(steps=2, batch=2, unroll=2, rate=0.01),
+        TrainingStage(steps=2, batch=2, unroll=2, rate=0.01, recurrence_anew=True),
     )
     trainer = Re3Trainer(plan, pictures)
     trainer.train_step()
@@ -157,12 +163,12 @@ def test_recurrence_begins_anew_without_a_say_and_learns_alone(pictures: Picture
             assert torch.equal(parameter, before[name]), f"{name} goes on from the averaged weights"
     assert learnt["recalled.weight"].any()
     with pytest.raises(ValueError, match="unroll"):
-        Stage(steps=1, recurrence_anew=True)
+        TrainingStage(steps=1, recurrence_anew=True)
 
 
 def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     torch.manual_seed(2)
-    network = Re3Network(SMALL)
+    network = Re3Module(SMALL)
     for layer in (network.prior, network.refine, network.recalled):
         torch.nn.init.normal_(layer.weight, std=0.1)
     exported = export_re3(network, tmp_path / "tracker.onnx")
@@ -171,9 +177,9 @@ def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     assert exported.path.stat().st_size < 2 * weights + 220_000
 
 
-def test_folding_the_normalisation_in_changes_nothing(pictures: Pictures) -> None:
+def test_folding_the_normalisation_in_changes_nothing(pictures: ImageSource) -> None:
     torch.manual_seed(2)
-    network = Re3Network(SMALL)
+    network = Re3Module(SMALL)
     rng, maker = np.random.default_rng(0), SceneMaker(pictures, EASY, 1)
     batch = Batch([pair(rng, maker.scene(index, 6)) for index in range(6)], CPU)
     for _ in range(3):
@@ -186,7 +192,7 @@ def test_folding_the_normalisation_in_changes_nothing(pictures: Pictures) -> Non
     assert not any(isinstance(one, torch.nn.BatchNorm2d) for one in folded(network).modules())
 
 
-def test_the_tracker_sees_what_the_training_shows(pictures: Pictures) -> None:
+def test_the_tracker_sees_what_the_training_shows(pictures: ImageSource) -> None:
     maker = SceneMaker(pictures, EASY, 8)
     for index in range(5):
         scene = maker.scene(index, 3)
@@ -209,10 +215,10 @@ def test_another_network_is_refused(tmp_path: Path) -> None:
     )
     save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
     with pytest.raises(ModelError, match="not a Re3 network"):
-        Re3Runner(path)
+        Re3Network(path)
 
 
-def test_a_hidden_target_is_not_to_be_answered(pictures: Pictures) -> None:
+def test_a_hidden_target_is_not_to_be_answered(pictures: ImageSource) -> None:
     scene = SceneMaker(pictures, EASY, 1).scene(0, 4)
     away = Box(scene.box(0).cx + 300, scene.box(0).cy, 40, 40)
     example = looked(scene, (0, 1), away, *remembered(scene, 0))
@@ -220,9 +226,9 @@ def test_a_hidden_target_is_not_to_be_answered(pictures: Pictures) -> None:
     assert looked(scene, (0, 1), scene.box(0), *remembered(scene, 0)).visible
 
 
-def test_a_perfect_answer_costs_less(pictures: Pictures) -> None:
+def test_a_perfect_answer_costs_less(pictures: ImageSource) -> None:
     torch.manual_seed(0)
-    network, rng = Re3Network(SMALL).eval(), np.random.default_rng(0)
+    network, rng = Re3Module(SMALL).eval(), np.random.default_rng(0)
     batch = Batch([pair(rng, SceneMaker(pictures, EASY, 1).scene(0, 6)) for _ in range(4)], CPU)
     answer = answered(network, batch, network.memory(batch.memory), network.start_state(4))
     right = answer._replace(box=batch.wanted)
@@ -233,15 +239,15 @@ def test_a_perfect_answer_costs_less(pictures: Pictures) -> None:
     assert float(perfect.box) < float(ours.box.detach())
 
 
-def test_the_sheet_of_samples_shows_six_scenes(pictures: Pictures) -> None:
+def test_the_sheet_of_samples_shows_six_scenes(pictures: ImageSource) -> None:
     sheet = sample_sheet(SceneMaker(pictures, SceneSettings(), 1))
     assert sheet.shape == (6 * 256, 4 * 342 + 2 * 192, 3)
 
 
 @pytest.mark.parametrize("stage", [{"steps": 0}, {"steps": 1, "rate": 0.0}])
 def test_nonsense_is_refused_in_a_stage(stage: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="stage"):
-        Stage(**stage)
+    with pytest.raises(ValueError, match="greater than 0"):
+        TrainingStage(**stage)
 
 
 def test_confidence_is_calibrated() -> None:
@@ -249,8 +255,8 @@ def test_confidence_is_calibrated() -> None:
     logits = rng.normal(3.0, 1.0, 4000)
     likelihood = 1 / (1 + np.exp(-(2.0 * logits - 4.0)))
     overlaps = np.where(rng.uniform(size=4000) < likelihood, 0.8, 0.1)
-    found = calibrated(Tracked(logits, overlaps))
-    assert found.slope == pytest.approx(2.0, rel=0.15)
-    assert found.offset == pytest.approx(-4.0, rel=0.2)
+    slope, offset = calibrated(Tracked(logits, overlaps))
+    assert slope == pytest.approx(2.0, rel=0.15)
+    assert offset == pytest.approx(-4.0, rel=0.2)
     # Where it is worse than nothing, it is left alone.
-    assert calibrated(Tracked(-logits, overlaps)) == Calibration()
+    assert calibrated(Tracked(-logits, overlaps)) == UNCALIBRATED

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from follower.excite.excite import ExciteOptions
-from follower.excite.flight import ExcitationFlight, fly_simulated, run_of
-from follower.excite.pattern import ExcitationSettings, Pattern, PatternKind
-from follower.excite.stage import ExcitationStage, excitation_settings
-from follower.flightlog import FlightLog
-from follower.identify.identify import identification, read_recording
-from follower.identify.recording import VehicleAxis
-from follower.recorder import FlightConfig, Recorder, open_flight
-from follower.replay.replay import Replay, replay_settings
-from follower.settings import load_settings
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
-from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import Attitude, LocalPosition, VehicleState
+from follower.apps.main import app
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.log import FlightLog
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.recording import FlightConfig, Recorder, open_flight
+from follower.settings.settings import load_settings
+from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
+from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
+from follower.tuning.excite.stage import ExcitationStage, excitation_settings
+from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.run import identification, read_recording
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.clock import SimulatedClock
 
 SETTINGS = excitation_settings(load_settings(base={"autonomy": "full"}))
@@ -75,11 +75,11 @@ def test_nothing_moves_before_it_is_ready_and_the_pilot_chose_the_mode() -> None
     stage = stage_of()
     for i in range(20):
         record = step(stage, 0.02 * i, vehicle(0.02 * i))
-    assert record.state is State.IDLE
+    assert record.state is SupervisorState.IDLE
     stage.ready = True
     for i in range(20, 40):
         record = step(stage, 0.02 * i, vehicle(0.02 * i, obeys_setpoints=False, mode="POSCTL"))
-    assert record.state is State.READY
+    assert record.state is SupervisorState.READY
     assert record.allowed == HOLD
 
 
@@ -88,10 +88,13 @@ def test_the_pilot_ends_it_by_the_mode() -> None:
     stage.ready = True
     for i in range(200):
         record = step(stage, 0.02 * i, vehicle(0.02 * i))
-    assert record.state is State.FOLLOWING
+    assert record.state is SupervisorState.FOLLOWING
     assert record.allowed.forward_m_s > 0.3
     record = step(stage, 4.0, vehicle(4.0, obeys_setpoints=False, mode="POSCTL"))
-    assert (record.state, record.reason) == (State.RELEASED, Reason.PILOT_TOOK_OVER)
+    assert (record.state, record.reason) == (
+        SupervisorState.RELEASED,
+        SupervisorReason.PILOT_TOOK_OVER,
+    )
     assert not record.sent
 
 
@@ -103,11 +106,11 @@ def test_stale_telemetry_holds_and_the_pattern_goes_on_where_it_was() -> None:
     flown_s = stage.elapsed_s
     for i in range(200, 240):
         record = step(stage, 0.02 * i, vehicle(3.98, heartbeat_s=0.02 * i), told=False)
-    assert record.state is State.HOLDING
+    assert record.state is SupervisorState.HOLDING
     assert stage.elapsed_s == pytest.approx(flown_s, abs=0.6)
     for i in range(240, 260):
         record = step(stage, 0.02 * i, vehicle(0.02 * i))
-    assert record.state is State.FOLLOWING
+    assert record.state is SupervisorState.FOLLOWING
     assert stage.elapsed_s < flown_s + 1.1
 
 
@@ -123,6 +126,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ExcitationFli
     return folder, flight
 
 
+@pytest.mark.slow
 def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
     flown: tuple[Path, ExcitationFlight],
 ) -> None:
@@ -130,8 +134,8 @@ def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
     assert flight.complete
     assert flight.finished
     controls = flight.log.controls
-    assert controls[-1].state is State.RELEASED
-    assert controls[-1].reason is Reason.STOP_REQUESTED
+    assert controls[-1].state is SupervisorState.RELEASED
+    assert controls[-1].reason is SupervisorReason.STOP_REQUESTED
     sent = [record for record in controls if record.sent]
     assert sent[-1].allowed.forward_m_s == pytest.approx(0.0, abs=1e-6)
     speeds = np.array([record.allowed.forward_m_s for record in sent])
@@ -141,6 +145,7 @@ def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
     assert math.hypot(position.north_m, position.east_m) < 2.0
 
 
+@pytest.mark.slow
 def test_its_replay_is_the_same_to_the_last_bit(flown: tuple[Path, ExcitationFlight]) -> None:
     folder, flight = flown
     recorded = open_flight(folder)
@@ -149,6 +154,7 @@ def test_its_replay_is_the_same_to_the_last_bit(flown: tuple[Path, ExcitationFli
     assert [r.state for r in again.controls] == [r.state for r in flight.log.controls]
 
 
+@pytest.mark.slow
 def test_its_recording_tells_how_the_vehicle_answers(
     flown: tuple[Path, ExcitationFlight],
 ) -> None:
@@ -163,5 +169,6 @@ def test_its_recording_tells_how_the_vehicle_answers(
 
 
 def test_a_seed_below_zero_is_refused_before_anything_is_flown() -> None:
-    with pytest.raises(SettingsError, match="--seed"):
-        ExciteOptions(ExcitationSettings(), seed=-1, wind_m_s=3.0)
+    refused = CliRunner().invoke(app, ["excite", "--seed", "-1", "--wind", "3"])
+    assert refused.exit_code == 2
+    assert "--seed" in refused.output

@@ -12,18 +12,19 @@ import numpy as np
 import pytest
 import yaml
 
-from follower.identify.identify import IdentifyOptions, identification, identify, read_recording
-from follower.identify.recording import VehicleAxis
-from follower.identify.result import Spread, load_vehicle
-from follower.report.identification import write_identification
-from follower_control.strict_yaml import SettingsError
-from follower_control.tuning.response_data import ResponseData, TooLittleError
-from follower_control.tuning.response_model import ResponseModel
-from follower_control.tuning.size_relation import fit_size
+from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.result import Spread, load_vehicle, write_identification
+from follower.tuning.identify.run import identification, identify, read_recording
+from follower_control.common.strict_config import SettingsError
+from follower_control.tuning.fit import fit_size
+from follower_control.tuning.response_model import ResponseData, ResponseModel, TooLittleError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 STEPS = Path(os.environ.get("FOLLOWER_DATA", ROOT / "../shared/data")) / "autopilot_steps"
-needs_steps = pytest.mark.skipif(not STEPS.is_dir(), reason=f"no recorded steps in {STEPS}")
+needs_steps = pytest.mark.skipif(
+    not STEPS.is_dir(),
+    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
+)
 
 
 @needs_steps
@@ -50,7 +51,7 @@ def test_recorded_steps_of_arducopter_give_its_known_limits(tmp_path: Path) -> N
 @needs_steps
 def test_a_file_without_steps_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="nothing can be identified"):
-        identify(IdentifyOptions((STEPS / "px_takeoff10.csv",), tmp_path))
+        identify([STEPS / "px_takeoff10.csv"], tmp_path, True, "follower identify")
     assert not list(tmp_path.iterdir())
 
 
@@ -158,7 +159,7 @@ def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
     assert found.spread == pytest.approx(0.05, rel=0.5)
     steady = fit_size((1.7 / np.full(60, 12.0)).tolist(), [12.0] * 60)
     assert steady.slope is None
-    with pytest.raises(TooLittleError, match="only 3 sightings"):
+    with pytest.raises(TooLittleError, match="only 3 observations"):
         fit_size([0.1] * 3, [10.0] * 3)
     with pytest.raises(TooLittleError, match="finite"):
         fit_size([math.nan] * 20, [10.0] * 20)

@@ -1,9 +1,12 @@
-"""Object detectors behind one interface, and the ONNX networks that they read."""
+"""Object detectors behind one interface, and the ONNX layouts they read.
 
-from follower_vision.detection.detection import Detection, Detector
+Uses: `geometry`, `images`, `models`, `onnx_network`.
+Start at: `detection.Detector`, then `onnx_detector.OnnxDetector`.
+"""
+
+from follower_vision.detection.detection import Detection, Detector, DetectorSettings
 from follower_vision.detection.detectors import detector_names, make_detector
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.detection.settings import DetectorSettings
 
 __all__ = [
     "Detection",

@@ -1,34 +1,78 @@
 """Object detection by an ONNX network of any known family."""
 
-from __future__ import annotations
-
+import ast
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from follower_vision.box import Box
-from follower_vision.crop import crop
-from follower_vision.detection.candidates import Candidates
-from follower_vision.detection.classes import choose_class_names
-from follower_vision.detection.detection import Detection
+from follower_vision.detection.detection import (
+    Candidates,
+    Detection,
+    DetectorSettings,
+    NetworkLayout,
+)
 from follower_vision.detection.families import make_decoder
-from follower_vision.detection.layout import NetworkLayout
-from follower_vision.detection.settings import DetectorSettings
-from follower_vision.frame import Image
-from follower_vision.network import ModelError, Network, Tensor
-from follower_vision.nms import keep_best
+from follower_vision.geometry.box import Box, keep_best
+from follower_vision.images.crop import crop
+from follower_vision.images.frame import Image
+from follower_vision.onnx_network import ModelError, Network, Tensor
 
 _USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5
+
+
+def _names_in(file: str) -> tuple[str, ...]:
+    """Return the names in a file of this package, one a line, in the order of darknet."""
+    return tuple((resources.files(__package__) / file).read_text("utf-8").splitlines())
+
+
+VOC_CLASSES = _names_in("voc.names")
+COCO_CLASSES = _names_in("coco.names")
+
+
+def choose_class_names(
+    count: int, given: Sequence[str] | None, metadata: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Return the names: those given, else those in the file, else the usual for their number.
+
+    Raises:
+        ValueError: there are more or fewer names given than classes.
+    """
+    if given is not None:
+        if len(given) != count:
+            raise ValueError(f"{len(given)} class names were given for {count} classes")
+        return tuple(given)
+    written = _written_names(metadata.get("names", ""))
+    if len(written) == count:
+        return written
+    usual = {80: COCO_CLASSES, 20: VOC_CLASSES}
+    return usual.get(count) or tuple(f"class {number}" for number in range(count))
+
+
+def _written_names(text: str) -> tuple[str, ...]:
+    """Read a list or a numbered table of names, as exporters write them; () if it is neither."""
+    try:
+        names = ast.literal_eval(text.strip())
+    except (ValueError, SyntaxError):
+        return ()
+    if isinstance(names, dict):
+        names = [names.get(number) for number in range(len(names))]
+    if not isinstance(names, list | tuple):
+        return ()
+    return tuple(str(name) for name in names)
 
 
 class OnnxDetector:
     """Finds objects with YOLOX, YOLOv8/11, NanoDet, FastestDet or YOLO v2.
 
     One thread at a time may call `detect`: the input's memory is used again and again.
+
+    Attributes:
+        class_names: the names of all classes, by their numbers.
     """
 
     def __init__(
@@ -60,21 +104,16 @@ class OnnxDetector:
             self._decoder = make_decoder(_layout(self._network, self._tensor), family)
         except ValueError as error:
             raise ModelError(f"{path}: {error}") from error
-        self._class_names = choose_class_names(
+        self.class_names = choose_class_names(
             self._decoder.classes, class_names, self._network.metadata
         )
-
-    @property
-    def class_names(self) -> tuple[str, ...]:
-        """The names of all classes, by their numbers."""
-        return self._class_names
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """Return the objects in an image, or in a region of it, best first.
 
         Args:
             image: (H, W, 3) uint8 BGR.
-            region: look only here, enlarged to the network's input; None is the whole image. It
+            region: search only here, enlarged to the network's input; None is the whole image. It
                 may reach beyond the image. An object counts where its centre lies in the region.
         """
         whole = _whole(image)
@@ -82,7 +121,7 @@ class OnnxDetector:
         view = self._decoder.input_format.view(region or whole, width, height)
         self._show(image, view)
         found = self._decoder.decode(self._network.run(self._tensor), self._settings.min_score)
-        detections = self._detections(self._thinned(found.sound()), view, whole)
+        detections = self._detections(self._thinned(found.valid()), view, whole)
         return [one for one in detections if region is None or _centre_within(one.box, region)]
 
     def _show(self, image: Image, view: Box) -> None:
@@ -115,11 +154,11 @@ class OnnxDetector:
         ):
             if not (is_cut and self._settings.drop_cut):
                 box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
-                made.append(Detection(box, number, self._class_names[number], score, is_cut))
+                made.append(Detection(box, number, self.class_names[number], score, is_cut))
         return made
 
     def _cut(self, corners: Tensor, view: Box, whole: Box) -> list[bool]:
-        """Tell of each box whether it ends where the view ends and the image does not."""
+        """Return for each box whether it ends where the view ends and the image does not."""
         near = self._settings.edge_px * view.width / self._tensor.shape[3]
         inside = [view.left > 0, view.top > 0, view.right < whole.right, view.bottom < whole.bottom]
         at_edge = np.stack(

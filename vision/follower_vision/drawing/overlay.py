@@ -1,20 +1,17 @@
 """Draws tracks onto a frame."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 import cv2
 import numpy as np
 
-from follower_vision.box import Box
-from follower_vision.frame import Image
-from follower_vision.labels import place_labels
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.trackers.track import Track, TrackState
 
+_GAP_PX = 3.0
 Colour: TypeAlias = tuple[int, int, int]
-
 STATE_COLOURS: dict[TrackState, Colour] = {
     TrackState.TRACKING: (90, 220, 60),
     TrackState.COASTING: (0, 190, 255),
@@ -27,22 +24,56 @@ TARGET_COLOURS: tuple[Colour, ...] = (
     (60, 230, 240),
 )
 """Of the first target, the second, ...: sky blue, orange, pink, yellow."""
-
 _WHITE: Colour = (245, 245, 245)
 _DARK: Colour = (25, 25, 25)
 _SUBPIXEL_BITS = 4
 _WEIGHT = 600
 
 
-def draw_track(image: Image, track: Track | None, lines: Sequence[str] = ()) -> Image:
-    """Return a copy of `image` with the track, the image's centre and lines of text on it.
+def place_labels(
+    boxes: Sequence[Box], sizes: Sequence[tuple[float, float]], width: int, height: int
+) -> list[tuple[float, float]]:
+    """Return the top-left corner of each box's label.
+
+    A label stands above its box unless the image's edge, another box or an earlier label is there;
+    then below it or beside it, wherever the least of these is covered.
 
     Args:
-        image: (H, W, 3) uint8 BGR, any size.
-        track: its box is coloured by its state: green tracking, amber coasting, red lost.
-        lines: text for the top-left corner.
+        boxes: what the labels belong to.
+        sizes: (width, height) of each label, in pixels.
+        width: of the image.
+        height: of the image.
     """
-    return draw_tracks(image, () if track is None else (track,), lines)
+    placed: list[Box] = []
+    for index, (box, size) in enumerate(zip(boxes, sizes, strict=True)):
+        taken = [*placed, *boxes[:index], *boxes[index + 1 :]]
+        places = [_inside(place, width, height) for place in _places(box, size)]
+        placed.append(min(places, key=lambda place: sum(place.intersection(o) for o in taken)))
+    return [(label.left, label.top) for label in placed]
+
+
+def _places(box: Box, size: tuple[float, float]) -> Iterator[Box]:
+    """Yield places around a box, the usual one first."""
+    wide, tall = size
+    above, below = box.top - tall - _GAP_PX, box.bottom + _GAP_PX
+    flush = box.right - wide
+    level = box.cy - tall / 2
+    if above >= 0:
+        yield Box.from_xywh(box.left, above, wide, tall)
+    yield Box.from_xywh(box.left, below, wide, tall)
+    yield Box.from_xywh(flush, above, wide, tall)
+    yield Box.from_xywh(flush, below, wide, tall)
+    yield Box.from_xywh(box.right + _GAP_PX, level, wide, tall)
+    yield Box.from_xywh(box.left - _GAP_PX - wide, level, wide, tall)
+    yield Box.from_xywh(box.left, above - tall, wide, tall)
+    yield Box.from_xywh(box.left, below + tall, wide, tall)
+
+
+def _inside(label: Box, width: int, height: int) -> Box:
+    """Move a label into the image; where it is larger than that, its beginning is shown."""
+    left = max(0.0, min(label.left, width - label.width))
+    top = max(0.0, min(label.top, height - label.height))
+    return Box.from_xywh(left, top, label.width, label.height)
 
 
 def draw_tracks(image: Image, tracks: Sequence[Track], lines: Sequence[str] = ()) -> Image:
@@ -50,7 +81,7 @@ def draw_tracks(image: Image, tracks: Sequence[Track], lines: Sequence[str] = ()
 
     Args:
         image: (H, W, 3) uint8 BGR, any size.
-        tracks: one is drawn as by `draw_track`. Several are numbered from 1 and have a colour of
+        tracks: one shows its state and producer. Several are numbered from 1 and have a colour of
             their own each; of a box that is not tracking only the corners are drawn.
         lines: text for the top-left corner.
     """

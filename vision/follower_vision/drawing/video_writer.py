@@ -1,7 +1,5 @@
 """Writes H.264 video that browsers and phones play."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -12,8 +10,8 @@ import av.error
 import cv2
 import numpy as np
 
-from follower_vision.frame import Image
-from follower_vision.framesource import ClosesItself
+from follower_vision.images.frame import Image
+from follower_vision.sources.frame_source import ClosesItself
 
 _TICKS_PER_S = 90_000
 _FAILURES = (av.error.FFmpegError, OSError)
@@ -36,6 +34,9 @@ class VideoWriter(ClosesItself):
         rate_hz: about how many frames a second there will be.
         quality: x264's constant rate factor, 0 (no loss) to 51 (worst).
 
+    Attributes:
+        path: where the video is.
+
     Raises:
         VideoWriteError: by `write` and `close`, if the file cannot be made or written.
     """
@@ -45,7 +46,7 @@ class VideoWriter(ClosesItself):
             raise ValueError(f"a video needs a positive rate, not {rate_hz:g}")
         if not 0 <= quality <= 51:
             raise ValueError(f"a video's quality is 0 (best) to 51, not {quality}")
-        self._path = Path(path)
+        self.path = Path(path)
         self._rate = Fraction(rate_hz).limit_denominator(1000)
         self._quality = quality
         self._container: av.container.OutputContainer | None = None
@@ -53,11 +54,6 @@ class VideoWriter(ClosesItself):
         self._origin_s = 0.0
         self._last_tick = -1
         self._closed = False
-
-    @property
-    def path(self) -> Path:
-        """Where the video is."""
-        return self._path
 
     def write(self, image: Image, captured_s: float) -> None:
         """Add a frame, (H, W, 3) uint8 BGR, to be shown at `captured_s`.
@@ -69,7 +65,7 @@ class VideoWriter(ClosesItself):
             VideoWriteError: the file cannot be made or written.
         """
         if self._closed:
-            raise ValueError(f"{self._path}: the video is closed")
+            raise ValueError(f"{self.path}: the video is closed")
         try:
             stream = self._stream or self._open(image, captured_s)
             self._encode(stream, self._picture(stream, image, captured_s))
@@ -97,15 +93,23 @@ class VideoWriter(ClosesItself):
             with suppress(*_FAILURES):
                 container.close()
         return VideoWriteError(
-            f"{self._path}: cannot write the video ({getattr(error, 'strerror', error)}); "
+            f"{self.path}: cannot write the video ({getattr(error, 'strerror', error)}); "
             "check the folder, its permissions and the space left"
         )
 
     def _open(self, image: Image, captured_s: float) -> av.VideoStream:
         container = av.open(
-            str(self._path), "w", format="mp4", options={"movflags": "hybrid_fragmented"}
+            str(self.path), "w", format="mp4", options={"movflags": "hybrid_fragmented"}
         )
-        stream = container.add_stream("libx264", rate=self._rate, options=self._options())
+        # No frames out of order and a short look-ahead: a killed process loses little.
+        options = {
+            "preset": "veryfast",
+            "crf": str(self._quality),
+            "bf": "0",
+            "g": str(max(1, round(self._rate))),
+            "rc-lookahead": "5",
+        }
+        stream = container.add_stream("libx264", rate=self._rate, options=options)
         height, width = image.shape[:2]
         stream.width, stream.height = width + width % 2, height + height % 2
         stream.pix_fmt = "yuv420p"
@@ -113,16 +117,6 @@ class VideoWriter(ClosesItself):
         self._container, self._stream, self._origin_s = container, stream, captured_s
         container.start_encoding()
         return stream
-
-    def _options(self) -> dict[str, str]:
-        """No frames out of order and a short look-ahead: a killed process loses little."""
-        return {
-            "preset": "veryfast",
-            "crf": str(self._quality),
-            "bf": "0",
-            "g": str(max(1, round(self._rate))),
-            "rc-lookahead": "5",
-        }
 
     def _picture(self, stream: av.VideoStream, image: Image, captured_s: float) -> av.VideoFrame:
         picture = av.VideoFrame.from_ndarray(

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Floats: TypeAlias = npt.NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +24,13 @@ class Box:
     """
 
     cx: float
+    """x of the centre, in pixels."""
     cy: float
+    """y of the centre, in pixels."""
     width: float
+    """In pixels, positive."""
     height: float
+    """In pixels, positive."""
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (self.cx, self.cy, self.width, self.height))):
@@ -29,7 +40,7 @@ class Box:
 
     @classmethod
     def from_xywh(cls, x: float, y: float, width: float, height: float) -> Box:
-        """Make a box from its top-left corner and size, the form of most data sets."""
+        """Make a box from its top-left corner and size in pixels, the form of most data sets."""
         return cls(x + width / 2, y + height / 2, width, height)
 
     @property
@@ -54,7 +65,7 @@ class Box:
 
     @property
     def xywh(self) -> tuple[float, float, float, float]:
-        """Top-left corner and size: (x, y, width, height)."""
+        """Top-left corner and size in pixels: (x, y, width, height)."""
         return self.left, self.top, self.width, self.height
 
     @property
@@ -68,11 +79,11 @@ class Box:
         return math.sqrt(self.area)
 
     def moved_to(self, cx: float, cy: float) -> Box:
-        """Return a box of the same size about another centre."""
+        """Return a box of the same size about another centre, in pixels."""
         return Box(cx, cy, self.width, self.height)
 
     def scaled(self, factor: float) -> Box:
-        """Return a box about the same centre, both sides multiplied by `factor`."""
+        """Return a box about the same centre in pixels, both sides multiplied by `factor`."""
         return Box(self.cx, self.cy, self.width * factor, self.height * factor)
 
     def intersection(self, other: Box) -> float:
@@ -94,3 +105,34 @@ class Box:
         """Return the share of the box's area that lies inside the image, 0 to 1."""
         image = Box(image_width / 2, image_height / 2, image_width, image_height)
         return self.intersection(image) / self.area
+
+
+def pairwise_iou(corners: Floats, others: Floats) -> Floats:
+    """Return the intersection over union of every box with every other, (N, M).
+
+    Both arguments hold left, top, right, bottom in their rows: (N, 4) and (M, 4).
+    """
+    first, second = corners[:, None, :], others[None, :, :]
+    low = np.maximum(first[..., :2], second[..., :2])
+    high = np.minimum(first[..., 2:], second[..., 2:])
+    common = np.maximum(high - low, 0.0)
+    sides, other_sides = first[..., 2:] - first[..., :2], second[..., 2:] - second[..., :2]
+    # Written out: for two factors numpy's product takes several times as long.
+    intersection = common[..., 0] * common[..., 1]
+    areas, other_areas = sides[..., 0] * sides[..., 1], other_sides[..., 0] * other_sides[..., 1]
+    union = areas + other_areas - intersection
+    return np.asarray(np.divide(intersection, union, out=np.zeros_like(union), where=union > 0))
+
+
+def keep_best(corners: Floats, scores: Floats, overlap: float, most: int) -> list[int]:
+    """Return the indices of at most `most` boxes, best first, no two overlapping too much.
+
+    Args:
+        corners: (N, 4) left, top, right, bottom.
+        scores: (N,), above 0.
+        overlap: largest intersection over union that two kept boxes may have.
+        most: how many to keep.
+    """
+    sides = corners[:, 2:] - corners[:, :2]
+    boxes = np.hstack([corners[:, :2], sides]).tolist()
+    return [int(index) for index in cv2.dnn.NMSBoxes(boxes, scores.tolist(), 0.0, overlap)[:most]]

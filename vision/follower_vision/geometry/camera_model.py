@@ -109,7 +109,8 @@ class CameraModel:
             plane = (points - (self.cx, self.cy)) / (self.fx, self.fy)
         rays = np.ones((len(plane), 3))
         rays[:, :2] = plane
-        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+        x, y = plane.T
+        rays /= np.sqrt(x * x + y * y + 1.0)[:, None]
         return rays
 
     def pixels(self, points: npt.ArrayLike) -> Vector:
@@ -139,7 +140,7 @@ class CameraModel:
 
 @lru_cache(maxsize=16)
 def _for_opencv(camera: CameraModel) -> tuple[Vector, Vector]:
-    """Return the matrix and the distortion of a camera, which nobody may write into."""
+    """Return the matrix and the distortion of a camera, which are read-only."""
     matrix, distortion = camera.matrix, np.array(camera.distortion)
     matrix.flags.writeable = distortion.flags.writeable = False
     return matrix, distortion

@@ -12,10 +12,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from follower_vision.camera import Vector
+from follower_vision.geometry.camera_model import Vector
 
 CAMERA_TO_BODY = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Turns (right, down, forward) of a camera that looks along the nose into body axes."""
+"""Turns (right, down, forward) of a camera that points along the nose into body axes."""
 
 
 def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
@@ -32,14 +32,19 @@ def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
     )
 
 
+def along_camera_axes(turn: Vector) -> Vector:
+    """Return the product of a 3x3 matrix that turns body vectors with CAMERA_TO_BODY."""
+    return turn[:, [1, 2, 0]]
+
+
 def wrap_angle(angle_rad: float) -> float:
-    """Return the same angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi) rad."""
     return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
 
 @dataclass(frozen=True, slots=True)
 class LineOfSight:
-    """A direction. Azimuth: right of forward (or east of north) is positive. Elevation: up is."""
+    """A direction, rad. Azimuth: right of forward (or east of north) is positive. Elevation: up."""
 
     azimuth_rad: float
     elevation_rad: float
@@ -69,7 +74,7 @@ class LineOfSight:
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """How the camera is turned against the body; a camera that looks down has negative pitch."""
+    """How the camera is turned against the body; a camera that points down has negative pitch."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -83,7 +88,7 @@ class CameraMount:
 
 @lru_cache(maxsize=16)
 def _camera_to_body(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
-    """Return the matrix of a mount, which nobody may write into: mounts do not change."""
-    matrix = np.asarray(rotation(roll_rad, pitch_rad, yaw_rad) @ CAMERA_TO_BODY)
+    """Return the matrix of a mount, which is read-only: mounts do not change."""
+    matrix = along_camera_axes(rotation(roll_rad, pitch_rad, yaw_rad))
     matrix.flags.writeable = False
     return matrix

@@ -1,7 +1,5 @@
 """How fast the camera turns, measured from image to image alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +7,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.camera import CameraModel, Vector
-from follower_vision.frame import Frame, Image
+from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.images.frame import Frame, Image
 
 _WIDTH = 480
 _CORNERS = 120
@@ -27,6 +25,7 @@ _FINEST_PX = 0.1
 
 Grey = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
+_NO_POINTS: Points = np.empty((0, 2), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,6 +170,3 @@ def _flow(before: Grey, after: Grey, points: Points) -> tuple[Points, npt.NDArra
         before, after, points, guess, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP
     )
     return np.asarray(moved, np.float32), np.asarray(status).ravel() == 1
-
-
-_NO_POINTS: Points = np.empty((0, 2), np.float32)

@@ -1,7 +1,5 @@
 """One image with the time at which it was taken."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -14,7 +12,7 @@ Image: TypeAlias = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image from a camera or a file. Nobody writes into `image`.
+    """An image from a camera or a file. `image` is read-only by convention.
 
     Attributes:
         image: (H, W, 3) uint8 BGR.

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 
 from follower_vision.clock import Clock
-from follower_vision.frame import Image
-from follower_vision.framesource import SourceError
-from follower_vision.videofile import upright
+from follower_vision.images.frame import Image
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.video_file import upright
 
 _LOW_DELAY = {
     "fflags": "nobuffer",
@@ -125,7 +125,9 @@ class CaptureDevice:
         self._clock = clock
         if not capture.isOpened():
             capture.release()
-            raise SourceError(f"{name}: cannot be opened; is it there, and used by nobody else?")
+            raise SourceError(
+                f"{name}: cannot be opened; is it there, and used by no other program?"
+            )
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
     @classmethod

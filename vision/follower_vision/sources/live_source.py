@@ -1,18 +1,15 @@
 """Frames from a live camera or stream: always the newest one."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 from follower_vision.clock import Clock
-from follower_vision.connection import Connection
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself, SourceError
+from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
+from follower_vision.sources.camera_connection import Connection
+from follower_vision.sources.frame_source import ClosesItself, SourceError
 
 _FALLBACK_RATE_HZ = 30.0
 _JOIN_S = 3.0
@@ -35,8 +32,6 @@ class LiveSettings:
     retry_s: float = 0.2
     longest_retry_s: float = 5.0
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
     def __post_init__(self) -> None:
         if not 0 <= self.latency_s < 5:
             raise ValueError("live source: latency_s lies between 0 and 5 seconds")
@@ -49,7 +44,7 @@ class LiveSettings:
 class LiveSource(ClosesItself):
     """Reads a connection in a thread of its own and keeps the newest frame.
 
-    `read` waits for a frame that it has not given yet; frames that nobody read in time are
+    `read` waits for a frame that it has not given yet; frames that were not read in time are
     passed over, which shows as gaps in the sequence numbers. When the connection breaks it is
     made anew, with growing pauses, for as long as the source is open.
 
@@ -57,7 +52,14 @@ class LiveSource(ClosesItself):
         connect: makes a connection; raises SourceError where it cannot.
         clock: gives the capture times.
         settings: see there.
+
+    Attributes:
+        problem: what keeps frames from coming at present, in one line; None while they come.
+        connections: how many times a connection was made.
+        frame_count: None, for a live source has no end.
     """
+
+    frame_count: int | None = None
 
     def __init__(
         self,
@@ -70,10 +72,10 @@ class LiveSource(ClosesItself):
         self._settings = settings or LiveSettings()
         self._mailbox: Mailbox[Frame] = Mailbox()
         self._stop = threading.Event()
-        self._problem: str | None = None
+        self.problem: str | None = None
         self._rate_hz: float | None = None
         self._sequence = 0
-        self._connections = 0
+        self.connections = 0
         self._first: Frame | None = None
         self._thread = threading.Thread(target=self._run, name="live-source", daemon=True)
         self._thread.start()
@@ -82,21 +84,6 @@ class LiveSource(ClosesItself):
     def nominal_rate_hz(self) -> float:
         """The rate that the other side declares, 30 if it does not."""
         return self._rate_hz or _FALLBACK_RATE_HZ
-
-    @property
-    def frame_count(self) -> int | None:
-        """A live source has no end: None."""
-        return None
-
-    @property
-    def problem(self) -> str | None:
-        """What keeps frames from coming at present, in one line; None while they come."""
-        return self._problem
-
-    @property
-    def connections(self) -> int:
-        """How many times a connection was made."""
-        return self._connections
 
     @property
     def skipped(self) -> int:
@@ -111,7 +98,7 @@ class LiveSource(ClosesItself):
         """
         self._first = self._mailbox.wait(self._settings.first_frame_s)
         if self._first is None:
-            problem = self._problem or "no frame came in time; is the camera sending?"
+            problem = self.problem or "no frame came in time; is the camera sending?"
             self.close()
             raise SourceError(problem)
 
@@ -136,9 +123,9 @@ class LiveSource(ClosesItself):
             before = self._sequence
             try:
                 self._read_one()
-                self._problem = "the stream ended; connecting again"
+                self.problem = "the stream ended; connecting again"
             except SourceError as error:
-                self._problem = str(error)
+                self.problem = str(error)
             if self._sequence > before:
                 pause_s = self._settings.retry_s
             self._stop.wait(pause_s)
@@ -147,13 +134,13 @@ class LiveSource(ClosesItself):
     def _read_one(self) -> None:
         """Read one connection to its end."""
         connection = self._connect()
-        self._connections += 1
+        self.connections += 1
         self._rate_hz = connection.rate_hz
         try:
             for image, arrival_s in connection.images():
                 if self._stop.is_set():
                     return
-                self._problem = None
+                self.problem = None
                 captured_s = arrival_s - self._settings.latency_s
                 self._mailbox.put(Frame(image, captured_s, self._sequence))
                 self._sequence += 1

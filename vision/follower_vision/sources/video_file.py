@@ -1,7 +1,5 @@
 """Frames from a video file, with the times at which they are to be shown."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -11,8 +9,8 @@ import av.error
 import cv2
 import numpy as np
 
-from follower_vision.frame import Frame, Image
-from follower_vision.framesource import ClosesItself, SourceError
+from follower_vision.images.frame import Frame, Image
+from follower_vision.sources.frame_source import ClosesItself, SourceError
 
 _FALLBACK_RATE_HZ = 30.0
 _TURNS = {
@@ -30,6 +28,11 @@ class VideoFile(ClosesItself):
     `captured_s` is the frame's presentation time, counted from the first frame. Pictures that a
     phone stored turned are turned upright. Damaged parts are skipped; `problem` then says so.
 
+    Attributes:
+        nominal_rate_hz: the file's average frame rate.
+        frame_count: how many frames the file declares; None if it does not.
+        duration_s: how long the file says that it is; None if it does not say.
+
     Raises:
         SourceError: the file is missing, empty, unreadable or holds no video.
     """
@@ -40,7 +43,10 @@ class VideoFile(ClosesItself):
         self._container = _open(self._path)
         self._stream = _video_stream(self._container, self._path)
         self._stream.thread_type = "AUTO"
-        self._rate_hz = float(
+        # What the file declares is read now: after `close` PyAV does not give it any more.
+        self.frame_count = self._stream.frames or None
+        self.duration_s = _declared_s(self._container, self._stream)
+        self.nominal_rate_hz = float(
             self._stream.average_rate or self._stream.guessed_rate or _FALLBACK_RATE_HZ
         )
         self._damaged = 0
@@ -52,31 +58,13 @@ class VideoFile(ClosesItself):
         self._first = self._require_first()
 
     @property
-    def nominal_rate_hz(self) -> float:
-        """The file's average frame rate."""
-        return self._rate_hz
-
-    @property
-    def duration_s(self) -> float | None:
-        """How long the file says that it is; None if it does not say."""
-        if self._stream.duration is not None and self._stream.time_base is not None:
-            return float(self._stream.duration * self._stream.time_base)
-        if self._container.duration is not None:
-            return self._container.duration / av.time_base
-        return None
-
-    @property
-    def frame_count(self) -> int | None:
-        """How many frames the file declares; None if it does not."""
-        return self._stream.frames or None
-
-    @property
     def problem(self) -> str | None:
         """Says what is broken in the file, as far as it was read; None if nothing."""
         if self._damaged:
             return f"{self._path}: {self._damaged} damaged packets were skipped; copy the file anew"
         due_s = self.duration_s
-        if self._ended and due_s is not None and self._last_s < 0.95 * due_s - 2 / self._rate_hz:
+        slack_s = 2 / self.nominal_rate_hz
+        if self._ended and due_s is not None and self._last_s < 0.95 * due_s - slack_s:
             return (
                 f"{self._path}: it ends at {self._last_s:.2f} s, though it says that it is "
                 f"{due_s:.2f} s long; the file was cut short, copy it anew"
@@ -133,12 +121,12 @@ class VideoFile(ClosesItself):
         """Time since the first frame; times that stand still or are missing move on."""
         shown_s = picture.time
         if shown_s is None:
-            return self._sequence / self._rate_hz
+            return self._sequence / self.nominal_rate_hz
         if self._origin_s is None:
             self._origin_s = shown_s
         time_s = shown_s - self._origin_s
         if self._sequence and time_s <= self._last_s:
-            return self._last_s + 1 / self._rate_hz
+            return self._last_s + 1 / self.nominal_rate_hz
         return time_s
 
 
@@ -182,5 +170,11 @@ def _open(path: Path) -> av.container.InputContainer:
 def _video_stream(container: av.container.InputContainer, path: Path) -> av.VideoStream:
     if not container.streams.video:
         container.close()
-        raise SourceError(f"{path}: there is no video in this file, only sound or data")
+        raise SourceError(f"{path}: there is no video in this file, only audio or data")
     return container.streams.video[0]
+
+
+def _declared_s(container: av.container.InputContainer, stream: av.VideoStream) -> float | None:
+    if stream.duration is not None and stream.time_base is not None:
+        return float(stream.duration * stream.time_base)
+    return None if container.duration is None else container.duration / av.time_base

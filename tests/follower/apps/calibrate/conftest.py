@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from follower.calibration.board import Board
-from follower_vision.camera import CameraModel
-from follower_vision.frame import Image
+from follower.apps.calibrate.board import Board
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.images.frame import Image
 
 Pose = tuple[float, float, float, float, float, float]
 """Where the board's middle is (right, down, ahead, metres), and how it is turned (about x, y, z in

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,11 +15,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.packets import PacketReader
-from follower_control.transport import Transport
-from follower_sim.autopilot import SimAutopilot
+from follower.links.packet_parser import PacketReader
+from follower_control.common.transport import Transport, UdpTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
-from follower_sim.udp import open_autopilot_port
 from follower_vision.clock import MonotonicClock
 
 SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
@@ -55,7 +53,7 @@ class Vehicle:
 
     def __init__(self, flavour: str, port: int, height_m: float = 0.0) -> None:
         self.clock = MonotonicClock()
-        self.wire = ListeningTransport(open_autopilot_port("127.0.0.1", port), self.clock)
+        self.wire = ListeningTransport(UdpTransport.connect("127.0.0.1", port), self.clock)
         start = BodyState(self.clock.now(), (0.0, 0.0, -height_m))
         self.autopilot = SimAutopilot(flavour, self.wire, start)
         self.setpoint_mode = "OFFBOARD" if flavour == "px4" else "GUIDED"
@@ -100,10 +98,8 @@ MakeVehicle = Callable[..., Vehicle]
 
 
 @pytest.fixture
-def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def port(free_port: Callable[[], int]) -> int:
+    return free_port()
 
 
 @pytest.fixture
@@ -176,9 +172,7 @@ class Stream:
 
 
 @pytest.fixture
-def stream() -> Iterator[Stream]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        camera = Stream(probe.getsockname()[1])
+def stream(free_port: Callable[[], int]) -> Iterator[Stream]:
+    camera = Stream(free_port())
     yield camera
     camera.stop()

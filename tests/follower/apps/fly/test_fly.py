@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.recorder import open_flight
-from follower.supervisor import State
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.recording import open_flight
 
-FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
+FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 SETTINGS = (
     *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20"),
     *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),
@@ -50,7 +50,7 @@ class Program:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def wait_for(self, pattern: str, within_s: float = 40.0) -> None:
+    def wait_for(self, pattern: str, within_s: float = 90.0) -> None:
         end_s = time.monotonic() + within_s
         while time.monotonic() < end_s:
             try:
@@ -78,7 +78,7 @@ class Program:
                 self._lines.put(line)
 
 
-def until(condition: Callable[[], bool], within_s: float = 15.0) -> None:
+def until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
     end_s = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < end_s, "it did not come about"
@@ -100,6 +100,7 @@ def launch(port: int, video: Path, tmp_path: Path) -> Any:
         program.end()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flavour", "link"),
     [
@@ -144,8 +145,8 @@ def check_recording(folder: Path, there: Any) -> None:
     assert [remark for remark in flight.remarks if "left out" not in remark] == []
     assert flight.config.kind == "real"
     states = [record.state for record in flight.log.controls]
-    assert State.FOLLOWING in states
-    assert states[-1] is State.RELEASED
+    assert SupervisorState.FOLLOWING in states
+    assert states[-1] is SupervisorState.RELEASED
     turning = [r.allowed.yaw_rate_rad_s for r in flight.log.controls if r.sent]
     assert max(turning) == pytest.approx(max(m.yaw_rate for _, m in there.setpoints), abs=1e-6)
     numbers = np.array([frame.sequence for frame in flight.pictures()])
@@ -159,7 +160,7 @@ def check_recording(folder: Path, there: Any) -> None:
 
 @pytest.mark.slow
 def test_the_pilot_takes_over_and_nothing_is_sent_any_more(
-    vehicle: MakeVehicle, launch: Any
+    vehicle: MakeVehicle, launch: Any, late_s: Callable[[], float]
 ) -> None:
     there = vehicle("ardupilot", HEIGHT_M)
     program = launch("--target", "190,100,40,40")
@@ -172,7 +173,7 @@ def test_the_pilot_takes_over_and_nothing_is_sent_any_more(
     time.sleep(1.0)
     assert program.end(signal.SIGTERM) == READY, program.said
     late = [at - switched_s for at, _ in there.setpoints if at > switched_s]
-    assert max(late, default=0.0) < 1.3  # a heartbeat comes once a second
+    assert max(late, default=0.0) < 1.3 + late_s()  # a heartbeat comes once a second
     assert "still in" not in program.said
     assert there.autopilot.mode == "LOITER"
 
@@ -199,12 +200,13 @@ def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
 def test_full_autonomy_takes_off_follows_and_hands_back(vehicle: MakeVehicle, launch: Any) -> None:
     there = vehicle("ardupilot")
     program = launch("--colour", "#d02020", "--set", "autonomy=full", "--set", "takeoff_height_m=6")
-    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints), within_s=50.0)
+    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints))
     assert -there.autopilot.state.position_m[2] > 4
     assert program.end(signal.SIGINT) == READY, program.said
     assert there.autopilot.mode == "BRAKE"
 
 
+@pytest.mark.slow
 def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: Path) -> None:
     program = launch("--colour", "#d02020")
     until(lambda: (tmp_path / "runs" / "fly" / "mavlink.tlog").exists())
@@ -213,23 +215,26 @@ def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: P
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_a_failed_check_refuses_and_leaves_nothing_behind(
     vehicle: MakeVehicle, port: int, video: Path, tmp_path: Path, capsys: Any
 ) -> None:
-    from follower.fly.fly import fly
-    from follower.fly.options import FlyOptions
+    from follower.apps.fly.session import fly
+    from follower.apps.preflight.session import CheckScope
+    from follower.apps.target_choice import TargetChoice
+    from follower.apps.video_input import VideoInput
+    from follower.settings.settings import load_settings
 
     there = vehicle("px4")
     there.autopilot.parameters["COM_OBL_RC_ACT"] = 6.0
-    options = FlyOptions(
+    code = fly(
+        load_settings(overrides=["camera.fov_deg=70", "link.vehicle_id=1"]),
+        TargetChoice(colour="#d02020"),
+        VideoInput(str(video), realtime=True),
         f"udpin:127.0.0.1:{port}",
-        str(video),
-        colour="#d02020",
-        overrides=("camera.fov_deg=70", "link.vehicle_id=1"),
-        out=tmp_path / "runs",
-        look_s=4.0,
+        CheckScope(frozenset(), tmp_path / "runs", lens_given=True, longest_s=4.0),
     )
-    assert fly(options) == REFUSED
+    assert code == REFUSED
     said = capsys.readouterr().out
     assert "Do not fly: 1 check failed" in said
     assert "COM_OBL_RC_ACT: 6: termination: the motors stop; set it to 5 (Hold)" in said
@@ -261,25 +266,15 @@ def test_a_failed_check_refuses_and_leaves_nothing_behind(
             ("--connect", "x", "--camera", "0", "--colour", "#d02020", "--set", "camera.fov=7"),
             "fov_deg",
         ),
-        (("--connect", "x", "--camera", " ", "--colour", "#d02020"), "which camera"),
+        (("--connect", "x", "--camera", " ", "--colour", "#d02020"), "which source"),
     ],
 )
 def test_what_can_be_mended_ends_in_one_line_and_exit_code_2(
-    arguments: tuple[str, ...],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...], message: str, tmp_path: Path, run_command: Callable[..., Any]
 ) -> None:
-    from follower.cli import main
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["follower", "fly", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr().err
-    assert ended.value.code == UNUSABLE
-    assert message in said
-    assert said.startswith("follower: ")
-    assert said.count("\n") == 1
+    ended = run_command("fly", *arguments)
+    assert ended.code == UNUSABLE
+    assert message in ended.err
+    assert ended.err.startswith("follower: ")
+    assert ended.err.count("\n") == 1
     assert not (tmp_path / "runs").exists()

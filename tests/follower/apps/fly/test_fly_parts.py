@@ -18,26 +18,25 @@ from typing import TextIO
 import numpy as np
 import pytest
 
-from follower.flightlog import ControlRecord
-from follower.fly.camera import DeadCamera, SteadySource
-from follower.fly.keyboard import Keyboard
-from follower.fly.options import FlyOptions, lens_given
-from follower.fly.waiting import waiting_for
-from follower.interrupt import StopOnInterrupt
-from follower.preflight.camera_watch import CameraWatch
-from follower.settings import Settings, load_settings
-from follower.situation import Order
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
-from follower_control.vehicle import VehicleState
+from follower.apps.command_settings import command_line, lens_is_given
+from follower.apps.fly.flight import waiting_for
+from follower.apps.preflight.camera_checks import CameraWatch
+from follower.apps.video_input import DeadCamera, SteadySource
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.settings.settings import Settings, load_settings
+from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
+from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import VehicleState
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
-CONFIGS = Path(__file__).parents[3] / "configs" / "fly"
+CONFIGS = Path(__file__).parents[4] / "configs" / "fly"
 
 
-def record(state: State, reason: Reason, obeys: bool = False) -> ControlRecord:
+def record(state: SupervisorState, reason: SupervisorReason, obeys: bool = False) -> ControlRecord:
     vehicle = VehicleState(mode="OFFBOARD", obeys_setpoints=obeys, armed=True, heartbeat_s=1.0)
     return ControlRecord(1.0, 0.0, 0.0, state, reason, None, None, vehicle, HOLD, HOLD, (), False)
 
@@ -45,23 +44,53 @@ def record(state: State, reason: Reason, obeys: bool = False) -> ControlRecord:
 @pytest.mark.parametrize(
     ("state", "reason", "consent", "words"),
     [
-        (State.IDLE, Reason.NO_TARGET, {}, "looking for a cow"),
-        (State.TRACKING, Reason.NOT_FLYING, {}, "take off"),
-        (State.TRACKING, Reason.FRAMES_STALE, {}, "camera"),
-        (State.READY, Reason.WAITING_FOR_PILOT, {}, "switch to GUIDED"),
-        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "rc"}, "switch on the transmitter"),
-        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "terminal"}, "press Enter"),
-        (State.FOLLOWING, Reason.TARGET_SEEN, {}, "leave GUIDED to take over"),
-        (State.SEARCHING, Reason.TARGET_LOST, {}, "leave GUIDED to take over"),
-        (State.RELEASED, Reason.PILOT_TOOK_OVER, {}, "consent (Enter, or on the page)"),
-        (State.RELEASED, Reason.PILOT_TOOK_OVER, {"again": "mode"}, "go back to GUIDED"),
-        (State.RELEASED, Reason.STOP_REQUESTED, {"again": "mode"}, "consent (Enter"),
-        (State.READY, Reason.WAITING_FOR_CONSENT, {"kind": "cockpit"}, "on the page"),
-        (State.RELEASED, Reason.PILOT_TOOK_OVER, {"kind": "rc"}, "transmitter"),
+        (SupervisorState.IDLE, SupervisorReason.NO_TARGET, {}, "looking for a cow"),
+        (SupervisorState.TRACKING, SupervisorReason.NOT_FLYING, {}, "take off"),
+        (SupervisorState.TRACKING, SupervisorReason.FRAMES_STALE, {}, "camera"),
+        (SupervisorState.READY, SupervisorReason.WAITING_FOR_PILOT, {}, "switch to GUIDED"),
+        (
+            SupervisorState.READY,
+            SupervisorReason.WAITING_FOR_CONSENT,
+            {"kind": "rc"},
+            "switch on the transmitter",
+        ),
+        (
+            SupervisorState.READY,
+            SupervisorReason.WAITING_FOR_CONSENT,
+            {"kind": "terminal"},
+            "press Enter",
+        ),
+        (SupervisorState.FOLLOWING, SupervisorReason.TARGET_SEEN, {}, "leave GUIDED to take over"),
+        (SupervisorState.SEARCHING, SupervisorReason.TARGET_LOST, {}, "leave GUIDED to take over"),
+        (
+            SupervisorState.RELEASED,
+            SupervisorReason.PILOT_TOOK_OVER,
+            {},
+            "consent (Enter, or on the page)",
+        ),
+        (
+            SupervisorState.RELEASED,
+            SupervisorReason.PILOT_TOOK_OVER,
+            {"again": "mode"},
+            "go back to GUIDED",
+        ),
+        (
+            SupervisorState.RELEASED,
+            SupervisorReason.STOP_REQUESTED,
+            {"again": "mode"},
+            "consent (Enter",
+        ),
+        (
+            SupervisorState.READY,
+            SupervisorReason.WAITING_FOR_CONSENT,
+            {"kind": "cockpit"},
+            "on the page",
+        ),
+        (SupervisorState.RELEASED, SupervisorReason.PILOT_TOOK_OVER, {"kind": "rc"}, "transmitter"),
     ],
 )
 def test_the_terminal_says_what_has_to_happen_next(
-    state: State, reason: Reason, consent: dict[str, str], words: str
+    state: SupervisorState, reason: SupervisorReason, consent: dict[str, str], words: str
 ) -> None:
     settings = Settings.model_validate({"consent": consent})
     assert words in waiting_for(record(state, reason), "ardupilot", "a cow", settings)
@@ -70,20 +99,30 @@ def test_the_terminal_says_what_has_to_happen_next(
 @pytest.mark.parametrize(
     "reason",
     [
-        *(Reason.LINK_SILENT, Reason.TELEMETRY_STALE, Reason.FRAMES_STALE, Reason.CONTROL_LATE),
-        *(Reason.NAVIGATION_POOR, Reason.BATTERY_LOW, Reason.TARGET_UNSEEN, Reason.NOT_FLYING),
-        *(Reason.AUTOPILOT_FAILSAFE, Reason.COCKPIT_LOST),
+        *(
+            SupervisorReason.LINK_SILENT,
+            SupervisorReason.TELEMETRY_STALE,
+            SupervisorReason.FRAMES_STALE,
+            SupervisorReason.CONTROL_LATE,
+        ),
+        *(
+            SupervisorReason.NAVIGATION_POOR,
+            SupervisorReason.BATTERY_LOW,
+            SupervisorReason.TARGET_UNSEEN,
+            SupervisorReason.NOT_FLYING,
+        ),
+        *(SupervisorReason.AUTOPILOT_FAILSAFE, SupervisorReason.COCKPIT_LOST),
     ],
 )
-def test_each_trouble_before_following_has_its_words(reason: Reason) -> None:
-    words = waiting_for(record(State.TRACKING, reason), "px4", "a cow", Settings())
+def test_each_trouble_before_following_has_its_words(reason: SupervisorReason) -> None:
+    words = waiting_for(record(SupervisorState.TRACKING, reason), "px4", "a cow", Settings())
     assert len(words) > 10
 
 
 def test_before_the_autopilot_and_after_the_end() -> None:
     settings = Settings()
     assert waiting_for(None, "unknown", "a cow", settings) == "waiting for the autopilot"
-    released = record(State.RELEASED, Reason.STOP_REQUESTED, obeys=True)
+    released = record(SupervisorState.RELEASED, SupervisorReason.STOP_REQUESTED, obeys=True)
     assert "standing still" in waiting_for(released, "px4", "a cow", settings)
     assert waiting_for(released, "px4", "a cow", settings, ending=True) == (
         "ending; pilot: leave OFFBOARD to take over"
@@ -101,22 +140,22 @@ def terminal() -> Iterator[tuple[int, TextIO]]:
 def test_enter_consents_and_whatever_else_is_typed_withdraws() -> None:
     with terminal() as (typing, stream):
         keyboard = Keyboard(stream)
-        assert keyboard.order() is Order.NONE
+        assert keyboard.order() is ConsentRequest.NONE
         os.write(typing, b"\n")
-        assert keyboard.order() is Order.GIVE
-        assert keyboard.order() is Order.NONE
+        assert keyboard.order() is ConsentRequest.GIVE
+        assert keyboard.order() is ConsentRequest.NONE
         for typed in (b"n\n", b"stop\n", b"STOP NOW\n", b"abort\n", b"y\n", b"\nn\n", b"n\n\n"):
             os.write(typing, typed)
-            assert keyboard.order() is Order.WITHDRAW, typed
+            assert keyboard.order() is ConsentRequest.WITHDRAW, typed
         os.write(typing, b" \n")
-        assert keyboard.order() is Order.GIVE
+        assert keyboard.order() is ConsentRequest.GIVE
 
 
 def test_what_is_no_terminal_gives_no_orders() -> None:
-    assert Keyboard(io.StringIO("\n\n")).order() is Order.NONE
+    assert Keyboard(io.StringIO("\n\n")).order() is ConsentRequest.NONE
     closed = io.StringIO()
     closed.close()
-    assert Keyboard(closed).order() is Order.NONE
+    assert Keyboard(closed).order() is ConsentRequest.NONE
 
 
 class Pictures(ClosesItself):
@@ -239,21 +278,20 @@ def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_the_example_settings_can_be_flown_with_once_the_lens_is_told(path: Path) -> None:
-    alone = FlyOptions("x", "0", colour="#d02020", config=path)
-    assert not alone.lens_given, "the lens is the user's to tell"
-    options = FlyOptions("x", "0", colour="#d02020", config=path, overrides=("camera.fov_deg=70",))
-    settings = options.settings()
-    assert options.lens_given
+    assert not lens_is_given(path), "the lens is the user's to give"
+    assert lens_is_given(path, ["camera.fov_deg=70"])
+    settings = load_settings(path, overrides=["camera.fov_deg=70"])
     assert settings.autonomy == "pilot"
     assert settings.envelope.max_speed_m_s <= 5
     assert settings == load_settings(path)
 
 
+@pytest.mark.slow
 def test_a_flight_needs_no_plots_and_no_simulated_world() -> None:
     program = (
-        "import sys, follower.fly.fly, follower.fly.sign_testing; "
+        "import sys, follower.apps.fly.session, follower.apps.preflight.sign_test; "
         "print([m for m in sys.modules if m in ('matplotlib', 'control', 'torch') "
-        "or m in ('follower_sim.world', 'follower_sim.autopilot')])"
+        "or m in ('follower_sim.world.world', 'follower_sim.autopilot.autopilot')])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
@@ -262,16 +300,15 @@ def test_a_flight_needs_no_plots_and_no_simulated_world() -> None:
 
 
 def test_a_lens_counts_as_given_only_if_somebody_gave_it() -> None:
-    assert not lens_given({})
-    assert not lens_given({"camera": {"pitch_deg": -20}})
-    assert not lens_given({"camera": {"fov_deg": None}})
-    assert lens_given({"camera": {"focal_px": 500.0}})
-    assert not FlyOptions("x", "0", colour="#d02020").lens_given
-    assert FlyOptions("x", "0", colour="#d02020", overrides=("camera.fov_deg=80",)).lens_given
+    assert not lens_is_given()
+    assert not lens_is_given(overrides=["camera.pitch_deg=-20"])
+    assert not lens_is_given(overrides=["camera.fov_deg=null"])
+    assert lens_is_given(overrides=["camera.focal_px=500"])
 
 
-def test_the_command_line_can_be_given_again_without_the_password() -> None:
-    options = FlyOptions("udpin:0.0.0.0:14540", "rtsp://me:secret@cam/live", select="person:2")
-    assert "secret" not in options.command
-    assert "--select person:2" in options.command
-    assert options.settings().detector == "yolox-nano"
+def test_the_command_line_can_be_given_again_without_the_password(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = ["follower", "fly", "--camera", "rtsp://me:secret@cam/live", "--select", "person:2"]
+    monkeypatch.setattr(sys, "argv", given)
+    assert command_line() == "follower fly --camera rtsp://cam/live --select person:2"

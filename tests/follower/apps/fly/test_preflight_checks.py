@@ -7,38 +7,46 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
+from preflight_checks import PAGE, renewed
 from rich.console import Console
 
-from follower.links.link_status import LinkStatus
-from follower.links.message_rates import MessageRate
+from follower.apps.preflight.check import (
+    CameraReading,
+    ComputerReading,
+    PreflightResult,
+    PreflightVerdict,
+    Snapshot,
+)
+from follower.apps.preflight.checklist import (
+    CHECKS,
+    check_names,
+    parameters_for,
+    print_checklist,
+    run_checks,
+    to_json,
+)
+from follower.links.request_scheduler import MessageRate
+from follower.links.status import LinkStatus
 from follower.links.vehicle_health import (
     EstimatorHealth,
     GpsHealth,
     SensorHealth,
     VehicleHealth,
 )
-from follower.preflight.check import Result
-from follower.preflight.docs import renewed
-from follower.preflight.finding import Verdict
-from follower.preflight.running import check_names, parameters_for, run_checks
-from follower.preflight.showing import print_checklist, refusals, to_json
-from follower.preflight.snapshot import (
-    AttitudeReading,
-    CameraReading,
-    ComputerReading,
-    Snapshot,
-)
-from follower.preflight.table import CHECKS
-from follower.settings import Settings
-from follower_control.strict_yaml import SettingsError
-from follower_control.vehicle import LocalPosition, RcChannels, VehicleState
-from follower_sim.firmware_parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
+from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
+from follower_control.vehicle.state import LocalPosition, RcChannels, VehicleState
+from follower_sim.autopilot.parameters import ARDUCOPTER_PARAMETERS, PX4_PARAMETERS
 
-PASS, WARN, FAIL, UNKNOWN = Verdict.PASS, Verdict.WARN, Verdict.FAIL, Verdict.UNKNOWN
+PASS, WARN, FAIL, UNKNOWN = (
+    PreflightVerdict.PASS,
+    PreflightVerdict.WARN,
+    PreflightVerdict.FAIL,
+    PreflightVerdict.UNKNOWN,
+)
 NOW_S = 100.0
 ALL_ESTIMATES = 0x33F
 GYRO, GPS, RC, PREARM = 1, 32, 65536, 268435456
@@ -113,7 +121,7 @@ def healthy(flavour: str) -> Snapshot:
             GpsHealth(3, 12, 0.8, NOW_S),
             EstimatorHealth(ALL_ESTIMATES, 0.1, 0.2, 0.1, 0.1, False, NOW_S),
         ),
-        attitude=AttitudeReading(0.03),
+        attitude_age_s=0.03,
         parameters=parameters,
         camera=CameraReading("0", "", (640, 480), 90, 0.033, 0.05, 0.004, 0.02, 40.0),
         computer=ComputerReading(int(60e9), "runs", 55.0, 0, 0.3),
@@ -171,13 +179,18 @@ def without(name: str) -> Change:
     )
 
 
-def result(snapshot: Snapshot, name: str) -> Result:
+def result(snapshot: Snapshot, name: str) -> PreflightResult:
     return next(one for one in run_checks(snapshot) if one.check.name == name)
 
 
 BOTH = [
     ("vehicle", link(vehicle_id=None), FAIL, "no heartbeat"),
-    ("vehicle", link(problem="several vehicles are heard: 1 (px4), 2 (px4)"), FAIL, "several"),
+    (
+        "vehicle",
+        link(problem="several vehicles send heartbeats: 1 (px4), 2 (px4)"),
+        FAIL,
+        "several",
+    ),
     ("vehicle", vehicle(heartbeat_s=NOW_S - 7), FAIL, "no heartbeat for 7 s"),
     ("type", health(vehicle_type=1), FAIL, "MAV_TYPE_FIXED_WING"),
     ("type", health(vehicle_type=None), UNKNOWN, "not said"),
@@ -195,16 +208,21 @@ BOTH = [
     ("clocks", link(clock_error_s=0.1), WARN, "100 ms"),
     ("clocks", link(clock_error_s=0.2), FAIL, "200 ms"),
     ("clocks", link(clock_restarts=2), WARN, "jumped"),
-    ("attitude-age", lambda s: replace(s, attitude=AttitudeReading(0.3)), WARN, "300 ms"),
-    ("attitude-age", lambda s: replace(s, attitude=AttitudeReading(0.7)), FAIL, "700 ms"),
-    ("attitude-age", lambda s: replace(s, attitude=AttitudeReading()), FAIL, "no attitude"),
-    ("attitude-age", lambda s: replace(s, attitude=AttitudeReading(0, True)), FAIL, "repeats"),
+    ("attitude-age", lambda s: replace(s, attitude_age_s=0.3), WARN, "300 ms"),
+    ("attitude-age", lambda s: replace(s, attitude_age_s=0.7), FAIL, "700 ms"),
+    ("attitude-age", lambda s: replace(s, attitude_age_s=math.inf), FAIL, "no attitude"),
+    (
+        "attitude-age",
+        lambda s: replace(s, attitude_repeats=True),
+        FAIL,
+        "repeats",
+    ),
     ("packet-loss", link(lost=60), WARN, "5.7%"),
     ("packet-loss", link(lost=500), FAIL, "33.3%"),
     ("sensors", sensors(healthy=SENSORS & ~GYRO), FAIL, "gyroscope"),
     ("sensors", sensors(healthy=SENSORS & ~PREARM), WARN, "pre-arm"),
     ("sensors", health(sensors=None), UNKNOWN, "SYS_STATUS"),
-    ("remote-control", sensors(healthy=SENSORS & ~RC), WARN, "hears nothing"),
+    ("remote-control", sensors(healthy=SENSORS & ~RC), WARN, "receives nothing"),
     ("remote-control", sensors(enabled=SENSORS & ~RC), WARN, "no RC"),
     ("battery", sensors(battery_share=0.4), WARN, "40%"),
     ("battery", sensors(battery_share=0.1), FAIL, "10%"),
@@ -281,7 +299,7 @@ ONE = [
     ("px4", "COM_OF_LOSS_T", parameter("COM_OF_LOSS_T", 0.5), WARN, "alone_s"),
     ("px4", "COM_OF_LOSS_T", parameter("COM_OF_LOSS_T", 3), WARN, "3 s"),
     ("px4", "COM_OF_LOSS_T", parameter("COM_OF_LOSS_T", 10), FAIL, "10 s"),
-    ("px4", "COM_OF_LOSS_T", without("COM_OF_LOSS_T"), UNKNOWN, "does not tell"),
+    ("px4", "COM_OF_LOSS_T", without("COM_OF_LOSS_T"), UNKNOWN, "does not report"),
     ("px4", "COM_OBL_RC_ACT", parameter("COM_OBL_RC_ACT", 5), PASS, "Hold"),
     ("px4", "COM_OBL_RC_ACT", parameter("COM_OBL_RC_ACT", 2), FAIL, "falls"),
     ("px4", "COM_OBL_RC_ACT", parameter("COM_OBL_RC_ACT", 7), FAIL, "motors stop"),
@@ -328,7 +346,7 @@ def test_all_is_well_with_default_parameters(flavour: str) -> None:
     ids=lambda value: str(value) if isinstance(value, str) else None,
 )
 def test_each_check_says_what_is_wrong_and_what_to_do(
-    flavour: str, name: str, change: Change, verdict: Verdict, word: str
+    flavour: str, name: str, change: Change, verdict: PreflightVerdict, word: str
 ) -> None:
     before, after = healthy(flavour), change(healthy(flavour))
     found = result(after, name)
@@ -352,8 +370,9 @@ def test_every_check_is_shown_failing_or_warning_somewhere() -> None:
 
 def test_a_skipped_check_does_not_refuse_and_a_wrong_name_lists_the_right_ones() -> None:
     broken = parameter("COM_OBL_RC_ACT", 7)(healthy("px4"))
-    assert len(refusals(run_checks(broken))) == 1
-    assert refusals(run_checks(broken, check_names(["COM_OBL_RC_ACT"]))) == []
+    assert [one.check.name for one in run_checks(broken) if one.refuses] == ["COM_OBL_RC_ACT"]
+    skip = check_names(["COM_OBL_RC_ACT"])
+    assert not any(one.refuses for one in run_checks(broken, skip))
     with pytest.raises(SettingsError, match="no such check; there are vehicle, type"):
         check_names(["vehicel"])
 
@@ -391,7 +410,6 @@ def test_json_holds_every_check_and_no_infinities() -> None:
     assert content["camera"]["age_s"] is None
 
 
-def test_the_pages_table_is_that_of_the_program() -> None:
-    page = Path(__file__).parents[3] / "docs" / "fly.md"
-    text = page.read_text("utf-8")
-    assert text == renewed(text), "python -m follower.preflight.docs docs/fly.md"
+def test_the_pages_list_is_that_of_the_program() -> None:
+    text = PAGE.read_text("utf-8")
+    assert text == renewed(text), "python tests/docs_tables/preflight_checks.py"

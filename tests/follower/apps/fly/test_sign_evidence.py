@@ -10,14 +10,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from follower.sign_test.evidence import Evidence, Judgement, Sign, gain_remark
-from follower.sign_test.reaction import Reaction
-from follower.sign_test.words import diagnosis, intent, movers, picture, progress, where
-from follower_control.setpoint import VelocitySetpoint
-from follower_control.vehicle import Attitude
-from follower_vision.box import Box
-from follower_vision.camera import Vector
-from follower_vision.lineofsight import CameraMount, rotation
+from follower.apps.preflight.sign_estimator import (
+    Reaction,
+    Sign,
+    SignEvidence,
+    SignJudgement,
+    gain_remark,
+)
+from follower.apps.preflight.sign_test import (
+    diagnosis,
+    intent,
+    movers,
+    progress,
+    where,
+)
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_control.vehicle.state import Attitude
+from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import CameraMount, rotation
 
 PERIOD_S, SWING_RAD = 4.0, math.radians(17)
 AS_IT_IS, MIRROR, FLIP = np.eye(3), np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
@@ -42,12 +52,12 @@ def judged(
     moves: tuple[str, ...] = ("yaw", "pitch"),
     target: tuple[float, float, float] = (0.05, 0.03, 1.0),
     scale: float = 1.0,
-) -> Judgement:
+) -> SignJudgement:
     """Move a camera by hand before a standing target; `target` in the camera's frame at first.
 
     `image` is what is done to the picture, `scale` how much too large its angles are taken.
     """
-    evidence = Evidence(said)
+    evidence = SignEvidence(said)
     start = attitude(0.0, *moves)
     still = _turn(start) @ true.camera_to_body @ np.array(target)
     for time_s in times():
@@ -80,8 +90,8 @@ def test_a_camera_mounted_as_described_passes(
     moves = movers(described)
     result = judged(described, described, moves=moves, target=(right, down, 1.0))
     assert result.passed
-    assert result.gain_across == pytest.approx(1.0, abs=0.05)
-    assert result.gain_down == pytest.approx(1.0, abs=0.05)
+    assert result.across.gain == pytest.approx(1.0, abs=0.05)
+    assert result.down.gain == pytest.approx(1.0, abs=0.05)
     assert diagnosis(result) == ""
 
 
@@ -116,12 +126,12 @@ def test_what_is_advised_mends_it(roll: float) -> None:
 def test_a_camera_that_looks_sideways_is_unclear_and_does_not_pass() -> None:
     result = judged(mount(), mount(yaw=90))
     assert not result.passed
-    assert result.down is Sign.UNCLEAR
+    assert result.down.sign is Sign.UNCLEAR
 
 
 def test_one_movement_alone_is_not_enough() -> None:
     result = judged(mount(), mount(), moves=("yaw",))
-    assert (result.across, result.down) == (Sign.RIGHT, Sign.WAITING)
+    assert result.signs == (Sign.RIGHT, Sign.WAITING)
     assert any("nose" in line for line in progress(result, mount()))
 
 
@@ -137,29 +147,29 @@ def test_a_camera_that_looks_down_is_rolled_and_pitched() -> None:
 def test_a_wrong_field_of_view_shows_in_how_far_the_image_moves(scale: float, words: str) -> None:
     result = judged(mount(), mount(), scale=scale)
     assert result.passed
-    assert words in gain_remark(result.gain_across)
-    assert bool(gain_remark(result.gain_across)) == bool(words)
+    assert words in gain_remark(result.across.gain)
+    assert bool(gain_remark(result.across.gain)) == bool(words)
 
 
 def test_a_target_that_is_carried_about_is_no_evidence_for_or_against() -> None:
-    evidence = Evidence(mount())
+    evidence = SignEvidence(mount())
     for time_s in times():
         x = 0.5 * math.sin(time_s)
         ray = np.array([x, 0.0, 1.0])
         still = Attitude(0, 0, 1, 0, 0, 0, time_s)
         evidence.add(time_s, ray / np.linalg.norm(ray), still)
     result = evidence.judge()
-    assert (result.across, result.down) == (Sign.WAITING, Sign.WAITING)
+    assert result.signs == (Sign.WAITING, Sign.WAITING)
     assert result.attitude_stands
     assert any("not that vehicle's autopilot" in line for line in progress(result, mount()))
 
 
 def test_pauses_and_disorder_are_left_out() -> None:
-    evidence = Evidence(mount())
+    evidence = SignEvidence(mount())
     for time_s in (0.0, 5.0, 3.0, 12.0, 11.0):
         turned = Attitude(0, 0, time_s, 0, 0, 0, time_s)
         evidence.add(time_s, np.array([0.0, 0.0, 1.0]), turned)
-    assert evidence.judge().share_across == 0.0
+    assert evidence.judge().across.share == 0.0
 
 
 @pytest.mark.parametrize(("factor", "sign"), [(-1.5, Sign.RIGHT), (1.5, Sign.REVERSED)])
@@ -181,22 +191,8 @@ def test_words_for_every_way() -> None:
     assert intent(VelocitySetpoint()) == "would stay as it is"
 
 
-def test_the_picture_shows_target_centre_and_turn() -> None:
-    right = picture(Box(300, 200, 20, 20), (320, 240), VelocitySetpoint(yaw_rate_rad_s=0.5))
-    assert len({len(line) for line in right[:-1]}) == 1
-    (row,) = (number for number, line in enumerate(right) if "O" in line)
-    assert right[row].index("O") > right[6].index("+")
-    assert row > 6
-    assert "►" in right[-1]
-    assert "◄" not in right[-1]
-    assert "O" not in "".join(picture(None, (320, 240)))
-
-
 def test_where_names_the_side_and_the_height() -> None:
-    from follower.sign_test.dry_run import Wish
-    from follower_vision.lineofsight import LineOfSight
+    from follower_vision.geometry.line_of_sight import LineOfSight
 
     sight = LineOfSight(math.radians(12), math.radians(-5))
-    assert where(Wish(VelocitySetpoint(), sight, 5.0)) == (
-        "target 12° right of the nose, 5° below the horizon"
-    )
+    assert where(sight) == ("target 12° right of the nose, 5° below the horizon")

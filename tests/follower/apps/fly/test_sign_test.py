@@ -15,23 +15,21 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from rich.console import Console
 
-from follower.fly.sign_testing import run
-from follower.links.connection import ConnectionFailedError
-from follower.links.link_settings import LinkSettings
-from follower.links.opening import open_link
-from follower.preflight.camera_watch import CameraWatch
-from follower.selecting import colour_selector
-from follower.settings import Settings
-from follower.sign_test.session import SignTest, SignTestResult
-from follower.tracking import make_target_tracker
-from follower.watched import Pressed
-from follower_control.udp import UdpTransport
-from follower_sim.udp import open_autopilot_port
-from follower_vision.camera import CameraModel
+from follower.apps.preflight.camera_checks import CameraWatch
+from follower.apps.preflight.sign_test import SignTest, SignTestResult, run
+from follower.flight.target.selectors import colour_selector
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.links.connections import ConnectionFailedError
+from follower.links.open import open_link
+from follower.settings.link import LinkSettings
+from follower.settings.settings import Settings
+from follower.ui.terminal.interrupt import InterruptFlag
+from follower_control.common.transport import UdpTransport
 from follower_vision.clock import MonotonicClock
-from follower_vision.frame import Frame
-from follower_vision.framesource import ClosesItself
-from follower_vision.lineofsight import CAMERA_TO_BODY, rotation
+from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.line_of_sight import CAMERA_TO_BODY, rotation
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself
 
 WIDTH, HEIGHT, FOV_DEG = 320, 240, 70.0
 SWING_RAD = math.radians(12)
@@ -52,7 +50,7 @@ class HandHeld:
     """An autopilot that tells the attitude of a vehicle in somebody's hands."""
 
     def __init__(self, port: int, clock: MonotonicClock, armed: bool = False) -> None:
-        self._transport = open_autopilot_port("127.0.0.1", port)
+        self._transport = UdpTransport.connect("127.0.0.1", port)
         self._clock = clock
         self._codec = mavlink.MAVLink(None, 1, 1)
         self._mode_flags = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
@@ -148,8 +146,8 @@ def sign_tested(
             selector = colour_selector("#d02020")
             test = SignTest(settings, link, tracker, selector, (WIDTH, HEIGHT))
             console = Console(file=printed, width=200)
-            result, early = run(test, link, watch, clock, console, Pressed())
-        assert not early
+            result = run(test, link, watch, clock, console, InterruptFlag())
+        assert not result.interrupted
         return result, held.heard, printed.getvalue()
 
 
@@ -161,6 +159,7 @@ def mirrored(image: np.ndarray) -> np.ndarray:
     return image[:, ::-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pymavlink", pytest.param("mavsdk", marks=pytest.mark.slow)])
 def test_a_right_camera_passes_and_nothing_is_sent_that_moves_the_vehicle(kind: str) -> None:
     result, heard, printed = sign_tested(as_it_is, kind=kind)
@@ -172,6 +171,7 @@ def test_a_right_camera_passes_and_nothing_is_sent_that_moves_the_vehicle(kind: 
     assert " -> would " in printed
 
 
+@pytest.mark.slow
 def test_a_mirrored_camera_fails_and_is_named() -> None:
     result, _, printed = sign_tested(mirrored)
     assert not result.passed
@@ -187,7 +187,7 @@ def test_an_armed_vehicle_is_refused_at_once() -> None:
 
 
 def test_without_an_autopilot_it_ends_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("follower.fly.sign_testing._ANSWER_WITHIN_S", 0.3)
+    monkeypatch.setattr("follower.apps.preflight.sign_test._ANSWER_WITHIN_S", 0.3)
     clock = MonotonicClock()
     settings = Settings.model_validate({"camera": {"fov_deg": FOV_DEG}})
     transport = UdpTransport.listen("127.0.0.1", 0)
@@ -198,5 +198,5 @@ def test_without_an_autopilot_it_ends_with_a_reason(monkeypatch: pytest.MonkeyPa
     ):
         tracker = make_target_tracker(settings)
         test = SignTest(settings, link, tracker, colour_selector("#d02020"), (WIDTH, HEIGHT))
-        with pytest.raises(ConnectionFailedError, match="no vehicle heard"):
-            run(test, link, watch, clock, Console(file=io.StringIO()), Pressed())
+        with pytest.raises(ConnectionFailedError, match="no heartbeat of a vehicle received"):
+            run(test, link, watch, clock, Console(file=io.StringIO()), InterruptFlag())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,24 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from follower.cli import app
-from follower.importing.alignment import align, corner_flows
-from follower.importing.options import ImportOptions
-from follower.importing.run import with_next
-from follower.importing.session import import_video
-from follower.recorder import RecordedFlight, open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.telemetry import read_telemetry
-from follower_control.strict_yaml import SettingsError
+from follower.apps.import_flight.alignment import align, corner_flows
+from follower.apps.import_flight.session import import_video
+from follower.apps.main import app
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.apps.target_choice import TargetChoice
+from follower.apps.video_input import VideoInput
+from follower.recording import RecordedFlight, open_flight
+from follower.recording.telemetry_logs import read_telemetry
+from follower.settings.settings import load_settings
+from follower_control.common.strict_config import SettingsError
 from follower_sim.camera import SimCamera
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
-from follower_vision.box import Box
-from follower_vision.framesource import SourceError
-from follower_vision.lineofsight import CameraMount
-from follower_vision.video_writer import VideoWriter
-from follower_vision.videofile import VideoFile
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.world.world import World
+from follower_vision.drawing.video_writer import VideoWriter
+from follower_vision.geometry.line_of_sight import CameraMount
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.video_file import VideoFile
 
 TRUE_OFFSET_S, FRAME_S, SECONDS = 3.0, 1 / 20, 9.0
 MOUNT = CameraMount(pitch_rad=math.radians(-25))
@@ -80,15 +81,17 @@ def imported(
     folder: Path, video: Path, telemetry: Path | None, **more: Any
 ) -> tuple[RecordedFlight, str]:
     printed = io.StringIO()
-    options = ImportOptions(
-        str(video),
+    overrides = ("camera.fov_deg=75", *SETTINGS, *more.pop("overrides", ()))
+    code = import_video(
+        VideoInput(str(video)),
+        load_settings(overrides=overrides),
+        TargetChoice(colour=COLOUR),
         telemetry=telemetry,
-        fov_deg=75.0,
         out=folder,
-        overrides=(*SETTINGS, *more.pop("overrides", ())),
-        **{"colour": COLOUR, **more},
+        console=Console(file=printed, width=200),
+        **{"at_s": 0.0, "offset_s": None, **more},
     )
-    assert import_video(options, Console(file=printed, width=200)) == 0
+    assert code == 0
     (flight,) = (path for path in folder.iterdir() if path.is_dir())
     return open_flight(flight), printed.getvalue()
 
@@ -189,6 +192,7 @@ def test_a_video_alone_gives_setpoints_on_the_body_s_axes(
     assert all(record.vehicle.attitude is None for record in flight.log.controls)
 
 
+@pytest.mark.slow
 def test_telemetry_of_another_time_is_refused(
     turning_video: Path, writers: Any, script: Any, tmp_path: Path
 ) -> None:
@@ -198,6 +202,7 @@ def test_telemetry_of_another_time_is_refused(
     assert list((tmp_path / "runs").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_target_that_never_shows_leaves_nothing_behind(
     turning_video: Path, tmp_path: Path
 ) -> None:
@@ -209,29 +214,20 @@ def test_a_target_that_never_shows_leaves_nothing_behind(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({}, "which target"),
-        ({"colour": COLOUR, "offset_s": 1.0}, "--offset needs --telemetry"),
-        ({"colour": COLOUR, "at_s": -1.0}, "--at"),
-        ({"colour": COLOUR, "target": Box(5, 5, 4, 4)}, "alone"),
-        ({"select": "list"}, "follower track"),
+        (("clip.mp4",), "which target"),
+        (("clip.mp4", "--colour", COLOUR, "--offset", "1"), "--offset needs --telemetry"),
+        (("clip.mp4", "--colour", COLOUR, "--at", "-1"), "--at"),
+        (("clip.mp4", "--colour", COLOUR, "--target", "5,5,4,4"), "alone"),
+        (("clip.mp4", "--select", "list"), "follower track"),
+        (("rtsp://10.0.0.5/live", "--colour", COLOUR), "recording"),
     ],
 )
-def test_contradictions_are_refused(options: dict[str, Any], says: str) -> None:
+def test_contradictions_are_refused(options: tuple[str, ...], says: str) -> None:
     with pytest.raises(SettingsError, match=says):
-        ImportOptions("clip.mp4", **options)
-
-
-def test_a_live_source_is_refused() -> None:
-    with pytest.raises(SettingsError, match="recording"):
-        ImportOptions("rtsp://10.0.0.5/live", colour=COLOUR)
+        CliRunner().invoke(app, ["import", *options], catch_exceptions=False)
 
 
 def test_the_command_names_a_missing_file() -> None:
     result = CliRunner().invoke(app, ["import", "nowhere.mp4", "--target", "1,2,30,40"])
     assert isinstance(result.exception, SourceError)
     assert "nowhere.mp4" in str(result.exception)
-
-
-def test_each_frame_comes_with_the_one_after_it() -> None:
-    numbers: Iterator[Any] = iter("abc")
-    assert list(with_next(numbers)) == [("a", "b"), ("b", "c"), ("c", None)]

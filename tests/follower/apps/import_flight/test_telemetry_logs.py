@@ -11,8 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.telemetry import TelemetryError, TelemetryLog, TelemetryPlayback, read_telemetry
-from follower.telemetry.log import Samples, body_rates
+from follower.recording.telemetry_logs import (
+    TelemetryError,
+    TelemetryLog,
+    TelemetryPlayback,
+    read_telemetry,
+)
+from follower.recording.telemetry_logs.samples import TelemetrySamples, body_rates
 
 KINDS = ("csv", "tlog", "bin", "ulg")
 BEGINS_S = 3.0
@@ -77,7 +82,7 @@ def test_samples_that_are_not_finite_or_not_newer_are_left_out() -> None:
         (0.2, 9.0, 9.0, 9.0),
         (0.3, 0.2, 0.0, 0.0),
     ]
-    log = Samples(attitudes=rows).log("test")
+    log = TelemetrySamples(attitudes=rows).log("test")
     assert [one.time_s for one in log.attitudes] == [0.0, 0.2, 0.3]
     assert log.attitudes[1].roll_rate_rad_s == pytest.approx(2 / 3, abs=0.2)
 
@@ -123,6 +128,7 @@ def test_a_field_that_another_version_calls_otherwise_is_named(
     assert "is not known here" in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_format_that_pymavlink_does_not_know_is_named(
     writers: Any, script: Any, tmp_path: Path

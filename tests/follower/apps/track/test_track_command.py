@@ -14,16 +14,16 @@ import cv2
 import numpy as np
 import pytest
 
-import follower.track as track_module
-from follower.cli import FAILED, SUCCESS, UNUSABLE, main
-from follower.outputs import BOX_COLUMNS
-from follower.settings import Settings
-from follower.track_status import TrackStatus, status_line
-from follower_vision.box import Box
+import follower.apps.track.session as track_module
+from follower.apps.main import FAILED, SUCCESS, UNUSABLE, main
+from follower.apps.track.display import TrackStatus, status_line
+from follower.recording.run_folder import BOX_COLUMNS
+from follower.settings.settings import Settings
 from follower_vision.detection import Detection
-from follower_vision.frame import Image
-from follower_vision.sources import open_source
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+from follower_vision.sources.open import open_source
+from follower_vision.trackers.track import Track, TrackState
 
 DATA = Path(os.environ.get("FOLLOWER_DATA", "../shared/data")).resolve()
 FRAMES, SIDE = 30, 28
@@ -148,6 +148,7 @@ def test_one_target_has_one_line_a_frame_with_the_columns_promised(
     assert files == {"candidates.png", "track.png", "setpoints.csv"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choice", ["boxes", "classes"])
 def test_several_targets_are_numbered_in_the_order_given(
     run: Run, pictures: Path, detector: SquareDetector, tmp_path: Path, choice: str
@@ -168,6 +169,7 @@ def test_several_targets_are_numbered_in_the_order_given(
     assert (detector.passes > 0) == (choice == "classes")
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_same_boxes_each_time(
     run: Run, pictures: Path, tmp_path: Path
 ) -> None:
@@ -177,6 +179,7 @@ def test_a_recording_gives_the_same_boxes_each_time(
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_one_pass_of_the_detector_serves_all_targets(
     run: Run, pictures: Path, detector: SquareDetector
 ) -> None:
@@ -215,6 +218,7 @@ def test_the_list_shows_what_may_be_chosen_and_follows_nothing(
     assert cv2.imread(str(only_run(tmp_path) / "candidates.png")).shape == (960, 1280, 3)
 
 
+@pytest.mark.slow
 def test_in_real_time_a_recording_takes_its_time(run: Run, pictures: Path, tmp_path: Path) -> None:
     code, out, _ = run(str(pictures), "--select", "person", "--realtime", "--no-video")
     assert code == SUCCESS, out
@@ -225,6 +229,7 @@ def test_in_real_time_a_recording_takes_its_time(run: Run, pictures: Path, tmp_p
     assert not (only_run(tmp_path) / "setpoints.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tells(
     run: Run, pictures: Path, tmp_path: Path
 ) -> None:
@@ -287,6 +292,7 @@ def test_a_number_too_large_leaves_the_picture_to_choose_from_alone(
     assert list(only_run(tmp_path).iterdir()) == [picture]
 
 
+@pytest.mark.slow
 def test_the_source_is_never_overwritten(run: Run, pictures: Path, tmp_path: Path) -> None:
     run(str(pictures), "--select", "1", "--save", "clip.mp4")
     before = (tmp_path / "clip.mp4").read_bytes()
@@ -307,6 +313,7 @@ def test_a_missing_network_names_what_fetches_it(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_change_of_size_ends_the_run_in_order(run: Run, pictures: Path, tmp_path: Path) -> None:
     mixed = tmp_path / "mixed"
     mixed.mkdir()
@@ -320,6 +327,7 @@ def test_a_change_of_size_ends_the_run_in_order(run: Run, pictures: Path, tmp_pa
     assert len(rows_of(only_run(tmp_path) / "boxes.csv")) == 6
 
 
+@pytest.mark.slow
 def test_the_help_teaches_by_examples(run_program: Run) -> None:
     code, out, _ = run_program("--help")
     assert code == SUCCESS
@@ -344,7 +352,7 @@ def test_a_person_in_real_footage_is_chosen_by_its_number_and_followed(
 ) -> None:
     sequence, weights = DATA / "sequences" / "otb_jogging1", DATA / "weights"
     if not (sequence.is_dir() and (weights / "yolox_nano_bi.onnx").is_file()):
-        pytest.skip(f"no sequences or networks in {DATA}")
+        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
     monkeypatch.setenv("FOLLOWER_MODELS", str(weights.resolve()))
     arguments = ("--select", "person:1", "--select", "person:2", "--no-video")
     code, out, _ = run_program(str(sequence.resolve()), *arguments)

@@ -7,25 +7,27 @@ import os
 import queue
 import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
 import numpy as np
 import pytest
 
-from follower_vision.sources import open_source
+from follower_vision.sources.live_source import LiveSettings
+from follower_vision.sources.open import open_source
 
 INTERRUPTED = 130
-FOLLOWER = [sys.executable, "-c", "from follower.cli import main; main()"]
+FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 RATE = 20
 START = (60, 100)
 
@@ -125,15 +127,13 @@ class Follower:
 
 
 @pytest.fixture
-def camera() -> Camera:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return Camera(probe.getsockname()[1])
+def camera(free_port: Callable[[], int]) -> Camera:
+    return Camera(free_port())
 
 
 @pytest.mark.slow
 def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files(
-    camera: Camera, tmp_path: Path
+    camera: Camera, tmp_path: Path, late_s: Callable[[], float]
 ) -> None:
     box = f"{START[0]},{START[1]},30,30"
     with camera.sending():
@@ -148,7 +148,7 @@ def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files
         camera.moving.set()
         time.sleep(2.0)
         camera.moving.clear()
-        time.sleep(1.0)
+        time.sleep(1.0 + late_s())
         printed = follower.end()
     assert follower.process.returncode == INTERRUPTED, printed
     assert re.search(r"\d+ dropped, 1 reconnect, ", printed)
@@ -179,19 +179,17 @@ def test_ctrl_c_while_the_target_is_awaited_leaves_nothing(camera: Camera, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_stream_that_nobody_sends_ends_in_one_line(camera: Camera, tmp_path: Path) -> None:
-    result = subprocess.run(
-        [*FOLLOWER, "track", camera.address, "--target", "1,2,30,40"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=tmp_path,
-        check=False,
-    )
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert camera.address in result.stderr
-    assert "is the camera sending?" in result.stderr or "is it sending?" in result.stderr
+@pytest.mark.slow
+def test_a_stream_that_nobody_sends_ends_in_one_line(
+    camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_command: Callable[..., Any]
+) -> None:
+    soon = partial(LiveSettings, first_frame_s=1.5)
+    monkeypatch.setattr("follower_vision.sources.open.LiveSettings", soon)
+    ended = run_command("track", camera.address, "--target", "1,2,30,40")
+    assert ended.code == 2
+    assert ended.err.count("\n") == 1
+    assert camera.address in ended.err
+    assert "is the camera sending?" in ended.err or "is it sending?" in ended.err
     assert list(tmp_path.iterdir()) == []
 
 

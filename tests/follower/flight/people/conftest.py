@@ -9,20 +9,20 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.autonomy import Autonomy
-from follower.control_loop import ControlLoop
-from follower.control_stage import ControlStage
-from follower.flightlog import ControlRecord, FlightLog, TrackRecord
-from follower.links.mavlink import MavlinkLink
-from follower.settings import load_settings
-from follower.supervisor import State
-from follower_control.transport import MemoryTransport
-from follower_sim.autopilot import SimAutopilot
+from follower.flight.control.loop import ControlLoop
+from follower.flight.control.stage import ControlStage
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.supervision.autonomy import Autonomy
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.settings import load_settings
+from follower_control.common.transport import MemoryTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
-from follower_sim.vehicle import STEP_S
-from follower_vision.box import Box
+from follower_sim.vehicle.vehicle import STEP_S
 from follower_vision.clock import SimulatedClock
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import Track, TrackState
 
 WIDTH, HEIGHT, CONTROL_S = 640, 480, 0.02
 DISTANCE_M, SIZE_M = 15.0, 2.0
@@ -105,7 +105,7 @@ class Rig:
                 self.loop.step(self.clock.now())
         return self.log.controls[-1]
 
-    def until(self, state: State, within_s: float = 5.0) -> ControlRecord:
+    def until(self, state: SupervisorState, within_s: float = 5.0) -> ControlRecord:
         end_s = self.now_s + within_s
         while self.now_s < end_s:
             record = self.fly(CONTROL_S)
@@ -115,23 +115,23 @@ class Rig:
 
     def hand_over(self) -> None:
         """Have the pilot take our mode, and us hear of it."""
-        self.until(State.READY)
+        self.until(SupervisorState.READY)
         self.fly(0.3)
         assert self.autopilot.switch_mode(OURS[self.flavour])
         self.fly(1.2)
 
     def follow(self) -> None:
         """Have the pilot hand over what follows at once."""
-        self.until(State.READY)
+        self.until(SupervisorState.READY)
         self.fly(0.3)
         assert self.autopilot.switch_mode(OURS[self.flavour])
-        self.until(State.FOLLOWING)
+        self.until(SupervisorState.FOLLOWING)
 
-    def reach(self, state: State) -> None:
+    def reach(self, state: SupervisorState) -> None:
         self.follow()
-        if state is State.HOLDING:
+        if state is SupervisorState.HOLDING:
             self.frames_come = False
-        elif state is not State.FOLLOWING:
+        elif state is not SupervisorState.FOLLOWING:
             self.seen = False
         self.until(state)
 

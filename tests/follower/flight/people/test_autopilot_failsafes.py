@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from follower.flightlog import FlightLog
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
+from follower.flight.log import FlightLog
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.vehicle.setpoint import HOLD
 
-F, R = State.FOLLOWING, State.RELEASED
+F, R = SupervisorState.FOLLOWING, SupervisorState.RELEASED
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 
@@ -32,7 +32,7 @@ def test_px4_that_comes_back_into_offboard_by_itself_is_not_followed_with(
         assert record.state is F
     else:
         assert record.state is R
-        assert record.reason in (Reason.LINK_LOST, Reason.NOT_HEARD)
+        assert record.reason in (SupervisorReason.LINK_LOST, SupervisorReason.NOT_HEARD)
         assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_an_autopilot_that_talks_but_does_not_hear_us_is_let_go(rig_of: Any, fla
     rig.autopilot.faults.deaf = True
     rig.fly(0.9)
     assert rig.log.controls[-1].state is F
-    assert rig.until(R, 0.3).reason is Reason.NOT_HEARD
+    assert rig.until(R, 0.3).reason is SupervisorReason.NOT_HEARD
     # PX4 may have gone into its failsafe and come back between two of its own heartbeats.
     rig.autopilot.faults.deaf = False
     assert rig.fly(2.0).state is R
@@ -118,11 +118,14 @@ def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows(rig_of: Any) -
     rig.begin(FlightLog())
     rig.wire.cut = False
     record = rig.fly(3.0)
-    assert (record.state, record.reason) == (State.TRACKING, Reason.AUTOPILOT_FAILSAFE)
+    assert (record.state, record.reason) == (
+        SupervisorState.TRACKING,
+        SupervisorReason.AUTOPILOT_FAILSAFE,
+    )
     assert rig.autopilot.mode == "RTL"
     # The pilot takes the vehicle, and with it ends the failsafe.
     rig.autopilot.switch_mode("POSCTL")
-    rig.until(State.READY)
+    rig.until(SupervisorState.READY)
     rig.fly(0.3)
     assert rig.autopilot.switch_mode("OFFBOARD")
     rig.until(F)
@@ -139,12 +142,13 @@ def test_by_setting_the_pilots_own_mode_counts_but_a_failsafe_does_not(
     rig.until(R)
     rig.fly(1.9)
     assert rig.wire.setpoints(left_s + 0.1) == []
-    rig.until(State.READY, 1.5)
+    rig.until(SupervisorState.READY, 1.5)
     rig.fly(0.3)
     assert rig.autopilot.switch_mode(OURS[flavour])
     rig.until(F)
 
 
+@pytest.mark.slow
 def test_by_setting_a_failsafe_is_not_the_pilots_own_mode(rig_of: Any) -> None:
     rig = rig_of("px4", "consent.again=mode")
     rig.follow()

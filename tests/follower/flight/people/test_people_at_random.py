@@ -7,13 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.recorder import FlightConfig, Recorder, open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.situation import Order
-from follower.supervisor import State
-from follower_control.setpoint import HOLD
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.recording import FlightConfig, Recorder, open_flight
+from follower_control.vehicle.setpoint import HOLD
 
-F, C, S, H, R = State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING, State.RELEASED
+F, C, S, H, R = (
+    SupervisorState.FOLLOWING,
+    SupervisorState.COASTING,
+    SupervisorState.SEARCHING,
+    SupervisorState.HOLDING,
+    SupervisorState.RELEASED,
+)
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 CONTROL_S = 0.02
@@ -21,6 +28,7 @@ MIDDLE = (1500, 1500, 1500, 1500)
 SHORT = ("supervisor.search_s=1.0", "supervisor.hold_s=1.0")
 
 
+@pytest.mark.slow
 def test_a_flight_with_switch_sticks_orders_and_a_search_is_replayed_bit_for_bit(
     rig_of: Any,
     tmp_path: Path,
@@ -31,7 +39,7 @@ def test_a_flight_with_switch_sticks_orders_and_a_search_is_replayed_bit_for_bit
     with recorder:
         rig.begin(recorder.log)
         rig.autopilot.move_sticks(*MIDDLE, 1000)
-        rig.until(State.READY)
+        rig.until(SupervisorState.READY)
         rig.fly(0.3)
         rig.autopilot.switch_mode("OFFBOARD")
         rig.autopilot.move_sticks(*MIDDLE, 2000)
@@ -40,7 +48,7 @@ def test_a_flight_with_switch_sticks_orders_and_a_search_is_replayed_bit_for_bit
         rig.fly(0.5)
         rig.autopilot.move_sticks(1650, 1400, 1600, 1400, 2000)
         rig.fly(0.5)
-        rig.stage.order(Order.WITHDRAW)
+        rig.stage.order(ConsentRequest.WITHDRAW)
         rig.until(R)
         rig.autopilot.move_sticks(*MIDDLE, 1000)
         rig.fly(0.3)
@@ -96,8 +104,10 @@ class Chance:
         self._rig.fly(0.5)
 
     def _order(self) -> None:
-        order = (Order.RENEW, Order.GIVE, Order.WITHDRAW)[self._lots.integers(3)]
-        if order is not Order.WITHDRAW:
+        order = (ConsentRequest.RENEW, ConsentRequest.GIVE, ConsentRequest.WITHDRAW)[
+            self._lots.integers(3)
+        ]
+        if order is not ConsentRequest.WITHDRAW:
             self.renewals.append(self._rig.now_s)
         self._rig.stage.order(order)
 
@@ -125,6 +135,7 @@ class Chance:
         self._rig.wire.cut = False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flavour", "kind", "seed"), [("px4", "mode", 7), ("ardupilot", "command", 7)]
 )
@@ -150,10 +161,15 @@ def test_whatever_people_do_nobody_is_followed_without_consent_and_mode(
             assert record.vehicle.obeys_setpoints
             assert record.vehicle.armed
         if record.sent and not record.vehicle.obeys_setpoints:
-            assert record.state is State.READY  # for PX4, which wants a stream first
+            assert record.state is SupervisorState.READY  # for PX4, which wants a stream first
             assert record.allowed == HOLD
     for left_s in chance.left:
         after = next(record for record in controls if record.time_s > left_s + 0.1)
-        assert after.state in (R, State.READY, State.TRACKING, State.IDLE)
+        assert after.state in (
+            R,
+            SupervisorState.READY,
+            SupervisorState.TRACKING,
+            SupervisorState.IDLE,
+        )
         if after.state is R:
             assert not after.sent

@@ -5,12 +5,18 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.flightlog import FlightLog
-from follower.situation import Order
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
+from follower.flight.log import FlightLog
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.vehicle.setpoint import HOLD
 
-F, C, S, H, R = State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING, State.RELEASED
+F, C, S, H, R = (
+    SupervisorState.FOLLOWING,
+    SupervisorState.COASTING,
+    SupervisorState.SEARCHING,
+    SupervisorState.HOLDING,
+    SupervisorState.RELEASED,
+)
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 CONTROL_S = 0.02
@@ -18,24 +24,29 @@ CONTROL_S = 0.02
 flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
+@pytest.mark.slow
 @flavours
-@pytest.mark.parametrize("state", [State.READY, F, C, S, H])
+@pytest.mark.parametrize("state", [SupervisorState.READY, F, C, S, H])
 def test_the_pilot_leaves_the_mode_and_setpoints_end_within_a_tenth_of_a_second(
-    rig_of: Any, flavour: str, state: State
+    rig_of: Any, flavour: str, state: SupervisorState
 ) -> None:
-    rig = rig_of(flavour, "consent.kind=terminal") if state is State.READY else rig_of(flavour)
-    if state is State.READY:
+    rig = (
+        rig_of(flavour, "consent.kind=terminal")
+        if state is SupervisorState.READY
+        else rig_of(flavour)
+    )
+    if state is SupervisorState.READY:
         rig.until(state)
         rig.fly(0.3)
         assert rig.autopilot.switch_mode(OURS[flavour])
         rig.fly(1.5)
-        assert rig.log.controls[-1].reason is Reason.WAITING_FOR_CONSENT
+        assert rig.log.controls[-1].reason is SupervisorReason.WAITING_FOR_CONSENT
     else:
         rig.reach(state)
     left_s = rig.now_s
     rig.autopilot.switch_mode(PILOTS[flavour])
     record = rig.fly(1.0)
-    assert (record.state, record.reason) == (R, Reason.PILOT_TOOK_OVER)
+    assert (record.state, record.reason) == (R, SupervisorReason.PILOT_TOOK_OVER)
     rig.seen = rig.frames_come = True
     assert rig.fly(5.0).state is R
     assert rig.wire.setpoints(left_s + 0.1) == []
@@ -48,7 +59,7 @@ def test_a_mode_that_stood_before_we_came_is_not_for_us(rig_of: Any, flavour: st
     rig = rig_of(flavour)
     rig.follow()
     rig.begin(FlightLog())
-    assert rig.fly(2.5).reason is Reason.WAITING_FOR_PILOT
+    assert rig.fly(2.5).reason is SupervisorReason.WAITING_FOR_PILOT
     assert any("take it again" in text for text in rig.events("autopilot"))
     rig.autopilot.switch_mode(PILOTS[flavour])
     rig.fly(1.2)
@@ -65,8 +76,8 @@ def test_following_begins_anew_by_the_operator_and_the_pilot_alone(
     rig.autopilot.switch_mode(PILOTS[flavour])
     rig.until(R)
     rig.fly(3.0)
-    rig.stage.order(Order.RENEW)
-    assert rig.fly(3.0).state is State.READY
+    rig.stage.order(ConsentRequest.RENEW)
+    assert rig.fly(3.0).state is SupervisorState.READY
     assert rig.autopilot.switch_mode(OURS[flavour])
     rig.until(F)
 
@@ -95,6 +106,7 @@ def test_offboard_taken_again_at_once_gets_its_stream_and_stands_still(rig_of: A
     assert record.allowed.values == pytest.approx(HOLD.values, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase_s", [0.0, 0.3, 0.6])
 @pytest.mark.parametrize("late_s", [0.0, 0.02, 0.5, 0.9])
 def test_offboard_entered_as_our_stream_ends_gets_it_back_and_stands_still(
@@ -102,20 +114,25 @@ def test_offboard_entered_as_our_stream_ends_gets_it_back_and_stands_still(
 ) -> None:
     """PX4 lets a pilot enter for a second after the last setpoint, and flies home without more."""
     rig = rig_of("px4")
-    rig.until(State.READY)
+    rig.until(SupervisorState.READY)
     rig.fly(1.0 + phase_s)
     rig.seen = False
     rig.fly(late_s)
     assert rig.autopilot.switch_mode("OFFBOARD")
     record = rig.fly(4.0)
-    assert (record.state, record.sent, rig.autopilot.mode) == (State.TRACKING, True, "OFFBOARD")
+    assert (record.state, record.sent, rig.autopilot.mode) == (
+        SupervisorState.TRACKING,
+        True,
+        "OFFBOARD",
+    )
     assert record.allowed == HOLD
     rig.autopilot.switch_mode("POSCTL")
     left_s = rig.now_s
-    assert rig.fly(2.0).reason is Reason.PILOT_TOOK_OVER
+    assert rig.fly(2.0).reason is SupervisorReason.PILOT_TOOK_OVER
     assert rig.wire.setpoints(left_s + 0.1) == []
 
 
+@pytest.mark.slow
 @flavours
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 3.0])
 def test_consent_after_a_stop_follows_again_where_nobody_else_takes_the_mode(
@@ -126,7 +143,7 @@ def test_consent_after_a_stop_follows_again_where_nobody_else_takes_the_mode(
     rig.fly(1.0)
     rig.stage.request_stop()
     assert rig.fly(after_s).state is R
-    rig.stage.order(Order.GIVE)
+    rig.stage.order(ConsentRequest.GIVE)
     rig.until(F, 3.0)
     assert {rig.fly(CONTROL_S).state for _ in range(150)} == {F}
 
@@ -141,7 +158,7 @@ def test_a_switch_there_and_back_between_two_steps_ends_the_following(rig_of: An
         rig.theirs.send(_heartbeat("OFFBOARD"))
     rig.autopilot.switch_mode("OFFBOARD")
     record = rig.fly(CONTROL_S)
-    assert (record.state, record.reason) == (R, Reason.PILOT_TOOK_OVER)
+    assert (record.state, record.reason) == (R, SupervisorReason.PILOT_TOOK_OVER)
 
 
 def _heartbeat(mode: str) -> bytes:

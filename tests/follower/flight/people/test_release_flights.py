@@ -5,10 +5,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.vehicle.setpoint import HOLD
 
-C, S, H, R = State.COASTING, State.SEARCHING, State.HOLDING, State.RELEASED
+C, S, H, R = (
+    SupervisorState.COASTING,
+    SupervisorState.SEARCHING,
+    SupervisorState.HOLDING,
+    SupervisorState.RELEASED,
+)
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 SHORT = ("supervisor.search_s=1.0", "supervisor.hold_s=1.0")
@@ -26,6 +31,7 @@ RELEASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flavour", "action", "mode"), RELEASES)
 def test_the_ladder_ends_in_the_autopilots_own_mode(
     rig_of: Any, flavour: str, action: str, mode: str
@@ -37,7 +43,7 @@ def test_the_ladder_ends_in_the_autopilots_own_mode(
     rig.seen = False
     for state in (C, S, H, R):
         rig.until(state)
-    assert rig.log.controls[-1].reason is Reason.HOLD_TIMED_OUT
+    assert rig.log.controls[-1].reason is SupervisorReason.HOLD_TIMED_OUT
     rig.fly(5.0)
     assert rig.autopilot.mode == mode
     assert not rig.log.controls[-1].sent
@@ -52,6 +58,7 @@ def test_the_ladder_ends_in_the_autopilots_own_mode(
     ]
 
 
+@pytest.mark.slow
 @flavours
 def test_a_mode_that_is_refused_keeps_the_hold(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour, "release.action=land", *SHORT)
@@ -67,6 +74,7 @@ def test_a_mode_that_is_refused_keeps_the_hold(rig_of: Any, flavour: str) -> Non
     assert rig.autopilot.mode == "LAND"
 
 
+@pytest.mark.slow
 @flavours
 def test_the_pilots_mode_is_not_taken_from_him(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour, "release.action=rtl")
@@ -77,6 +85,7 @@ def test_the_pilots_mode_is_not_taken_from_him(rig_of: Any, flavour: str) -> Non
     assert rig.events("release") == []
 
 
+@pytest.mark.slow
 def test_handed_back_ardupilot_stays_where_it_is(rig_of: Any) -> None:
     rig = rig_of("ardupilot", "release.action=hand_back")
     rig.follow()
@@ -100,6 +109,7 @@ def test_a_program_that_ends_while_it_holds_says_so_once_more(rig_of: Any) -> No
     assert len(rig.wire.setpoints(0.0)) == before + 1
 
 
+@pytest.mark.slow
 def test_handed_back_px4_does_what_its_parameter_says(rig_of: Any) -> None:
     rig = rig_of("px4", "release.action=hand_back")
     rig.follow()
@@ -108,6 +118,7 @@ def test_handed_back_px4_does_what_its_parameter_says(rig_of: Any) -> None:
     assert (rig.log.controls[-1].sent, rig.autopilot.mode) == (False, "RTL")
 
 
+@pytest.mark.slow
 @flavours
 def test_nothing_changes_the_mode_unless_the_release_is_set_to(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour, *SHORT)

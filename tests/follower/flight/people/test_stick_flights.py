@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from follower.flightlog import ControlRecord
-from follower.supervisor import Reason, State
-from follower_control.setpoint import HOLD
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.vehicle.setpoint import HOLD
 
-F, R = State.FOLLOWING, State.RELEASED
+F, R = SupervisorState.FOLLOWING, SupervisorState.RELEASED
 OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 MIDDLE = (1500, 1500, 1500, 1500)
 
@@ -31,6 +31,7 @@ NUDGES: list[tuple[int, int, Right]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("channel", "pulse", "way"), NUDGES)
 def test_sticks_shift_what_is_wanted_the_way_they_are_moved(
     rig_of: Any, channel: int, pulse: int, way: Right
@@ -49,6 +50,7 @@ def test_sticks_shift_what_is_wanted_the_way_they_are_moved(
     assert asked[1] > asked[0] + 0.02
 
 
+@pytest.mark.slow
 def test_sticks_do_nothing_unless_asked_for(rig_of: Any) -> None:
     rig, calm = rig_of("ardupilot"), rig_of("ardupilot")
     for one in (rig, calm):
@@ -58,6 +60,7 @@ def test_sticks_do_nothing_unless_asked_for(rig_of: Any) -> None:
     assert rig.fly(1.0).asked == calm.fly(1.0).asked
 
 
+@pytest.mark.slow
 @flavours
 def test_a_stick_moved_far_takes_over(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour)
@@ -67,7 +70,7 @@ def test_a_stick_moved_far_takes_over(rig_of: Any, flavour: str) -> None:
     moved_s = rig.now_s
     rig.autopilot.move_sticks(1500, 1150, 1500, 1500)
     record = rig.until(R, 0.3)
-    assert record.reason is Reason.STICKS_MOVED
+    assert record.reason is SupervisorReason.STICKS_MOVED
     assert rig.now_s - moved_s < 0.2
     record = rig.fly(3.0)
     assert (record.sent, rig.autopilot.mode) == (True, OURS[flavour])

@@ -9,15 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.consent import Consent, ConsentSettings
-from follower.human_input import HumanInput
+from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.pilot_and_operator import Consent, PilotOperatorInput, Sticks
+from follower.flight.supervision.release import Release, release_mode
+from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.operator_commands import OperatorCommands
-from follower.release import Release, ReleaseAction, ReleaseSettings, release_mode
-from follower.situation import Order
-from follower.sticks import Sticks, StickSettings
-from follower.supervisor import State
-from follower_control.nudge import NO_NUDGE
-from follower_control.vehicle import Attitude, LocalPosition, RcChannels, VehicleState
+from follower.settings.supervisor import (
+    ConsentSettings,
+    ReleaseAction,
+    ReleaseSettings,
+    StickSettings,
+)
+from follower_control.servo.output_blend import NO_OFFSET
+from follower_control.vehicle.state import Attitude, LocalPosition, RcChannels, VehicleState
 
 OURS = VehicleState(mode="GUIDED", obeys_setpoints=True, armed=True)
 THEIRS = replace(OURS, mode="LOITER", obeys_setpoints=False)
@@ -35,10 +39,10 @@ class Switch:
         self.consent = Consent(ConsentSettings(**wanted))  # type: ignore[arg-type]
         self.now_s = 0.0
 
-    def set(self, pulse: int, state: State = State.READY) -> tuple[bool, bool]:
+    def set(self, pulse: int, state: SupervisorState = SupervisorState.READY) -> tuple[bool, bool]:
         self.now_s += 0.1
         vehicle = with_sticks(1500, 1500, 1000, 1500, pulse, at_s=self.now_s)
-        self.consent.step(Order.NONE, vehicle, state, self.now_s)
+        self.consent.step(ConsentRequest.NONE, vehicle, state, self.now_s)
         return self.consent.given, self.consent.renewed
 
 
@@ -78,38 +82,38 @@ def test_letting_go_wants_the_switch_turned_again() -> None:
     switch = Switch()
     switch.set(1100)
     switch.set(1900)
-    assert switch.set(1900, State.RELEASED) == (False, False)
-    assert switch.set(1100, State.RELEASED) == (False, False)
-    assert switch.set(1900, State.RELEASED) == (True, True)
+    assert switch.set(1900, SupervisorState.RELEASED) == (False, False)
+    assert switch.set(1100, SupervisorState.RELEASED) == (False, False)
+    assert switch.set(1900, SupervisorState.RELEASED) == (True, True)
 
 
 @pytest.mark.parametrize("kind", ["command", "terminal"])
 def test_letting_go_takes_an_order_back(kind: str) -> None:
     consent = Consent(ConsentSettings(kind=kind))  # type: ignore[arg-type]
-    consent.step(Order.GIVE, OURS, State.READY, 0.0)
-    consent.step(Order.NONE, OURS, State.FOLLOWING, 0.1)
+    consent.step(ConsentRequest.GIVE, OURS, SupervisorState.READY, 0.0)
+    consent.step(ConsentRequest.NONE, OURS, SupervisorState.FOLLOWING, 0.1)
     assert consent.given
-    consent.step(Order.NONE, THEIRS, State.RELEASED, 0.2)
+    consent.step(ConsentRequest.NONE, THEIRS, SupervisorState.RELEASED, 0.2)
     assert not consent.given
-    consent.step(Order.RENEW, THEIRS, State.RELEASED, 0.3)
+    consent.step(ConsentRequest.RENEW, THEIRS, SupervisorState.RELEASED, 0.3)
     assert (consent.given, consent.renewed) == (False, True)
 
 
 def test_an_order_that_comes_with_the_takeover_does_not_survive_it() -> None:
     consent = Consent(ConsentSettings(kind="command"))
-    consent.step(Order.GIVE, THEIRS, State.FOLLOWING, 0.1)
-    consent.step(Order.NONE, THEIRS, State.RELEASED, 0.2)
+    consent.step(ConsentRequest.GIVE, THEIRS, SupervisorState.FOLLOWING, 0.1)
+    consent.step(ConsentRequest.NONE, THEIRS, SupervisorState.RELEASED, 0.2)
     assert (consent.given, consent.renewed) == (False, False)
 
 
 def test_consent_by_the_mode_alone_can_be_withdrawn_and_given_again() -> None:
     consent = Consent(ConsentSettings())
     assert consent.given
-    consent.step(Order.WITHDRAW, OURS, State.FOLLOWING, 0.1)
+    consent.step(ConsentRequest.WITHDRAW, OURS, SupervisorState.FOLLOWING, 0.1)
     assert not consent.given
-    consent.step(Order.RENEW, OURS, State.READY, 0.2)
+    consent.step(ConsentRequest.RENEW, OURS, SupervisorState.READY, 0.2)
     assert (consent.given, consent.renewed) == (False, False)
-    consent.step(Order.GIVE, OURS, State.READY, 0.3)
+    consent.step(ConsentRequest.GIVE, OURS, SupervisorState.READY, 0.3)
     assert consent.given
 
 
@@ -117,14 +121,14 @@ def test_consent_by_the_mode_alone_can_be_withdrawn_and_given_again() -> None:
 def test_the_pilots_modes_renew_consent_but_none_that_was_withdrawn(withdrawn: bool) -> None:
     consent = Consent(ConsentSettings(again="mode", own_mode_s=1.0))
     if withdrawn:
-        consent.step(Order.WITHDRAW, OURS, State.READY, 0.0)
+        consent.step(ConsentRequest.WITHDRAW, OURS, SupervisorState.READY, 0.0)
     renewed = False
     for step in range(60):
-        consent.step(Order.NONE, THEIRS, State.RELEASED, 0.1 + 0.02 * step)
+        consent.step(ConsentRequest.NONE, THEIRS, SupervisorState.RELEASED, 0.1 + 0.02 * step)
         renewed = renewed or consent.renewed
     assert renewed is not withdrawn
     assert consent.given is not withdrawn
-    consent.step(Order.GIVE, THEIRS, State.RELEASED, 2.0)
+    consent.step(ConsentRequest.GIVE, THEIRS, SupervisorState.RELEASED, 2.0)
     assert (consent.given, consent.renewed) == (True, True)
 
 
@@ -138,7 +142,7 @@ def test_the_pilots_own_mode_has_to_stand_without_a_failsafe(
     consent = Consent(ConsentSettings(again="mode", own_mode_s=1.0))
     renewed = []
     for step in range(60):
-        consent.step(Order.NONE, vehicle, State.RELEASED, 0.02 * step)
+        consent.step(ConsentRequest.NONE, vehicle, SupervisorState.RELEASED, 0.02 * step)
         renewed.append(consent.renewed)
     assert not any(renewed[:50])
     assert any(renewed) is counts
@@ -167,7 +171,7 @@ def steps(sticks: Sticks, *pulses: int, engaged: bool = True) -> Sticks:
 def test_sticks_count_from_when_they_were_in_their_middle() -> None:
     sticks = Sticks(StickSettings(nudge=True))
     steps(sticks, 1500, 1100, 1500, 1500)
-    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+    assert (sticks.nudge, sticks.taken_over) == (NO_OFFSET, False)
     steps(sticks, 1500, 1500, 1500, 1500)
     steps(sticks, 1500, 1100, 1500, 1500)
     assert sticks.taken_over
@@ -196,7 +200,7 @@ def test_a_stick_takes_over_though_channels_are_rare_or_missed_for_a_moment(
 def test_a_throttle_has_its_middle_where_it_stands() -> None:
     sticks = Sticks(StickSettings(nudge=True))
     steps(sticks, 1500, 1500, 1100, 1500)
-    assert sticks.nudge == NO_NUDGE
+    assert sticks.nudge == NO_OFFSET
     steps(sticks, 1500, 1500, 1300, 1500)
     assert sticks.nudge.elevation_rad < 0
     assert not steps(sticks, 1500, 1500, 1900, 1500).taken_over
@@ -209,7 +213,7 @@ def test_each_stick_shifts_one_thing_up_to_its_bound_and_no_farther() -> None:
     assert steps(sticks, 1900, 1500, 1500, 1500).nudge.side_m_s == 1.5
     assert steps(sticks, 1500, 1500, 1500, 1900).nudge.azimuth_rad == -math.radians(15)
     assert steps(sticks, 1500, 1500, 1900, 1500).nudge.elevation_rad == -math.radians(15)
-    assert steps(sticks, 1540, 1460, 1540, 1460).nudge == NO_NUDGE
+    assert steps(sticks, 1540, 1460, 1540, 1460).nudge == NO_OFFSET
 
 
 pulses = st.integers(0, 65535) | st.integers(900, 2100)
@@ -224,14 +228,14 @@ def test_no_pulses_whatever_shift_by_more_than_is_set(channels: list[int], engag
     assert abs(nudge.distance_m) <= 5.0
     assert abs(nudge.side_m_s) <= 1.5
     assert max(abs(nudge.azimuth_rad), abs(nudge.elevation_rad)) <= math.radians(15)
-    assert engaged or nudge == NO_NUDGE
+    assert engaged or nudge == NO_OFFSET
 
 
 @pytest.mark.parametrize("vehicle", [OURS, with_sticks(1900, 1500, 1500), with_sticks()])
 def test_without_channels_nothing_happens(vehicle: VehicleState) -> None:
     sticks = Sticks(StickSettings(nudge=True))
     sticks.step(vehicle, True, 0.1)
-    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, False)
+    assert (sticks.nudge, sticks.taken_over) == (NO_OFFSET, False)
 
 
 def test_channels_that_grew_old_count_no_more() -> None:
@@ -239,7 +243,7 @@ def test_channels_that_grew_old_count_no_more() -> None:
     steps(sticks, 1500, 1500, 1500, 1500)
     steps(sticks, 1900, 1500, 1500, 1500)
     sticks.step(with_sticks(1900, 1500, 1500, 1500), True, 0.7)
-    assert (sticks.nudge, sticks.taken_over) == (NO_NUDGE, True)
+    assert (sticks.nudge, sticks.taken_over) == (NO_OFFSET, True)
 
 
 @pytest.mark.parametrize(
@@ -266,33 +270,35 @@ def flying_at(speed_m_s: float, now_s: float) -> VehicleState:
     return replace(OURS, attitude=attitude, position=position)
 
 
-def ask(release: Release, now_s: float, state: State, speed_m_s: float = 0.0) -> str | None:
+def ask(
+    release: Release, now_s: float, state: SupervisorState, speed_m_s: float = 0.0
+) -> str | None:
     return release.step(now_s, state, flying_at(speed_m_s, now_s), "px4")
 
 
 def test_the_vehicle_rests_before_a_mode_is_asked_for_and_not_for_ever() -> None:
     release = Release(ReleaseSettings(action=ReleaseAction.LAND))
-    assert ask(release, 0.0, State.HOLDING, 3.0) is None
-    assert ask(release, 0.1, State.RELEASED, 3.0) is None
-    assert ask(release, 4.0, State.RELEASED, 3.0) is None
-    assert ask(release, 4.2, State.RELEASED, 3.0) == "LAND"
-    assert ask(release, 4.3, State.RELEASED, 0.0) is None
-    assert ask(release, 5.3, State.RELEASED, 0.0) == "LAND"
+    assert ask(release, 0.0, SupervisorState.HOLDING, 3.0) is None
+    assert ask(release, 0.1, SupervisorState.RELEASED, 3.0) is None
+    assert ask(release, 4.0, SupervisorState.RELEASED, 3.0) is None
+    assert ask(release, 4.2, SupervisorState.RELEASED, 3.0) == "LAND"
+    assert ask(release, 4.3, SupervisorState.RELEASED, 0.0) is None
+    assert ask(release, 5.3, SupervisorState.RELEASED, 0.0) == "LAND"
 
 
 def test_following_again_calls_the_release_off() -> None:
     release = Release(ReleaseSettings(action=ReleaseAction.RTL))
-    ask(release, 0.0, State.HOLDING)
-    assert ask(release, 0.1, State.RELEASED) == "RTL"
-    assert ask(release, 0.2, State.FOLLOWING) is None
-    assert ask(release, 3.0, State.READY) is None
+    ask(release, 0.0, SupervisorState.HOLDING)
+    assert ask(release, 0.1, SupervisorState.RELEASED) == "RTL"
+    assert ask(release, 0.2, SupervisorState.FOLLOWING) is None
+    assert ask(release, 3.0, SupervisorState.READY) is None
 
 
 def test_a_release_of_what_did_not_follow_changes_no_mode() -> None:
     release = Release(ReleaseSettings(action=ReleaseAction.RTL))
-    ask(release, 0.0, State.READY)
-    assert ask(release, 0.1, State.RELEASED) is None
-    assert ask(release, 9.0, State.RELEASED) is None
+    ask(release, 0.0, SupervisorState.READY)
+    assert ask(release, 0.1, SupervisorState.RELEASED) is None
+    assert ask(release, 9.0, SupervisorState.RELEASED) is None
 
 
 @pytest.mark.parametrize("action", [ReleaseAction.HOLD, ReleaseAction.HAND_BACK])
@@ -324,7 +330,7 @@ def test_commands_that_the_network_doubled_or_the_sender_repeats_are_known() -> 
     commands = OperatorCommands()
     times = [(0.0, 1.0, 0), (0.1, 1.0, 0), (0.5, 0.0, 0), (0.6, 1.0, 0), (5.0, 1.0, 1)]
     for now_s, value, confirmation in [*times, (7.0, 1.0, 0), (30.0, 1.0, 2)]:
-        commands.hear(command(value, confirmation), now_s)
+        commands.receive(command(value, confirmation), now_s)
     assert [one.is_new for one in commands.take()] == [True, False, True, True, False, True, True]
     assert commands.take() == []
 
@@ -345,74 +351,74 @@ def test_a_consent_that_the_network_doubled_or_delayed_past_a_withdrawal_is_none
 ) -> None:
     commands = OperatorCommands()
     for now_s, value, sequence in packets:
-        commands.hear(command(value, sequence=sequence), now_s)
+        commands.receive(command(value, sequence=sequence), now_s)
     assert [one.is_new for one in commands.take()] == new
 
 
 def test_commands_that_nobody_takes_do_not_pile_up() -> None:
     commands = OperatorCommands()
     for number in range(1000):
-        commands.hear(command(float(number)), 0.0)
+        commands.receive(command(float(number)), 0.0)
     assert len(commands.take()) == 16
 
 
 def test_a_consent_that_is_repeated_after_it_was_withdrawn_is_no_new_one() -> None:
     commands = OperatorCommands()
     for now_s, value, confirmation in [(0.0, 1.0, 0), (0.4, 0.0, 0), (0.5, 1.0, 1)]:
-        commands.hear(command(value, confirmation), now_s)
+        commands.receive(command(value, confirmation), now_s)
     assert [one.is_new for one in commands.take()] == [True, True, False]
 
 
 def test_a_withdrawal_is_carried_out_each_time() -> None:
     commands = OperatorCommands()
     for now_s, confirmation in [(0.0, 0), (0.3, 0), (2.0, 1)]:
-        commands.hear(command(0.0, confirmation), now_s)
+        commands.receive(command(0.0, confirmation), now_s)
     assert [one.is_new for one in commands.take()] == [True] * 3
 
 
 def test_a_withdrawal_is_heard_among_however_many() -> None:
     commands = OperatorCommands()
     for number in range(2, 100):
-        commands.hear(command(float(number)), 0.0)
-    commands.hear(command(0.0), 0.0)
+        commands.receive(command(float(number)), 0.0)
+    commands.receive(command(0.0), 0.0)
     assert commands.take()[-1].value == 0.0
 
 
-def humans() -> HumanInput:
-    return HumanInput(ConsentSettings(kind="cockpit"), StickSettings())
+def humans() -> PilotOperatorInput:
+    return PilotOperatorInput(ConsentSettings(kind="cockpit"), StickSettings())
 
 
 def test_consent_counts_though_a_target_is_chosen_in_the_same_moment() -> None:
     people = humans()
-    people.give(Order.GIVE)
+    people.give(ConsentRequest.GIVE)
     people.choose()
-    people.step(OURS, State.READY, 0.0)
-    assert people.consent_given
+    people.step(OURS, SupervisorState.READY, 0.0)
+    assert people.consent.given
 
 
 def test_a_choice_that_comes_late_does_not_undo_a_withdrawal() -> None:
-    people = HumanInput(ConsentSettings(), StickSettings())
-    people.give(Order.WITHDRAW)
-    people.step(OURS, State.FOLLOWING, 0.0)
+    people = PilotOperatorInput(ConsentSettings(), StickSettings())
+    people.give(ConsentRequest.WITHDRAW)
+    people.step(OURS, SupervisorState.FOLLOWING, 0.0)
     people.choose()
-    people.step(OURS, State.RELEASED, 0.1)
-    assert not people.consent_renewed
-    people.give(Order.GIVE)
-    people.step(OURS, State.RELEASED, 0.2)
-    assert people.consent_renewed
+    people.step(OURS, SupervisorState.RELEASED, 0.1)
+    assert not people.consent.renewed
+    people.give(ConsentRequest.GIVE)
+    people.step(OURS, SupervisorState.RELEASED, 0.2)
+    assert people.consent.renewed
     people.choose()
-    people.step(OURS, State.RELEASED, 0.3)
-    assert people.consent_renewed
+    people.step(OURS, SupervisorState.RELEASED, 0.3)
+    assert people.consent.renewed
 
 
 def test_the_switch_ends_a_stop_that_was_pressed_before_and_no_later_one() -> None:
-    people = HumanInput(ConsentSettings(kind="rc", rc_channel=5), StickSettings())
+    people = PilotOperatorInput(ConsentSettings(kind="rc", rc_channel=5), StickSettings())
     now_s = 0.0
 
     def step(pulse: int) -> bool:
         nonlocal now_s
         now_s += 0.1
-        people.step(with_sticks(*(1500,) * 4, pulse, at_s=now_s), State.RELEASED, now_s)
+        people.step(with_sticks(*(1500,) * 4, pulse, at_s=now_s), SupervisorState.RELEASED, now_s)
         return people.stop_requested
 
     people.press_stop()
@@ -422,7 +428,7 @@ def test_the_switch_ends_a_stop_that_was_pressed_before_and_no_later_one() -> No
     assert step(1900), "pressed in the same moment"
     assert step(1100)
     assert not step(1900)
-    assert people.consent_given
+    assert people.consent.given
     people.press_stop()
     assert step(1900)
 
@@ -432,21 +438,21 @@ def test_a_stop_outdoes_a_consent_of_the_same_moment_in_whatever_order_they_come
         people = humans()
         if stop_first:
             people.press_stop()
-        people.give(Order.GIVE)
+        people.give(ConsentRequest.GIVE)
         if not stop_first:
             people.press_stop()
-        people.step(OURS, State.FOLLOWING, 0.0)
+        people.step(OURS, SupervisorState.FOLLOWING, 0.0)
         assert people.stop_requested
-        people.give(Order.GIVE)
-        people.step(OURS, State.RELEASED, 0.1)
+        people.give(ConsentRequest.GIVE)
+        people.step(OURS, SupervisorState.RELEASED, 0.1)
         assert not people.stop_requested
 
 
 def test_a_withdrawal_that_comes_with_a_consent_leaves_a_stop_as_it_is() -> None:
     people = humans()
     people.press_stop()
-    people.step(OURS, State.FOLLOWING, 0.0)
-    people.give(Order.GIVE)
-    people.give(Order.WITHDRAW)
-    people.step(OURS, State.RELEASED, 0.1)
+    people.step(OURS, SupervisorState.FOLLOWING, 0.0)
+    people.give(ConsentRequest.GIVE)
+    people.give(ConsentRequest.WITHDRAW)
+    people.step(OURS, SupervisorState.RELEASED, 0.1)
     assert people.stop_requested

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from follower.health import HealthSettings, HealthVerdict, judge
+from follower.flight.supervision.inputs import HealthVerdict, judge
 from follower.links.vehicle_health import (
     EstimatorHealth,
     GpsHealth,
     SensorHealth,
     VehicleHealth,
 )
+from follower.settings.supervisor import HealthSettings
 
 NOW = 100.0
 SETTINGS = HealthSettings()

@@ -9,11 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.situation import Order, Situation
-from follower.supervisor import ENGAGED, Reason, State, Supervisor, SupervisorSettings, next_state
+from follower.flight.supervision.inputs import ConsentRequest, SupervisorInputs
+from follower.flight.supervision.supervisor import (
+    ENGAGED,
+    Supervisor,
+    SupervisorReason,
+    SupervisorState,
+    next_state,
+)
+from follower.settings.supervisor import SupervisorSettings
 
 SETTINGS = SupervisorSettings()
-GOOD = Situation(
+GOOD = SupervisorInputs(
     target_chosen=True,
     unseen_s=0.0,
     estimate_good=True,
@@ -28,8 +35,13 @@ GOOD = Situation(
     in_state_s=0.0,
 )
 NOT_YET, COAST, SEARCH = 0.79, 0.8, 10.0
-Next = tuple[State, Reason]
-F, C, S, H = State.FOLLOWING, State.COASTING, State.SEARCHING, State.HOLDING
+Next = tuple[SupervisorState, SupervisorReason]
+F, C, S, H = (
+    SupervisorState.FOLLOWING,
+    SupervisorState.COASTING,
+    SupervisorState.SEARCHING,
+    SupervisorState.HOLDING,
+)
 
 
 @dataclass(frozen=True)
@@ -39,118 +51,130 @@ class Row:
     name: str
     changes: dict[str, Any]
     before: Next
-    engaged: Next | dict[State, Next] = field(default_factory=dict)
+    engaged: Next | dict[SupervisorState, Next] = field(default_factory=dict)
 
-    def expected(self, state: State) -> Next:
+    def expected(self, state: SupervisorState) -> Next:
         if state not in ENGAGED:
             return self.before
         return self.engaged[state] if isinstance(self.engaged, dict) else self.engaged
 
 
-def let_go(reason: Reason) -> Next:
-    return State.RELEASED, reason
+def let_go(reason: SupervisorReason) -> Next:
+    return SupervisorState.RELEASED, reason
 
 
-def trouble(name: str, reason: Reason, **changes: float) -> Row:
-    return Row(name, changes, (State.TRACKING, reason), (H, reason))
+def trouble(name: str, reason: SupervisorReason, **changes: float) -> Row:
+    return Row(name, changes, (SupervisorState.TRACKING, reason), (H, reason))
 
 
-FOLLOW = (F, Reason.TARGET_SEEN)
-UNSEEN_BEFORE = (State.TRACKING, Reason.TARGET_UNSEEN)
-LOST = (S, Reason.TARGET_LOST)
-STILL_HELD = (H, Reason.TARGET_UNSEEN)
+FOLLOW = (F, SupervisorReason.TARGET_SEEN)
+UNSEEN_BEFORE = (SupervisorState.TRACKING, SupervisorReason.TARGET_UNSEEN)
+LOST = (S, SupervisorReason.TARGET_LOST)
+STILL_HELD = (H, SupervisorReason.TARGET_UNSEEN)
 ROWS = [
     Row("all is good", {}, FOLLOW, FOLLOW),
     Row(
         "stop",
         {"stop_requested": True},
-        let_go(Reason.STOP_REQUESTED),
-        let_go(Reason.STOP_REQUESTED),
+        let_go(SupervisorReason.STOP_REQUESTED),
+        let_go(SupervisorReason.STOP_REQUESTED),
     ),
-    Row("our mode was left", {"mode_left": True}, let_go(Reason.PILOT_TOOK_OVER), FOLLOW),
+    Row("our mode was left", {"mode_left": True}, let_go(SupervisorReason.PILOT_TOOK_OVER), FOLLOW),
     Row(
-        "no target", {"target_chosen": False}, (State.IDLE, Reason.NO_TARGET), (H, Reason.NO_TARGET)
+        "no target",
+        {"target_chosen": False},
+        (SupervisorState.IDLE, SupervisorReason.NO_TARGET),
+        (H, SupervisorReason.NO_TARGET),
     ),
-    trouble("no heartbeat", Reason.LINK_SILENT, heartbeat_age_s=3.01),
-    trouble("stale telemetry", Reason.TELEMETRY_STALE, telemetry_age_s=0.51),
-    trouble("no telemetry but heartbeats", Reason.TELEMETRY_STALE, telemetry_age_s=inf),
-    trouble("no heartbeat ever", Reason.LINK_SILENT, heartbeat_age_s=inf),
-    trouble("stale frames", Reason.FRAMES_STALE, frame_age_s=0.51),
-    trouble("late control", Reason.CONTROL_LATE, control_gap_s=0.21),
+    trouble("no heartbeat", SupervisorReason.LINK_SILENT, heartbeat_age_s=3.01),
+    trouble("stale telemetry", SupervisorReason.TELEMETRY_STALE, telemetry_age_s=0.51),
+    trouble("no telemetry but heartbeats", SupervisorReason.TELEMETRY_STALE, telemetry_age_s=inf),
+    trouble("no heartbeat ever", SupervisorReason.LINK_SILENT, heartbeat_age_s=inf),
+    trouble("stale frames", SupervisorReason.FRAMES_STALE, frame_age_s=0.51),
+    trouble("late control", SupervisorReason.CONTROL_LATE, control_gap_s=0.21),
     Row(
         "silence of all",
         {"heartbeat_age_s": 1.0, "telemetry_age_s": 1.0},
-        (State.TRACKING, Reason.TELEMETRY_STALE),
-        let_go(Reason.LINK_LOST),
+        (SupervisorState.TRACKING, SupervisorReason.TELEMETRY_STALE),
+        let_go(SupervisorReason.LINK_LOST),
     ),
-    Row("not heard", {"answer_age_s": 1.0}, FOLLOW, let_go(Reason.NOT_HEARD)),
+    Row("not heard", {"answer_age_s": 1.0}, FOLLOW, let_go(SupervisorReason.NOT_HEARD)),
     Row(
         "control stood still",
         {"control_gap_s": 1.0},
-        (State.TRACKING, Reason.CONTROL_LATE),
-        let_go(Reason.CONTROL_STALLED),
+        (SupervisorState.TRACKING, SupervisorReason.CONTROL_LATE),
+        let_go(SupervisorReason.CONTROL_STALLED),
     ),
     Row(
         "on the ground",
         {"flying": False},
-        (State.TRACKING, Reason.NOT_FLYING),
-        let_go(Reason.NOT_FLYING),
+        (SupervisorState.TRACKING, SupervisorReason.NOT_FLYING),
+        let_go(SupervisorReason.NOT_FLYING),
     ),
     Row(
         "a failsafe without another mode",
         {"failsafe": True},
-        (State.TRACKING, Reason.AUTOPILOT_FAILSAFE),
+        (SupervisorState.TRACKING, SupervisorReason.AUTOPILOT_FAILSAFE),
         FOLLOW,
     ),
     Row(
         "a failsafe with another mode",
         {"failsafe": True, "mode_allows": False},
-        (State.TRACKING, Reason.AUTOPILOT_FAILSAFE),
-        let_go(Reason.AUTOPILOT_FAILSAFE),
+        (SupervisorState.TRACKING, SupervisorReason.AUTOPILOT_FAILSAFE),
+        let_go(SupervisorReason.AUTOPILOT_FAILSAFE),
     ),
     Row(
         "another mode",
         {"mode_allows": False},
-        (State.READY, Reason.WAITING_FOR_PILOT),
-        let_go(Reason.PILOT_TOOK_OVER),
+        (SupervisorState.READY, SupervisorReason.WAITING_FOR_PILOT),
+        let_go(SupervisorReason.PILOT_TOOK_OVER),
     ),
     Row(
         "no consent",
         {"consent_given": False},
-        (State.READY, Reason.WAITING_FOR_CONSENT),
-        let_go(Reason.CONSENT_WITHDRAWN),
+        (SupervisorState.READY, SupervisorReason.WAITING_FOR_CONSENT),
+        let_go(SupervisorReason.CONSENT_WITHDRAWN),
     ),
     Row(
         "sticks",
         {"sticks_moved": True},
-        let_go(Reason.STICKS_MOVED),
-        let_go(Reason.STICKS_MOVED),
+        let_go(SupervisorReason.STICKS_MOVED),
+        let_go(SupervisorReason.STICKS_MOVED),
     ),
     *(
         Row(f"{name} while it flew by our stream", changes, let_go(reason), let_go(reason))
         for name, reason, changes in (
             (
                 "silence",
-                Reason.LINK_LOST,
+                SupervisorReason.LINK_LOST,
                 {"stream_held": True, "heartbeat_age_s": 1.0, "telemetry_age_s": 1.0},
             ),
-            ("no answer", Reason.NOT_HEARD, {"stream_held": True, "answer_age_s": 1.0}),
-            ("no control", Reason.CONTROL_STALLED, {"stream_held": True, "control_gap_s": 1.0}),
+            ("no answer", SupervisorReason.NOT_HEARD, {"stream_held": True, "answer_age_s": 1.0}),
+            (
+                "no control",
+                SupervisorReason.CONTROL_STALLED,
+                {"stream_held": True, "control_gap_s": 1.0},
+            ),
         )
     ),
-    trouble("poor navigation", Reason.NAVIGATION_POOR, navigation_poor=True),
-    trouble("no page in control", Reason.COCKPIT_LOST, cockpit_lost=True),
+    trouble("poor navigation", SupervisorReason.NAVIGATION_POOR, navigation_poor=True),
+    trouble("no page in control", SupervisorReason.COCKPIT_LOST, cockpit_lost=True),
     Row(
         "little battery",
         {"battery_low": True},
-        (State.TRACKING, Reason.BATTERY_LOW),
-        let_go(Reason.BATTERY_LOW),
+        (SupervisorState.TRACKING, SupervisorReason.BATTERY_LOW),
+        let_go(SupervisorReason.BATTERY_LOW),
     ),
     Row(
         "unseen for a moment",
         {"unseen_s": NOT_YET},
         UNSEEN_BEFORE,
-        {F: (C, Reason.TARGET_UNSEEN), C: (C, Reason.TARGET_UNSEEN), S: LOST, H: STILL_HELD},
+        {
+            F: (C, SupervisorReason.TARGET_UNSEEN),
+            C: (C, SupervisorReason.TARGET_UNSEEN),
+            S: LOST,
+            H: STILL_HELD,
+        },
     ),
     Row(
         "unseen for longer",
@@ -168,37 +192,42 @@ ROWS = [
         "unseen for as long as a search",
         {"unseen_s": SEARCH},
         UNSEEN_BEFORE,
-        {F: LOST, C: LOST, S: LOST, H: (H, Reason.SEARCH_FAILED)},
+        {F: LOST, C: LOST, S: LOST, H: (H, SupervisorReason.SEARCH_FAILED)},
     ),
     Row(
         "searched for long enough",
         {"unseen_s": SEARCH, "in_state_s": SEARCH},
         UNSEEN_BEFORE,
-        {F: LOST, C: LOST, S: (H, Reason.SEARCH_FAILED), H: let_go(Reason.HOLD_TIMED_OUT)},
+        {
+            F: LOST,
+            C: LOST,
+            S: (H, SupervisorReason.SEARCH_FAILED),
+            H: let_go(SupervisorReason.HOLD_TIMED_OUT),
+        },
     ),
     Row(
         "held for long enough, unseen",
         {"unseen_s": 5.0, "in_state_s": 3.0},
         UNSEEN_BEFORE,
-        {F: LOST, C: LOST, S: LOST, H: let_go(Reason.HOLD_TIMED_OUT)},
+        {F: LOST, C: LOST, S: LOST, H: let_go(SupervisorReason.HOLD_TIMED_OUT)},
     ),
     Row("held for long enough, seen at last", {"in_state_s": 3.0}, FOLLOW, FOLLOW),
     Row(
         "held for long enough in trouble",
         {"frame_age_s": 9.0, "in_state_s": 3.0},
-        (State.TRACKING, Reason.FRAMES_STALE),
+        (SupervisorState.TRACKING, SupervisorReason.FRAMES_STALE),
         {
-            F: (H, Reason.FRAMES_STALE),
-            C: (H, Reason.FRAMES_STALE),
-            S: (H, Reason.FRAMES_STALE),
-            H: let_go(Reason.HOLD_TIMED_OUT),
+            F: (H, SupervisorReason.FRAMES_STALE),
+            C: (H, SupervisorReason.FRAMES_STALE),
+            S: (H, SupervisorReason.FRAMES_STALE),
+            H: let_go(SupervisorReason.HOLD_TIMED_OUT),
         },
     ),
 ]
 """Consent renewed is no row: it makes RELEASED one of the states before following."""
 
 
-def decide(state: State, **changes: object) -> Next:
+def decide(state: SupervisorState, **changes: object) -> Next:
     return next_state(state, replace(GOOD, **changes), SETTINGS)  # type: ignore[arg-type]
 
 
@@ -207,19 +236,23 @@ def in_words(row: Row) -> str:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=in_words)
-@pytest.mark.parametrize("state", [state for state in State if state is not State.RELEASED])
-def test_every_row_from_every_state(state: State, row: Row) -> None:
+@pytest.mark.parametrize(
+    "state", [state for state in SupervisorState if state is not SupervisorState.RELEASED]
+)
+def test_every_row_from_every_state(state: SupervisorState, row: Row) -> None:
     assert decide(state, **row.changes) == row.expected(state)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=in_words)
 def test_released_stays_released_whatever_is_so(row: Row) -> None:
-    assert decide(State.RELEASED, **row.changes) == let_go(Reason.AWAITING_CONSENT)
+    assert decide(SupervisorState.RELEASED, **row.changes) == let_go(
+        SupervisorReason.AWAITING_CONSENT
+    )
 
 
 @pytest.mark.parametrize("row", ROWS, ids=in_words)
 def test_a_new_consent_begins_as_from_the_start(row: Row) -> None:
-    assert decide(State.RELEASED, consent_renewed=True, **row.changes) == row.before
+    assert decide(SupervisorState.RELEASED, consent_renewed=True, **row.changes) == row.before
 
 
 BEFORE_ORDER = [
@@ -262,29 +295,42 @@ def both(first: str, second: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("pair", orders(BEFORE_ORDER), ids=" before ".join)
-@pytest.mark.parametrize("state", [State.IDLE, State.TRACKING, State.READY])
-def test_the_higher_row_decides_before_following(state: State, pair: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    "state", [SupervisorState.IDLE, SupervisorState.TRACKING, SupervisorState.READY]
+)
+def test_the_higher_row_decides_before_following(
+    state: SupervisorState, pair: tuple[str, str]
+) -> None:
     assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
 
 
 @pytest.mark.parametrize("pair", orders(ENGAGED_ORDER), ids=" before ".join)
 @pytest.mark.parametrize("state", sorted(ENGAGED))
-def test_the_higher_row_decides_while_following(state: State, pair: tuple[str, str]) -> None:
+def test_the_higher_row_decides_while_following(
+    state: SupervisorState, pair: tuple[str, str]
+) -> None:
     assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
 
 
 ages = st.floats(0, 20) | st.just(inf)
 situations = st.builds(
-    Situation,
+    SupervisorInputs,
     *[st.booleans(), ages, st.booleans(), ages, ages, ages, ages],
     *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages],
-    *[st.booleans(), st.booleans(), st.booleans(), st.booleans(), ages, st.sampled_from(Order)],
+    *[
+        st.booleans(),
+        st.booleans(),
+        st.booleans(),
+        st.booleans(),
+        ages,
+        st.sampled_from(ConsentRequest),
+    ],
 )
 
 
-@given(st.sampled_from(State), situations)
+@given(st.sampled_from(SupervisorState), situations)
 def test_the_servo_steers_only_with_consent_link_frames_and_a_target(
-    state: State, situation: Situation
+    state: SupervisorState, situation: SupervisorInputs
 ) -> None:
     following, _ = next_state(state, situation, SETTINGS)
     if following.steers:
@@ -300,23 +346,27 @@ def test_the_servo_steers_only_with_consent_link_frames_and_a_target(
         assert situation.unseen_s < SETTINGS.coast_s
 
 
-@given(st.sampled_from(State), situations)
-def test_nothing_flies_by_us_without_mode_and_consent(state: State, situation: Situation) -> None:
+@given(st.sampled_from(SupervisorState), situations)
+def test_nothing_flies_by_us_without_mode_and_consent(
+    state: SupervisorState, situation: SupervisorInputs
+) -> None:
     following, _ = next_state(state, situation, SETTINGS)
     if following.engaged:
         assert situation.mode_allows
         assert situation.consent_given
-        assert state is not State.RELEASED or situation.consent_renewed
+        assert state is not SupervisorState.RELEASED or situation.consent_renewed
 
 
 @given(st.sampled_from(sorted(ENGAGED)), situations)
 def test_every_way_out_of_following_is_a_hold_or_a_release(
-    state: State, situation: Situation
+    state: SupervisorState, situation: SupervisorInputs
 ) -> None:
-    assert next_state(state, situation, SETTINGS)[0] in ENGAGED | {State.RELEASED}
+    assert next_state(state, situation, SETTINGS)[0] in ENGAGED | {SupervisorState.RELEASED}
 
 
-def climb_down(supervisor: Supervisor, see: Callable[[float], bool]) -> list[tuple[float, State]]:
+def climb_down(
+    supervisor: Supervisor, see: Callable[[float], bool]
+) -> list[tuple[float, SupervisorState]]:
     """Fly for 30 s with a target that is seen as `see` says; return the changes of state."""
     seen_s, changes = 0.0, []
     for step in range(1500):
@@ -331,7 +381,7 @@ def climb_down(supervisor: Supervisor, see: Callable[[float], bool]) -> list[tup
 
 def test_the_ladder_takes_its_rungs_at_their_times() -> None:
     changes = climb_down(Supervisor(SETTINGS), lambda now_s: now_s < 1.0)
-    assert [state for _, state in changes] == [F, C, S, H, State.RELEASED]
+    assert [state for _, state in changes] == [F, C, S, H, SupervisorState.RELEASED]
     seen_last_s = 0.98
     assert [time_s for time_s, _ in changes[1:]] == pytest.approx(
         [
@@ -352,7 +402,7 @@ def test_a_target_that_returns_on_any_rung_is_followed_again(back_s: float) -> N
 
 def test_a_target_that_returns_after_the_ladder_is_not() -> None:
     changes = climb_down(Supervisor(SETTINGS), lambda now_s: not 1.0 <= now_s < 15.0)
-    assert changes[-1][1] is State.RELEASED
+    assert changes[-1][1] is SupervisorState.RELEASED
 
 
 def test_the_shell_counts_the_time_in_a_state_and_keeps_the_reason_of_the_release() -> None:
@@ -362,12 +412,12 @@ def test_the_shell_counts_the_time_in_a_state_and_keeps_the_reason_of_the_releas
     assert supervisor.in_state_s(12.5) == 2.5
     supervisor.step(replace(GOOD, mode_allows=False), 13.0)
     supervisor.step(replace(GOOD, mode_allows=False), 14.0)
-    assert supervisor.state is State.RELEASED
-    assert supervisor.reason is Reason.PILOT_TOOK_OVER
+    assert supervisor.state is SupervisorState.RELEASED
+    assert supervisor.reason is SupervisorReason.PILOT_TOOK_OVER
     assert supervisor.in_state_s(14.0) == 1.0
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), inf])
 def test_a_timeout_that_is_no_time_is_refused(value: float) -> None:
-    with pytest.raises(ValueError, match="search_s is a time in seconds above 0"):
+    with pytest.raises(ValueError, match=r"search_s lies between 0\.001 and 3600"):
         SupervisorSettings(search_s=value)

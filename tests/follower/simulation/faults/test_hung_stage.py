@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from follower.realtime import RealtimeRun
+from follower.flight.threads import RealtimeRun
 from follower_vision.clock import MonotonicClock
 from follower_vision.mailbox import Mailbox
 
@@ -38,6 +38,7 @@ class Hung:
         self.holds += 1
 
 
+@pytest.mark.slow
 def test_a_hung_vision_is_left_behind() -> None:
     hung = Hung()
     clock = MonotonicClock()
@@ -58,7 +59,7 @@ def test_a_hung_vision_is_left_behind() -> None:
 
 
 class Braking(Hung):
-    """A control that comes to rest ten steps after it was told to let go, on a lossy line."""
+    """A control that comes to rest ten steps after it was told to release, on a lossy line."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,7 +67,7 @@ class Braking(Hung):
         self.asked_at: int | None = None
         self.rested_before_the_holds = False
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         self.asked_at = self.steps
 
     @property
@@ -79,6 +80,7 @@ class Braking(Hung):
         return True
 
 
+@pytest.mark.slow
 def test_a_watcher_that_fails_leaves_control_the_time_to_brake() -> None:
     """As a display does whose terminal is gone."""
     control = Braking()
@@ -95,6 +97,7 @@ def test_a_watcher_that_fails_leaves_control_the_time_to_brake() -> None:
     assert control.rested_before_the_holds
 
 
+@pytest.mark.slow
 def test_the_last_hold_is_said_more_than_once() -> None:
     control = Braking()
     run = RealtimeRun(MonotonicClock(), control, control, control, 50.0)  # type: ignore[arg-type]

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from follower.faults.campaign.invariants import Inputs, InvariantError, Invariants
-from follower.faults.campaign.sent_motion import SentMotion
-from follower.faults.campaign.vehicle import CheapVehicle
-from follower.faults.evidence import WireSetpoint
-from follower.faults.wire_rules import BODY_FRAME, VELOCITY_AND_YAW_RATE
-from follower.settings import Settings, load_settings
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.transport import MemoryTransport
+from follower.settings.settings import Settings, load_settings
+from follower.simulation.fault_tests.invariants import (
+    InputAges,
+    InvariantError,
+    Invariants,
+    SetpointDerivatives,
+)
+from follower.simulation.fault_tests.simple_vehicle import SimpleVehicle
+from follower.simulation.faults.setpoint_rules import BODY_FRAME, VELOCITY_AND_YAW_RATE
+from follower.simulation.faults.wire_tap import WireSetpoint
+from follower_control.common.transport import MemoryTransport
+from follower_control.envelope.settings import EnvelopeSettings
 
 LIMITS = EnvelopeSettings(max_acceleration_m_s2=3.0, max_jerk_m_s3=10.0)
 STEP_S = 0.02
@@ -22,7 +26,7 @@ def _sent(number: int, forward: float, down: float = 0.0) -> WireSetpoint:
 
 
 def _failures(speeds: list[float]) -> list[str]:
-    motion = SentMotion(LIMITS)
+    motion = SetpointDerivatives(LIMITS)
     told = [motion.failure(_sent(number, speed)) for number, speed in enumerate(speeds)]
     return [failure for failure in told if failure]
 
@@ -49,10 +53,12 @@ def test_a_zero_may_come_at_any_time_and_following_may_begin_after_it() -> None:
 
 
 def _look(setpoint: WireSetpoint, allowed: float, telemetry_age_s: float = 0.02) -> None:
-    inputs = Inputs(0.05, 0.05, 0.5, STEP_S, telemetry_age_s, None, True, (allowed, 0.0, 0.0, 0.0))
+    inputs = InputAges(
+        0.05, 0.05, 0.5, STEP_S, telemetry_age_s, None, True, (allowed, 0.0, 0.0, 0.0)
+    )
     invariants = Invariants(Settings(), own_mode=4, begun_anew_by_mode=False)
-    invariants.tell(4, setpoint.time_s)
-    invariants.look([setpoint], setpoint.time_s, inputs, engages=True)
+    invariants.heartbeat(4, setpoint.time_s)
+    invariants.check([setpoint], setpoint.time_s, inputs, engages=True)
 
 
 def test_a_velocity_that_its_step_did_not_allow_is_told() -> None:
@@ -74,9 +80,9 @@ def _blind(speeds: list[float], own_m_s: complex | None = None) -> None:
     for number, speed in enumerate(speeds):
         setpoint = _sent(number, speed)
         age_s = 5.0 if number else 0.0
-        inputs = Inputs(age_s, age_s, 0.1, STEP_S, 0.02, own_m_s, False, setpoint.values)
-        invariants.tell(4, setpoint.time_s)
-        invariants.look([setpoint], setpoint.time_s, inputs, engages=False)
+        inputs = InputAges(age_s, age_s, 0.1, STEP_S, 0.02, own_m_s, False, setpoint.values)
+        invariants.heartbeat(4, setpoint.time_s)
+        invariants.check([setpoint], setpoint.time_s, inputs, engages=False)
 
 
 def _braked(acceleration: float, jerk: float) -> list[float]:
@@ -108,6 +114,6 @@ def test_it_may_grow_against_the_motion_that_fresh_telemetry_tells_of() -> None:
 def test_a_vehicle_can_be_handed_a_mode_before_its_first_step() -> None:
     _, theirs = MemoryTransport.pair()
     rng = np.random.default_rng(0)
-    vehicle = CheapVehicle("px4", theirs, rng, (0.0, 0.0, -10.0), 0.0)
+    vehicle = SimpleVehicle("px4", theirs, rng, (0.0, 0.0, -10.0))
     vehicle.enter("RTL")
     assert vehicle.mode.name == "RTL"

@@ -19,29 +19,27 @@ import pytest
 import yaml
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from follower.cockpit.opening import open_station
-from follower.cockpit.operator import FlightOperator
-from follower.cockpit.showing import FlightShow, first_page
-from follower.configs import find_scenario
-from follower.flight_extras import FlightExtras
-from follower.flight_video import SeveralVideos
-from follower.flying import fly_lockstep
-from follower.ground_station.opening import operators_finder
-from follower.recorder import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
-from follower.scenario_start import base_settings
-from follower.selecting import colour_selector
-from follower.settings import Settings, load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower.station.station import Station
-from follower.station.wire import Message
-from follower.supervisor import State
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario_file import load_scenario
-from follower_sim.world import World
-from follower_vision.box import Box
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.target.selectors import colour_selector
+from follower.flight.vision.video_sink import SeveralVideos
+from follower.recording import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
+from follower.settings.bundled import find_scenario
+from follower.settings.settings import Settings, load_settings
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.ui.cockpit.publisher import FlightOperator, FlightPublisher, initial_state
+from follower.ui.cockpit.start import open_station
+from follower.ui.ground_station.server import operators_finder
+from follower.ui.ipc.messages import Message
+from follower.ui.ipc.server_client import UiProcessClient
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.track import Track
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track
 
 WIDTH, HEIGHT = 320, 240
 COLOUR = "#e0401c"
@@ -52,11 +50,17 @@ _ON_TARGET_IOU = 0.3
 _MARGIN_PX = 40
 
 
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Return the browser's path; what needs one is skipped where there is none."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    return path
+
+
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("there is no chromium to test the page with")
+def browser(chromium: str) -> Iterator[Browser]:
     arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
@@ -131,7 +135,7 @@ class TimedOperator(FlightOperator):
     """Notes when a stop was received, on the flight's clock."""
 
     def __init__(self, flight: SimulatedFlight, clock: SimulatedClock) -> None:
-        super().__init__(flight.requests, flight.stage.hear_cockpit)
+        super().__init__(flight.requests, flight.stage.note_cockpit)
         self._clock = clock
         self.stops_s: list[float] = []
         self.objects = 0
@@ -148,7 +152,7 @@ class Served:
     """Where a cockpit is."""
 
     port: int
-    station: Station
+    station: UiProcessClient
     said: Sequence[str] = ()
 
     @property
@@ -195,7 +199,9 @@ class FlyingSimulation(Served):
 
     def is_following_target(self) -> bool:
         """Whether the vehicle is steered after the car."""
-        return self.flight.stage.supervisor.state is State.FOLLOWING and self.is_on_target()
+        return (
+            self.flight.stage.supervisor.state is SupervisorState.FOLLOWING and self.is_on_target()
+        )
 
     def wait_for(self, page: Page, condition: Callable[[], Any], what: str) -> Any:
         """Wait until something is so, and return it."""
@@ -231,7 +237,7 @@ class Said:
             self.known.set()
 
 
-def start_station(settings: Settings, page: Message, runs: Path) -> tuple[Station, Said]:
+def start_station(settings: Settings, page: Message, runs: Path) -> tuple[UiProcessClient, Said]:
     said = Said()
     station = open_station(settings, True, page, runs, said)
     assert station is not None
@@ -264,17 +270,17 @@ def flying(runs: Path, *wanted: str) -> Iterator[FlyingSimulation]:
     settings = load_settings(None, base_settings(scenario), overrides)
     world, clock, eye = World(scenario, 3), SimulatedClock(), Eye()
     _ = world.ground, world.sky, world.scenery_batch
-    page = first_page("sim", scenario.title, settings, folder.name)
+    page = initial_state("sim", scenario.title, settings, folder.name)
     station, said = start_station(settings, page, runs)
     camera = scenario.camera.model
     config = FlightConfig.of("simulated", settings, camera=camera, epoch_ns=LOCKSTEP_EPOCH_NS)
     with station, Recorder(folder, config, clock, settings.recorder, threaded=True) as recorder:
         ends, videos = MemoryTransport.pair(), SeveralVideos((eye, station))
         finder = operators_finder(settings, cockpit=True)
-        extras = FlightExtras(video=videos, recorder=recorder, finder=finder)
+        extras = FlightOptions(video=videos, recorder=recorder, finder=finder)
         flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
         flight.operate()
-        show, stands = FlightShow(station, flight), threading.Event()
+        show, stands = FlightPublisher(station, flight), threading.Event()
 
         def shown() -> None:
             show.show(flight.status())
@@ -339,12 +345,12 @@ Serve = Callable[..., Served]
 @pytest.fixture(scope="session")
 def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
     """Make cockpits with a scripted operator behind, that live as long as the tests."""
-    stations: list[Station] = []
+    stations: list[UiProcessClient] = []
     runs = tmp_path_factory.mktemp("served_runs")
 
     def make(*overrides: str) -> Served:
         settings = load_settings(None, None, ("cockpit.port=0", *overrides))
-        page = first_page("fly", "a test", settings, "")
+        page = initial_state("fly", "a test", settings, "")
         station, said = start_station(settings, page, runs)
         station.operator = Script()
         stations.append(station)

@@ -15,13 +15,15 @@ from uvicorn import Config
 from uvicorn.server import ServerState
 from websockets.sync.client import connect
 
-from follower.cockpit.access import Access
-from follower.cockpit.app import Parts, make_app
-from follower.cockpit.asker import network_of
-from follower.cockpit.crowd import Crowd, crowded_protocol
-from follower.cockpit.guard import Guard
-from follower.cockpit.hub import Hub
-from follower.cockpit.limiters import Limiters
+from follower.ui.cockpit.app import make_app
+from follower.ui.cockpit.asgi_guard import (
+    ConnectionLimiter,
+    RateLimiter,
+    crowded_protocol,
+    network_of,
+)
+from follower.ui.cockpit.auth import AccessControl
+from follower.ui.cockpit.hub import Hub
 from follower_vision.clock import SimulatedClock
 
 TOKEN = "a token of some length"
@@ -50,17 +52,15 @@ def guesses(client: httpx.Client, times: int) -> list[int]:
 
 def test_each_one_has_a_limit_of_his_own_and_few_are_kept() -> None:
     clock = SimulatedClock()
-    limiters = Limiters(1.0, 2, clock)
-    assert [limiters["one"].allows() for _ in range(3)] == [True, True, False]
-    assert limiters["another"].allows()
-    crowd = [limiters[f"stranger {number}"] for number in range(MANY)]
-    for limiter in crowd:
-        limiter.allows()
-    assert len({id(one) for one in crowd}) < MANY, "those who come late share one"
-    assert not limiters["one"].allows(), "he is not forgotten to begin anew"
+    limiter = RateLimiter(1.0, 2, clock)
+    assert [limiter.allows("one") for _ in range(3)] == [True, True, False]
+    assert limiter.allows("another")
+    allowed = [limiter.allows(f"stranger {number}") for number in range(MANY)]
+    assert not all(allowed), "those who come late share one"
+    assert not limiter.allows("one"), "he is not forgotten to begin anew"
     clock.sleep_until(10.0)
-    assert limiters["somebody new"].allows()
-    assert limiters["somebody new"] is not limiters["yet another"], "the strangers are forgotten"
+    assert [limiter.allows("somebody new") for _ in range(3)] == [True, True, False]
+    assert limiter.allows("yet another"), "the strangers are forgotten"
 
 
 @given(st.ip_addresses(v=6), st.integers(0, 2**64 - 1))
@@ -75,6 +75,7 @@ def test_an_ipv4_address_is_one_however_it_is_written() -> None:
     assert network_of("fe80::1%eth0") == network_of("fe80::2%eth0")
 
 
+@pytest.mark.slow
 def test_who_guesses_tokens_slows_himself_alone(open_to_all: Any) -> None:
     with at(STRANGER, open_to_all) as stranger, at(PILOT, open_to_all) as pilot:
         assert 429 in guesses(stranger, 12)
@@ -82,6 +83,7 @@ def test_who_guesses_tokens_slows_himself_alone(open_to_all: Any) -> None:
         assert pilot.post("/api/request", json=STOP).json()["accepted"]
 
 
+@pytest.mark.slow
 def test_tokens_in_headers_cannot_be_guessed_faster(open_to_all: Any) -> None:
     stranger = "127.0.0.67"
     with at(stranger, open_to_all) as one, at(stranger, open_to_all) as pilots_page:
@@ -101,21 +103,20 @@ def bare_client(send: Callable[[dict[str, Any]], None]) -> httpx.AsyncClient:
     """Return a client of a cockpit in this process; what goes wrong inside is raised here."""
     clock = SimulatedClock()
     nothing: Any = None
-    parts = Parts(
+    app = make_app(
         hub=Hub({}, send, clock, 4),
-        access=Access(None),
+        access=AccessControl(None),
         jpegs=nothing,
         peers=nothing,
         flights=nothing,
         objects=None,
-        guesses=Limiters(1.0, 8, clock),
-        writes=Limiters(50.0, 100, clock),
         clock=clock,
+        secure=False,
     )
-    app = Guard(make_app(parts, "", False), parts.access, parts.guesses, parts.writes, "")
     return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1")
 
 
+@pytest.mark.slow
 def test_stop_is_never_put_off() -> None:
     """However much the same client has asked for before, and whoever waits for answers."""
     told: list[dict[str, Any]] = []
@@ -163,6 +164,7 @@ def test_what_json_cannot_say_again_is_refused_in_words(path: str, body: bytes) 
     assert not told
 
 
+@pytest.mark.slow
 def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> None:
     where = (PILOT, open_to_all.port)
     lines = [socket.create_connection(where, source_address=(STRANGER, 0)) for _ in range(100)]
@@ -190,7 +192,7 @@ def test_who_asks_for_nothing_is_hung_up_on() -> None:
     async def run() -> None:
         config = Config(answer, log_config=None, interface="asgi3")
         config.load()
-        made = crowded_protocol(Crowd(2), 0.2)
+        made = crowded_protocol(ConnectionLimiter(2), 0.2)
         loop = asyncio.get_running_loop()
         server = await loop.create_server(lambda: made(config, ServerState(), {}), PILOT, 0)
         where = server.sockets[0].getsockname()

@@ -14,18 +14,19 @@ import pytest
 from playwright.sync_api import Browser, Page
 from websockets.sync.client import connect
 
-from follower.flightlog import ControlRecord
-from follower.recorder import open_flight
-from follower.replay import Replay, compare, replay_settings
-from follower.setting_change import live_keys
-from follower.supervisor import State
-from follower_control.envelope_settings import EnvelopeSettings
-from follower_control.setpoint import HOLD
-from follower_vision.box import Box
-from follower_vision.frame import Frame
+from follower.apps.replay.comparison import compare
+from follower.apps.replay.replay import Replay, replay_settings
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.recording import open_flight
+from follower.settings.live import live_keys
+from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.vehicle.setpoint import HOLD
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
 
 TRIES, FOLLOWED_WITHIN_S = 8, 8.0
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("chromium")]
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +158,7 @@ def test_consent_on_the_page_ends_the_release(page: Page, simulation: Any) -> No
     page.click("#consent:has-text('Allow following')")
     simulation.wait_for(
         page,
-        lambda: simulation.flight.stage.supervisor.state is not State.RELEASED,
+        lambda: simulation.flight.stage.supervisor.state is not SupervisorState.RELEASED,
         "not let go any more",
     )
     page.wait_for_selector("#state:not([data-state=released])")

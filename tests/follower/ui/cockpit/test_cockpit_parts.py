@@ -12,27 +12,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.cockpit import patient_response
-from follower.cockpit.flights import Flights
-from follower.cockpit.live_settings import setting_list, setting_values
-from follower.cockpit.mjpeg import JpegStream
-from follower.cockpit.moment import moment
-from follower.cockpit.objects import Objects, objects_in
-from follower.cockpit.patient_response import PatientResponse
-from follower.cockpit.showing import SteadyShow
-from follower.flightlog import FlightLog
-from follower.live_status import LiveStatus
-from follower.operator_requests import OperatorRequests
-from follower.pace import Pace
-from follower.settings import Settings
-from follower.target_wish import RequestRefusedError
-from follower.video_out.picture import Picture
-from follower_control.setpoint import VelocitySetpoint
-from follower_vision.box import Box
+from follower.flight.lockstep import Pacer
+from follower.flight.log import FlightLog
+from follower.flight.operator_requests import OperatorRequests
+from follower.flight.status import LiveStatus
+from follower.flight.target.request import RequestRefusedError
+from follower.settings.settings import Settings
+from follower.ui.cockpit import mjpeg
+from follower.ui.cockpit.detections import Objects, objects_in
+from follower.ui.cockpit.mjpeg import JpegStream, MjpegResponse
+from follower.ui.cockpit.publisher import (
+    PeriodicPublisher,
+    setting_list,
+    setting_values,
+    state_message,
+)
+from follower.ui.cockpit.recordings_api import RecordingFolder
+from follower.ui.video.channel import Picture
+from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_vision.clock import MonotonicClock, SimulatedClock
 from follower_vision.detection import Detection
-from follower_vision.frame import Frame
-from follower_vision.network import ModelError
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.onnx_network import ModelError
 
 FRAME = Frame(np.zeros((100, 200, 3), np.uint8), 1.0, 5)
 
@@ -121,17 +123,17 @@ def test_a_moment_has_no_number_that_json_does_not_know() -> None:
         asked=VelocitySetpoint(math.nan, 0, 0, 0),
         allowed=VelocitySetpoint(1.0, 2.0, 3.0, math.pi),
     )
-    found = moment(bad, None)
+    found = state_message(bad, None)
     json.dumps(found, allow_nan=False)
     assert found["azimuth_deg"] is None
     assert found["asked"] is None
     assert found["allowed"] == [1.0, 2.0, 3.0, 180.0]
-    json.dumps(moment(LiveStatus.of(FlightLog(), 0.0), None), allow_nan=False)
+    json.dumps(state_message(LiveStatus.of(FlightLog(), 0.0), None), allow_nan=False)
 
 
 def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
     told = threading.Semaphore(0)
-    with SteadyShow(told.release):
+    with PeriodicPublisher(told.release):
         assert all(told.acquire(timeout=10) for _ in range(3))
     while told.acquire(blocking=False):
         pass
@@ -139,7 +141,7 @@ def test_the_page_is_told_by_a_thread_of_its_own_until_it_is_closed() -> None:
 
 
 def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patient_response, "_STUCK_S", 0.05)
+    monkeypatch.setattr(mjpeg, "_STUCK_S", 0.05)
 
     async def run() -> tuple[int, int]:
         stream = JpegStream(asyncio.get_running_loop())
@@ -150,7 +152,7 @@ def test_who_takes_no_pictures_loses_his_place(monkeypatch: pytest.MonkeyPatch) 
             if len(taken) > 2:
                 await asyncio.Event().wait()
 
-        response = PatientResponse(stream.parts())
+        response = MjpegResponse(stream.parts())
         task = asyncio.create_task(response.stream_response(send))
         for number in range(1, 20):
             await asyncio.sleep(0.02)
@@ -171,12 +173,12 @@ def test_a_recording_that_is_removed_while_one_looks_does_not_hide_the_others(
         log.write_bytes(b"log")
     logs[1].unlink()
     monkeypatch.setattr(Path, "glob", lambda *_: logs)
-    assert [flight.name for flight in Flights(tmp_path).listed()] == ["here"]
+    assert [flight.name for flight in RecordingFolder(tmp_path).listed()] == ["here"]
 
 
 def test_simulated_time_waits_for_real_time_and_does_not_catch_up() -> None:
     simulated, real = SimulatedClock(), SimulatedClock(100.0)
-    pace = Pace(simulated, real)
+    pace = Pacer(simulated, real)
     simulated.sleep_until(1.0)
     pace.wait()
     assert real.now() == 101.0

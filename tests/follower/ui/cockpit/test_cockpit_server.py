@@ -29,11 +29,11 @@ from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from follower.cockpit.hub import Hub
-from follower.cockpit.requests import REQUESTS
-from follower.cockpit.settings import CockpitSettings
+from follower.settings.ui import CockpitSettings
+from follower.ui.cockpit.hub import Hub
+from follower.ui.cockpit.requests import REQUESTS
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
 PATIENCE_S = 30.0
 LOOPBACK = ipaddress.ip_address("127.0.0.1")
@@ -132,6 +132,7 @@ def guarded(serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     return serve(f"cockpit.token_file={path}")
 
 
+@pytest.mark.slow
 def test_without_the_token_there_is_a_page_and_nothing_behind_it(guarded: Any) -> None:
     assert httpx.get(guarded.url).status_code == 200
     for path in ("/api/state", "/api/page", "/api/flights", "/video.mjpeg"):
@@ -162,6 +163,7 @@ def test_the_token_opens_it_once_by_cookie_and_each_time_by_header(guarded: Any)
     assert httpx.get(f"{guarded.url}/api/state", headers=bearer).status_code == 200
 
 
+@pytest.mark.slow
 def test_off_loopback_there_is_a_token_and_a_warning(serve: Any) -> None:
     served = serve("cockpit.host=0.0.0.0")
     assert any("not encrypted" in line for line in served.said)
@@ -173,6 +175,7 @@ def test_off_loopback_there_is_a_token_and_a_warning(serve: Any) -> None:
     assert httpx.get(f"{served.url}/api/state", headers=bearer).status_code == 200
 
 
+@pytest.mark.slow
 def test_it_speaks_tls(serve: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("tls")
     certificate, key = make_certificate(folder)
@@ -204,6 +207,7 @@ def make_certificate(folder: Path) -> tuple[Path, Path]:
     return folder / "cert.pem", folder / "key.pem"
 
 
+@pytest.mark.slow
 def test_guessing_tokens_is_slow(guarded: Any) -> None:
     codes = [
         httpx.post(f"{guarded.url}/api/session", json={"token": f"guess {n}"}).status_code
@@ -256,7 +260,7 @@ def test_what_was_asked_before_somebody_let_go_comes_too_late(served: Any) -> No
         say(client, kind="consent", given=True, id=1, at=seen_s)
         answer = message(client, "answer")
         assert not answer["accepted"]
-        assert "let go" in answer["text"]
+        assert "stopped since you asked" in answer["text"]
         say(client, kind="consent", given=False, id=2, at=seen_s)
         assert message(client, "answer")["accepted"]
         served.station.show(state(time_s=1.0))
@@ -410,6 +414,7 @@ def test_not_a_number_is_no_number(served: Any) -> None:
 JUNK = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), st.lists)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, suppress_health_check=list(HealthCheck))
 @given(JUNK)
 def test_no_json_at_all_stops_the_server(served: Any, junk: Any) -> None:
@@ -460,6 +465,7 @@ def test_no_name_leads_out_of_the_folder(served: Any, name: str) -> None:
 # Many, and slow.
 
 
+@pytest.mark.slow
 def test_all_clients_are_told_and_one_too_many_is_not_let_in(served: Any) -> None:
     most = CockpitSettings().most_clients
     assert most >= 50
@@ -497,6 +503,7 @@ def show_for(served: Any, seconds: float) -> None:
         time.sleep(1 / 30)
 
 
+@pytest.mark.slow
 def test_who_does_not_read_costs_nothing_and_the_others_see_the_newest(served: Any) -> None:
     """Ten WebSockets and four videos are opened and never read."""
     stuck = [stuck_reader(served, path) for path in 10 * ["/ws"] + 4 * ["/video.mjpeg"]]
@@ -536,6 +543,7 @@ def resident_kb(served: Any) -> int:
 # Everything that the interface describes of itself.
 
 
+@pytest.mark.slow
 def test_the_interface_does_what_it_describes(served: Any) -> None:
     """Schemathesis asks for everything, rightly and wrongly."""
     schema = schemathesis.openapi.from_url(f"{served.url}/openapi.json")

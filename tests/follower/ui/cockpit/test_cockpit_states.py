@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from follower_vision.frame import Frame
+from follower_vision.images.frame import Frame
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("chromium")]
 FOLLOWING = {"state": "following", "reason": "target seen", "consent": True, "stopped": False}
 RELEASED = {**FOLLOWING, "state": "released", "reason": "search failed"}
 

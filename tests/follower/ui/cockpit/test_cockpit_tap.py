@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 TRIES, FOLLOWED_WITHIN_S = 5, 8.0
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("chromium")]
 BLUE_PIXELS = """box => {
   const glass = document.querySelector('#glass'), ratio = glass.width / glass.clientWidth;
   const v = view(), left = ratio * (v.x + box[0] * v.w), top = ratio * (v.y + box[1] * v.h);

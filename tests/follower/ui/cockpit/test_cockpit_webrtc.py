@@ -7,10 +7,10 @@ import asyncio
 import pytest
 from aiortc import RTCPeerConnection, RTCRtpSender
 
-from follower.cockpit.webrtc import OfferError, Peers, StreamTrack
-from follower.video_out.channel import Channel
-from follower.video_out.encoder import AccessUnit
-from follower.video_out.settings import VideoSettings
+from follower.settings.ui import VideoSettings
+from follower.ui.cockpit.webrtc import OfferError, StreamTrack, WebRtcPeers
+from follower.ui.video.channel import VideoChannel
+from follower.ui.video.h264_encoder import AccessUnit
 
 
 async def offer(codec: str) -> str:
@@ -27,9 +27,9 @@ async def offer(codec: str) -> str:
 
 def test_a_browser_without_h264_is_refused_and_leaves_nothing_behind() -> None:
     async def ask() -> bool:
-        channel = Channel(VideoSettings(), overlay=False)
+        channel = VideoChannel(VideoSettings(), overlay=False)
         with pytest.raises(OfferError, match="cannot be answered"):
-            await Peers(channel, local_only=True).answer(await offer("video/VP8"))
+            await WebRtcPeers(channel, local_only=True).answer(await offer("video/VP8"))
         return channel.watched
 
     assert not asyncio.run(ask())
@@ -38,10 +38,10 @@ def test_a_browser_without_h264_is_refused_and_leaves_nothing_behind() -> None:
 def test_browsers_that_ask_at_once_do_not_get_more_places_than_there_are(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("follower.cockpit.webrtc._MOST_PEERS", 2)
+    monkeypatch.setattr("follower.ui.cockpit.webrtc._MOST_PEERS", 2)
 
     async def ask() -> list[str]:
-        peers = Peers(Channel(VideoSettings(), overlay=False), local_only=True)
+        peers = WebRtcPeers(VideoChannel(VideoSettings(), overlay=False), local_only=True)
         sdp = await offer("video/H264")
         answers = await asyncio.gather(
             *(peers.answer(sdp) for _ in range(4)), return_exceptions=True
@@ -54,9 +54,9 @@ def test_browsers_that_ask_at_once_do_not_get_more_places_than_there_are(
 
 def test_a_browser_that_leaves_while_it_is_answered_leaves_nothing_behind() -> None:
     async def ask() -> bool:
-        channel = Channel(VideoSettings(), overlay=False)
+        channel = VideoChannel(VideoSettings(), overlay=False)
         sdp = await offer("video/H264")
-        asking = asyncio.create_task(Peers(channel, local_only=True).answer(sdp))
+        asking = asyncio.create_task(WebRtcPeers(channel, local_only=True).answer(sdp))
         await asyncio.sleep(0)
         asking.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -67,11 +67,11 @@ def test_a_browser_that_leaves_while_it_is_answered_leaves_nothing_behind() -> N
 
 
 def test_a_browser_that_never_connects_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("follower.cockpit.webrtc._CONNECTS_WITHIN_S", 0.1)
+    monkeypatch.setattr("follower.ui.cockpit.webrtc._CONNECTS_WITHIN_S", 0.1)
 
     async def ask() -> tuple[bool, bool]:
-        channel = Channel(VideoSettings(), overlay=False)
-        await Peers(channel, local_only=True).answer(await offer("video/H264"))
+        channel = VideoChannel(VideoSettings(), overlay=False)
+        await WebRtcPeers(channel, local_only=True).answer(await offer("video/H264"))
         watched = channel.watched
         await asyncio.sleep(0.5)
         return watched, channel.watched
@@ -79,7 +79,7 @@ def test_a_browser_that_never_connects_is_given_up(monkeypatch: pytest.MonkeyPat
     assert asyncio.run(ask()) == (True, False)
 
 
-class CountingChannel(Channel):
+class CountingChannel(VideoChannel):
     """Counts how often a key picture is asked for."""
 
     asked = 0

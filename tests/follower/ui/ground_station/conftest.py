@@ -17,20 +17,18 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.flightlog import FlightLog, TrackRecord
-from follower.ground_station.flight_view import FlightView
-from follower.ground_station.ground_station import GroundStation
-from follower.ground_station.lens import Lens
-from follower.ground_station.settings import GroundStationSettings
-from follower.links.link_settings import LinkSettings
-from follower.links.mavlink import MavlinkLink
-from follower.operator_requests import OperatorRequests
-from follower.settings import Settings
-from follower_control.transport import Transport
-from follower_control.udp import UdpTransport
-from follower_vision.box import Box
+from follower.flight.log import FlightLog, TrackRecord
+from follower.flight.operator_requests import OperatorRequests
+from follower.links.pymavlink_link import MavlinkLink
+from follower.settings.link import LinkSettings
+from follower.settings.settings import Settings
+from follower.settings.ui import GroundStationSettings
+from follower.ui.ground_station.flight_view import CameraOptics, FlightView
+from follower.ui.ground_station.server import GroundStation
+from follower_control.common.transport import Transport, UdpTransport
 from follower_vision.clock import SimulatedClock
-from follower_vision.track import Track, TrackState
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import Track, TrackState
 
 WIDTH, HEIGHT, STEP_S = 640, 480, 0.02
 LOOPBACK = "127.0.0.1"
@@ -196,7 +194,7 @@ def make_rig() -> Iterator[MakeRig]:
             stack.callback(link.close)
             requests, log, clock = OperatorRequests(settings), FlightLog(), SimulatedClock()
             view = FlightView(log, link, requests, (WIDTH, HEIGHT))
-            station = GroundStation(ground, view, Lens(70.0, 30.0), clock, save)
+            station = GroundStation(ground, view, CameraOptics(70.0, 30.0), clock, save)
             autopilot = Peer(transport.port, 1, 1)
             stack.callback(autopilot.close)
             rig = Rig(settings, station, link, view, autopilot, transport.port, stack, clock)

@@ -9,10 +9,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.ground_station.endpoint import Endpoint
-from follower.target_wish import NoTargetWish, Outcome, PointWish, RectangleWish
-from follower_vision.box import Box
-from follower_vision.track import TrackState
+from follower.flight.target.request import (
+    BoxSelection,
+    ClearSelection,
+    PointSelection,
+    RequestOutcome,
+)
+from follower.ui.ground_station.endpoint import Endpoint
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import TrackState
 
 MakeRig = Callable[..., Any]
 POINT, RECTANGLE = mavlink.MAV_CMD_CAMERA_TRACK_POINT, mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE
@@ -162,7 +167,7 @@ def test_rtp_by_udp_is_told_as_a_port_or_an_address(make_rig: MakeRig, uri: str,
         (mavlink.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 1.0), UNSUPPORTED),
         (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), UNSUPPORTED),
         (mavlink.MAV_CMD_DO_SET_MODE, (1.0, 6.0), UNSUPPORTED),
-        (mavlink.MAV_CMD_PREFLIGHT_STORAGE, (1.0,), DENIED),
+        (mavlink.MAV_CMD_PREFLIGHT_STORAGE, (1.0,), UNSUPPORTED),
         (POINT, (math.nan, 0.5), DENIED),
         (POINT, (0.5, -0.2), DENIED),
         (POINT, (320.0, 240.0), DENIED),
@@ -209,16 +214,19 @@ def test_a_drawn_rectangle_and_a_click_become_wishes(make_rig: MakeRig) -> None:
     qgc = station(rig)
     assert answer(rig, qgc, RECTANGLE, 0.25, 0.5, 0.5, 0.75) == ACCEPTED
     request = rig.requests.take_target()
-    assert request.wish == RectangleWish(0.25, 0.5, 0.5, 0.75)
+    assert request.selection == BoxSelection(0.25, 0.5, 0.5, 0.75)
     assert "255" in request.by
     assert answer(rig, qgc, POINT, 0.5, 0.25, 0.05) == ACCEPTED
-    assert rig.requests.take_target().wish == PointWish(0.5, 0.25)
+    assert rig.requests.take_target().selection == PointSelection(0.5, 0.25)
 
 
 def test_what_came_of_a_wish_is_told(make_rig: MakeRig) -> None:
     rig = make_rig()
     qgc = station(rig)
-    for outcome in (Outcome(True, "the car there"), Outcome(False, "nothing stands out there")):
+    for outcome in (
+        RequestOutcome(True, "the car there"),
+        RequestOutcome(False, "nothing stands out there"),
+    ):
         answer(rig, qgc, POINT, 0.5, 0.25 if outcome.accepted else 0.3)
         rig.requests.take_target().settle(outcome)
         rig.run(0.1)
@@ -244,9 +252,9 @@ def test_a_stop_is_carried_out_however_soon_after_another_one(make_rig: MakeRig)
     qgc = station(rig)
     for confirmation in (0, 0, 1):
         assert answer(rig, qgc, STOP, confirmation=confirmation) == ACCEPTED
-        assert rig.requests.take_target().wish == NoTargetWish()
+        assert rig.requests.take_target().selection == ClearSelection()
         assert answer(rig, qgc, POINT, 0.5, 0.25 + 0.1 * rig.now_s) == ACCEPTED
-        assert isinstance(rig.requests.take_target().wish, PointWish)
+        assert isinstance(rig.requests.take_target().selection, PointSelection)
 
 
 def test_the_box_streams_from_the_drawing_to_the_button_off(make_rig: MakeRig) -> None:
@@ -382,6 +390,7 @@ def test_one_that_comes_later_or_pretends_does_not_silence_ours(make_rig: MakeRi
 numbers = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.one_of(
@@ -402,6 +411,7 @@ def test_any_command_whatever_is_answered_just_once(
     assert len(qgc.of("COMMAND_ACK")) == before + 1
 
 
+@pytest.mark.slow
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(min_size=1, max_size=300))
 def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:

@@ -7,24 +7,24 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.flight_extras import FlightExtras
-from follower.flightlog import ControlRecord
-from follower.flying import fly_lockstep
-from follower.ground_station.ground_station import GroundStation
-from follower.ground_station.lens import Lens
-from follower.ground_station.settings import GroundStationSettings
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower.supervisor import Reason, State
-from follower_control.transport import MemoryTransport, Transport
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
-from follower_vision.acquire import colour_from_hex, find_by_colour
-from follower_vision.box import Box
+from follower.flight.log import ControlRecord
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.settings.settings import load_settings
+from follower.settings.ui import GroundStationSettings
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.ui.ground_station.flight_view import CameraOptics
+from follower.ui.ground_station.server import GroundStation
+from follower_control.common.transport import MemoryTransport, Transport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame
-from follower_vision.track import Track
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.selection import colour_from_hex, find_by_colour
+from follower_vision.trackers.track import Track
 
 pytestmark = pytest.mark.slow
 
@@ -59,11 +59,11 @@ class Flight:
         settings = load_settings(base=base_settings(wanted))
         ends = share(ours, near), autopilot
         self._picture: Frame | None = None
-        shown = FlightExtras(video=self)
+        shown = FlightOptions(video=self)
         self.flight = SimulatedFlight(World(wanted), settings, "px4", self.clock, ends, shown)
         self.flight.operate()
         ground, view = GroundStationSettings(enabled=True), self.flight.view
-        self._station = GroundStation(ground, view, Lens(90.0, 15.0), self.clock)
+        self._station = GroundStation(ground, view, CameraOptics(90.0, 15.0), self.clock)
         self._codec = mavlink.MAVLink(None, 255, 190)
         self._codec.robust_parsing = True
         self.heard: list[tuple[float, Any]] = []
@@ -124,12 +124,12 @@ def flight(share: Callable[..., Transport]) -> Flight:
 
 
 def test_nothing_is_followed_before_a_box_is_drawn(flight: Flight) -> None:
-    assert flight.at(SELECT_S - 0.1).state is State.IDLE
+    assert flight.at(SELECT_S - 0.1).state is SupervisorState.IDLE
 
 
 def test_the_car_that_was_drawn_around_is_followed(flight: Flight) -> None:
     record = flight.at(TUNE_S - 0.5)
-    assert record.state is State.FOLLOWING
+    assert record.state is SupervisorState.FOLLOWING
     assert record.estimate is not None
     body = record.vehicle.position
     assert body is not None
@@ -172,10 +172,10 @@ def test_settings_change_in_flight_without_a_step(flight: Flight) -> None:
         assert after == pytest.approx(before, abs=0.05)
 
 
-def test_stopping_the_tracking_holds_and_lets_go(flight: Flight) -> None:
+def test_stopping_the_tracking_holds_and_is_release(flight: Flight) -> None:
     record = flight.at(DROP_S + 0.5)
-    assert (record.state, record.reason) == (State.HOLDING, Reason.NO_TARGET)
-    assert flight.at(DROP_S + 3.6).state is State.RELEASED
+    assert (record.state, record.reason) == (SupervisorState.HOLDING, SupervisorReason.NO_TARGET)
+    assert flight.at(DROP_S + 3.6).state is SupervisorState.RELEASED
     assert flight.at(DROP_S + 3.6).allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
     (*_, (_, newest)) = flight.of("CAMERA_TRACKING_IMAGE_STATUS")
     assert newest.tracking_status == 0

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.ground_station.ground_station import HEARD
-from follower.links.packets import checksum, crc_extra_of
+from follower.links.packet_parser import checksum, crc_extra_of
+from follower.ui.ground_station.server import HEARD
 
 MakeRig = Callable[..., Any]
 REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
@@ -32,6 +32,7 @@ payloads = st.binary(max_size=255) | st.binary(max_size=40).map(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [1, 2])
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from(sorted(HEARD)), payloads), max_size=4))

@@ -4,23 +4,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from follower.fly.options import FlyOptions
-from follower.ground_station import camera_messages as say
-from follower.ground_station.opening import _with_stream, lens_of, operators_finder
-from follower.ground_station.settings import GroundStationSettings
-from follower.settings import Settings, load_settings
-from follower.video_out.encoder import fitted
-from follower_control.strict_yaml import SettingsError
+from follower.apps.main import app
+from follower.links.connections import ConnectionFailedError
+from follower.settings.settings import Settings, load_settings
+from follower.settings.ui import GroundStationSettings
+from follower.ui.ground_station import camera_messages as say
+from follower.ui.ground_station.server import _with_stream, lens_of, operators_finder
+from follower.ui.video.h264_encoder import fitted
+from follower_control.common.strict_config import SettingsError
 
 ON = "ground_station.enabled=true"
 
 
 def test_a_flight_needs_no_target_that_a_ground_station_will_choose() -> None:
-    options = FlyOptions("udpin:127.0.0.1:14540", "0", overrides=(ON,))
-    assert "ground station" in options.wish
+    arguments = ["fly", "--connect", "udpin:127.0.0.1:1x", "--camera", "0"]
+    with pytest.raises(ConnectionFailedError, match="1x"):
+        CliRunner().invoke(app, [*arguments, "--set", ON], catch_exceptions=False)
     with pytest.raises(SettingsError, match=r"ground_station\.enabled"):
-        FlyOptions("udpin:127.0.0.1:14540", "0")
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
 def test_it_is_off_unless_asked_for() -> None:

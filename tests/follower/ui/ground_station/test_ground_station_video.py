@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,25 +15,25 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.cockpit.opening import open_station
-from follower.flight_extras import FlightExtras
-from follower.flight_video import SeveralVideos
-from follower.flying import fly_lockstep
-from follower.ground_station.ground_station import GroundStation
-from follower.ground_station.lens import Lens
-from follower.ground_station.settings import GroundStationSettings
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.simulated_flight import SimulatedFlight
-from follower.supervisor import State
-from follower_control.transport import MemoryTransport, Transport
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
-from follower_vision.acquire import colour_from_hex, find_by_colour
-from follower_vision.box import Box
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.vision.video_sink import SeveralVideos
+from follower.settings.settings import load_settings
+from follower.settings.ui import GroundStationSettings
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.ui.cockpit.start import open_station
+from follower.ui.ground_station.flight_view import CameraOptics
+from follower.ui.ground_station.server import GroundStation
+from follower_control.common.transport import MemoryTransport, Transport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-from follower_vision.frame import Frame, Image
-from follower_vision.track import Track
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame, Image
+from follower_vision.selection import colour_from_hex, find_by_colour
+from follower_vision.trackers.track import Track
 
 pytestmark = pytest.mark.slow
 
@@ -76,10 +75,8 @@ SCENARIO = {
 class Screen:
     """Takes RTP as QGroundControl does at its UDP port, and keeps the newest picture."""
 
-    def __init__(self, folder: Path) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = int(probe.getsockname()[1])
+    def __init__(self, folder: Path, port: int) -> None:
+        self.port = port
         self._sdp = folder / "stream.sdp"
         self._sdp.write_text(
             f"v=0\nc=IN IP4 127.0.0.1\nm=video {self.port} RTP/AVP 96\na=rtpmap:96 H264/90000\n"
@@ -114,11 +111,11 @@ class Screen:
 class Pilot:
     """Draws a box onto the received video, as QGroundControl sends it, and lists parameters."""
 
-    def __init__(self, folder: Path, share: Callable[..., Transport]) -> None:
+    def __init__(self, folder: Path, share: Callable[..., Transport], port: int) -> None:
         scenario, self._clock = Scenario.model_validate(SCENARIO), SimulatedClock()
         ours, autopilot = MemoryTransport.pair()
         near, self._far = MemoryTransport.pair()
-        self.screen = Screen(folder)
+        self.screen = Screen(folder, port)
         wanted = (f"video.udp=127.0.0.1:{self.screen.port}", "video.overlay=false")
         settings = load_settings(None, base_settings(scenario), wanted)
         station = open_station(settings, False, {}, folder, print)
@@ -132,11 +129,11 @@ class Pilot:
             ends = share(ours, near), autopilot
             videos = SeveralVideos((self, station))
             world = World(scenario)
-            shown = FlightExtras(video=videos)
+            shown = FlightOptions(video=videos)
             self.flight = SimulatedFlight(world, settings, "px4", self._clock, ends, shown)
             self.flight.operate()
             ground = GroundStationSettings(enabled=True)
-            lens = Lens(75.0, RATE_HZ)
+            lens = CameraOptics(75.0, RATE_HZ)
             self._ground = GroundStation(ground, self.flight.view, lens, self._clock)
             fly_lockstep(self.flight, self._clock, self._each)
         self.flight.close()
@@ -196,12 +193,16 @@ def car_in(image: Image) -> Box:
 
 
 @pytest.fixture(scope="module")
-def pilot(tmp_path_factory: pytest.TempPathFactory, share: Callable[..., Transport]) -> Pilot:
-    return Pilot(tmp_path_factory.mktemp("pilot"), share)
+def pilot(
+    tmp_path_factory: pytest.TempPathFactory,
+    share: Callable[..., Transport],
+    free_port: Callable[[], int],
+) -> Pilot:
+    return Pilot(tmp_path_factory.mktemp("pilot"), share, free_port())
 
 
 def test_what_was_drawn_on_the_received_video_is_followed(pilot: Pilot) -> None:
-    assert pilot.last_state is State.FOLLOWING
+    assert pilot.last_state is SupervisorState.FOLLOWING
     assert pilot.screen.pictures > 50
     (ack, *_) = pilot.of("COMMAND_ACK")
     assert ack.command == mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE

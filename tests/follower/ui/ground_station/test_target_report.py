@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.flight_extras import FlightExtras
-from follower.flying import fly_lockstep
-from follower.ground_station.endpoint import Endpoint
-from follower.ground_station.place import target_place
-from follower.ground_station.settings import GroundStationSettings, TargetMessage
-from follower.ground_station.target_report import TargetReport
-from follower.scenario_start import base_settings
-from follower.settings import load_settings
-from follower.sight import Sight
-from follower.simulated_flight import SimulatedFlight
-from follower.supervisor import State
-from follower_control.transport import MemoryTransport
-from follower_sim.scenario import Scenario
-from follower_sim.world import World
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.settings import load_settings
+from follower.settings.ui import GroundStationSettings, TargetMessage
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.simulation.runners import fly_lockstep
+from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.flight_view import target_place
+from follower.ui.ground_station.follow_target import TargetReport
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 MakeRig = Callable[..., Any]
@@ -73,7 +73,7 @@ class Told:
             flavour,
             self.clock,
             MemoryTransport.pair(),
-            FlightExtras(sight=Sight.TRUTH),
+            FlightOptions(vision=VisionSource.TRUTH),
         )
         self.messages: list[tuple[float, Any]] = []
         self.places: list[tuple[float, Any]] = []
@@ -92,7 +92,7 @@ class Told:
     def _each(self) -> None:
         now_s, view = self.clock.now(), self.flight.view
         step = view.step(now_s)
-        if step is None or step.state is not State.FOLLOWING:
+        if step is None or step.state is not SupervisorState.FOLLOWING:
             return
         self.report.step(now_s)
         place = target_place(view, now_s)

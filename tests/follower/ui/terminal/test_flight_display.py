@@ -11,14 +11,15 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from follower.flightlog import FlightLog
-from follower.live_status import LiveStatus
-from follower.print_line import print_line
-from follower.scoring import score_flight
-from follower.terminal import Terminal, plain_line, print_score, status_table
-from follower_control.servo_errors import ServoErrors
-from follower_control.setpoint import VelocitySetpoint
-from follower_sim.criteria import Criteria
+from follower.flight.log import FlightLog
+from follower.flight.status import LiveStatus
+from follower.simulation.ground_truth import score_flight
+from follower.simulation.report import print_score
+from follower.ui.terminal.console import print_line
+from follower.ui.terminal.flight_display import FlightDisplay, plain_line, status_table
+from follower_control.servo.pursuit_state import ServoErrors
+from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_sim.scenario.scenario import Criteria
 from follower_vision.clock import SimulatedClock
 
 STATUS = LiveStatus(
@@ -87,7 +88,7 @@ def show_for(duration_s: float, period_s: float, *, terminal: bool) -> str:
     clock = SimulatedClock()
 
     def draw(console: Console) -> None:
-        with Terminal(console, "A car", clock) as display:
+        with FlightDisplay(console, "A car", clock) as display:
             while clock.now() < duration_s:
                 display.show(STATUS)
                 clock.sleep_until(clock.now() + period_s)
@@ -110,7 +111,7 @@ def test_a_pipe_gets_each_change_of_state_at_once() -> None:
     clock = SimulatedClock()
 
     def draw(console: Console) -> None:
-        with Terminal(console, "", clock) as display:
+        with FlightDisplay(console, "", clock) as display:
             for state in ("ready", "following", "following", "coasting"):
                 display.show(LiveStatus(clock.now(), state=state))
                 clock.sleep_until(clock.now() + 0.1)
@@ -120,7 +121,7 @@ def test_a_pipe_gets_each_change_of_state_at_once() -> None:
 
 def test_a_line_said_stays_as_it_was_written() -> None:
     def draw(console: Console) -> None:
-        with Terminal(console) as display:
+        with FlightDisplay(console) as display:
             display.say("[bold]autopilot[/bold]: armed")
 
     assert "[bold]autopilot[/bold]: armed" in text_of(draw)
@@ -131,7 +132,7 @@ def test_an_error_inside_gives_the_terminal_back() -> None:
     console = Console(file=buffer, force_terminal=True)
 
     def interrupted() -> None:
-        with Terminal(console) as display:
+        with FlightDisplay(console) as display:
             display.show(STATUS)
             raise KeyboardInterrupt
 

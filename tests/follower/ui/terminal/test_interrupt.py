@@ -9,14 +9,13 @@ from typing import Any
 
 import pytest
 
-import follower.simulate
-import follower.simulation_report
-from follower.cli import INTERRUPTED
-from follower.interrupt import StopOnInterrupt
-from follower.outputs import write_boxes
-from follower.simulate import simulate
-from follower.simulation_options import SimulationOptions
-from follower.watched import stop_signals
+import follower.simulation.report
+import follower.simulation.run
+from follower.apps.main import INTERRUPTED
+from follower.recording.run_folder import write_boxes
+from follower.simulation.options import SimulationOptions
+from follower.simulation.run import simulate
+from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 
 SCENARIO = """
 name: short
@@ -47,21 +46,23 @@ def fly(folder: Path) -> int:
     return simulate(SimulationOptions(str(path), lockstep=True, out=folder / "runs"))
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_report_is_written_does_not_stop_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(follower.simulation_report, "write_boxes", pressing(write_boxes))
+    monkeypatch.setattr(follower.simulation.report, "write_boxes", pressing(write_boxes))
     assert fly(tmp_path) != INTERRUPTED
     folder = tmp_path / "runs" / "short"
     assert "</html>" in (folder / "report.html").read_text("utf-8")
     assert "passed" in json.loads((folder / "score.json").read_text("utf-8"))
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_flight_is_no_flight_but_a_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make = follower.simulate.SimulatedFlight
-    monkeypatch.setattr(follower.simulate, "SimulatedFlight", pressing(make))
+    make = follower.simulation.run.SimulatedFlight
+    monkeypatch.setattr(follower.simulation.run, "SimulatedFlight", pressing(make))
     assert fly(tmp_path) == INTERRUPTED
     report = (tmp_path / "runs" / "short" / "report.html").read_text("utf-8")
     assert "The user ended this flight." in report

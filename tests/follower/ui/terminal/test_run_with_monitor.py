@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from follower.watched import run_watched, stop_signals
+from follower.ui.terminal.interrupt import run_watched, stop_signals
 
 
 def test_the_result_comes_back_and_somebody_looked_meanwhile() -> None:

@@ -19,22 +19,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower.video_out.channel import Channel
-from follower.video_out.encoder import (
+from follower.settings.ui import Address, VideoSettings
+from follower.ui.video.channel import Picture, VideoChannel
+from follower.ui.video.h264_encoder import (
     AccessUnit,
     EncoderError,
     H264Encoder,
     fitted,
     make_encoder,
 )
-from follower.video_out.picture import Picture
-from follower.video_out.push import RtspPush
-from follower.video_out.rtp import RtpPacketiser, nal_units, session_description
-from follower.video_out.rtp_sender import RtpSender
-from follower.video_out.rtsp_server import RtspServer
-from follower.video_out.settings import Address, VideoSettings
-from follower_vision.box import Box
-from follower_vision.track import Track, TrackState
+from follower.ui.video.rtp import RtpPacketiser, RtpSender, nal_units, session_description
+from follower.ui.video.rtsp_push import RtspPush
+from follower.ui.video.rtsp_server import RtspServer
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import Track, TrackState
 
 WIDTH, HEIGHT = 160, 120
 SETTINGS = VideoSettings(encoder="libx264", keyframe_s=0.5)
@@ -151,9 +149,8 @@ def test_the_description_names_the_parameter_sets() -> None:
 
 
 def test_nothing_is_encoded_while_nobody_watches() -> None:
-    channel, seen = Channel(SETTINGS, overlay=False), list[AccessUnit]()
+    channel, seen = VideoChannel(SETTINGS, overlay=False), list[AccessUnit]()
     channel.show(picture(0))
-    assert channel.encoder_name == ""
     leave = channel.watch(seen.append)
     channel.show(picture(1))
     assert [unit.is_key for unit in seen] == [True]
@@ -164,7 +161,7 @@ def test_nothing_is_encoded_while_nobody_watches() -> None:
 
 
 def test_who_comes_later_begins_with_a_key_picture() -> None:
-    channel, first, second = Channel(SETTINGS, False), list[AccessUnit](), list[AccessUnit]()
+    channel, first, second = VideoChannel(SETTINGS, False), list[AccessUnit](), list[AccessUnit]()
     channel.watch(first.append)
     for number in range(3):
         channel.show(picture(number))
@@ -178,7 +175,7 @@ def test_the_overlay_is_drawn_where_it_is_wanted() -> None:
     track = Track(Box(80, 60, 40, 30), TrackState.TRACKING, 1.0, "test", 0.0, 0)
     sizes = []
     for overlay in (False, True):
-        channel, seen = Channel(SETTINGS, overlay), list[AccessUnit]()
+        channel, seen = VideoChannel(SETTINGS, overlay), list[AccessUnit]()
         channel.watch(seen.append)
         channel.show(
             Picture(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), 0, 0.0, (track,), ("IDLE",))
@@ -188,7 +185,7 @@ def test_the_overlay_is_drawn_where_it_is_wanted() -> None:
 
 
 def test_a_new_size_of_pictures_goes_on() -> None:
-    channel, seen = Channel(SETTINGS, False), list[AccessUnit]()
+    channel, seen = VideoChannel(SETTINGS, False), list[AccessUnit]()
     channel.watch(seen.append)
     channel.show(picture(0))
     channel.show(Picture(np.zeros((90, 120, 3), np.uint8), 1, 0.1))
@@ -202,7 +199,7 @@ class Live:
     """A channel that is shown pictures at thirty a second, and a loop for servers."""
 
     def __init__(self) -> None:
-        self.channel = Channel(SETTINGS, overlay=False)
+        self.channel = VideoChannel(SETTINGS, overlay=False)
         self.loop = asyncio.new_event_loop()
         self._stop = threading.Event()
         self._threads = [
@@ -261,6 +258,7 @@ def watched(address: str, options: dict[str, str], count: int = 12) -> int:
         return sum(bright_square(next(frames)) for _ in range(count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["tcp", "udp"])
 def test_ffmpeg_plays_it_by_rtsp(server: tuple[Live, RtspServer], way: str) -> None:
     live, rtsp = server
@@ -269,6 +267,7 @@ def test_ffmpeg_plays_it_by_rtsp(server: tuple[Live, RtspServer], way: str) -> N
     until(lambda: not live.channel.watched)
 
 
+@pytest.mark.slow
 def test_two_play_it_at_once_and_a_third_who_does_not_read_harms_neither(
     server: tuple[Live, RtspServer],
 ) -> None:
@@ -284,10 +283,11 @@ def test_two_play_it_at_once_and_a_third_who_does_not_read_harms_neither(
     until(lambda: not live.channel.watched)
 
 
-def test_udp_listeners_get_it_without_asking(live: Live, tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+@pytest.mark.slow
+def test_udp_listeners_get_it_without_asking(
+    live: Live, tmp_path: Path, free_port: Callable[[], int]
+) -> None:
+    port = free_port()
     sdp = tmp_path / "live.sdp"
     sdp.write_text(f"v=0\nc=IN IP4 127.0.0.1\nm=video {port} RTP/AVP 96\na=rtpmap:96 H264/90000\n")
     with RtpSender(Address("127.0.0.1", port)) as sender:
@@ -363,7 +363,7 @@ def test_nonsense_ends_the_connection_and_nothing_else(
 def test_who_says_nothing_more_gives_his_place_back(
     monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer], unfinished: bytes
 ) -> None:
-    monkeypatch.setattr("follower.video_out.rtsp_viewer._IDLE_S", 0.2)
+    monkeypatch.setattr("follower.ui.video.rtsp_server._IDLE_S", 0.2)
     with socket.create_connection(("127.0.0.1", server[1].port), timeout=PATIENCE_S) as one:
         one.sendall(unfinished)
         assert one.recv(4096) == b""
@@ -397,7 +397,7 @@ def test_one_address_does_not_take_all_places(server: tuple[Live, RtspServer]) -
 def test_who_does_not_play_soon_loses_his_place(
     monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer], said: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEGINS_WITHIN_S", 0.3)
+    monkeypatch.setattr("follower.ui.video.rtsp_server._BEGINS_WITHIN_S", 0.3)
     where = ("127.0.0.1", server[1].port)
     with socket.create_connection(where, timeout=PATIENCE_S) as one, ask(where[1], "SETUP") as two:
         for method in said:
@@ -409,9 +409,9 @@ def test_who_does_not_play_soon_loses_his_place(
 def test_who_plays_and_takes_nothing_loses_his_place(
     monkeypatch: pytest.MonkeyPatch, server: tuple[Live, RtspServer]
 ) -> None:
-    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEGINS_WITHIN_S", 0.3)
+    monkeypatch.setattr("follower.ui.video.rtsp_server._BEGINS_WITHIN_S", 0.3)
     nothing_is_little_enough = -1
-    monkeypatch.setattr("follower.video_out.rtsp_viewer._BEHIND_BYTES", nothing_is_little_enough)
+    monkeypatch.setattr("follower.ui.video.rtsp_server._BEHIND_BYTES", nothing_is_little_enough)
     with ask(server[1].port, "SETUP", "Transport: RTP/AVP/TCP;unicast") as one:
         one.sendall(request("PLAY"))
         assert is_hung_up_on(one)
@@ -469,6 +469,7 @@ class Recording:
         connection.sendall("\r\n".join([*answer, "", ""]).encode())
 
 
+@pytest.mark.slow
 def test_it_is_pushed_to_a_server(live: Live) -> None:
     there = Recording()
     push = RtspPush(there.url)

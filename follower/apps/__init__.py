@@ -1,0 +1,5 @@
+"""The commands, one folder or module each.
+
+Uses: Everything below.
+Start at: `main`.
+"""

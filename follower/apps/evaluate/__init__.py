@@ -1,0 +1,5 @@
+"""`follower evaluate`: trackers measured over data sets.
+
+Uses: `follower_vision.evaluation`, `report`.
+Start at: `run`.
+"""

@@ -1,0 +1,152 @@
+"""All checks, in their order, and what comes of them."""
+
+from collections.abc import Collection, Iterable, Sequence
+
+import pydantic_core
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from follower.apps.preflight.camera_checks import CAMERA
+from follower.apps.preflight.check import BOTH, PreflightResult, PreflightVerdict, Snapshot
+from follower.apps.preflight.computer_checks import COMPUTER
+from follower.apps.preflight.health_checks import AUTOPILOT, LINK
+from follower.apps.preflight.parameter_checks import PARAMETERS
+from follower.ui.ipc.messages import Message
+from follower.ui.terminal.console import print_line
+from follower_control.common.strict_config import SettingsError
+
+CHECKS = (
+    *LINK.checks,
+    *AUTOPILOT.checks,
+    *PARAMETERS.checks,
+    *CAMERA.checks,
+    *COMPUTER.checks,
+)
+
+
+def parameters_for(autopilot: str) -> tuple[tuple[str, ...], ...]:
+    """Return what to read of an autopilot; of each group one name will do."""
+    return tuple(c.parameters for c in CHECKS if c.parameters and autopilot in c.autopilots)
+
+
+def check_names(names: Iterable[str]) -> frozenset[str]:
+    """Return the names of checks to skip.
+
+    Raises:
+        SettingsError: there is no check of that name.
+    """
+    known = {check.name for check in CHECKS}
+    wanted = frozenset(names)
+    for name in sorted(wanted - known):
+        listed = ", ".join(check.name for check in CHECKS)
+        raise SettingsError(f"--skip-preflight {name}: no such check; there are {listed}")
+    return wanted
+
+
+def run_checks(snapshot: Snapshot, skip: Collection[str] = ()) -> list[PreflightResult]:
+    """Judge a snapshot by every check that concerns its vehicle, in the table's order."""
+    return [
+        PreflightResult(check, check.judge(snapshot), check.name in skip)
+        for check in CHECKS
+        if check.autopilots == BOTH or snapshot.link.autopilot in check.autopilots
+    ]
+
+
+_STYLES = {
+    PreflightVerdict.PASS: "green",
+    PreflightVerdict.WARN: "yellow",
+    PreflightVerdict.FAIL: "bold red",
+    PreflightVerdict.UNKNOWN: "dim",
+}
+
+
+def checklist(results: Sequence[PreflightResult]) -> Table:
+    """Return all results as a table."""
+    table = Table(show_edge=False, pad_edge=False, header_style="dim", box=None)
+    table.add_column("Check", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("Why, and what to do", overflow="fold")
+    group = ""
+    for result in results:
+        if result.check.group != group:
+            group = result.check.group
+            table.add_row(Text(group, "bold"))
+        words = Text(result.finding.why)
+        if result.finding.todo:
+            words.append(f"\n→ {result.finding.todo}", "cyan")
+        table.add_row(f"  {result.check.name}", _mark(result), words)
+    return table
+
+
+def _mark(result: PreflightResult) -> Text:
+    verdict = result.finding.verdict
+    if result.skipped and verdict in (PreflightVerdict.FAIL, PreflightVerdict.UNKNOWN):
+        return Text(f"{verdict}, skipped", "magenta")
+    return Text(str(verdict), "bold red" if result.refuses else _STYLES[verdict])
+
+
+def print_checklist(console: Console, results: Sequence[PreflightResult]) -> None:
+    """Write the table and the verdict; the one line that counts comes last."""
+    console.print(checklist(results))
+    console.print()
+    refused = [result for result in results if result.refuses]
+    doubtful = (PreflightVerdict.WARN, PreflightVerdict.FAIL)
+    warnings = sum(result.finding.verdict in doubtful for result in results)
+    if refused:
+        console.print(Text(f"Do not fly: {_count(len(refused), 'check')} failed", "bold red"))
+        for result in refused:
+            parts = (result.finding.why, result.finding.todo)
+            print_line(console, f"  {result.check.name}: {'; '.join(filter(None, parts))}")
+    else:
+        also = f", {_count(warnings, 'warning')}" if warnings else ""
+        console.print(Text(f"Ready{also}", "bold green"))
+
+
+def to_json(results: Sequence[PreflightResult], snapshot: Snapshot) -> str:
+    """Return everything for machines; a number that is not finite is null."""
+    content = {
+        "ready": not any(result.refuses for result in results),
+        "checks": [
+            {
+                "name": result.check.name,
+                "group": result.check.group,
+                "rule": result.check.rule,
+                "needed": result.check.needed,
+                "skipped": result.skipped,
+                "refuses": result.refuses,
+                "verdict": result.finding.verdict,
+                "why": result.finding.why,
+                "todo": result.finding.todo,
+            }
+            for result in results
+        ],
+        "vehicle_id": snapshot.link.vehicle_id,
+        "autopilot": snapshot.link.autopilot,
+        "parameters": dict(snapshot.parameters),
+        "camera": snapshot.camera,
+        "computer": snapshot.computer,
+    }
+    return pydantic_core.to_json(content, indent=2, inf_nan_mode="null").decode()
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def live_checklist(console: Console) -> Live:
+    """Return what redraws the checklist while the checks settle; on a terminal alone."""
+    return Live(console=console, auto_refresh=False, transient=True)
+
+
+def check_list(results: Iterable[PreflightResult]) -> list[Message]:
+    """Return preflight checks as the page lists them."""
+    return [
+        {
+            "name": one.check.name,
+            "verdict": "warn" if one.skipped else str(one.finding.verdict),
+            "text": " – ".join(text for text in (one.finding.why, one.finding.todo) if text),
+        }
+        for one in results
+    ]

@@ -1,0 +1,241 @@
+"""Runs `follower replay`."""
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from follower.apps.replay.comparison import (
+    Comparison,
+    Strictness,
+    compare,
+    first_difference,
+    pictures_are_exact,
+    print_comparison,
+)
+from follower.apps.replay.replay import Replay, ReplaySaver, replay_settings
+from follower.flight.log import FlightLog
+from follower.recording import FlightFileError, RecordedFlight, open_flight
+from follower.recording.machine import changed_versions
+from follower.recording.run_folder import new_run_folder, write_boxes, write_setpoints
+from follower.recording.video_reader import video_problem
+from follower.recording.video_writer import VIDEO
+from follower.report.series import boxes, control_times, setpoints
+from follower.report.style import INK, MUTED, ORANGE, PALETTE, WIDTH_IN
+from follower.ui.terminal.console import print_line
+
+SAME, DIFFERENT = 0, 1
+OPEN_LOOP = (
+    "Open loop: with other settings the flight would have gone another way. Shown is what they "
+    "would have asked for at each step of the flight as it was flown."
+)
+_SHOWN = 8
+_CURVES = (
+    ("box centre x, px", False, 0),
+    ("box scale, px", False, 2),
+    ("forward, m/s", True, 0),
+    ("up, m/s", True, 2),
+    ("yaw rate, °/s", True, 3),
+)
+"""Label, whether it is of the setpoint or the box, and its column there."""
+_RECORDED: dict[str, Any] = {"color": INK.light, "linewidth": 1.6, "label": "recorded"}
+_REPLAYED: dict[str, Any] = {
+    "color": ORANGE.light,
+    "linewidth": 1.0,
+    "linestyle": "--",
+    "label": "replayed",
+}
+
+
+def write_replay_plot(
+    path: Path, recorded: FlightLog, replayed: FlightLog, comparison: Comparison, title: str
+) -> None:
+    """Draw box and setpoints of both, and the differences on a logarithmic axis.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure = Figure(figsize=(WIDTH_IN, 11), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(6, 1, sharex=True, height_ratios=[1, 1, 1, 1, 1, 1.6])
+    figure.suptitle(title, fontsize=11)
+    for log, style in ((recorded, _RECORDED), (replayed, _REPLAYED)):
+        frames_s = [record.captured_s for record in log.tracks]
+        steps_s = control_times(log.controls, 0.0)
+        box, setpoint = boxes(log.tracks), setpoints(log.controls, "allowed")
+        for ax, (label, of_setpoint, column) in zip(axes, _CURVES, strict=False):
+            table = setpoint if of_setpoint else box
+            ax.plot(steps_s if of_setpoint else frames_s, table[:, column], **style)
+            ax.set_ylabel(label)
+    _draw_differences(axes[5], comparison)
+    axes[-1].set_xlabel("time, s")
+    for ax in axes:
+        ax.grid(visible=True, color="#e1e5ea")
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0].legend(loc="upper right", fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_differences(ax: Axes, comparison: Comparison) -> None:
+    numbers = [one for one in comparison.differing if one.is_number]
+    colours = [colour.light for colour in PALETTE[4:]]
+    ax.set_ylabel("difference so far")
+    if not numbers:
+        ax.text(0.5, 0.5, "no difference", transform=ax.transAxes, ha="center", color=MUTED.light)
+        return
+    for number, one in enumerate(numbers[:_SHOWN]):
+        grown = np.maximum.accumulate(one.amounts)
+        unit = f", {one.unit}" if one.unit else ""
+        colour = colours[number % len(colours)]
+        shown = np.where(grown > 0, grown, np.nan)
+        ax.plot(one.times_s, shown, color=colour, label=f"{one.name}{unit}", linewidth=1.2)
+    ax.set_yscale("log")
+    ax.legend(fontsize=7, ncols=2, loc="lower right")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outcome:
+    """A replay, beside the flight that it is of."""
+
+    replay: Replay
+    comparison: Comparison
+    strictness: Strictness
+
+    @property
+    def agrees(self) -> bool:
+        return self.comparison.agrees(self.strictness.tolerance)
+
+
+def replay_flight(
+    folder: Path, overrides: Sequence[str] = (), save: bool = False, out: Path = Path("runs")
+) -> int:
+    """Replay, print what is different, write plots of it, and return the exit code.
+
+    Args:
+        folder: of the flight.
+        overrides: settings to replay with, as `key=value`.
+        save: keep the replay as a flight of its own.
+        out: takes the folders of what is written.
+
+    Raises:
+        FlightFileError: the flight cannot be read.
+        SettingsError: an override cannot be used.
+    """
+    console = Console()
+    # As in the flight; and the number of threads must not decide about the last bit.
+    cv2.setNumThreads(1)
+    flight = open_flight(folder)
+    settings = replay_settings(flight, overrides)
+    own_camera = not any(text.startswith("camera.") for text in overrides)
+    if overrides:
+        print_line(console, f"With {', '.join(overrides)}. {OPEN_LOOP}")
+    strictness = Strictness.of(flight)
+    with console.status("Replaying control"):
+        replay = Replay(flight, settings, own_camera=own_camera, tracks_recorded=True)
+        control = _Outcome(replay, compare(flight.log, replay.run()), strictness)
+    allowed = strictness.tolerance
+    print_comparison(
+        console, "Control from the recorded tracks", control.comparison.control, allowed
+    )
+    whole, saver = None, None
+    unread = video_problem(flight.folder / VIDEO)
+    if unread is None:
+        if save:
+            copy = new_run_folder(out, f"{flight.folder.resolve().name}-replayed")
+            saver = ReplaySaver(flight, copy, settings, overrides)
+            print_line(console, f"It is saved as a flight of its own: {copy}")
+        with console.status("Replaying vision and control"), saver or nullcontext():
+            replay = Replay(flight, settings, own_camera=own_camera, on_message=saver, sink=saver)
+            whole = _Outcome(replay, compare(flight.log, replay.run()), strictness)
+        print_comparison(
+            console, "Vision from the recorded frames", whole.comparison.tracks, allowed
+        )
+        if any(one.largest > allowed for one in whole.comparison.tracks):
+            print_comparison(console, "Control from those tracks", whole.comparison.control)
+    elif save:
+        raise FlightFileError(f"--save needs the video, and {VIDEO} cannot be read: {unread}")
+    for remark in flight.remarks:
+        print_line(console, remark)
+    if unread is not None:
+        print_line(console, f"{VIDEO} cannot be read ({unread}): vision was not replayed.")
+    if not flight.log.controls and (whole is None or not flight.log.tracks):
+        print_line(console, "There was nothing to compare.", "red")
+        return DIFFERENT
+    return _conclude(flight, control, whole, overrides, out, console)
+
+
+def _conclude(
+    flight: RecordedFlight,
+    control: _Outcome,
+    whole: _Outcome | None,
+    overrides: Sequence[str],
+    out: Path,
+    console: Console,
+) -> int:
+    """Say whether what is guaranteed holds, and write down what differs."""
+    best, strictness = whole or control, control.strictness
+    if overrides or not (best.agrees and control.agrees):
+        how = (
+            f" with {', '.join(overrides)}, open loop" if overrides else f", compared {strictness}"
+        )
+        _write(flight, best, how, out, console)
+    if overrides:
+        return SAME
+    print_line(console, strictness.why)
+    caveat = _caveat(flight, whole)
+    guaranteed = control if caveat else best
+    if guaranteed.agrees and control.agrees:
+        what = "Control replays" if caveat else "The replay is identical to the flight,"
+        console.print(f"[green]{what} {strictness}.[/green]{caveat}", highlight=False)
+        return SAME
+    for line in (
+        first_difference(guaranteed.comparison),
+        *changed_versions(flight.config.versions),
+    ):
+        print_line(console, line)
+    console.print("[red]The replay differs from the flight.[/red]")
+    return DIFFERENT
+
+
+def _caveat(flight: RecordedFlight, whole: _Outcome | None) -> str:
+    """Say why vision's answers need not be the recorded ones, "" if they have to be."""
+    if whole is None:
+        return " Vision was not replayed."
+    detection = flight.config.run.get("detection", "inline")
+    if detection != "inline" and flight.config.settings.get("detector"):
+        return f" Vision was not compared strictly: detection was {detection}, with its own time."
+    if whole.replay.missed:
+        missed = whole.replay.missed
+        return f" Vision was not compared strictly: {missed} frames are not in the video."
+    if not pictures_are_exact(flight):
+        return (
+            " Vision was not compared strictly: the video is lossy, what is decoded from it is "
+            "not quite what vision saw. --save makes a reference from the decoded frames."
+        )
+    if not whole.strictness.is_exact:
+        return (
+            " Vision was not compared strictly: a tracker's rounding errors grow, and they are "
+            "others on another kind of machine."
+        )
+    return ""
+
+
+def _write(
+    flight: RecordedFlight, outcome: _Outcome, how: str, out: Path, console: Console
+) -> None:
+    name, log = flight.folder.resolve().name, outcome.replay.log
+    folder = new_run_folder(out, f"replay-{name}")
+    files = [folder / file for file in ("replay.png", "boxes.csv", "setpoints.csv")]
+    write_replay_plot(files[0], flight.log, log, outcome.comparison, f"{name}, replayed{how}")
+    write_boxes(files[1], log.tracks)
+    write_setpoints(files[2], log.controls)
+    for file in files:
+        print_line(console, f"  {file}")

@@ -1,1 +1,0 @@
-"""A camera's focal length, centre and distortion from pictures of a printed board."""

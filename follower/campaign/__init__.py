@@ -1,1 +1,0 @@
-"""Monte-Carlo campaigns: many simulated flights, counted."""

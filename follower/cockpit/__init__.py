@@ -1,1 +1,0 @@
-"""A web page to watch a flight, choose its target, change its gains and stop it."""

@@ -1,1 +1,0 @@
-"""`follower evaluate`: trackers measured over data sets."""

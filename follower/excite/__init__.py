@@ -1,1 +1,0 @@
-"""`follower excite`: flies a pattern from which a vehicle's answers can be identified."""

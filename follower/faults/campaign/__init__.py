@@ -1,1 +1,0 @@
-"""Many random flights with a cheap vehicle: the real control stage and link, no pixels."""

@@ -1,1 +1,0 @@
-"""The catalogue's faults, group by group."""

@@ -1,1 +1,0 @@
-"""What a ground station sees of the follower: a camera that tracks, and parameters."""

@@ -1,1 +1,0 @@
-"""`follower identify`: how a vehicle answers, from recordings of its flights."""

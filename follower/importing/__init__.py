@@ -1,1 +1,0 @@
-"""`follower import`: makes a flight of a video and a telemetry log."""

@@ -1,1 +1,0 @@
-"""The sign test: which way would the vehicle move, and does the camera see as the settings say."""

@@ -1,0 +1,5 @@
+"""The follower flown in `follower_sim`.
+
+Uses: `follower_sim`, `flight`, `ui`, `recording`, `report`.
+Start at: `run`, then `flight.SimulatedFlight`.
+"""

@@ -1,0 +1,274 @@
+"""Flies the scene with one fault and judges it."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from follower.recording import FlightConfig, Recorder
+from follower.settings.settings import Settings, load_settings
+from follower.simulation.components import FlightOptions, start_state
+from follower.simulation.faults.fault import Fault, FaultSetup
+from follower.simulation.faults.in_simulation import as_faults_want, verdicts
+from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
+from follower.simulation.faults.judge import (
+    FaultMetrics,
+    FaultVerdict,
+    excursion,
+    standing_from,
+    too_late,
+)
+from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.faults.setpoint_rules import envelope_failures, left_mode, pilot_failures
+from follower.simulation.faults.wire_tap import FlightEvidence, WireSetpoint, WireTap
+from follower.simulation.flight import SimulatedFlight, epoch_ns
+from follower.simulation.runners import fly_lockstep, fly_realtime
+from follower_control.common.transport import MemoryTransport, UdpTransport
+from follower_sim.autopilot.autopilot import SimAutopilot
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.vehicle.vehicle import STEP_S
+from follower_sim.world.world import World
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
+
+TARGET_SPEED_M_S = 3.5
+DISTANCE_M = 14.0
+_PATIENCE_S = 60.0
+_FAST_M_S, _STEADY_S = 2.0, 3.0
+_AFTERWARDS_S = 12.0
+_SILENT_WITHIN_S = 0.1
+_STANDS_WITHIN_S = 9.0
+_START = "from follower.apps.main import main; main()"
+
+_SCENE: dict[str, Any] = {
+    "name": "fault",
+    "title": "A car drives along a meadow, and something goes wrong.",
+    "duration_s": 30,
+    "seed": 3,
+    "targets": [
+        {
+            "kind": "car",
+            "colour": "#e0401c",
+            "path": {
+                "points": [[0, 0], [60, 5], [160, 0]],
+                "speeds": [{"at_s": 8, "speed_m_s": TARGET_SPEED_M_S, "acceleration_m_s2": 1.5}],
+            },
+        }
+    ],
+    "camera": {"width": 320, "height": 240, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 15},
+    "start": {"at": [-18, 0]},
+    "takeoff_height_m": 6,
+    "select": {"colour": "#e0401c", "search": {"max_growth_ratio": 0.1}},
+    "follow": {
+        "servo": {"distance_m": DISTANCE_M, "target_size_m": 2.2, "elevation_deg": -25},
+        "supervisor": {"search_s": 2.0},
+    },
+}
+
+
+def write_scene(folder: Path) -> Path:
+    """Write the scenario into a file, for another process, and return its path."""
+    path = folder / "fault.yaml"
+    path.write_text(yaml.safe_dump(_SCENE), "utf-8")
+    return path
+
+
+def scene() -> Scenario:
+    """Return the scenario: follows after 6 s, ends after 30 s."""
+    return Scenario.model_validate(_SCENE)
+
+
+def fly_fault(fault: Fault, setup: FaultSetup, seed: int = 0) -> FaultVerdict:
+    """Fly the scene with one fault in it and return what came of it."""
+    if fault.signal is not None:
+        return fly_process(fault, setup)
+    planned = PlannedFault.of(fault)
+    clock = MonotonicClock() if setup.realtime else SimulatedClock()
+    with ExitStack() as stack:
+        ours, theirs = UdpTransport.pair() if setup.realtime else MemoryTransport.pair()
+        stack.enter_context(closing(ours))
+        stack.enter_context(closing(theirs))
+        settings = load_settings(base={**base_settings(scene()), "link": {"kind": setup.link}})
+        wanted = as_faults_want([planned], settings, (ours, theirs), clock)
+        settings, ends = stack.enter_context(wanted)
+        injector = FaultInjector([planned], clock, setup.flavour, seed, ends_flight=True)
+        stack.enter_context(injector)
+        recorder = None
+        if fault.needs_recorder:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            recorder = stack.enter_context(_recorder(settings, clock, folder))
+        extras = FlightOptions(recorder=recorder, parts=injector)
+        flight = SimulatedFlight(_world(), settings, setup.flavour, clock, ends, extras)
+        error = _fly(flight, clock)
+    return verdicts([planned], flight, injector, error)[0]
+
+
+def _fly(flight: SimulatedFlight, clock: Clock) -> str:
+    """Fly to the end; return what was raised, "" if nothing but what was meant to be."""
+    fly: Callable[..., None] = fly_lockstep if isinstance(clock, SimulatedClock) else fly_realtime
+    with closing(flight):
+        try:
+            fly(flight, clock, lambda: None)
+        except InjectedDeathError:
+            return ""
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+    return ""
+
+
+@cache
+def _world() -> World:
+    """Return the world, which is the same in all flights; painting it takes a while."""
+    return World(scene(), None)
+
+
+def _recorder(settings: Settings, clock: Clock, folder: Path) -> Recorder:
+    config = FlightConfig.of(
+        "simulated",
+        settings,
+        run={"scenario": "fault"},
+        camera=scene().camera.model,
+        epoch_ns=epoch_ns(clock),
+    )
+    return Recorder(folder, config, clock, settings.recorder, not isinstance(clock, SimulatedClock))
+
+
+@dataclass(slots=True)
+class _Flight:
+    """What was seen of one process."""
+
+    evidence: FlightEvidence
+    from_s: float = math.inf
+    code: int | None = None
+    ended_s: float = math.inf
+    output: str = ""
+
+
+def fly_process(fault: Fault, setup: FaultSetup) -> FaultVerdict:
+    """Fly the scene with the follower in another process, signal it, and judge what comes of it.
+
+    Args:
+        fault: one with a signal.
+        setup: which autopilot and link; it flies in real time.
+    """
+    # The process calls: so the autopilot's port is any free one.
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(UdpTransport.listen("127.0.0.1", 0)) as theirs,
+    ):
+        command = _command(Path(folder), setup.link, f"udpout:127.0.0.1:{theirs.port}")
+        clock = MonotonicClock()
+        tap = WireTap(theirs, clock)
+        autopilot = SimAutopilot(setup.flavour, tap, start_state(scene()))
+        flight = _Flight(FlightEvidence(setup.flavour))
+        process = subprocess.Popen(  # noqa: S603  ourselves
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        try:
+            _watch(process, autopilot, clock, fault, flight)
+        finally:
+            process.kill()
+            flight.output = process.communicate()[0]
+        flight.evidence.read(tap.received, tap.sent)
+    return _judged(fault, flight)
+
+
+def _command(folder: Path, link: str, connection: str) -> list[str]:
+    where = ["--out", str(folder), "--connect", connection]
+    how = ["--autopilot", "external", "--link", link, "--no-video", "--no-record"]
+    return [sys.executable, "-c", _START, "sim", str(write_scene(folder)), *where, *how]
+
+
+def _watch(
+    process: subprocess.Popen[str],
+    autopilot: SimAutopilot,
+    clock: MonotonicClock,
+    fault: Fault,
+    flight: _Flight,
+) -> None:
+    """Be the autopilot until some time after the signal."""
+    fast_since_s = math.inf
+    while not _is_over(flight, clock.now()):
+        now_s = clock.now()
+        autopilot.step(now_s)
+        flight.evidence.watch(autopilot, now_s)
+        motion = flight.evidence.motion[-1]
+        moves = motion.speed_m_s > _FAST_M_S and motion.obeys
+        fast_since_s = min(fast_since_s, now_s) if moves else math.inf
+        if flight.from_s == math.inf and now_s - fast_since_s > _STEADY_S:
+            flight.from_s = now_s
+            os.kill(process.pid, fault.signal or signal.SIGKILL)
+        if flight.code is None:
+            flight.code = process.poll()
+            flight.ended_s = now_s if flight.code is not None else math.inf
+        clock.sleep_until(now_s + STEP_S)
+
+
+def _is_over(flight: _Flight, now_s: float) -> bool:
+    """Whether there is nothing more to see: the report at the process's end takes its time."""
+    if flight.from_s == math.inf:
+        return now_s > _PATIENCE_S
+    since_s = now_s - flight.from_s
+    return since_s > (_PATIENCE_S if flight.code is None else _AFTERWARDS_S)
+
+
+def _judged(fault: Fault, flight: _Flight) -> FaultVerdict:
+    evidence, from_s = flight.evidence, flight.from_s
+    figures = FaultMetrics(setpoints=len(evidence.setpoints))
+    if from_s < math.inf:
+        stands_s = standing_from(evidence.motion, from_s)
+        figures = FaultMetrics(
+            hold_s=_hold_s(evidence.setpoints, from_s) if fault.hold_within_s is not None else None,
+            rest_s=None if stands_s is None else stands_s - from_s,
+            excursion_m=None if stands_s is None else excursion(evidence.motion, from_s, stands_s),
+            setpoints=len(evidence.setpoints),
+        )
+    failures = tuple(_failures(fault, flight, figures))
+    ended = f"ended with {flight.code} after {flight.ended_s - from_s:.1f} s"
+    return FaultVerdict(fault.name, fault.must, failures, figures, ended)
+
+
+def _failures(fault: Fault, flight: _Flight, figures: FaultMetrics) -> Iterator[str]:
+    if flight.from_s == math.inf:
+        yield f"it never flew fast enough to be signalled; its output: {flight.output[-300:]}"
+        return
+    limits = load_settings().envelope
+    yield from envelope_failures(flight.evidence.setpoints, limits, limits.max_interval_s)
+    yield from pilot_failures(flight.evidence)
+    if flight.code is None:
+        yield "the process did not end"
+    if "Traceback" in flight.output:
+        yield f"an uncaught error: {flight.output[-300:]}"
+    if fault.signal == signal.SIGKILL:
+        yield from _killed(flight, figures)
+    else:
+        yield from too_late(fault, figures)
+
+
+def _killed(flight: _Flight, figures: FaultMetrics) -> Iterator[str]:
+    late = [s.time_s - flight.from_s for s in flight.evidence.setpoints]
+    if max(late) > _SILENT_WITHIN_S:
+        yield f"a setpoint came {max(late):.2f} s after the process was killed"
+    gone_home = any(left_s > flight.from_s for left_s in left_mode(flight.evidence.motion))
+    stands = figures.rest_s is not None and figures.rest_s < _STANDS_WITHIN_S
+    if not gone_home and not stands:
+        yield "the vehicle flies on"
+
+
+def _hold_s(setpoints: Sequence[WireSetpoint], from_s: float) -> float | None:
+    """Return from when on the speed sent only falls; nothing else is known out here."""
+    after = [s for s in setpoints if s.time_s >= from_s]
+    if not after:
+        return None
+    last = max(range(len(after)), key=lambda number: (after[number].speed_m_s, number))
+    return after[last].time_s - from_s

@@ -1,0 +1,135 @@
+"""What the command line asks of a simulated flight, and what becomes of it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from follower.settings.bundled import find_scenario
+from follower.settings.link import LINK_KINDS
+from follower.settings.settings import Settings, load_settings
+from follower_control.common.strict_config import SettingsError
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import SCENE, base_settings, load_scenario
+
+
+class VisionSource(StrEnum):
+    """What vision goes by in a simulated flight."""
+
+    PIXELS = "pixels"
+    """Trackers work on rendered images."""
+    TRUTH = "truth+noise"
+    """A `NoisyTracker` reports the true box with noise; nothing uses a pixel."""
+
+    @classmethod
+    def of(cls, text: str) -> VisionSource:
+        """Return the one of this name.
+
+        Raises:
+            SettingsError: there is none.
+        """
+        try:
+            return cls(text)
+        except ValueError:
+            raise SettingsError(f"--vision {text}: choose {' or '.join(cls)}") from None
+
+
+def check_without_pixels(scenario: Scenario, faults: Sequence[str] = ()) -> None:
+    """Refuse what cannot be seen without pixels.
+
+    Raises:
+        SettingsError: a fault of the camera was asked for.
+    """
+    kinds = {fault.kind for fault in scenario.faults} & {"black", "frozen"}
+    if kinds or faults:
+        named = faults[0] if faults else f"the scenario's fault {sorted(kinds)[0]!r}"
+        raise SettingsError(
+            f"--vision {VisionSource.TRUTH}: {named} needs pixels; leave --vision out"
+        )
+
+
+def simulation_settings(
+    scenario: Scenario,
+    config: Path | None = None,
+    overrides: Sequence[str] = (),
+    link: str | None = None,
+) -> Settings:
+    """Resolve the settings: the scenario's camera and requests first, the user's on top.
+
+    Args:
+        scenario: what is flown.
+        config: a file of settings.
+        overrides: `key=value` each.
+        link: which library speaks MAVLink, None as the settings say.
+
+    Raises:
+        SettingsError: one of them cannot be used.
+    """
+    if link is not None and link not in LINK_KINDS:
+        raise SettingsError(f"--link {link}: choose {' or '.join(LINK_KINDS)}")
+    kind = () if link is None else (f"link.kind={link}",)
+    return load_settings(config, base_settings(scenario), (*overrides, *kind))
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """What the command line was given; see `follower sim --help`."""
+
+    scenario: str
+    autopilot: str = "px4"
+    seed: int | None = None
+    lockstep: bool = False
+    config: Path | None = None
+    overrides: tuple[str, ...] = ()
+    out: Path = Path("runs")
+    video: bool = True
+    connect: str | None = None
+    record: bool = True
+    link: str | None = None
+    faults: tuple[str, ...] = ()
+    vision: VisionSource = VisionSource.PIXELS
+    scene: tuple[str, ...] = ()
+    cockpit: bool = False
+
+    def resolve(self) -> tuple[Scenario, Settings]:
+        """Return what is flown, and the follower's settings for it.
+
+        Raises:
+            SettingsError: the scenario or a setting cannot be used, or one needs the other.
+        """
+        scenario = load_scenario(find_scenario(self.scenario), self.scene)
+        if self.vision is VisionSource.TRUTH:
+            check_without_pixels(scenario, self.faults)
+        settings = simulation_settings(scenario, self.config, self.overrides, self.link)
+        if self.lockstep and settings.link.kind == "mavsdk":
+            raise SettingsError(
+                "--lockstep: mavsdk has its own threads and time; use --link pymavlink"
+            )
+        return scenario, settings
+
+    @property
+    def recorded(self) -> bool:
+        """Whether it is recorded; a replay could see nothing in a recording without pixels."""
+        return self.record and self.vision is VisionSource.PIXELS
+
+    @property
+    def command(self) -> str:
+        """The command line that does this run again."""
+        words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
+        words += [] if self.lockstep or self.connect is None else ["--connect", self.connect]
+        words += [] if self.link is None else ["--link", self.link]
+        words += [] if self.seed is None else ["--seed", str(self.seed)]
+        words += ["--lockstep"] if self.lockstep else []
+        words += ["--cockpit"] if self.cockpit else []
+        words += [] if self.config is None else ["--config", str(self.config)]
+        for override in self.overrides:
+            words += ["--set", override]
+        for override in self.scene:
+            words += [SCENE, override]
+        words += [] if self.vision is VisionSource.PIXELS else ["--vision", self.vision]
+        for fault in self.faults:
+            words += ["--fault", fault]
+        return shlex.join(words)

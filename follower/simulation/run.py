@@ -1,0 +1,238 @@
+"""`follower sim` and `follower demo`: fly a scenario and report on it."""
+
+import sys
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext, suppress
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+
+from follower.flight.log import FlightLog
+from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo, SeveralVideos
+from follower.links.connections import ConnectionFailedError
+from follower.recording import FlightConfig, Recorder
+from follower.recording.run_folder import new_run_folder, remove_run_folder
+from follower.settings.settings import Settings
+from follower.simulation.autopilot_connection import AutopilotConnection
+from follower.simulation.components import FlightOptions
+from follower.simulation.faults.in_simulation import as_faults_want, describe_verdict, verdicts
+from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
+from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.flight import SimulatedFlight, epoch_ns
+from follower.simulation.options import SimulationOptions, VisionSource
+from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
+from follower.simulation.runners import fly_lockstep, fly_realtime
+from follower.ui.cockpit.publisher import FlightPublisher, initial_state
+from follower.ui.cockpit.start import open_station
+from follower.ui.ground_station.server import open_ground_station, operators_finder
+from follower.ui.ipc.server_client import UiProcessClient
+from follower.ui.terminal.console import print_line
+from follower.ui.terminal.flight_display import FlightDisplay
+from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
+from follower_control.common.transport import Transport
+from follower_sim.world.world import World
+from follower_vision.clock import MonotonicClock, SimulatedClock
+
+INTERRUPTED = "The user ended this flight."
+_SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
+_LEAST_FRAME_SHARE = 0.8
+_LONGEST_GAP_S = 0.3
+
+
+def simulate(options: SimulationOptions) -> int:
+    """Fly, write the report, and return the exit code.
+
+    Raises:
+        SettingsError: an option, the scenario or a setting cannot be used.
+        ConnectionFailedError: no autopilot answers.
+    """
+    return _Simulation(options).run()
+
+
+class _Simulation:
+    """One flight with all that shows and keeps it."""
+
+    def __init__(self, options: SimulationOptions) -> None:
+        self.options = options
+        self.scenario, self.settings = options.resolve()
+        self.connection = AutopilotConnection(options.autopilot, options.lockstep, options.connect)
+        self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
+
+    def run(self) -> int:
+        """Fly, write the report, and return the exit code."""
+        if self.faults:
+            self.connection.check_simulated("--fault")
+        console = Console()
+        # Autopilot, camera, vision and control share few cores: OpenCV's threads would take them.
+        cv2.setNumThreads(1)
+        with self.connection.open(console) as ends:
+            with console.status("Building the world"):
+                world = World(self.scenario, self.options.seed)
+                if self.options.vision is VisionSource.PIXELS or self.options.video:
+                    _ = world.ground, world.sky, world.scenery_batch  # takes seconds
+            # A flight has its own way to end; the files after it are written whole.
+            with StopOnInterrupt() as early:
+                folder = new_run_folder(self.options.out, self.scenario.name)
+                try:
+                    flight, remarks, passed = self._fly(world, ends, folder, console, early)
+                except ConnectionFailedError:
+                    remove_run_folder(folder)  # there was no flight
+                    raise
+                end = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
+                link = "through memory" if self.options.lockstep else f"by {end}"
+                met = report_flight(flight, folder, self.options.command, link, remarks, console)
+        if INTERRUPTED in remarks:
+            return _INTERRUPTED
+        return _SUCCESS if (met if passed is None else passed) else _FAILED
+
+    def _fly(
+        self,
+        world: World,
+        ends: tuple[Transport, Transport],
+        folder: Path,
+        console: Console,
+        early: StopOnInterrupt,
+    ) -> tuple[SimulatedFlight, tuple[str, ...], bool | None]:
+        """Fly to the end.
+
+        Returns:
+            the flight, what its reader has to know, and whether every fault came out as required,
+            None without faults.
+        """
+        lockstep, flavour = self.connection.lockstep, self.connection.flavour
+        clock = SimulatedClock() if lockstep else MonotonicClock()
+        with ExitStack() as stack:
+            wanted = as_faults_want(self.faults, self.settings, ends, clock)
+            settings, ends = stack.enter_context(wanted)
+            injector = recorder = None
+            video: OverlayVideo | BackgroundVideo | None = None
+            if self.faults:
+                injector = FaultInjector(self.faults, clock, flavour, world.seed)
+                stack.enter_context(injector)
+            if self.options.video:
+                kind = OverlayVideo if lockstep else BackgroundVideo
+                video = kind(folder / VIDEO, self.scenario.camera.rate_hz)
+                stack.enter_context(video)
+            if self.options.recorded:
+                recorder = stack.enter_context(self._recorder(settings, clock, folder, world.seed))
+            station = self._open_station(settings, folder, console)
+            stack.enter_context(station or nullcontext())
+            videos = [one for one in (video, station) if one is not None]
+            extras = FlightOptions(
+                video=SeveralVideos(videos) if videos else None,
+                recorder=recorder,
+                parts=injector,
+                vision=self.options.vision,
+                finder=operators_finder(settings, self.options.cockpit),
+            )
+            flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
+            interrupted = self._fly_to_its_end(flight, clock, station, console, early)
+        judged = [] if injector is None else verdicts(self.faults, flight, injector)
+        remarks = (
+            NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
+            INTERRUPTED if interrupted else None,
+            self._late_frames(flight),
+            video.remark if video else None,
+            station.remark if station else None,
+            *(() if recorder is None else recorder.remarks),
+            *map(describe_verdict, judged),
+        )
+        passed = all(one.passed for one in judged) if judged else None
+        return flight, tuple(remark for remark in remarks if remark is not None), passed
+
+    def _fly_to_its_end(
+        self,
+        flight: SimulatedFlight,
+        clock: SimulatedClock | MonotonicClock,
+        station: UiProcessClient | None,
+        console: Console,
+        early: StopOnInterrupt,
+    ) -> bool:
+        """Fly and show it to the user; return whether they ended it."""
+        if self.options.cockpit:
+            flight.operate()
+        page = None if station is None else FlightPublisher(station, flight)
+        terminal = FlightDisplay(console, self.scenario.title)
+        ground_station: AbstractContextManager[None] = nullcontext()
+        if isinstance(clock, MonotonicClock):  # a simulated clock has no time for ground stations
+            save = partial(flight.requests.save, self.options.config)
+            rate_hz = self.scenario.camera.rate_hz
+            ground_station = open_ground_station(flight.settings, flight.view, rate_hz, clock, save)
+        with closing(flight), ground_station, terminal, StopOnInterrupt(flight.stop) as interrupt:
+            if early.interrupted:
+                flight.stop()
+            keyboard = Keyboard(sys.stdin)
+
+            def show() -> None:
+                status = flight.status()
+                terminal.show(status)
+                if page is not None:
+                    page.show(status)
+                if flight.settings.consent.kind == "terminal":
+                    flight.stage.order(keyboard.order())
+
+            with suppress(InjectedDeathError):
+                if isinstance(clock, SimulatedClock):
+                    fly_lockstep(flight, clock, show, paced=self.options.cockpit)
+                else:
+                    fly_realtime(flight, clock, show)
+        return interrupt.interrupted or early.interrupted
+
+    def _late_frames(self, flight: SimulatedFlight) -> str | None:
+        silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)
+        if flight.lockstep or silent or self.options.vision is VisionSource.TRUTH:
+            return None
+        return late_frame_warning(flight.log, self.scenario.camera.rate_hz)
+
+    def _open_station(
+        self, settings: Settings, folder: Path, console: Console
+    ) -> UiProcessClient | None:
+        """Start the process that shows the flight to others, None if it is not wanted."""
+        recording = folder.name if self.options.recorded else ""
+        page = initial_state("sim", self.scenario.title, settings, recording)
+        say = partial(print_line, console)
+        return open_station(settings, self.options.cockpit, page, self.options.out, say)
+
+    def _recorder(
+        self, settings: Settings, clock: SimulatedClock | MonotonicClock, folder: Path, seed: int
+    ) -> Recorder:
+        lockstep = self.connection.lockstep
+        config = FlightConfig.of(
+            "simulated",
+            settings,
+            run={
+                "scenario": self.scenario.name,
+                "title": self.scenario.title,
+                "autopilot": self.connection.flavour,
+                "seed": seed,
+                "lockstep": lockstep,
+                "detection": "inline" if lockstep else "background",
+                "command": self.options.command,
+            },
+            camera=self.scenario.camera.model,
+            epoch_ns=epoch_ns(clock),
+        )
+        return Recorder(folder, config, clock, settings.recorder, threaded=not lockstep)
+
+
+def late_frame_warning(log: FlightLog, camera_hz: float) -> str | None:
+    """Return a remark on a flight in which frames came late, None if they did not.
+
+    Args:
+        log: of the flight.
+        camera_hz: frames a second that the camera takes.
+    """
+    captured_s = np.array([record.captured_s for record in log.tracks])
+    if len(captured_s) < 2:
+        return None
+    seen_hz = (len(captured_s) - 1) / float(captured_s[-1] - captured_s[0])
+    gap_s = float(np.diff(captured_s).max())
+    if seen_hz >= _LEAST_FRAME_SHARE * camera_hz and gap_s <= _LONGEST_GAP_S:
+        return None
+    return (
+        f"Frames came late: vision saw {seen_hz:.0f} of the camera's {camera_hz:.0f} frames a "
+        f"second, with gaps of up to {gap_s:.1f} s. This computer is too slow or too busy for real "
+        "time; --lockstep does not depend on it."
+    )

@@ -1,1 +1,0 @@
-"""`follower tune`: what the follow loops are worth, and gains from a model."""

@@ -1,0 +1,46 @@
+"""Prints lines as they are: paths and commands in them stay whole and can be copied."""
+
+import importlib
+from importlib.util import find_spec
+from typing import Any
+
+from rich.console import Console
+
+from follower_control.common.strict_config import SettingsError
+
+
+def print_line(console: Console, text: str, style: str | None = None) -> None:
+    """Print a line. It is not wrapped, and brackets in it are brackets, not styles."""
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def needed(module: str) -> Any:
+    """Import a package of the extra `campaign`.
+
+    Raises:
+        SettingsError: it is not installed; the message says how to get it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise SettingsError(
+            f"{error.name} is not installed; in the clone: pip install -e '.[campaign]'"
+        ) from None
+
+
+def check_extra(what: str, extra: str, *modules: str) -> None:
+    """Make sure that the packages of an extra are installed.
+
+    Args:
+        what: needs them.
+        extra: its name.
+        modules: of it.
+
+    Raises:
+        SettingsError: one is missing; the message says how to get it.
+    """
+    missing = [name for name in modules if find_spec(name) is None]
+    if missing:
+        raise SettingsError(
+            f"{what} needs {', '.join(missing)}; in the clone: pip install -e '.[{extra}]'"
+        )

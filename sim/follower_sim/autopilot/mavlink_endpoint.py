@@ -1,0 +1,89 @@
+"""Bytes in, messages out, and the other way round: one end of a MAVLink 2 link."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower_control.common.transport import Transport
+
+
+@dataclass(slots=True)
+class Faults:
+    """Switches that a test or a scenario throws while the flight goes on.
+
+    Attributes:
+        silent: nothing is sent at all, not even answers; the vehicle flies on.
+        telemetry_stopped: nothing but heartbeats and answers is sent.
+        attitude_frozen: ATTITUDE repeats its numbers with new times.
+        attitude_nan: ATTITUDE carries NaN.
+        position_frozen: LOCAL_POSITION_NED repeats its numbers with new times.
+        position_nan: it carries NaN.
+        position_stopped: it is not sent, as when the estimator has no position.
+        position_jump_m: LOCAL_POSITION_NED is so many metres too far north.
+        yaw_jump_rad: added to ATTITUDE's yaw, radians.
+        clock_jump_s: the autopilot's clock jumps ahead by so many seconds.
+        refuses_setpoints: the mode that flies setpoints is not entered.
+        refused_modes: names of modes that are not entered.
+        deaf: nothing that arrives is received.
+        drop_sent, drop_received: probability that a packet is lost.
+    """
+
+    silent: bool = False
+    telemetry_stopped: bool = False
+    attitude_frozen: bool = False
+    attitude_nan: bool = False
+    position_frozen: bool = False
+    position_nan: bool = False
+    position_stopped: bool = False
+    position_jump_m: float = 0.0
+    yaw_jump_rad: float = 0.0
+    clock_jump_s: float = 0.0
+    refuses_setpoints: bool = False
+    refused_modes: tuple[str, ...] = ()
+    deaf: bool = False
+    drop_sent: float = 0.0
+    drop_received: float = 0.0
+
+
+class MavlinkEndpoint:
+    """Encodes and decodes for one system, and drops the packets that `faults` asks to drop.
+
+    Args:
+        transport: carries the bytes.
+        system, component: ids of the sender in every message.
+        faults: read at every packet.
+        rng: decides which packets are lost.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        system: int,
+        component: int,
+        faults: Faults,
+        rng: np.random.Generator,
+    ) -> None:
+        self._transport = transport
+        self._codec = mavlink.MAVLink(None, system, component)
+        self._codec.robust_parsing = True
+        self._faults = faults
+        self._rng = rng
+
+    def receive(self) -> list[Any]:
+        """Return the messages that have arrived; broken ones are left out."""
+        messages = self._codec.parse_buffer(self._transport.receive()) or []
+        good = [message for message in messages if message.get_type() != "BAD_DATA"]
+        arrived = [] if self._faults.deaf else good
+        return [message for message in arrived if not self._is_lost(self._faults.drop_received)]
+
+    def send(self, message: Any) -> None:
+        """Send one message."""
+        data = message.pack(self._codec)
+        self._codec.seq = (self._codec.seq + 1) % 256
+        if not self._faults.silent and not self._is_lost(self._faults.drop_sent):
+            self._transport.send(data)
+
+    def _is_lost(self, probability: float) -> bool:
+        return probability > 0 and float(self._rng.random()) < probability

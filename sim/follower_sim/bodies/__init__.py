@@ -1,0 +1,5 @@
+"""Low-poly bodies: person, car, boat, quadrotor.
+
+Uses: `kinematics`.
+Start at: `targets`.
+"""

@@ -1,0 +1,5 @@
+"""Scenarios as data: the YAML schema and its loading.
+
+Uses: `bodies`, `paths`, `vehicle` settings.
+Start at: `scenario.Scenario`.
+"""
