@@ -27,7 +27,7 @@ demo: $(VENV)/core.stamp ## Fly a pursuit in the simulator and write a report
 test: lint types tests ## Lint, types and all tests
 
 check: lint types $(VENV)/dev.stamp ## Lint, types and the quick tests
-	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m "not slow"
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile -m "not slow"
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -38,8 +38,9 @@ types: $(VENV)/dev.stamp
 	$(BIN)/mypy
 
 # On two cores in half the time. No more than four processes: many tests start programs of their own.
+# A file is one process's: stories in the cockpit go on from test to test.
 tests: $(VENV)/dev.stamp
-	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 coverage: $(VENV)/dev.stamp ## Tests with a coverage report
 	$(BIN)/pytest --cov --cov-report=term-missing

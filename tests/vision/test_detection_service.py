@@ -21,9 +21,9 @@ from follower_vision.fusion import (
     InlineDetection,
 )
 from follower_vision.fusion.detection_service import (
-    REST_SHARES,
+    REST_SHARE,
+    URGENT_REST_SHARE,
     DetectionRequest,
-    DetectionUrgency,
     SharedDetection,
 )
 from follower_vision.geometry.box import Box
@@ -128,32 +128,28 @@ def test_background_detection_never_makes_the_asker_wait() -> None:
     service.close()
 
 
-@pytest.mark.parametrize("need", [DetectionUrgency.USUAL, DetectionUrgency.URGENT])
+@pytest.mark.parametrize(("urgent", "share"), [(False, REST_SHARE), (True, URGENT_REST_SHARE)])
 def test_background_detection_rests_after_its_work_the_longer_the_less_it_is_needed(
-    need: DetectionUrgency,
+    urgent: bool, share: float
 ) -> None:
     """So it takes a fifth of a core at most as a rule, and two thirds while a target is lost."""
-    clock, rest_s = SimulatedClock(), REST_SHARES[need] * BUSY_S
+    clock, rest_s = SimulatedClock(), share * BUSY_S
     service = BackgroundDetection(BusyDetector(), clock)
-    assert service.ready(need)
+    assert service.ready(urgent=urgent)
     service.submit(_request(1, 5, None))
     assert service.wait_idle(WAIT_S)
     clock.sleep_until(0.7 * rest_s)
-    assert not service.ready(need)
+    assert not service.ready(urgent=urgent)
     clock.sleep_until(1.5 * rest_s)
-    assert service.ready(need)
+    assert service.ready(urgent=urgent)
     service.close()
 
 
 def test_at_a_cameras_rate_the_rest_holds_no_detection_back() -> None:
     """A detection of 16 ms, 30 frames a second, and the pauses that Fusion makes anyway."""
     settings, took_s = FusionSettings(), 0.016
-    pauses = {
-        DetectionUrgency.USUAL: settings.validate_every,
-        DetectionUrgency.URGENT: settings.doubt_every,
-    }
-    for need, frames in pauses.items():
-        assert took_s * (1 + REST_SHARES[need]) < frames / 30
+    assert took_s * (1 + REST_SHARE) < settings.validate_every / 30
+    assert took_s * (1 + URGENT_REST_SHARE) < settings.doubt_every / 30
 
 
 def test_background_detection_that_only_waits_need_not_rest() -> None:

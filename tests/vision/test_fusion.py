@@ -17,7 +17,6 @@ from follower_vision.fusion.candidates import corners_of
 from follower_vision.fusion.detection_service import (
     DetectionAnswer,
     DetectionRequest,
-    DetectionUrgency,
 )
 from follower_vision.fusion.model import CandidateModel
 from follower_vision.fusion.tracker import Choice
@@ -82,7 +81,7 @@ class HeldDetection:
         self.requests: list[DetectionRequest] = []
         self.answers: list[DetectionAnswer] = []
 
-    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:  # noqa: ARG002
+    def ready(self, *, urgent: bool = False) -> bool:  # noqa: ARG002
         return True
 
     def submit(self, request: DetectionRequest) -> None:

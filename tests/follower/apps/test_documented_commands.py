@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md")))
 FENCED = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(follower [^`\n]+)`")
-OTHER_SETTINGS = ("detector", "campaign")
+OTHER_SETTINGS = ("detector", "fusion", "campaign")
 """Commands whose --set is not of a flight's settings alone."""
 BRACKETS = re.compile(r"[][]")
 BEGINS = re.compile(r"^(?:\$ )?(?:\.venv/bin/|/\S*/bin/|ExecStart=/\S*/)?(follower\s.*)$")

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum
 from typing import Protocol
 
 from follower_vision.clock import Clock, MonotonicClock
@@ -43,23 +42,11 @@ class DetectionAnswer:
     detections: list[Detection]
 
 
-class DetectionUrgency(Enum):
-    """How much depends on the next detection."""
-
-    STEADY = "steady"
-    """Detector and motion tracker have long agreed."""
-    USUAL = "usual"
-    DOUBTFUL = "doubtful"
-    """Something speaks against the track."""
-    URGENT = "urgent"
-    """The target is lost."""
-
-
 class DetectionService(Protocol):
     """Takes requests and has answers later, or at once."""
 
-    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:
-        """Tell whether a request should be handed in now: the greater the need, the sooner."""
+    def ready(self, *, urgent: bool = False) -> bool:
+        """Tell whether a request should be handed in now; `urgent`: the target is lost."""
         ...
 
     def submit(self, request: DetectionRequest) -> None:
@@ -86,7 +73,7 @@ class InlineDetection:
         self._detector = detector
         self._waiting: list[DetectionRequest] = []
 
-    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:  # noqa: ARG002
+    def ready(self, *, urgent: bool = False) -> bool:  # noqa: ARG002
         """Tell that a request is always taken."""
         return True
 
@@ -110,13 +97,9 @@ class InlineDetection:
 
 
 _NICENESS = 10
-REST_SHARES = {
-    DetectionUrgency.STEADY: 8.0,
-    DetectionUrgency.USUAL: 4.0,
-    DetectionUrgency.DOUBTFUL: 2.0,
-    DetectionUrgency.URGENT: 0.5,
-}
-"""How long the background thread rests, in the processor time of its last detection."""
+REST_SHARE, URGENT_REST_SHARE = 4.0, 0.5
+"""How long the background thread rests, in the processor time of its last detection: usually, and
+while the target is lost."""
 
 
 class BackgroundDetection:
@@ -125,8 +108,8 @@ class BackgroundDetection:
     Where the system allows it (Linux), the thread has a lower priority than its asker's.
 
     One request is worked on at a time; while that lasts, others are refused (`ready`) or dropped.
-    Then the thread rests for a multiple of the processor time that it took: four times, half of it
-    if the target is lost, eight times while all is steady. A detector that never pauses slows the
+    Then the thread rests for four times the processor time that it took, half of it while the
+    target is lost. A detector that never pauses slows the
     motion tracker down, with which it shares memory, caches and often a core. With a detection of
     16 ms and a camera of 30 frames a second no request is held back.
     An error of the detector is raised by the next `take`.
@@ -148,10 +131,11 @@ class BackgroundDetection:
         # A thread that is inside a network when the interpreter ends would crash it.
         atexit.register(self.close)
 
-    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:
+    def ready(self, *, urgent: bool = False) -> bool:
         """Tell whether the thread is idle and has rested."""
         with self._changed:
-            rested = self._clock.now() >= self._ended_s + REST_SHARES[need] * self._worked_s
+            share = URGENT_REST_SHARE if urgent else REST_SHARE
+            rested = self._clock.now() >= self._ended_s + share * self._worked_s
             return rested and self._request is None
 
     def submit(self, request: DetectionRequest) -> None:
@@ -262,7 +246,7 @@ class SharedDetection:
         """How many passes of the detector were begun."""
         return self._passes
 
-    def ready(self, need: DetectionUrgency = DetectionUrgency.USUAL) -> bool:  # noqa: ARG002
+    def ready(self, *, urgent: bool = False) -> bool:  # noqa: ARG002
         """Tell that a request is always taken: it waits for its turn."""
         return True
 
@@ -273,7 +257,7 @@ class SharedDetection:
 
     def flush(self) -> None:
         """Begin the next pass, if the detector is free."""
-        if not self._waiting or not self._service.ready(DetectionUrgency.URGENT):
+        if not self._waiting or not self._service.ready(urgent=True):
             return
         group, region = self._next_group()
         self._waiting = [one for one in self._waiting if one not in group]

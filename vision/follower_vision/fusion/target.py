@@ -50,6 +50,7 @@ class Target:
         distractors: what was seen beside it.
         probability: P(IoU > 0.5) of the last choice.
         mean_probability: the same over the last second.
+        confidence: what is told of the box: the probability, 0 where a frame showed nothing.
         state: of the track.
         produced_by: what the box is from.
         index: number of the frame, from 0 at the start.
@@ -69,6 +70,7 @@ class Target:
     distractors: Distractors = field(default_factory=Distractors)
     probability: float = 1.0
     mean_probability: float = 1.0
+    confidence: float = 1.0
     state: TrackState = TrackState.TRACKING
     produced_by: str = "start"
     index: int = 0
@@ -93,7 +95,8 @@ class Target:
     def place_at(self, box: Box) -> None:
         """Take a box in the last frame, in pixels, for certain; all that was learnt stays."""
         self.filter.place_at(box)
-        self.box, self.state, self.probability = box, TrackState.TRACKING, 1.0
+        self.box, self.state = box, TrackState.TRACKING
+        self.probability = self.confidence = 1.0
         self.seen_s = self.captured_s
         self.history[self.index] = box
 
@@ -126,7 +129,7 @@ class Target:
 
     def believe(self, probability: float) -> None:
         """Remember the P(IoU > 0.5) of the frame's choice."""
-        self.probability = probability
+        self.probability = self.confidence = probability
         rate = 1 - math.exp(-self.interval_s / _MEAN_TIME_S)
         self.mean_probability += rate * (probability - self.mean_probability)
 
@@ -177,9 +180,9 @@ class Target:
 
     def track(self, frame: Frame) -> Track:
         """Return the track in a frame."""
-        probability = min(max(self.probability, 0.0), 1.0)
+        confidence = min(max(self.confidence, 0.0), 1.0)
         return Track(
-            self.box, self.state, probability, self.produced_by, frame.captured_s, frame.sequence
+            self.box, self.state, confidence, self.produced_by, frame.captured_s, frame.sequence
         )
 
     def _unseen_state(self) -> TrackState:

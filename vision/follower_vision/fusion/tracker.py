@@ -9,6 +9,7 @@ their algorithm. Here their rules are replaced by a model that is fitted to many
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +27,6 @@ from follower_vision.fusion.detection_service import (
     DetectionMode,
     DetectionRequest,
     DetectionService,
-    DetectionUrgency,
     InlineDetection,
 )
 from follower_vision.fusion.features import Situation, measure
@@ -193,13 +193,15 @@ class FusionTracker:
         if health is not FrameHealth.GOOD:
             self._search = None
             target.coast(health.value)
+            target.confidence = 0.0
             return
         expected = target.filter.box
         blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
         place = expected
         if target.lost and target.index % 2 and target.other_place is not None:
             place = target.other_place
-        self._search = _Search(frame, self._response.search(frame.image, place), possible)
+        response = self._response.search(frame.image, place).finite(place)
+        self._search = _Search(frame, response, possible)
         pause = self._settings.validate_every
         if blurred or target.probability < _SURE:
             pause = self._settings.doubt_every
@@ -253,8 +255,7 @@ class FusionTracker:
         return known.possible
 
     def _ask(self, image: Image, target: Target) -> None:
-        urgency = DetectionUrgency.URGENT if target.lost else DetectionUrgency.USUAL
-        if self._service is None or not self._service.ready(urgency):
+        if self._service is None or not self._service.ready(urgent=target.lost):
             return
         target.asked = target.index
         height, width = image.shape[:2]
@@ -325,9 +326,10 @@ def best_candidate(candidates: Sequence[Candidate], probabilities: Floats) -> in
 
 def _present(answer: DetectionAnswer, target: Target) -> list[Detection]:
     """Return an answer's detections, moved along with the target if they are of an older frame."""
+    detections = [one for one in answer.detections if math.isfinite(one.score)]
     then = target.history.get(answer.request.index)
     if answer.request.index == target.index or then is None:
-        return answer.detections
+        return detections
     now = target.filter.box
     right, down = now.cx - then.cx, now.cy - then.cy
-    return [one.moved(right, down) for one in answer.detections]
+    return [one.moved(right, down) for one in detections]

@@ -1,5 +1,7 @@
 """The interface of motion trackers: a box in, the next frame's box out."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -69,6 +71,24 @@ class ResponseMap:
     penalty: Floats
     region: Box
     image_features: Floats | None = None
+
+    def finite(self, otherwise: Box) -> ResponseMap:
+        """Leave out places whose numbers are not finite; if all are, `otherwise` has likeness 0."""
+        numbers = np.column_stack([self.corners, self.first, self.recent, self.penalty])
+        kept = np.isfinite(numbers).all(axis=1)
+        if kept.all():
+            return self
+        if kept.any():
+            corners, first, recent, penalty = np.split(numbers[kept], [4, 5, 6], axis=1)
+        else:
+            edges = [otherwise.left, otherwise.top, otherwise.right, otherwise.bottom]
+            corners, first, recent, penalty = (
+                np.array([edges]),
+                *np.zeros((2, 1, 1)),
+                np.ones((1, 1)),
+            )
+        parts = corners, first[:, 0], recent[:, 0], penalty[:, 0]
+        return ResponseMap(*parts, self.region, self.image_features)
 
 
 @runtime_checkable

@@ -186,7 +186,7 @@ def test_one_pass_of_the_detector_serves_all_targets(
     run(str(pictures), "--select", "person:1", "--no-video")
     for_one = detector.passes
     detector.passes = 0
-    whole_image = ("--without", "zoomed_validation")
+    whole_image = ("--set", "fusion.crop_least_px=9999")
     arguments = ("--select", "person:1", "--select", "person:2", "--no-video", *whole_image)
     code, out, _ = run(str(pictures), *arguments)
     assert code == SUCCESS, out
@@ -252,7 +252,7 @@ def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tel
         (["--select", "persn"], "did you mean 'person'"),
         (["--select", "person", "--target", "1,2,30,30"], "one of --target, --select and --colour"),
         (["--colour", "#c020c0"], "colour #c020c0 was not seen in 30 frames"),
-        (["--select", "1", "--without", "magic"], "no such improvement; there are zoomed_valid"),
+        (["--select", "1", "--set", "appearance=osnet-x0.25"], "appearance is gone"),
         (["--select", "1", "--save", "missing/out.mp4"], "there is no folder missing"),
         (["--select", "1", "--save", "out.avi"], "ends in .mp4"),
         (["--select", "1", "--save", "{source}/out.mp4", "--boxes", "{source}/out.mp4"], "both"),
@@ -331,7 +331,7 @@ def test_a_change_of_size_ends_the_run_in_order(run: Run, pictures: Path, tmp_pa
 def test_the_help_teaches_by_examples(run_program: Run) -> None:
     code, out, _ = run_program("--help")
     assert code == SUCCESS
-    for word in ("--select list", "rtsp://", "--paper", "--without", "target", "Ctrl-C"):
+    for word in ("--select list", "rtsp://", "--paper", "target", "Ctrl-C"):
         assert word in out
 
 

@@ -14,7 +14,6 @@ from follower.apps.video_input import VideoInput
 from follower.settings.settings import Settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.fusion import FusionSettings
-from follower_vision.fusion.settings import IMPROVEMENTS
 
 BOX = "50,50,20,20"
 Run = Callable[..., Settings]
@@ -39,23 +38,17 @@ def settings(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Settings]:
     return run
 
 
-def test_the_paper_switches_every_improvement_off_and_nothing_else(settings: Run) -> None:
+def test_the_paper_is_an_algorithm_of_its_own(settings: Run) -> None:
     assert settings("--paper").fusion == FusionSettings.paper()
-
-
-@pytest.mark.parametrize("name", IMPROVEMENTS)
-def test_each_improvement_can_be_switched_off_alone(settings: Run, name: str) -> None:
-    assert settings("--without", name).fusion == FusionSettings().without(name)
 
 
 def test_what_is_set_by_hand_comes_last_and_the_file_first(settings: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
-    file.write_text("fusion: {validate_every: 3, search_every: 5, size_clamp: true}\n", "utf-8")
-    fusion = settings("--paper", "-c", file, "--set", "fusion.size_clamp=true").fusion
-    assert fusion.validate_every == FusionSettings.paper().validate_every
-    assert fusion.search_every == 5
-    assert fusion.size_clamp
-    assert not fusion.camera_motion
+    file.write_text("fusion: {validate_every: 3, algorithm: fitted}\n", "utf-8")
+    fusion = settings("--paper", "-c", file, "--set", "fusion.doubt_every=1").fusion
+    assert fusion == FusionSettings("paper", validate_every=3, doubt_every=1)
+    by_hand = settings("--paper", "--set", "fusion.algorithm=fitted").fusion
+    assert by_hand.algorithm == "fitted"
 
 
 @pytest.mark.parametrize(
@@ -63,8 +56,6 @@ def test_what_is_set_by_hand_comes_last_and_the_file_first(settings: Run, tmp_pa
     [
         ("--select", "person"),
         ("--target", BOX, "--paper"),
-        ("--target", BOX, "--without", "size_clamp"),
-        ("--target", BOX, "--appearance", "osnet-x0.25"),
     ],
 )
 def test_what_needs_a_detector_takes_the_usual_one_unless_another_is_named(
@@ -73,14 +64,6 @@ def test_what_needs_a_detector_takes_the_usual_one_unless_another_is_named(
     assert settings(choice=options).detector == usual_detector() == "yolox-nano"
     assert settings("--detector", "fastestdet", choice=options).detector == "fastestdet"
     assert settings().detector is None
-
-
-def test_an_appearance_network_is_asked_only_if_one_is_named(settings: Run, tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text("{detector: fastestdet, appearance: of_mine.onnx}\n", "utf-8")
-    assert settings().appearance is None
-    assert settings("-c", file).appearance == "of_mine.onnx"
-    assert settings("-c", file, "--appearance", "osnet-x0.25").appearance == "osnet-x0.25"
 
 
 @pytest.mark.parametrize(
@@ -92,8 +75,8 @@ def test_an_appearance_network_is_asked_only_if_one_is_named(settings: Run, tmp_
         (("--target", BOX) * 5, "at most 4 targets"),
         (("--select", "list", "--select", "car"), "stands alone"),
         (
-            ("--target", BOX, "--without", "speed"),
-            "--without speed: .*zoomed_validation.*keep_template",
+            ("--target", BOX, "--set", "fusion.size_clamp=true"),
+            "size_clamp is gone: Fusion chooses",
         ),
         (("--target", BOX, "--tracker", "goturn"), "--tracker goturn: .*correlation"),
         (("--target", BOX, "--no-video", "--save", "a.mp4"), "contradict"),

@@ -237,7 +237,7 @@ def test_what_cannot_be_used_is_one_clear_line(footage: Path, tmp_path: Path) ->
         FusionTrainer(a_config(), sequence_folders([footage])[:1], tmp_path)
     with pytest.raises(SettingsError, match="no fold for square0"):
         FusionTrainer(a_config(), sequence_folders([footage]), tmp_path, {"square1": 0})
-    with pytest.raises(SettingsError, match="expected one sequence|no sequences"):
+    with pytest.raises(SettingsError, match="no sequence here"):
         read_sequence(tmp_path / "other" / "square1")
     (tmp_path / "folds.json").write_text("[1]")
     with pytest.raises(SettingsError, match="write"):
