@@ -211,6 +211,18 @@ def test_the_visible_share_is_all_inside_and_nothing_outside(box):
         assert share == 0
 
 
+@given(boxes)
+def test_what_is_clipped_is_the_common_part(box):
+    inside, image = box.clipped(WIDTH, HEIGHT), Box(WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)
+    if inside is None:
+        assert box.visible_share(WIDTH, HEIGHT) == pytest.approx(0, abs=1e-9)
+        return
+    assert inside.area == pytest.approx(box.intersection(image), rel=1e-6, abs=1e-6)
+    assert inside.intersection(box) == pytest.approx(inside.area, rel=1e-6, abs=1e-6)
+    if box.visible_share(WIDTH, HEIGHT) == 1:
+        assert inside.iou(box) == pytest.approx(1)
+
+
 @pytest.mark.parametrize("bad", [(0, 0, 0, 1), (0, 0, 1, -1), (math.nan, 0, 1, 1)])
 def test_impossible_boxes_are_refused(bad):
     with pytest.raises(ValueError, match="box needs"):

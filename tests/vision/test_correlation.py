@@ -312,7 +312,7 @@ def boxes_of(estimates: list[MotionEstimate]) -> list[Box]:
 
 @pytest.mark.slow
 def test_confidence_falls_while_a_car_is_hidden():
-    """Whether it is found again behind the bridge hangs on last bits, so nothing is said of that."""
+    """Whether it is found again behind the bridge hangs on last bits: that is not promised."""
     if not DATA.is_dir():
         pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
     (sequence,), _ = load_dataset(DATA / "uavdt_S0601")

@@ -12,7 +12,7 @@ from follower_control.common.strict_config import SettingsError
 from follower_vision.atomic_file import write_whole
 from follower_vision.clock import Clock
 from follower_vision.detection import make_detector
-from follower_vision.evaluation.one_pass import Sequence, read_image
+from follower_vision.evaluation.one_pass import Sequence, read_image, start_box
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
@@ -157,12 +157,15 @@ def run(
         clock: times the updates.
 
     Raises:
+        DatasetError: nothing of the first box lies inside the image.
         OSError: an image cannot be read.
         ModelError: a network is missing.
     """
     images = sequence.images[start.frame :]
     tracker = contender.make()
-    tracks = [tracker.start(Frame(read_image(images[0]), 0.0, 0), start.box)]
+    image = read_image(images[0])
+    box = start_box(start.box, image)
+    tracks = [tracker.start(Frame(image, 0.0, 0), box)]
     busy_s = processor_s = 0.0
     for number, path in enumerate(images[1:], 1):
         frame = Frame(read_image(path), number / rate_hz, number)
@@ -170,7 +173,7 @@ def run(
         tracks.append(tracker.step(frame))
         busy_s += clock.now() - begin_s
         processor_s += time.process_time() - processor_begin_s
-    boxes = (start.box, *(track.box for track in tracks[1:]))
+    boxes = (box, *(track.box for track in tracks[1:]))
     states = tuple(track.state for track in tracks) if contender.kind else None
     return EvaluationResult(boxes, states, busy_s, processor_s)
 

@@ -130,7 +130,7 @@ def _run_all(
     store: ResultStore,
     console: Console,
 ) -> tuple[list[ScoredRun], dict[str, str]]:
-    """Return the runs, and why a sequence broke off: a tracker could not read it whole."""
+    """Return the runs, and why a sequence broke off: it could not be read or started from."""
     runs: list[ScoredRun] = []
     broken: dict[str, str] = {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
@@ -146,7 +146,7 @@ def _run_all(
             if result is None:
                 try:
                     result = run(contender, sequence, start, rate_hz, MonotonicClock())
-                except OSError as error:
+                except (OSError, DatasetError) as error:
                     broken[sequence.name] = str(error)
                     continue
                 store.save(contender, sequence, start, rate_hz, result)

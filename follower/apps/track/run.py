@@ -257,6 +257,14 @@ def _unwritable(path: Path, source: Path) -> str | None:
         return f"there is no folder {path.parent}; make it first"
     if source.exists() and path.resolve() == source.resolve():
         return "that is the source itself; give another name"
+    existed = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+    except OSError as error:
+        return f"cannot be written: {error.strerror}"
+    if not existed:
+        path.unlink()
     return None
 
 

@@ -18,7 +18,7 @@ from follower_vision.atomic_file import write_whole_bytes
 from follower_vision.detection import Detection, Detector, make_detector
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run, starts
-from follower_vision.evaluation.one_pass import DatasetError, Sequence
+from follower_vision.evaluation.one_pass import DatasetError, Sequence, start_box
 from follower_vision.fusion.candidates import SOURCES, corners_of
 from follower_vision.fusion.model import ProbabilityModel
 from follower_vision.fusion.tracker import Choice, FusionTracker
@@ -163,7 +163,8 @@ def drive(
     log = ChoiceLog()
     tracker.listener = log.take
     stop = len(images) if start.step > 0 else -1
-    tracker.start(Frame(images[start.frame], 0.0, 0), start.box)
+    first = images[start.frame]
+    tracker.start(Frame(first, 0.0, 0), start_box(start.box, first))
     lost = 0
     for number, index in enumerate(range(start.frame + start.step, stop, start.step), 1):
         log.truth = sequence.truth[index]

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_vision.evaluation.datasets import load_dataset
-from follower_vision.evaluation.one_pass import Sequence
+from follower_vision.evaluation.one_pass import Sequence, start_box
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.target_tracker import TargetTracker
@@ -119,9 +119,14 @@ def _scored_after(sequence: Sequence, frame: int, step: int) -> bool:
 
 
 def run(tracker: TargetTracker, images: list[Image], sequence: Sequence, start: Start) -> Run:
-    """Let a tracker follow from one start to the sequence's end (or, backwards, beginning)."""
+    """Let a tracker follow from one start to the sequence's end (or, backwards, beginning).
+
+    Raises:
+        DatasetError: nothing of the start's box lies inside the image.
+    """
     stop = len(images) if start.step > 0 else -1
-    tracker.start(Frame(images[start.frame], 0.0, 0), start.box)
+    first = images[start.frame]
+    tracker.start(Frame(first, 0.0, 0), start_box(start.box, first))
     scored = []
     for number, index in enumerate(range(start.frame + start.step, stop, start.step), 1):
         track = tracker.step(Frame(images[index], number / RATE_HZ, number))

@@ -143,3 +143,19 @@ def read_image(path: Path) -> Image:
     if image is None:
         raise OSError(f"cannot read the image {path}")
     return np.asarray(image, np.uint8)
+
+
+def start_box(box: Box, image: Image) -> Box:
+    """Return the part of a true box, in pixels, from which a tracker can start.
+
+    Raises:
+        DatasetError: nothing of it lies inside the image, (H, W, 3).
+    """
+    height, width = image.shape[:2]
+    inside = box.clipped(width, height)
+    if inside is None:
+        place = ",".join(f"{value:.0f}" for value in box.xywh)
+        raise DatasetError(
+            f"the box to start from, {place}, lies outside the {width}x{height} image"
+        )
+    return inside

@@ -106,6 +106,16 @@ class Box:
         image = Box(image_width / 2, image_height / 2, image_width, image_height)
         return self.intersection(image) / self.area
 
+    def clipped(self, image_width: int, image_height: int) -> Box | None:
+        """Return the part that lies inside the image, None if nothing does."""
+        left, right = max(self.left, 0.0), min(self.right, float(image_width))
+        top, bottom = max(self.top, 0.0), min(self.bottom, float(image_height))
+        if left >= right or top >= bottom:
+            return None
+        if (left, top, right, bottom) == (self.left, self.top, self.right, self.bottom):
+            return self
+        return Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
+
 
 def pairwise_iou(corners: Floats, others: Floats) -> Floats:
     """Return the intersection over union of every box with every other, (N, M).

@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import json
 import os
+import shutil
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -134,6 +135,28 @@ def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) 
     rows = list(csv.DictReader(StringIO((folder / "results.csv").read_text())))
     assert [row["tracking at iou 0"] for row in rows] == ["0.0", ""]
     assert "No states are known of correlation." in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("first", "said"),
+    [
+        ("-400,-300,30,30", "skipped other: the box to start from, -400,-300,30,30, lies outside"),
+        ("-10,-10,30,30", ""),
+    ],
+)
+def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
+    data: Path, tmp_path: Path, first: str, said: str
+) -> None:
+    shutil.copytree(data / "patch", data / "other")
+    lines = (data / "other" / "groundtruth.txt").read_text().splitlines()
+    (data / "other" / "groundtruth.txt").write_text("\n".join([first, *lines[1:]]))
+    console = Console(record=True, width=160, file=StringIO())
+    names = ("correlation", "longterm:correlation")
+    assert evaluate((data,), names, out=tmp_path / "r", console=console) == 0
+    assert said in console.export_text()
+    results = json.loads((tmp_path / "r" / "evaluate" / "results.json").read_text())
+    sequences = {run["sequence"] for run in results["runs"]}
+    assert sequences == ({"patch"} if said else {"patch", "other"})
 
 
 def test_a_tracker_is_told_the_data_sets_own_frame_rate(

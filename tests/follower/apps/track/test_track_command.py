@@ -255,6 +255,7 @@ def test_a_damaged_recording_is_followed_as_far_as_it_goes_and_the_exit_code_tel
         (["--select", "1", "--set", "appearance=osnet-x0.25"], "appearance is gone"),
         (["--select", "1", "--save", "missing/out.mp4"], "there is no folder missing"),
         (["--select", "1", "--save", "out.avi"], "ends in .mp4"),
+        (["--select", "1", "--save", "/proc/out.mp4"], "cannot be written|there is no folder"),
         (["--select", "1", "--save", "{source}/out.mp4", "--boxes", "{source}/out.mp4"], "both"),
         (["--select", "1", "--boxes", "{source}"], "this is a folder"),
         (["--select", "1", "--boxes", "{source}/../{name}"], "this is a folder"),

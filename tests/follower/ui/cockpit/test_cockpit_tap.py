@@ -49,7 +49,7 @@ def numbered_car(page: Page, seeing: Any) -> dict[str, Any] | None:
 
 
 def want_numbers(page: Page, wanted: bool) -> None:
-    """Press the button unless it stands as wanted: each test may be a worker's first or only one."""
+    """Press the button unless it stands as wanted."""
     if page.evaluate("wantObjects") != wanted:
         page.tap("#objects")
 
