@@ -13,7 +13,6 @@ from follower_vision.fusion.candidates import (
     MEAN,
     PEAK,
     PREDICTION,
-    RESIZED,
     Candidate,
     DetectorMemory,
     corners_of,
@@ -78,11 +77,6 @@ def test_what_was_like_it_lately_is_a_peak_too() -> None:
     both = ResponseMap(corners, first, recent, np.ones(2), BOX.scaled(4))
     found = of(propose(both, [], DetectorMemory(), EXPECTED), PEAK)
     assert [one.box.cx for one in found] == [100, 200]
-
-
-def test_peaks_also_stand_with_the_predicted_size() -> None:
-    found = propose(response((BOX, 0.9)), [], DetectorMemory(), EXPECTED)
-    assert of(found, RESIZED) == [Candidate(EXPECTED.moved_to(BOX.cx, BOX.cy), RESIZED)]
 
 
 def test_a_peak_and_the_detection_that_overlaps_it_have_a_mean() -> None:

@@ -40,7 +40,7 @@ class FitSettings:
     steps: PositiveInt = 3000
     batch: PositiveInt = 4096
     rate: PositiveFloat = 0.01
-    weight_decay: NonNegativeFloat = 0.02
+    weight_decay: NonNegativeFloat = 0.2
     seed: NonNegativeInt = 1
 
 
@@ -51,8 +51,10 @@ class FusionConfig(TrainingConfig):
         FusionSetup("nanotrack-v3", "yolox-nano"),
     )
     """All of one family: what comes before the hyphen in the first one's tracker."""
-    rounds: PositiveInt = 3
-    """How often every sequence is run, each time by the model of the round before."""
+    reset_frames: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = (20, 20, 100)
+    """One for each round, in which every sequence is run by the model of the round before: after so
+    many frames in a row beside its target a run is put back on it. If that is soon, the model learns
+    to stay on the target; if late, what it looks like to be lost."""
     folds: Annotated[int, Field(ge=2)] = 5
     """Sequences are dealt to so many folds; a model never runs or is scored on its own."""
     jobs: PositiveInt = 2

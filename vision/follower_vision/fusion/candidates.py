@@ -12,15 +12,13 @@ from follower_vision.detection.detection import Detection
 from follower_vision.geometry.box import Box, keep_best
 from follower_vision.trackers.motion_tracker import ResponseMap
 
-PEAK, RESIZED, DETECTION, MEAN, PREDICTION = "peak", "resized", "detection", "mean", "prediction"
-SOURCES = (PEAK, RESIZED, DETECTION, MEAN, PREDICTION)
-"""Best places of the response map; the same with the predicted size; detections; the mean of a peak
-and a detection; the predicted box."""
+PEAK, DETECTION, MEAN, PREDICTION = "peak", "detection", "mean", "prediction"
+SOURCES = (PEAK, DETECTION, MEAN, PREDICTION)
+"""Best places of the response map; detections; a peak's and a detection's mean; the predicted box."""
 
 _PENALTY_POWER = 2.2
 """NanoTrack's penalty on changes of size, 0.138, becomes 0.30, which loses fewer targets."""
 _PEAKS = 4
-_RESIZED = 2
 _PEAK_OVERLAP = 0.5
 _LEAST_PEAK = 0.05
 _LEAST_SIDE_PX = 2.0
@@ -69,12 +67,8 @@ def propose(
         Candidate(memory.corrected(one), DETECTION, rank)
         for rank, one in enumerate(likeliest[:_MOST_DETECTIONS])
     ]
-    resized = [
-        Candidate(expected.moved_to(one.box.cx, one.box.cy), RESIZED, one.rank)
-        for one in found[:_RESIZED]
-    ]
     mean = _mean(found, detected)
-    return [*found, *resized, *mean, *detected, Candidate(expected, PREDICTION)]
+    return [*found, *mean, *detected, Candidate(expected, PREDICTION)]
 
 
 def _peaks(response: ResponseMap, expected: Box) -> list[Candidate]:

@@ -14,7 +14,6 @@ from follower_vision.fusion.candidates import (
     MEAN,
     PEAK,
     PREDICTION,
-    RESIZED,
     Candidate,
     corners_of,
 )
@@ -30,7 +29,6 @@ Column = Floats | float
 FEATURES = (
     "is_first_peak",
     "is_other_peak",
-    "is_resized",
     "is_detection",
     "is_mean",
     "is_prediction",
@@ -132,7 +130,7 @@ def _sources(candidates: list[Candidate]) -> list[Column]:
         return np.array([one.source == source for one in candidates], float)
 
     peak, first = where(PEAK), np.array([one.rank == 0 for one in candidates], float)
-    others = [where(one) for one in (RESIZED, DETECTION, MEAN, PREDICTION)]
+    others = [where(one) for one in (DETECTION, MEAN, PREDICTION)]
     return [peak * first, peak * (1 - first), *others]
 
 
