@@ -102,7 +102,7 @@ def fit_noise(logs: Sequence[Examples], truths: Sequence[Sequence[Box | None]]) 
 def _deviation(rows: Floats, otherwise: float) -> float:
     if len(rows) < 100:
         return otherwise
-    return float(np.round(1.48 * np.median(np.abs(rows)), 4))
+    return round(1.48 * float(np.median(np.abs(rows))), 4)
 
 
 def _likelihood(truths: Sequence[Sequence[Box | None]], noise: FilterNoise, axis: int) -> float:

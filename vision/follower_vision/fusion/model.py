@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from follower_vision.fusion.box_filter import FilterNoise
 from follower_vision.fusion.features import FEATURES
+from follower_vision.onnx_network import ModelError
 
 Floats = npt.NDArray[np.floating]
 
@@ -104,15 +105,15 @@ def model_for(motion: str, path: str | None = None) -> CandidateModel:
         path: a file of `follower train fusion`; None is the one that comes along.
 
     Raises:
-        ValueError: the file cannot be used.
+        ModelError: the file cannot be used.
     """
     try:
         models = _models(path)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path}: no file of `follower train fusion` ({error})") from None
+        raise ModelError(f"{path}: no file of `follower train fusion` ({error})") from None
     family = family_of(motion)
     if family not in models:
-        raise ValueError(f"{path}: fitted for {', '.join(models)}, not for {motion}")
+        raise ModelError(f"{path}: fitted for {', '.join(models)}, not for {motion}")
     return models[family]
 
 

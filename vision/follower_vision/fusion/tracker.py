@@ -107,7 +107,7 @@ class FusionTracker:
         listener: is told each choice; None is nobody.
 
     Raises:
-        ValueError: the settings' model cannot be used.
+        ModelError: the settings' model cannot be used.
     """
 
     def __init__(
