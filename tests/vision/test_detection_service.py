@@ -14,17 +14,17 @@ import pytest
 
 from follower_vision.clock import SimulatedClock
 from follower_vision.detection.detection import Detection
+from follower_vision.detection.detection_service import (
+    REST_SHARE,
+    URGENT_REST_SHARE,
+    DetectionRequest,
+    SharedDetection,
+)
 from follower_vision.fusion import (
     BackgroundDetection,
     FusionSettings,
     FusionTracker,
     InlineDetection,
-)
-from follower_vision.fusion.detection_service import (
-    REST_SHARE,
-    URGENT_REST_SHARE,
-    DetectionRequest,
-    SharedDetection,
 )
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
@@ -258,7 +258,7 @@ _LEAVES_AT_ONCE = """
 import time
 import numpy as np
 from follower_vision.fusion import BackgroundDetection
-from follower_vision.fusion.detection_service import DetectionRequest
+from follower_vision.detection.detection_service import DetectionRequest
 
 class Slow:
     class_names = ()

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from follower_vision.detection.detection import Detection
-from follower_vision.fusion import FusionSettings, FusionTracker
-from follower_vision.fusion.candidates import corners_of
-from follower_vision.fusion.detection_service import (
+from follower_vision.detection.detection_service import (
     DetectionAnswer,
     DetectionRequest,
 )
+from follower_vision.fusion import FusionSettings, FusionTracker
+from follower_vision.fusion.candidates import corners_of
 from follower_vision.fusion.model import CandidateModel
 from follower_vision.fusion.tracker import Choice
 from follower_vision.geometry.box import Box

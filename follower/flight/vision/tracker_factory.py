@@ -5,6 +5,7 @@ from functools import partial
 
 from follower.settings.settings import Settings
 from follower_vision.detection import Detector, make_detector
+from follower_vision.detection.detection_service import DetectionMode
 from follower_vision.fusion import (
     FusionSettings,
     FusionTracker,
@@ -12,7 +13,6 @@ from follower_vision.fusion import (
     MultiFusion,
     PaperFusion,
 )
-from follower_vision.fusion.detection_service import DetectionMode
 from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.trackers.motion_tracker import MotionTracker

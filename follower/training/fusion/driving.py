@@ -29,6 +29,8 @@ from follower_vision.trackers.registry import make_tracker
 
 Floats = npt.NDArray[np.floating]
 
+RESET_FRAMES = 20
+"""After so many frames in a row beside the target a run is put back on it (100 were no better)."""
 _LOST_IOU = 0.1
 
 
@@ -155,16 +157,9 @@ class CachedDetector:
 
 
 def drive(
-    tracker: FusionTracker,
-    images: list[Image],
-    sequence: Sequence,
-    start: Start,
-    reset_frames: int,
+    tracker: FusionTracker, images: list[Image], sequence: Sequence, start: Start
 ) -> Examples:
-    """Let Fusion follow from a start, and write its choices down.
-
-    After `reset_frames` in a row beside the target it is put back on it.
-    """
+    """Let Fusion follow from a start, put it back after each loss, and write its choices down."""
     log = ChoiceLog()
     tracker.listener = log.take
     stop = len(images) if start.step > 0 else -1
@@ -177,7 +172,7 @@ def drive(
         if log.truth is None:
             continue
         lost = lost + 1 if track.box.iou(log.truth) < _LOST_IOU else 0
-        if lost >= reset_frames:
+        if lost >= RESET_FRAMES:
             tracker.put_back(log.truth)
             lost = 0
     tracker.listener = None
@@ -185,11 +180,7 @@ def drive(
 
 
 def driven(
-    place: Path,
-    setups: Iterable[FusionSetup],
-    model: ProbabilityModel,
-    cache: Path,
-    reset_frames: int,
+    place: Path, setups: Iterable[FusionSetup], model: ProbabilityModel, cache: Path
 ) -> Examples:
     """Run over one sequence, forwards and backwards, with each setup; return the choices."""
     sequence = read_sequence(place)
@@ -197,9 +188,7 @@ def driven(
     logs = []
     for setup in setups:
         with _tracker(setup, images, cache / f"{place.name}.pkl") as make:
-            logs += [
-                drive(make(model), images, sequence, one, reset_frames) for one in _ends(sequence)
-            ]
+            logs += [drive(make(model), images, sequence, one) for one in _ends(sequence)]
     return Examples.joined(logs)
 
 

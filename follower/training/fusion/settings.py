@@ -51,10 +51,8 @@ class FusionConfig(TrainingConfig):
         FusionSetup("nanotrack-v3", "yolox-nano"),
     )
     """All of one family: what comes before the hyphen in the first one's tracker."""
-    reset_frames: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = (20, 20, 100)
-    """One for each round, in which every sequence is run by the model of the round before: after so
-    many frames in a row beside its target a run is put back on it. If that is soon, the model learns
-    to stay on the target; if late, what it looks like to be lost."""
+    rounds: PositiveInt = 3
+    """How often every sequence is run, each time by the model of the round before."""
     folds: Annotated[int, Field(ge=2)] = 5
     """Sequences are dealt to so many folds; a model never runs or is scored on its own."""
     jobs: PositiveInt = 2

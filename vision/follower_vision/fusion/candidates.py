@@ -14,7 +14,7 @@ from follower_vision.trackers.motion_tracker import ResponseMap
 
 PEAK, DETECTION, MEAN, PREDICTION = "peak", "detection", "mean", "prediction"
 SOURCES = (PEAK, DETECTION, MEAN, PREDICTION)
-"""Best places of the response map; detections; a peak's and a detection's mean; the predicted box."""
+"""Best places of the response map; detections; the mean of one of each; the predicted box."""
 
 _PENALTY_POWER = 2.2
 """NanoTrack's penalty on changes of size, 0.138, becomes 0.30, which loses fewer targets."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from follower_vision.detection.detection import Detector
-from follower_vision.fusion.detection_service import (
+from follower_vision.detection.detection_service import (
     DetectionMode,
     InlineDetection,
     SharedDetection,

@@ -19,16 +19,16 @@ import numpy.typing as npt
 from follower_vision.appearance.blur import BlurDetector
 from follower_vision.appearance.frame_check import FrameCheck, FrameHealth
 from follower_vision.detection.detection import Detection, Detector
-from follower_vision.fusion.box_filter import BoxFilter
-from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
-from follower_vision.fusion.descriptor import AppearanceMemory, describe
-from follower_vision.fusion.detection_service import (
+from follower_vision.detection.detection_service import (
     DetectionAnswer,
     DetectionMode,
     DetectionRequest,
     DetectionService,
     InlineDetection,
 )
+from follower_vision.fusion.box_filter import BoxFilter
+from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
+from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.features import Situation, measure
 from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings

@@ -16,6 +16,7 @@ pytest.importorskip("torch")
 
 from follower.apps.main import app
 from follower.training.fusion.driving import (
+    RESET_FRAMES,
     CachedDetector,
     ChoiceLog,
     Examples,
@@ -70,7 +71,7 @@ def a_config(**changes: object) -> FusionConfig:
     values = {
         "name": "test",
         "setups": [setup],
-        "reset_frames": [20],
+        "rounds": 1,
         "folds": 2,
         "jobs": 1,
         "fit": FIT,
@@ -103,7 +104,7 @@ def test_a_fit_follows_what_it_has_not_seen_and_is_the_same_each_time(
 @pytest.mark.slow
 def test_the_command_says_what_is_reached_and_where_it_is(footage: Path, tmp_path: Path) -> None:
     (tmp_path / "folds.json").write_text(json.dumps(FOLDS))
-    settings = ["setups=[{tracker: correlation}]", "reset_frames=[20]", "jobs=1", "fit.steps=50"]
+    settings = ["setups=[{tracker: correlation}]", "rounds=1", "jobs=1", "fit.steps=50"]
     words = ["train", "fusion", "--sequences", str(footage), "--out", str(tmp_path)]
     words += ["--folds", str(tmp_path / "folds.json")]
     for setting in settings:
@@ -139,9 +140,9 @@ def test_a_run_is_put_back_on_its_target_after_a_loss(tmp_path: Path) -> None:
         put_back(box)
 
     tracker.put_back = watched  # type: ignore[method-assign]
-    examples = drive(tracker, images, sequence, Start("forwards", 0, 1, sequence.initial), 20)
+    examples = drive(tracker, images, sequence, Start("forwards", 0, 1, sequence.initial))
     assert len(put) == 1
-    assert put[0] in sequence.truth[20:]
+    assert put[0] in sequence.truth[RESET_FRAMES:]
     assert len(examples.features) == len(examples.overlaps) == len(examples.sources)
     assert len(np.unique(examples.frames)) == FRAMES - 1
 
