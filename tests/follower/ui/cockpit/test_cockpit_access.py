@@ -173,7 +173,7 @@ def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> N
         pilot.post("/api/session", json={"token": TOKEN})
         cookie = "; ".join(f"{name}={value}" for name, value in pilot.cookies.items())
         url = open_to_all.url.replace("http", "ws") + "/ws"
-        with connect(url, additional_headers={"cookie": cookie}) as page:
+        with connect(url, open_timeout=60, additional_headers={"cookie": cookie}) as page:
             assert page.recv(30)
     shut = sum(is_hung_up_on(line, 0.05) for line in lines)
     for line in lines:

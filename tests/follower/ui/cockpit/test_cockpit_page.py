@@ -222,7 +222,7 @@ def test_nothing_that_is_asked_goes_past_supervisor_and_envelope(
     rng = np.random.default_rng(11)
     url = simulation.url.replace("http", "ws") + "/ws"
     page.close()
-    with connect(url) as client:
+    with connect(url, open_timeout=60) as client:
         client.send('{"kind": "take_control"}')
         for number in range(120):
             client.send(json.dumps({"id": number, **any_request(rng)}))

@@ -11,6 +11,7 @@ import ssl
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync import client as sync_client
+from websockets.sync.client import ClientConnection
 
 from follower.settings.ui import CockpitSettings
 from follower.ui.cockpit.hub import Hub
@@ -35,9 +37,10 @@ from follower.ui.cockpit.requests import REQUESTS
 from follower_vision.clock import SimulatedClock
 from follower_vision.images.frame import Frame
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 LOOPBACK = ipaddress.ip_address("127.0.0.1")
 TOKEN = "a token of some length"
+connect = partial(sync_client.connect, open_timeout=PATIENCE_S)
 CONSENT = REQUESTS.validate_python({"kind": "consent", "given": True})
 
 
