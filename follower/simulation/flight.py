@@ -35,6 +35,7 @@ from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.noisy_tracker import NoisyTracker
 from follower_sim.scoring.identity_score import IdentityScore
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
+from follower_sim.world.silhouettes import SeenBody
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
@@ -170,6 +171,10 @@ class SimulatedFlight:
     def box_direction(self, sample: TruthSample) -> LineOfSight:
         """Work out the direction of the true box's middle from the heading, for one sample."""
         return self._truth.box_direction(sample)
+
+    def true_target(self, captured_s: float) -> SeenBody:
+        """Return where the target truly is in the frame with this capture time, for annotation."""
+        return self._truth.of_frame(captured_s)
 
     @property
     def overlaps(self) -> list[float]:

@@ -104,7 +104,8 @@ class FusionTrainer:
         )
         path = self._folder / FITTED
         family = family_of(self._config.setups[0].tracker)
-        write_whole(path, json.dumps({"models": {family: everything.to_json()}}))
+        made = {"recipe": self._config.model_dump(mode="json"), "folds": self._folds}
+        write_whole(path, json.dumps({"models": {family: everything.to_json()}, **made}))
         for fold, model in self._models.items():
             if isinstance(model, CandidateModel):
                 stored = {"models": {family: model.to_json()}}
