@@ -19,12 +19,14 @@ from follower_vision.fusion.candidates import (
 )
 from follower_vision.fusion.descriptor import Descriptors
 from follower_vision.fusion.target import Target
-from follower_vision.geometry.box import pairwise_iou
+from follower_vision.geometry.box import Box, pairwise_iou
 from follower_vision.trackers.motion_tracker import ResponseMap
 
 Floats = npt.NDArray[np.floating]
 Column = Floats | float
 """One value a candidate, (N,), or one for all."""
+
+_LATELY_S = 1.2
 
 FEATURES = (
     "is_first_peak",
@@ -68,6 +70,10 @@ FEATURES = (
     "distractor_probability",
     "distractor_likeness",
     "prediction_distractor",
+    "foreseen",
+    "foreseen_lately",
+    "foreseen_before",
+    "foreseen_lead",
     "unseen",
     "last_probability",
     "mean_probability",
@@ -117,6 +123,7 @@ def measure(candidates: list[Candidate], seen: Descriptors, at: Situation) -> Fl
         *likeness.T,
         *_leads(likeness, overlap),
         *_distracting(corners, seen.features, at.target),
+        *_foreseen(corners, overlap, at.target),
         *_history(candidates, at),
     ]
     table = np.empty((len(candidates), len(FEATURES)))
@@ -224,6 +231,36 @@ def _distracting(corners: Floats, features: Floats, target: Target) -> list[Colu
         distractors.likeness(features),
         expected[0],
     ]
+
+
+def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
+    """How the place fits what control foretells, by what it believes now, lately and before.
+
+    Where a look-alike covered the target and is followed since, only what was believed before that
+    still foretells the target. Zero is a place at the edge of what is likely, or nothing foretold.
+    """
+    known, now_s = target.foreseen, target.captured_s
+    nothing = np.zeros(len(corners))
+    if known is None:
+        return [nothing, nothing, nothing, nothing]
+    middles = (corners[:, :2] + corners[:, 2:]) / 2
+
+    def misfit(cx: float, cy: float, likely: Box) -> Floats:
+        away = np.hypot(middles[:, 0] - cx, middles[:, 1] - cy)
+        return np.asarray(np.log1p(2 * away / max(likely.width, likely.height)) - math.log(2))
+
+    by_age: tuple[list[Floats], list[Floats]] = ([], [])
+    for one in known.earlier:
+        by_age[now_s - one.since_s > _LATELY_S].append(misfit(one.cx, one.cy, one.likely))
+    lately, before = (np.mean(fits, axis=0) if fits else nothing for fits in by_age)
+    every = [fit for fits in by_age for fit in fits]
+    lead = nothing
+    if every:
+        mean = np.mean(every, axis=0)
+        beside = overlap < 0.3
+        others = np.where(beside, mean[None, :], np.inf).min(axis=1)
+        lead = np.where(beside.any(axis=1), np.clip(others - mean, -2.0, 2.0), 0.0)
+    return [misfit(known.cx, known.cy, known.likely), lately, before, lead]
 
 
 def _history(candidates: list[Candidate], at: Situation) -> list[Column]:

@@ -16,6 +16,7 @@ from follower_vision.fusion.distractors import Distractors
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
+from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track, TrackState
 
 Floats = npt.NDArray[np.floating]
@@ -55,6 +56,7 @@ class Target:
         produced_by: what the box is from.
         index: number of the frame, from 0 at the start.
         asked: index of the frame that the detector was last asked about.
+        foreseen: where control expects it in the frame; None where control knows nothing.
         other_place: where something like the target was detected while it is lost, pixels.
         history: the box by index, for the answers of a detector in the background.
     """
@@ -75,6 +77,7 @@ class Target:
     produced_by: str = "start"
     index: int = 0
     asked: int = 0
+    foreseen: TargetPrediction | None = None
     other_place: Box | None = None
     interval_s: float = 0.0
     history: dict[int, Box] = field(default_factory=dict)

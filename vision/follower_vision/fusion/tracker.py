@@ -248,6 +248,7 @@ class FusionTracker:
     def _take_prediction(self, target: Target) -> Box | None:
         """Take what control foretold for this frame; return where the target can be at all."""
         known, self._prediction = self._prediction, None
+        target.foreseen = known
         if known is None:
             return None
         spread_px = max(known.likely.width, known.likely.height) / 4
