@@ -18,15 +18,13 @@ from follower_vision.fusion.candidates import (
     corners_of,
 )
 from follower_vision.fusion.descriptor import Descriptors
-from follower_vision.fusion.target import Target
+from follower_vision.fusion.target import FORMERLY_S, Target
 from follower_vision.geometry.box import Box, pairwise_iou
 from follower_vision.trackers.motion_tracker import ResponseMap
 
 Floats = npt.NDArray[np.floating]
 Column = Floats | float
 """One value a candidate, (N,), or one for all."""
-
-_LATELY_S = 1.2
 
 FEATURES = (
     "is_first_peak",
@@ -251,7 +249,7 @@ def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
 
     by_age: tuple[list[Floats], list[Floats]] = ([], [])
     for one in known.earlier:
-        by_age[now_s - one.since_s > _LATELY_S].append(misfit(one.cx, one.cy, one.likely))
+        by_age[now_s - one.since_s > FORMERLY_S].append(misfit(one.cx, one.cy, one.likely))
     lately, before = (np.mean(fits, axis=0) if fits else nothing for fits in by_age)
     every = [fit for fits in by_age for fit in fits]
     lead = nothing

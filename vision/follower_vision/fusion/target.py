@@ -16,7 +16,11 @@ from follower_vision.fusion.distractors import Distractors
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
-from follower_vision.trackers.target_tracker import TargetPrediction
+from follower_vision.trackers.target_tracker import (
+    MotionForecast,
+    TargetPrediction,
+    has_middle,
+)
 from follower_vision.trackers.track import Track, TrackState
 
 Floats = npt.NDArray[np.floating]
@@ -33,6 +37,11 @@ _KEPT_FRAMES = 64
 _REGION_SIZES = 2.5
 _REGION_SIGMA = 6.0
 _WIDER = 2.5
+_LIKELY_S = 3.0
+"""So long a target that is not seen is taken only where control says that it mostly is."""
+FORMERLY_S = 1.2
+"""What control believed so long ago may know of the target what was lost since."""
+_APART_SIZES = 1.5
 
 
 @dataclass(slots=True)
@@ -155,7 +164,8 @@ class Target:
         """Return where the detector looks: about the prediction, wider with its uncertainty.
 
         A square on a coarse grid, so that runs that differ a little ask for the same region and an
-        evaluation can keep the answers. While the target is lost every third one is larger.
+        evaluation can keep the answers. While the target is lost every third one is larger. Where
+        control formerly foretold another place, every second one is there.
 
         Args:
             settings: the usual region.
@@ -166,6 +176,9 @@ class Target:
             The region in pixels; None is the whole image.
         """
         box = self.filter.box
+        elsewhere = self._formerly_foreseen(box)
+        if elsewhere is not None and (self.index // settings.doubt_every) % 2:
+            box = elsewhere
         sizes = max(settings.crop_sizes, _REGION_SIZES + _REGION_SIGMA * self.filter.spread)
         side = max(box.scale * sizes, settings.crop_least_px)
         if self.lost and (self.index // settings.doubt_every) % 3 == 2:
@@ -175,6 +188,17 @@ class Target:
         side = 2.0 ** (math.ceil(math.log2(side) * 4) / 4)
         step = side / 8
         return Box(round(box.cx / step) * step, round(box.cy / step) * step, side, side)
+
+    def can_be_at(self, box: Box) -> bool:
+        """Whether the target can be where a box is, in pixels, by what control foretells."""
+        known, margin_px = self.foreseen, box.scale / 2
+        if known is None:
+            return True
+        unseen_s = self.captured_s - self.seen_s
+        waits = self.state is not TrackState.TRACKING and unseen_s <= _LIKELY_S
+        regions = [known.likely if waits else known.possible]
+        regions += [one.likely for one in self._former_forecasts()]
+        return any(has_middle(region, box, margin_px) for region in regions)
 
     def remember_box(self) -> None:
         """Keep the frame's box for detections that come late."""
@@ -187,6 +211,19 @@ class Target:
         return Track(
             self.box, self.state, confidence, self.produced_by, frame.captured_s, frame.sequence
         )
+
+    def _former_forecasts(self) -> list[MotionForecast]:
+        earlier = () if self.foreseen is None else self.foreseen.earlier
+        return [one for one in earlier if self.captured_s - one.since_s > FORMERLY_S]
+
+    def _formerly_foreseen(self, expected: Box) -> Box | None:
+        """Where it should be by what was believed before, if that is elsewhere."""
+        forecasts = self._former_forecasts()
+        if not forecasts:
+            return None
+        cx, cy = np.mean([[one.cx, one.cy] for one in forecasts], axis=0).tolist()
+        place = expected.moved_to(cx, cy)
+        return place if place.distance(expected) > _APART_SIZES * expected.scale else None
 
     def _unseen_state(self) -> TrackState:
         coasting = self.captured_s - self.seen_s <= _COAST_S

@@ -41,7 +41,7 @@ from follower_vision.trackers.motion_tracker import (
     ResponseMap,
     ResponseTracker,
 )
-from follower_vision.trackers.target_tracker import TargetPrediction, has_middle
+from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track, TrackState
 
 Floats = npt.NDArray[np.floating]
@@ -81,12 +81,10 @@ class _Search:
     Attributes:
         frame: the frame.
         response: the motion tracker's.
-        possible: where the target can be at all, None if unknown.
     """
 
     frame: Frame
     response: ResponseMap
-    possible: Box | None
 
 
 class FusionTracker:
@@ -187,7 +185,7 @@ class FusionTracker:
         """
         target = self._started()
         target.advance(frame.captured_s)
-        possible = self._take_prediction(target)
+        self._take_prediction(target)
         target.filter.keep_within(frame.width, frame.height)
         health = self._health.update(frame)
         if health is not FrameHealth.GOOD:
@@ -201,7 +199,7 @@ class FusionTracker:
         if target.lost and target.index % 2 and target.other_place is not None:
             place = target.other_place
         response = self._response.search(frame.image, place).finite(place)
-        self._search = _Search(frame, response, possible)
+        self._search = _Search(frame, response)
         pause = self._settings.validate_every
         if blurred or target.probability < _SURE:
             pause = self._settings.doubt_every
@@ -245,15 +243,13 @@ class FusionTracker:
             raise RuntimeError("the tracker was not started")
         return self._target
 
-    def _take_prediction(self, target: Target) -> Box | None:
-        """Take what control foretold for this frame; return where the target can be at all."""
+    def _take_prediction(self, target: Target) -> None:
+        """Take what control foretold for this frame."""
         known, self._prediction = self._prediction, None
         target.foreseen = known
-        if known is None:
-            return None
-        spread_px = max(known.likely.width, known.likely.height) / 4
-        target.filter.expect(known.cx, known.cy, spread_px)
-        return known.possible
+        if known is not None:
+            spread_px = max(known.likely.width, known.likely.height) / 4
+            target.filter.expect(known.cx, known.cy, spread_px)
 
     def _ask(self, image: Image, target: Target) -> None:
         if self._service is None or not self._service.ready(urgent=target.lost):
@@ -267,7 +263,7 @@ class FusionTracker:
         frame = search.frame
         detections = [one for answer in answers for one in _present(answer, target)]
         every = propose(search.response, detections, target.detector, target.filter.box)
-        candidates = self._possible(every, target, search.possible)
+        candidates = self._possible(every, target)
         boxes = [one.box for one in candidates]
         seen = describe(frame.image, boxes, search.response)
         situation = Situation(
@@ -293,13 +289,9 @@ class FusionTracker:
             target.learn_detections(detections, probability)
         target.distractors.update(target.box, boxes[:-1], probabilities[:, 1], seen.features)
 
-    def _possible(
-        self, candidates: list[Candidate], target: Target, possible: Box | None
-    ) -> list[Candidate]:
+    def _possible(self, candidates: list[Candidate], target: Target) -> list[Candidate]:
         """Leave out what cannot be the target: where it cannot be, or another target."""
-        observed = candidates[:-1]
-        if possible is not None:
-            observed = [one for one in observed if has_middle(possible, one.box, one.box.scale / 2)]
+        observed = [one for one in candidates[:-1] if target.can_be_at(one.box)]
         others = [box for box in (one.sure_box for one in self._companions) if box is not None]
         expected = target.filter.box
         for other in others:
