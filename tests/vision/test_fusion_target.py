@@ -1,0 +1,115 @@
+"""What Fusion makes of control's predictions: where its target can be, and where to look for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from follower_vision.fusion import FusionSettings
+from follower_vision.fusion.box_filter import BoxFilter, FilterNoise
+from follower_vision.fusion.candidates import PEAK, PREDICTION, Candidate
+from follower_vision.fusion.descriptor import AppearanceMemory, describe
+from follower_vision.fusion.features import FEATURES, Situation, measure
+from follower_vision.fusion.target import Target, log_sides
+from follower_vision.geometry.box import Box
+from follower_vision.trackers.motion_tracker import ResponseMap
+from follower_vision.trackers.target_tracker import MotionForecast, TargetPrediction
+
+WIDTH, HEIGHT = 640, 480
+IMAGE = np.random.default_rng(4).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+BOX = Box(200, 200, 40, 40)
+BESIDE, FAR = BOX.moved_to(300, 200), BOX.moved_to(450, 300)
+SETTINGS = FusionSettings()
+
+
+@pytest.fixture
+def target(noise: FilterNoise) -> Target:
+    """A target that is seen, ten seconds after the start."""
+    size, memory = log_sides(BOX), AppearanceMemory(describe(IMAGE, [BOX], None))
+    return Target(BoxFilter(noise, BOX), size, size, memory, BOX, 10.0, 10.0)
+
+
+def around(place: Box, side_px: float) -> Box:
+    return Box(place.cx, place.cy, side_px, side_px)
+
+
+def foretold(place: Box, *formerly: tuple[float, Box]) -> TargetPrediction:
+    """A prediction with what was foretold by beliefs of some seconds ago."""
+    earlier = tuple(
+        MotionForecast(10.0 - age_s, one.cx, one.cy, around(one, 80), 1.0)
+        for age_s, one in formerly
+    )
+    return TargetPrediction(place.cx, place.cy, around(place, 80), around(place, 400), earlier)
+
+
+def unseen(target: Target, seconds: float) -> Target:
+    target.seen_s = target.captured_s - seconds
+    target.coast(PREDICTION)
+    return target
+
+
+def test_without_a_prediction_it_can_be_anywhere(target: Target) -> None:
+    assert target.can_be_at(FAR)
+
+
+def test_a_target_that_is_seen_can_be_anywhere_in_the_possible_region(target: Target) -> None:
+    target.foreseen = foretold(BOX)
+    assert target.can_be_at(BESIDE)
+    assert not target.can_be_at(FAR)
+
+
+@pytest.mark.parametrize(("seconds", "beside"), [(0.3, False), (2.9, False), (3.1, True)])
+def test_one_unseen_is_taken_where_it_mostly_is_for_three_seconds(
+    target: Target, seconds: float, beside: bool
+) -> None:
+    target.foreseen = foretold(BOX)
+    unseen(target, seconds)
+    assert target.can_be_at(BOX.moved_to(210, 200))
+    assert target.can_be_at(BESIDE) == beside
+    assert not target.can_be_at(FAR)
+
+
+def test_what_was_believed_before_it_may_have_been_mistaken_still_counts(target: Target) -> None:
+    target.foreseen = foretold(BOX, (0.4, FAR))
+    assert not target.can_be_at(FAR), "so lately it was as mistaken as now"
+    target.foreseen = foretold(BOX, (0.4, BOX), (2.0, FAR))
+    assert target.can_be_at(FAR)
+
+
+def test_every_second_look_is_where_it_was_foretold_before(target: Target) -> None:
+    target.foreseen = foretold(BOX, (2.0, FAR), (2.4, FAR))
+    places = []
+    for index in range(0, 8, SETTINGS.doubt_every):
+        target.index = index
+        region = target.detection_region(SETTINGS, WIDTH, HEIGHT)
+        assert region is not None
+        places.append((region.distance(BOX) < 30, region.distance(FAR) < 30))
+    assert places == [(True, False), (False, True)] * 2
+    target.foreseen = foretold(BOX, (2.0, BOX.moved_to(230, 200)))
+    looks = {target.detection_region(SETTINGS, WIDTH, HEIGHT) for target.index in range(4)}
+    assert len(looks) == 1, "the same place is looked at as ever"
+
+
+def features_of(target: Target, boxes: list[Box]) -> dict[str, np.ndarray]:
+    corners = np.array([[one.left, one.top, one.right, one.bottom] for one in boxes])
+    scores = np.ones(len(boxes))
+    response = ResponseMap(corners, scores, scores, scores, BOX.scaled(4.0))
+    candidates = [Candidate(box, PEAK, rank) for rank, box in enumerate(boxes)]
+    seen = describe(IMAGE, boxes, response)
+    table = measure(candidates, seen, Situation(target, response, False, [], WIDTH, HEIGHT))
+    return {name: table[:, k] for k, name in enumerate(FEATURES) if name.startswith("foreseen")}
+
+
+def test_the_place_that_older_beliefs_foretell_is_told_from_the_one_that_is_followed(
+    target: Target,
+) -> None:
+    target.foreseen = foretold(BOX, (0.4, BOX), (2.0, FAR), (2.4, FAR))
+    found = features_of(target, [BOX, FAR])
+    assert found["foreseen"][0] < 0 < found["foreseen"][1]
+    assert found["foreseen_lately"][0] < 0 < found["foreseen_lately"][1]
+    assert found["foreseen_before"][1] < 0 < found["foreseen_before"][0]
+    assert found["foreseen_lead"][1] > 0 > found["foreseen_lead"][0]
+
+
+def test_where_nothing_is_foretold_nothing_is_said(target: Target) -> None:
+    assert all((column == 0).all() for column in features_of(target, [BOX, FAR]).values())
