@@ -44,7 +44,7 @@ def target(image: Image, box: Box, answer: ResponseMap) -> Target:
     """A target as it is when it was just chosen."""
     memory = AppearanceMemory(describe(image, [box], answer))
     size = log_sides(box)
-    return Target(BoxFilter(NOISE, box), size, size, memory, box, 0.0, 0.0)
+    return Target(BoxFilter(NOISE, box), box, size, memory, box, 0.0, 0.0)
 
 
 def table(

@@ -336,6 +336,15 @@ def test_an_answer_that_comes_late_is_moved_along_with_the_target(
     assert now.cx == pytest.approx(BOX.cx + 11 * 3)
 
 
+def test_the_first_answer_may_come_however_late(fusion: Trackers, motion: ToldMotion) -> None:
+    service = HeldDetection()
+    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, [[(BOX, 1.0)]] * 70)
+    service.answers = [DetectionAnswer(service.requests[0], [seen(BOX)])]
+    assert tracker.step(frame(71)).state is TrackState.TRACKING
+
+
 def test_an_answer_for_an_earlier_target_is_ignored(fusion: Trackers, motion: ToldMotion) -> None:
     service = HeldDetection()
     tracker = fusion(ToldDetector(), mode=lambda _: service)
@@ -466,6 +475,7 @@ def test_a_detection_that_is_no_number_never_reaches_a_track(
 ) -> None:
     detector = ToldDetector()
     tracker = fusion(detector)
+    detector.sees = [seen(BOX, score), seen(BOX, 0.9)]
     tracker.start(frame(0), BOX)
     detector.sees = [seen(Box(140, 120, 20, 30), score), seen(BOX, 0.9)]
     for track in follow(tracker, motion, [[(BOX, 1.0)]] * 9):

@@ -26,7 +26,7 @@ SETTINGS = FusionSettings()
 def target(noise: FilterNoise) -> Target:
     """A target that is seen, ten seconds after the start."""
     size, memory = log_sides(BOX), AppearanceMemory(describe(IMAGE, [BOX], None))
-    return Target(BoxFilter(noise, BOX), size, size, memory, BOX, 10.0, 10.0)
+    return Target(BoxFilter(noise, BOX), BOX, size, memory, BOX, 10.0, 10.0)
 
 
 def around(place: Box, side_px: float) -> Box:
@@ -79,14 +79,14 @@ def test_what_was_believed_before_it_may_have_been_mistaken_still_counts(target:
 def test_every_second_look_is_where_it_was_foretold_before(target: Target) -> None:
     target.foreseen = foretold(BOX, (2.0, FAR), (2.4, FAR))
     places = []
-    for index in range(0, 8, SETTINGS.doubt_every):
-        target.index = index
+    for looks in range(4):
+        target.looks = looks
         region = target.detection_region(SETTINGS, WIDTH, HEIGHT)
         assert region is not None
         places.append((region.distance(BOX) < 30, region.distance(FAR) < 30))
     assert places == [(True, False), (False, True)] * 2
     target.foreseen = foretold(BOX, (2.0, BOX.moved_to(230, 200)))
-    looks = {target.detection_region(SETTINGS, WIDTH, HEIGHT) for target.index in range(4)}
+    looks = {target.detection_region(SETTINGS, WIDTH, HEIGHT) for target.looks in range(4)}
     assert len(looks) == 1, "the same place is looked at as ever"
 
 

@@ -15,7 +15,7 @@ class FusionSetup:
     """A motion tracker and a detector whose runs are learnt from.
 
     Attributes:
-        tracker: of `follower trackers`; two joined by "+" search together.
+        tracker: of `follower trackers`.
         detector: of `follower models list`; None is none.
     """
 

@@ -18,7 +18,7 @@ from follower_vision.fusion.candidates import (
     corners_of,
 )
 from follower_vision.fusion.descriptor import Descriptors
-from follower_vision.fusion.target import FORMERLY_S, Target
+from follower_vision.fusion.target import FORMERLY_S, Target, log_sides
 from follower_vision.geometry.box import Box, pairwise_iou
 from follower_vision.trackers.motion_tracker import ResponseMap
 
@@ -167,7 +167,7 @@ def _placing(candidates: list[Candidate], target: Target) -> list[Column]:
     sigma = target.filter.deviations
     grown = 0.5 * (away[:, 2] + away[:, 3])
     from_usual = boxes[:, 2:] - target.usual_size
-    from_first = boxes[:, 2:] - target.first_size
+    from_first = boxes[:, 2:] - log_sides(target.first_box)
     return [
         np.log1p(np.hypot(away[:, 0] / sigma[0], away[:, 1] / sigma[1])),
         np.log1p(distance / expected.scale),

@@ -50,8 +50,8 @@ class Target:
 
     Attributes:
         filter: predicts the box.
-        first_size: log of width and height at the start, (2,).
-        usual_size: the same as confirmed over the last second.
+        first_box: at the start, pixels.
+        usual_size: log of width and height, (2,), as confirmed over the last second.
         memory: how it looks.
         box: in the last frame, pixels.
         captured_s: time of the last frame.
@@ -65,13 +65,14 @@ class Target:
         produced_by: what the box is from.
         index: number of the frame, from 0 at the start.
         asked: index of the frame that the detector was last asked about.
+        looks: how often it was asked.
         foreseen: where control expects it in the frame; None where control knows nothing.
         other_place: where something like the target was detected while it is lost, pixels.
         history: the box by index, for the answers of a detector in the background.
     """
 
     filter: BoxFilter
-    first_size: Floats
+    first_box: Box
     usual_size: Floats
     memory: AppearanceMemory
     box: Box
@@ -86,6 +87,7 @@ class Target:
     produced_by: str = "start"
     index: int = 0
     asked: int = 0
+    looks: int = 0
     foreseen: TargetPrediction | None = None
     other_place: Box | None = None
     interval_s: float = 0.0
@@ -177,7 +179,7 @@ class Target:
         """
         box = self.filter.box
         elsewhere = self._formerly_foreseen(box)
-        if elsewhere is not None and (self.index // settings.doubt_every) % 2:
+        if elsewhere is not None and self.looks % 2:
             box = elsewhere
         sizes = max(settings.crop_sizes, _REGION_SIZES + _REGION_SIGMA * self.filter.spread)
         side = max(box.scale * sizes, settings.crop_least_px)

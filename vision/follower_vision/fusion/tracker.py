@@ -163,7 +163,7 @@ class FusionTracker:
         )
         size, now_s = log_sides(box), frame.captured_s
         filter_ = BoxFilter(self._model.noise, box)
-        self._target = Target(filter_, size, size, memory, box, now_s, now_s)
+        self._target = Target(filter_, box, size, memory, box, now_s, now_s)
         self._target.remember_box()
         self._ask(frame.image, self._target)
         return self.conclude(frame)
@@ -214,13 +214,14 @@ class FusionTracker:
         """
         target = self._started()
         search, self._search = self._search, None
-        answers = [] if self._service is None else self._service.take(self._owner)
+        taken = [] if self._service is None else self._service.take(self._owner)
+        answers = [_finite(answer) for answer in taken]
         if search is not None:
             self._choose(search, target, answers)
         for answer in answers:
             if answer.request.index == 0:
                 for _ in range(_FIRST_LESSONS):
-                    target.detector.learn(answer.detections, target.history[0], 1.0)
+                    target.detector.learn(answer.detections, target.first_box, 1.0)
         target.remember_box()
         return target.track(frame)
 
@@ -255,6 +256,7 @@ class FusionTracker:
         if self._service is None or not self._service.ready(urgent=target.lost):
             return
         target.asked = target.index
+        target.looks += 1
         height, width = image.shape[:2]
         region = target.detection_region(self._settings, width, height)
         self._service.submit(DetectionRequest(self._owner, target.index, image, region))
@@ -317,12 +319,17 @@ def best_candidate(candidates: Sequence[Candidate], probabilities: Floats) -> in
     return int(np.argmax(merit))
 
 
+def _finite(answer: DetectionAnswer) -> DetectionAnswer:
+    """Leave out detections whose score is no number."""
+    detections = [one for one in answer.detections if math.isfinite(one.score)]
+    return DetectionAnswer(answer.request, detections)
+
+
 def _present(answer: DetectionAnswer, target: Target) -> list[Detection]:
     """Return an answer's detections, moved along with the target if they are of an older frame."""
-    detections = [one for one in answer.detections if math.isfinite(one.score)]
     then = target.history.get(answer.request.index)
     if answer.request.index == target.index or then is None:
-        return detections
+        return answer.detections
     now = target.filter.box
     right, down = now.cx - then.cx, now.cy - then.cy
-    return [one.moved(right, down) for one in detections]
+    return [one.moved(right, down) for one in answer.detections]

@@ -9,7 +9,6 @@ from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
 from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork
 from follower_vision.trackers.opencv import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
-from follower_vision.trackers.paired import PairedTracker
 from follower_vision.trackers.re3 import Re3Network, Re3Tracker
 
 FindFile: TypeAlias = Callable[[str], Path]
@@ -36,9 +35,6 @@ TRACKERS: dict[str, Callable[[FindFile], MotionTracker]] = {
     "correlation": lambda _: CorrelationTracker(),
     **{f"nanotrack-v{number}": partial(_nanotrack, number) for number in NANOTRACK_SETTINGS},
     "re3": _re3,
-    "correlation-re3": lambda find_file: PairedTracker(
-        CorrelationTracker(), _re3(find_file), "correlation-re3"
-    ),
     **{name: partial(OpenCvTracker, name) for name in OPENCV_KINDS},
 }
 """How each is made; trackers that have no network ask for no file."""
