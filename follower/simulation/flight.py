@@ -40,6 +40,7 @@ from follower_sim.world.world import World
 from follower_vision.clock import Clock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
 from follower_vision.geometry.line_of_sight import LineOfSight
+from follower_vision.trackers.target_tracker import TargetTracker
 
 EXTERNAL = "external"
 NO_EXTRAS = FlightOptions()
@@ -171,6 +172,11 @@ class SimulatedFlight:
     def box_direction(self, sample: TruthSample) -> LineOfSight:
         """Work out the direction of the true box's middle from the heading, for one sample."""
         return self._truth.box_direction(sample)
+
+    @property
+    def tracker(self) -> TargetTracker:
+        """What follows the target in the images."""
+        return self._tracker
 
     def true_target(self, captured_s: float) -> SeenBody:
         """Return where the target truly is in the frame with this capture time, for annotation."""

@@ -165,6 +165,12 @@ def _train_fusion(
         Path | None,
         typer.Option(help="JSON file with each sequence's fold; otherwise they are dealt by name."),
     ] = None,
+    choices: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of choices written down elsewhere, as by benchmarks/fusion_flights.py."
+        ),
+    ] = None,
     out: _Out = RUNS,
 ) -> None:
     """Fit the probability by which Fusion chooses to annotated footage.
@@ -174,13 +180,19 @@ def _train_fusion(
     """
     check_extra("training", "train", "torch")
     from follower.training.fusion.settings import FusionConfig
-    from follower.training.fusion.trainer import FusionTrainer, read_folds, sequence_folders
+    from follower.training.fusion.trainer import (
+        FusionTrainer,
+        read_choices,
+        read_folds,
+        sequence_folders,
+    )
 
     recipe = config or configs_folder() / "train/fusion.yaml"
     settings, folder = _read_recipe(FusionConfig, recipe, overrides, {}, out, None)
     places = sequence_folders(sequences)
     known = None if folds is None else read_folds(folds)
-    fitted = FusionTrainer(settings, places, folder, known).train()
+    elsewhere = () if choices is None else read_choices(choices)
+    fitted = FusionTrainer(settings, places, folder, known, elsewhere).train()
     for setup in settings.setups:
         figures = fitted.figures(setup)
         typer.echo(

@@ -6,8 +6,9 @@ import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +21,14 @@ from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run, starts
 from follower_vision.evaluation.one_pass import DatasetError, Sequence, start_box
 from follower_vision.fusion.candidates import SOURCES, corners_of
+from follower_vision.fusion.features import FEATURES
 from follower_vision.fusion.model import ProbabilityModel
 from follower_vision.fusion.tracker import Choice, FusionTracker
 from follower_vision.geometry.box import Box, pairwise_iou
 from follower_vision.images.frame import Frame, Image
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.trackers.registry import make_tracker
+from follower_vision.trackers.track import Track
 
 Floats = npt.NDArray[np.floating]
 
@@ -69,28 +72,47 @@ class Examples:
             np.concatenate([one.residuals for one in kept]),
         )
 
+    def save(self, path: Path) -> None:
+        """Write them as an .npz file, for `follower train fusion --choices`."""
+        np.savez_compressed(path, **asdict(self))
+
+    @classmethod
+    def load(cls, path: Path) -> Examples:
+        """Read what `save` wrote.
+
+        Raises:
+            SettingsError: the file cannot be used, or is of other features.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                found = cls(**{one.name: stored[one.name] for one in fields(cls)})
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            raise SettingsError(f"--choices {path}: no file of choices ({error})") from None
+        if found.features.shape[1] != len(FEATURES):
+            raise SettingsError(f"--choices {path}: written with other features; make it again")
+        return found
+
 
 @dataclass(slots=True)
 class ChoiceLog:
     """Takes Fusion's choices of one run."""
 
-    truth: Box | None = None
     features: list[Floats] = field(default_factory=list)
     overlaps: list[Floats] = field(default_factory=list)
     sources: list[int] = field(default_factory=list)
     residuals: list[Floats] = field(default_factory=list)
 
-    def take(self, choice: Choice) -> None:
-        """Write a choice down; see `FusionTracker`'s listener."""
+    def take(self, choice: Choice, truth: Box | None) -> None:
+        """Write a choice down, and where the target truly is, in pixels; None is nowhere."""
         count = len(choice.corners)
         overlaps: Floats = np.zeros(count)
         residuals = np.full((count, 4), np.nan)
-        if self.truth is not None:
-            true = corners_of([self.truth])
+        if truth is not None:
+            true = corners_of([truth])
             overlaps = pairwise_iou(choice.corners, true)[:, 0]
             close = overlaps > 0.5
             residuals[close] = (_placed(true) - _placed(choice.corners[close])) / np.array(
-                [self.truth.scale, self.truth.scale, 1.0, 1.0]
+                [truth.scale, truth.scale, 1.0, 1.0]
             )
         self.features.append(choice.features.astype(np.float32))
         self.overlaps.append(overlaps.astype(np.float32))
@@ -156,27 +178,51 @@ class CachedDetector:
             write_whole_bytes(self._path, pickle.dumps(self._known))
 
 
+class Teacher:
+    """Writes a Fusion tracker's choices down, and puts it back on its target after each loss.
+
+    Args:
+        tracker: follows; its listener is taken.
+    """
+
+    def __init__(self, tracker: FusionTracker) -> None:
+        self._tracker = tracker
+        self._log = ChoiceLog()
+        self._choice: Choice | None = None
+        self._lost = 0
+        tracker.listener = self._listen
+
+    def _listen(self, choice: Choice) -> None:
+        self._choice = choice
+
+    def correct(self, track: Track, truth: Box | None) -> None:
+        """Take a step's answer, and where the target truly was, in pixels; None is nowhere."""
+        if self._choice is not None:
+            self._log.take(self._choice, truth)
+            self._choice = None
+        if truth is not None:
+            self._lost = self._lost + 1 if track.box.iou(truth) < _LOST_IOU else 0
+            if self._lost >= RESET_FRAMES:
+                self._tracker.put_back(truth)
+                self._lost = 0
+
+    def examples(self) -> Examples:
+        """Return all choices so far."""
+        return self._log.examples()
+
+
 def drive(
     tracker: FusionTracker, images: list[Image], sequence: Sequence, start: Start
 ) -> Examples:
     """Let Fusion follow from a start, put it back after each loss, and write its choices down."""
-    log = ChoiceLog()
-    tracker.listener = log.take
+    teacher = Teacher(tracker)
     stop = len(images) if start.step > 0 else -1
     first = images[start.frame]
     tracker.start(Frame(first, 0.0, 0), start_box(start.box, first))
-    lost = 0
     for number, index in enumerate(range(start.frame + start.step, stop, start.step), 1):
-        log.truth = sequence.truth[index]
         track = tracker.step(Frame(images[index], number / RATE_HZ, number))
-        if log.truth is None:
-            continue
-        lost = lost + 1 if track.box.iou(log.truth) < _LOST_IOU else 0
-        if lost >= RESET_FRAMES:
-            tracker.put_back(log.truth)
-            lost = 0
-    tracker.listener = None
-    return log.examples()
+        teacher.correct(track, sequence.truth[index])
+    return teacher.examples()
 
 
 def driven(

@@ -67,6 +67,7 @@ class FusionTrainer:
         folders: each one sequence, with its true boxes.
         folder: where everything is written.
         folds: number of each sequence's fold, by name; None deals them by name.
+        choices: written down elsewhere, as in simulated flights; every fit learns from them too.
 
     Raises:
         SettingsError: there are too few sequences, or one cannot be read.
@@ -78,7 +79,9 @@ class FusionTrainer:
         folders: Sequence[Path],
         folder: Path,
         folds: Mapping[str, int] | None = None,
+        choices: Sequence[Examples] = (),
     ) -> None:
+        self._choices = list(choices)
         self._config, self._folder = config, folder
         self._places = {one.name: one for one in folders}
         self._folds = _dealt(self._places, config.folds, folds)
@@ -101,6 +104,7 @@ class FusionTrainer:
             [self._joined(rounds, name) for name in self._places],
             [self._truths[name] for name in self._places],
             self._config,
+            self._choices,
         )
         path = self._folder / FITTED
         family = family_of(self._config.setups[0].tracker)
@@ -119,6 +123,7 @@ class FusionTrainer:
                 [self._joined(rounds, name) for name in self._others(fold)],
                 [self._truths[name] for name in self._others(fold)],
                 self._config,
+                self._choices,
             )
             for fold in self._models
         }
@@ -188,6 +193,18 @@ def sequence_folders(folders: Iterable[Path]) -> list[Path]:
     return [found[name] for name in sorted(found)]
 
 
+def read_choices(folder: Path) -> list[Examples]:
+    """Read all files of choices in a folder, in the order of their names.
+
+    Raises:
+        SettingsError: there is none, or one cannot be used.
+    """
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise SettingsError(f"--choices {folder}: there is no .npz file of choices in it")
+    return [Examples.load(path) for path in paths]
+
+
 def read_folds(path: Path) -> dict[str, int]:
     """Read each sequence's fold from a JSON file, {"name": number}.
 
@@ -202,11 +219,14 @@ def read_folds(path: Path) -> dict[str, int]:
 
 
 def fit_one(
-    logs: Sequence[Examples], truths: Sequence[Sequence[Box | None]], config: FusionConfig
+    logs: Sequence[Examples],
+    truths: Sequence[Sequence[Box | None]],
+    config: FusionConfig,
+    choices: Sequence[Examples],
 ) -> CandidateModel:
-    """Fit noise and model to the runs over some sequences, in one thread."""
+    """Fit the noise to runs over some sequences, and the model to other choices too."""
     torch.set_num_threads(1)
-    return fit_model(logs, fit_noise(logs, truths), config.fit)
+    return fit_model([*logs, *choices], fit_noise(logs, truths), config.fit)
 
 
 def _dealt(names: Iterable[str], count: int, given: Mapping[str, int] | None) -> dict[str, int]:

@@ -25,7 +25,13 @@ from follower.training.fusion.driving import (
 )
 from follower.training.fusion.fitting import FirstPeak, fit_model, fit_noise
 from follower.training.fusion.settings import FitSettings, FusionConfig, FusionSetup
-from follower.training.fusion.trainer import FusionTrainer, read_folds, sequence_folders
+from follower.training.fusion.trainer import (
+    FusionTrainer,
+    fit_one,
+    read_choices,
+    read_folds,
+    sequence_folders,
+)
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detection
 from follower_vision.evaluation.multi_start import Start
@@ -156,10 +162,9 @@ def a_choice(corners: list[list[float]]) -> Choice:
 
 def test_a_choice_is_written_down_with_its_right_answers() -> None:
     log = ChoiceLog()
-    log.truth = Box.from_xywh(10, 10, 20, 20)
-    log.take(a_choice([[10, 10, 30, 30], [10, 10, 30, 50], [100, 100, 120, 120]]))
-    log.truth = None
-    log.take(a_choice([[10, 10, 30, 30]]))
+    corners = [[10, 10, 30, 30], [10, 10, 30, 50], [100, 100, 120, 120]]
+    log.take(a_choice(corners), Box.from_xywh(10, 10, 20, 20))
+    log.take(a_choice(corners[:1]), None)
     examples = log.examples()
     assert examples.overlaps.tolist() == pytest.approx([1.0, 0.5, 0.0, 0.0])
     assert examples.frames.tolist() == [0, 0, 0, 1]
@@ -251,3 +256,42 @@ def test_what_cannot_be_used_is_one_clear_line(footage: Path, tmp_path: Path) ->
         read_folds(tmp_path / "folds.json")
     with pytest.raises(SettingsError, match="No such file"):
         read_folds(tmp_path / "missing.json")
+
+
+def test_choices_are_kept_in_a_file_and_every_fit_learns_from_them(tmp_path: Path) -> None:
+    log = ChoiceLog()
+    log.take(a_choice([[10, 10, 30, 30], [100, 100, 120, 120]]), Box.from_xywh(10, 10, 20, 20))
+    log.examples().save(tmp_path / "7.npz")
+    (kept,) = read_choices(tmp_path)
+    assert kept.features.tolist() == log.examples().features.tolist()
+    assert kept.overlaps.tolist() == [1.0, 0.0]
+    rows = np.random.default_rng(1).normal(size=(300, len(FEATURES)))
+    zeros = np.zeros(300, np.int64)
+    believed = Examples(rows, (rows[:, 0] > 0) * 1.0, zeros, zeros, np.full((300, 4), np.nan))
+    doubted = Examples(rows, (rows[:, 0] < 0) * 1.0, zeros, zeros, np.full((300, 4), np.nan))
+    probable = [
+        fit_one([believed], [[Box(5, 5, 4, 4)]], a_config(), others).probabilities(rows[:1])[0, 1]
+        for others in ([], [doubted] * 5)
+    ]
+    assert (probable[0] > 0.5) != (probable[1] > 0.5)
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip", None])
+def test_files_of_choices_that_cannot_be_used_are_one_clear_line(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    if content is None:
+        with pytest.raises(SettingsError, match=r"there is no \.npz file"):
+            read_choices(tmp_path)
+        return
+    (tmp_path / "1.npz").write_bytes(content)
+    with pytest.raises(SettingsError, match=r"1\.npz: no file of choices"):
+        read_choices(tmp_path)
+
+
+def test_choices_of_other_features_are_refused(tmp_path: Path) -> None:
+    few = np.zeros((1, 3))
+    one = np.zeros(1, np.int64)
+    Examples(few, np.zeros(1), one, one, np.zeros((1, 4))).save(tmp_path / "1.npz")
+    with pytest.raises(SettingsError, match="other features"):
+        read_choices(tmp_path)

@@ -1,0 +1,92 @@
+"""What Fusion chose from in simulated flights: for `follower train fusion --choices`.
+
+    python benchmarks/fusion_flights.py OUT [--first 300] [--count 24] [--jobs 2]
+
+Flies runs of the standard campaign with pixels. Fusion is put back on its target 20 frames after a
+loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth, control's
+predictions among them. A target of which less than 0.3 is to be seen counts as absent. The first
+300 runs are left to measure on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+from rich.progress import track as progress
+
+from follower.simulation.campaign.config import RunSpec, load_campaign, planned
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.training.fusion.driving import Teacher
+from follower_control.common.transport import MemoryTransport
+from follower_sim.world.world import World
+from follower_vision.clock import SimulatedClock
+from follower_vision.fusion import FusionTracker
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track
+
+LEAST_SEEN = 0.3
+
+
+class Lesson:
+    """Tells a flight's Fusion the truth after each step; a `FlightVideo`."""
+
+    def __init__(self) -> None:
+        self.teacher: Teacher | None = None
+        self.flight: SimulatedFlight | None = None
+
+    def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        """Take a frame's answer."""
+        del lines
+        if self.teacher is not None and self.flight is not None and tracks:
+            seen = self.flight.true_target(frame.captured_s)
+            there = seen.visible_share * seen.in_frame_share > LEAST_SEEN
+            self.teacher.correct(tracks[0], seen.box if there else None)
+
+
+def fly(spec: RunSpec, out: Path) -> None:
+    """Fly one run, and write its choices.
+
+    Raises:
+        SystemExit: the scenario does not fly with Fusion.
+    """
+    cv2.setNumThreads(1)
+    options = spec.options()
+    scenario, settings = options.resolve()
+    world, clock, ends = World(scenario, spec.seed), SimulatedClock(), MemoryTransport.pair()
+    lesson = Lesson()
+    extras = FlightOptions(vision=options.vision, video=lesson)
+    flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, extras)
+    if not isinstance(flight.tracker, FusionTracker):
+        raise SystemExit(f"{scenario.name} does not fly with Fusion: name a detector in it")
+    lesson.flight, lesson.teacher = flight, Teacher(flight.tracker)
+    with closing(flight):
+        fly_lockstep(flight, clock, lambda: None)
+    lesson.teacher.examples().save(out / f"{spec.number}.npz")
+
+
+def main() -> None:
+    """Fly and write what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, help="takes a file for each flight")
+    parser.add_argument("--first", type=int, default=300, help="number of the first run")
+    parser.add_argument("--count", type=int, default=24, help="how many runs")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    specs = planned(load_campaign("standard"))[options.first :][: options.count]
+    with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(fly, spec, options.out) for spec in specs]
+        for one in progress(as_completed(waiting), "flights", total=len(waiting)):
+            one.result()
+
+
+if __name__ == "__main__":
+    main()
