@@ -108,10 +108,10 @@ def test_waiting_frames_take_bounded_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocked = threading.Event()
-    monkeypatch.setattr(os, "fdatasync", lambda _: blocked.wait(20))
     settings = RecorderSettings(buffer_mb=1.0, keep_free_mb=0)
     config = FlightConfig.of("real", Settings())
     recorder = Recorder(tmp_path, config, MonotonicClock(), settings)
+    monkeypatch.setattr(os, "fdatasync", lambda _: blocked.wait(20))
     deadline = time.monotonic() + 2.0
     while time.monotonic() < deadline:
         recorder.add_frame(Frame(IMAGE, 0.0, 0), 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -26,6 +27,7 @@ from follower.training.fusion.driving import (
 from follower.training.fusion.fitting import FirstPeak, fit_model, fit_noise
 from follower.training.fusion.settings import FitSettings, FusionConfig, FusionSetup
 from follower.training.fusion.trainer import (
+    FittedFusion,
     FusionTrainer,
     fit_one,
     read_choices,
@@ -88,29 +90,28 @@ def a_config(**changes: object) -> FusionConfig:
 FOLDS = {f"square{number}": number % 2 for number in range(4)}
 
 
+@pytest.fixture(scope="module")
+def fitted(footage: Path, tmp_path_factory: pytest.TempPathFactory) -> FittedFusion:
+    folder = tmp_path_factory.mktemp("fitted")
+    return FusionTrainer(a_config(), sequence_folders([footage]), folder, FOLDS).train()
+
+
 @pytest.mark.slow
-def test_a_fit_follows_what_it_has_not_seen_and_is_the_same_each_time(
-    footage: Path, tmp_path: Path
-) -> None:
-    files = []
-    for name in ("one", "two"):
-        trainer = FusionTrainer(a_config(), sequence_folders([footage]), tmp_path / name, FOLDS)
-        fitted = trainer.train()
-        files.append(fitted.path.read_text())
-        assert fitted.figures(FusionSetup("correlation"))["success"] > 0.9
-    assert files[0] == files[1]
-    model = model_for("correlation", str(tmp_path / "one" / "fitted.json"))
+def test_a_fit_follows_what_it_has_not_seen(fitted: FittedFusion) -> None:
+    assert fitted.figures(FusionSetup("correlation"))["success"] > 0.9
+    model = model_for("correlation", str(fitted.path))
     assert 0 < model.noise.place["peak"] < 1
-    assert sorted(path.name for path in (tmp_path / "one").glob("fold-*.json")) == [
-        "fold-0.json",
-        "fold-1.json",
-    ]
+    names = sorted(path.name for path in fitted.path.parent.glob("fold-*.json"))
+    assert names == ["fold-0.json", "fold-1.json"]
 
 
 @pytest.mark.slow
-def test_the_command_says_what_is_reached_and_where_it_is(footage: Path, tmp_path: Path) -> None:
+def test_the_command_says_what_is_reached_and_fits_the_same_each_time(
+    fitted: FittedFusion, footage: Path, tmp_path: Path
+) -> None:
     (tmp_path / "folds.json").write_text(json.dumps(FOLDS))
-    settings = ["setups=[{tracker: correlation}]", "rounds=1", "jobs=1", "fit.steps=50"]
+    settings = ["setups=[{tracker: correlation}]", "rounds=1", "jobs=1"]
+    settings += [f"fit.{name}={value}" for name, value in asdict(FIT).items()]
     words = ["train", "fusion", "--sequences", str(footage), "--out", str(tmp_path)]
     words += ["--folds", str(tmp_path / "folds.json")]
     for setting in settings:
@@ -118,7 +119,8 @@ def test_the_command_says_what_is_reached_and_where_it_is(footage: Path, tmp_pat
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     assert "out of fold: success" in " ".join(result.output.split())
-    assert (tmp_path / "fusion-nanotrack" / "fitted.json").is_file()
+    again = json.loads((tmp_path / "fusion-nanotrack" / "fitted.json").read_text("utf-8"))
+    assert again["models"] == json.loads(fitted.path.read_text("utf-8"))["models"]
 
 
 class StillTracker(IdentityTracker):
