@@ -1,9 +1,9 @@
-"""Keys of former versions: a user is told what to do instead, and a recording does without them."""
+"""Settings of former versions: what their keys have become, and what those are that they lack."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from follower_control.common.strict_config import SettingsError
+from follower_control.common.strict_config import SettingsError, merged
 
 _FITTED = "Fusion chooses by a fitted probability; see docs/explanation/fusion.md"
 _FUSION_RULES = (
@@ -24,6 +24,8 @@ RETIRED = {
     "ground_station.definition_uri": "PARAM_* of component 191 offers the settings; leave it out",
 }
 """What to do instead of each key, by its path."""
+_BEFORE = {"envelope": {"max_yaw_jerk_deg_s3": None}}
+"""What was flown before there were these settings: a recording without them means that."""
 
 
 def refuse_retired(data: Mapping[str, Any], source: str) -> None:
@@ -41,7 +43,12 @@ def refuse_retired(data: Mapping[str, Any], source: str) -> None:
             raise SettingsError(f"{source}: {key} is gone: {RETIRED[key]}")
 
 
-def without_retired(recorded: Mapping[str, Any], section: str = "") -> dict[str, Any]:
+def as_recorded(recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a recording, maybe of a former version, as those of this one."""
+    return merged(_BEFORE, _without_retired(recorded))
+
+
+def _without_retired(recorded: Mapping[str, Any], section: str = "") -> dict[str, Any]:
     """Return the settings of a recording without the keys that are retired by now.
 
     Args:
@@ -50,7 +57,7 @@ def without_retired(recorded: Mapping[str, Any], section: str = "") -> dict[str,
     """
     kept = {key: value for key, value in recorded.items() if f"{section}{key}" not in RETIRED}
     return {
-        key: without_retired(value, f"{section}{key}.") if isinstance(value, Mapping) else value
+        key: _without_retired(value, f"{section}{key}.") if isinstance(value, Mapping) else value
         for key, value in kept.items()
     }
 

@@ -65,6 +65,23 @@ def test_bounds(asked, allowed, limit):
     assert limited.limits == (limit,)
 
 
+def test_without_a_limit_on_yaw_jerk_the_yaw_rate_changes_by_the_acceleration_at_once():
+    envelope = Envelope(EnvelopeSettings(max_yaw_acceleration_deg_s2=90, max_yaw_jerk_deg_s3=None))
+    envelope.start(HOLD, 0.0)
+    limited = envelope.limit(VelocitySetpoint(yaw_rate_rad_s=1.0), DT, FREE)
+    assert limited.allowed.yaw_rate_rad_s == math.radians(90) * DT
+    assert limited.limits == (Limit.YAW_ACCELERATION,)
+
+
+def test_with_one_the_yaw_acceleration_grows_by_it():
+    envelope = Envelope(EnvelopeSettings(max_yaw_jerk_deg_s3=500.0))
+    envelope.start(HOLD, 0.0)
+    asked = VelocitySetpoint(yaw_rate_rad_s=1.0)
+    turns = [envelope.limit(asked, i * DT, FREE).allowed.yaw_rate_rad_s for i in (1, 2)]
+    growth = math.radians(500.0) * DT**2
+    assert turns == pytest.approx([growth, 3 * growth])
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", ["forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s"])
 def test_one_number_that_is_not_finite_makes_it_slow_down_to_a_hold(field, bad):

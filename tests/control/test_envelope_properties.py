@@ -4,6 +4,7 @@ import math
 
 import hypothesis.strategies as st
 import pytest
+from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
@@ -18,11 +19,21 @@ SETTINGS = EnvelopeSettings(
     max_descent_m_s=1.0,
     max_acceleration_m_s2=2.5,
     max_jerk_m_s3=8.0,
+    max_yaw_acceleration_deg_s2=90.0,
+    max_yaw_jerk_deg_s3=400.0,
     fence_radius_m=50.0,
 )
 ROUNDING = 1e-6
 MAX_YAW_RATE = math.radians(SETTINGS.max_yaw_rate_deg_s)
-MAX_YAW_ACCELERATION = math.radians(SETTINGS.max_yaw_acceleration_deg_s2)
+LIMITS = (
+    (SETTINGS.max_acceleration_m_s2, SETTINGS.max_jerk_m_s3),
+    (SETTINGS.max_acceleration_m_s2, SETTINGS.max_jerk_m_s3),
+    (
+        math.radians(SETTINGS.max_yaw_acceleration_deg_s2),
+        math.radians(SETTINGS.max_yaw_jerk_deg_s3),
+    ),
+)
+"""The largest acceleration and jerk of the horizontal velocity, the vertical one, the yaw rate."""
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 plausible = st.floats(-12, 12)
@@ -42,7 +53,7 @@ class AnythingGoesIn(RuleBasedStateMachine):
         self.clock = 100.0
         self.envelope.start(now_s=self.clock)
         self.out = VelocitySetpoint()
-        self.accelerations = (0.0, 0.0)
+        self.accelerations = (0.0, 0.0, 0.0)
 
     def call(self, limited, now_s):
         dt = 0.0
@@ -56,14 +67,16 @@ class AnythingGoesIn(RuleBasedStateMachine):
         level = complex(after.forward_m_s - before.forward_m_s, after.right_m_s - before.right_m_s)
         sink = after.down_m_s - before.down_m_s
         turn = after.yaw_rate_rad_s - before.yaw_rate_rad_s
-        assert abs(turn) <= MAX_YAW_ACCELERATION * dt + 1e-12
         if dt == 0:
             assert level == sink == turn == 0
             return
-        for change, last in zip((level, sink), self.accelerations, strict=True):
-            assert abs(change / dt) <= SETTINGS.max_acceleration_m_s2 + ROUNDING
-            assert abs(change / dt - last) <= SETTINGS.max_jerk_m_s3 * dt + ROUNDING
-        self.accelerations = level / dt, sink / dt
+        changes = level / dt, sink / dt, turn / dt
+        for now, last, (acceleration, jerk) in zip(
+            changes, self.accelerations, LIMITS, strict=True
+        ):
+            assert abs(now) <= acceleration + ROUNDING
+            assert abs(now - last) <= jerk * dt + ROUNDING
+        self.accelerations = changes
 
     @rule(asked=setpoints, context=contexts, dt=steps)
     def ask(self, asked, context, dt):
@@ -92,7 +105,7 @@ class AnythingGoesIn(RuleBasedStateMachine):
     def start_again(self, velocity):
         self.envelope.start(velocity, self.clock)
         self.out = self.envelope.limit(velocity, self.clock, FlightContext()).allowed
-        self.accelerations = (0.0, 0.0)
+        self.accelerations = (0.0, 0.0, 0.0)
 
     @invariant()
     def within_bounds(self):
@@ -101,7 +114,28 @@ class AnythingGoesIn(RuleBasedStateMachine):
         assert speed <= SETTINGS.max_speed_m_s + 1e-6
         assert -SETTINGS.max_climb_m_s - 1e-6 <= self.out.down_m_s
         assert self.out.down_m_s <= SETTINGS.max_descent_m_s + 1e-6
-        assert abs(self.out.yaw_rate_rad_s) <= MAX_YAW_RATE + 1e-9
+        assert abs(self.out.yaw_rate_rad_s) <= MAX_YAW_RATE + 1e-8
+
+
+@pytest.mark.slow
+@given(st.lists(st.tuples(st.floats(-2, 2), st.integers(1, 40)), max_size=8))
+def test_a_hold_ends_the_turn_exactly_and_as_soon_as_the_limits_allow(wishes):
+    """A vehicle that is taken for standing, and turns on by a rounding error, is not released."""
+    envelope, now_s, (_, _, (acceleration, jerk)) = Envelope(SETTINGS), 0.0, LIMITS
+    envelope.start(HOLD, now_s)
+    for yaw_rate, count in wishes:
+        for _ in range(count):
+            now_s += 0.02
+            asked = VelocitySetpoint(yaw_rate_rad_s=yaw_rate)
+            envelope.limit(asked, now_s, FlightContext())
+    # The acceleration is taken back, braking builds up, brakes, and is taken back.
+    fastest = MAX_YAW_RATE + acceleration**2 / (2 * jerk)
+    longest_s = 2 * acceleration / jerk + fastest / acceleration + 0.1
+    turns = []
+    for _ in range(math.ceil(longest_s / 0.02)):
+        now_s += 0.02
+        turns.append(envelope.limit(HOLD, now_s, FlightContext()).allowed.yaw_rate_rad_s)
+    assert turns[-1] == 0.0
 
 
 AnythingGoesIn.TestCase.settings = hypothesis_settings(max_examples=100, stateful_step_count=30)

@@ -206,9 +206,31 @@ def test_a_lower_limit_brings_a_fast_vehicle_down_within_acceleration_and_jerk(
     assert abs(velocities[-1][1]) <= steep + 1e-6
 
 
-def test_the_envelopes_acceleration_stays_as_it_was() -> None:
+@pytest.mark.slow
+@settings(max_examples=40)
+@given(st.floats(1, 59), st.floats(-2, 2), st.integers(1, 60))
+def test_a_lower_yaw_rate_is_reached_within_yaw_acceleration_and_jerk(
+    top_deg_s: float, turn: float, when: int
+) -> None:
+    envelope, asked = Envelope(BEGAN), VelocitySetpoint(yaw_rate_rad_s=turn)
+    envelope.start(HOLD, 0.0)
+    turns = []
+    for i in range(1, when + 100):
+        if i == when:
+            envelope.change(replace(BEGAN, max_yaw_rate_deg_s=top_deg_s))
+        turns.append(envelope.limit(asked, i * DT, FlightContext()).allowed.yaw_rate_rad_s)
+    accelerations = [math.degrees(b - a) / DT for a, b in pairwise((0.0, *turns))]
+    assert max(map(abs, accelerations)) <= BEGAN.max_yaw_acceleration_deg_s2 + 1e-6
+    assert BEGAN.max_yaw_jerk_deg_s3 is not None
+    for a, a2 in pairwise((0.0, *accelerations)):
+        assert abs(a2 - a) <= BEGAN.max_yaw_jerk_deg_s3 * DT + 1e-4
+    assert abs(math.degrees(turns[-1])) <= top_deg_s + 1e-6
+
+
+@pytest.mark.parametrize("key", ["max_jerk_m_s3", "max_yaw_acceleration_deg_s2"])
+def test_the_envelopes_acceleration_and_jerk_stay_as_they_were(key: str) -> None:
     envelope = Envelope(BEGAN)
     before = copy.deepcopy(BEGAN)
-    with pytest.raises(ValueError, match="max_jerk_m_s3"):
-        envelope.change(replace(BEGAN, max_jerk_m_s3=3.0))
+    with pytest.raises(ValueError, match=key):
+        envelope.change(replace(BEGAN, **{key: 3.0}))
     envelope.change(before)

@@ -17,7 +17,7 @@ from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 
 SLACK = 1e-9
-"""What rounding may add to a speed limit, m/s."""
+"""What rounding may add to a speed limit, m/s, and to that of the yaw rate, rad/s."""
 
 SHORTEST_S = 1e-6
 """Less time than this is left to add up: rounding would be large against what may change in it."""
@@ -28,9 +28,17 @@ HUGE = 1e6
 TURN_AHEAD_S = 1.0
 """So far ahead the velocity is predicted while the nose turns."""
 
-NOTICEABLE = 0.05
-"""A smaller difference between asked and allowed velocity is not reported, m/s."""
+NOTICEABLE, _NOTICEABLE_RAD_S = 0.05, math.radians(1.0)
+"""A smaller difference between asked and allowed velocity is not reported, m/s and rad/s."""
 
+_ARRIVED_RAD_S = 1e-12
+"""So near, the yaw rate is the one asked for: a hold ends with zero, not almost."""
+
+_FIXED = (
+    *("max_acceleration_m_s2", "max_jerk_m_s3", "fence_m", "fence_deg"),
+    *("max_yaw_acceleration_deg_s2", "max_yaw_jerk_deg_s3"),
+)
+"""Settings that stay as they were when the flight began."""
 
 _RISE_PER_S = 3.0
 """How much less is sunk, or more climbed, over a target for each metre that it comes too near."""
@@ -63,7 +71,8 @@ class Envelope:
     """Limits setpoints; keeps the last one allowed, and when.
 
     Between two calls, the velocity changes by no more than `max_acceleration_m_s2` times the
-    interval, and that change's rate by no more than the jerk; the interval is what `now_s` says,
+    interval, and that change's rate by no more than the jerk; likewise the yaw rate, by its own
+    acceleration and jerk. The interval is what `now_s` says,
     at most `max_interval_s`, and nothing changes if the time stands still, runs backwards or is
     not finite. The limits on height, fence and distance bound what is steered towards: the
     velocity gets there within acceleration and jerk, ahead of time by `braking_m_s2` and
@@ -80,11 +89,16 @@ class Envelope:
 
     def __init__(self, settings: EnvelopeSettings | None = None) -> None:
         self._settings = s = settings or EnvelopeSettings()
-        self._too_fast_m_s = self._too_steep_m_s = 0.0
-        self._take_yaw()
+        self._too_fast_m_s = self._too_steep_m_s = self._too_quick_rad_s = 0.0
+        self._max_yaw_rate = math.radians(s.max_yaw_rate_deg_s)
         acceleration, jerk = s.max_acceleration_m_s2, s.max_jerk_m_s3
         self._horizontal = JerkLimit(acceleration, jerk, self._is_flyable)
         self._vertical = JerkLimit(acceleration, jerk, self._is_climbable)
+        self._max_yaw_acceleration = math.radians(s.max_yaw_acceleration_deg_s2)
+        self._turning: JerkLimit | None = None
+        if s.max_yaw_jerk_deg_s3 is not None:
+            yaw_jerk = math.radians(s.max_yaw_jerk_deg_s3)
+            self._turning = JerkLimit(self._max_yaw_acceleration, yaw_jerk, self._is_turnable)
         self._polygon = None if s.fence_m is None else Fence(s.fence_m)
         self._origin_deg: tuple[float, float] | None = None
         self._yaw_rate = 0.0
@@ -94,26 +108,21 @@ class Envelope:
         self._slower_s: float | None = None
         self._slowest_m_s = math.inf
 
-    def _take_yaw(self) -> None:
-        s = self._settings
-        self._max_yaw_rate = math.radians(s.max_yaw_rate_deg_s)
-        self._max_yaw_acceleration = math.radians(s.max_yaw_acceleration_deg_s2)
-
     def change(self, settings: EnvelopeSettings) -> None:
         """Keep other limits from now on; what is beyond them now is brought back within them.
 
         A velocity above a lower limit is brought down with limited acceleration and jerk.
 
         Raises:
-            ValueError: acceleration, jerk or the polygon is another: these stay as they were.
+            ValueError: an acceleration, a jerk or the polygon is another: these stay as they were.
         """
-        fixed = ("max_acceleration_m_s2", "max_jerk_m_s3", "fence_m", "fence_deg")
-        if any(getattr(settings, name) != getattr(self._settings, name) for name in fixed):
-            raise ValueError(f"{', '.join(fixed)} cannot be changed while flying")
+        if any(getattr(settings, name) != getattr(self._settings, name) for name in _FIXED):
+            raise ValueError(f"{', '.join(_FIXED)} cannot be changed while flying")
         self._settings = settings
-        self._take_yaw()
+        self._max_yaw_rate = math.radians(settings.max_yaw_rate_deg_s)
         self._too_fast_m_s = self._horizontal.reach
         self._too_steep_m_s = self._vertical.reach
+        self._too_quick_rad_s = 0.0 if self._turning is None else self._turning.reach
 
     def start(self, velocity: VelocitySetpoint = HOLD, now_s: float | None = None) -> None:
         """Begin at the vehicle's present velocity, so that the first setpoint is no step.
@@ -121,10 +130,12 @@ class Envelope:
         What exceeds the bounds is cut to them; a velocity that is not finite counts as standing.
         """
         known = velocity if velocity.is_finite else HOLD
-        self._too_fast_m_s = self._too_steep_m_s = 0.0
+        self._too_fast_m_s = self._too_steep_m_s = self._too_quick_rad_s = 0.0
         self._horizontal.start(_horizontal(known))
         self._vertical.start(clip(known.down_m_s, HUGE))
         self._yaw_rate = clip(known.yaw_rate_rad_s, self._max_yaw_rate)
+        if self._turning is not None:
+            self._turning.start(self._yaw_rate)
         self._last_s = now_s if now_s is not None and math.isfinite(now_s) else None
         self._turns_out = False
         self._slower_s, self._slowest_m_s = None, math.inf
@@ -208,7 +219,8 @@ class Envelope:
     def _turn_ahead(self, wanted_rad_s: float) -> float:
         """Return by how much the nose will have turned soon."""
         wanted = clip(wanted_rad_s, self._max_yaw_rate)
-        return max(wanted, self._yaw_rate, key=abs) * TURN_AHEAD_S
+        swung = 0.0 if self._turning is None else self._turning.at_rest.real
+        return max(wanted, self._yaw_rate, swung, key=abs) * TURN_AHEAD_S
 
     def _braked(
         self, velocity: complex, context: FlightContext, bounds: tuple[VelocityBound, ...]
@@ -362,11 +374,19 @@ class Envelope:
         return braking * (math.sqrt(delay**2 + 2 * room_m / braking) - delay)
 
     def _turn_towards(self, yaw_rate: float, interval_s: float) -> None:
-        reach = self._max_yaw_acceleration * interval_s
         change = yaw_rate - self._yaw_rate
-        if abs(change) > reach:
+        if self._turning is None:
+            reach = self._max_yaw_acceleration * interval_s
+            self._yaw_rate += clip(change, reach)
+            limited = abs(change) > reach
+        else:
+            if interval_s > 0:
+                rate = self._turning.step(yaw_rate, interval_s).real
+                self._yaw_rate = yaw_rate if abs(yaw_rate - rate) <= _ARRIVED_RAD_S else rate
+            self._too_quick_rad_s = min(self._too_quick_rad_s, self._turning.reach)
+            limited = abs(yaw_rate - self._yaw_rate) > _NOTICEABLE_RAD_S
+        if limited:
             self._limits.append(Limit.YAW_ACCELERATION)
-        self._yaw_rate += clip(change, reach)
 
     def _cut(self, value: float, largest: float, limit: Limit) -> float:
         if abs(value) > largest:
@@ -375,6 +395,9 @@ class Envelope:
 
     def _is_flyable(self, velocity: complex) -> bool:
         return abs(velocity) <= max(self._settings.max_speed_m_s, self._too_fast_m_s) + SLACK
+
+    def _is_turnable(self, yaw_rate: complex) -> bool:
+        return abs(yaw_rate) <= max(self._max_yaw_rate, self._too_quick_rad_s) + SLACK
 
     def _is_climbable(self, velocity: complex) -> bool:
         low = max(self._settings.max_climb_m_s, self._too_steep_m_s)

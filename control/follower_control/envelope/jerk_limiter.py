@@ -1,6 +1,7 @@
 """A velocity that follows a setpoint with limited acceleration and jerk, within its bounds.
 
 Velocities in the plane are complex numbers: forward + 1j * right. One axis alone is a real part.
+A yaw rate is such an axis, too: then read rad/s for m/s.
 """
 
 from __future__ import annotations
@@ -48,10 +49,14 @@ class JerkLimit:
         self.acceleration: complex = 0.0
 
     @property
+    def at_rest(self) -> complex:
+        """The velocity, m/s, that is reached by taking the acceleration back from now on."""
+        return self.velocity + self.acceleration * abs(self.acceleration) / (2 * self._max_jerk)
+
+    @property
     def reach(self) -> float:
         """The largest speed, m/s, on the way to where the velocity would come to rest by itself."""
-        at_rest = self.velocity + self.acceleration * abs(self.acceleration) / (2 * self._max_jerk)
-        return max(abs(self.velocity), abs(at_rest))
+        return max(abs(self.velocity), abs(self.at_rest))
 
     def start(self, velocity: complex) -> None:
         """Begin at a steady velocity; outside the bounds it is scaled into them."""

@@ -17,8 +17,12 @@ class EnvelopeSettings:
         max_descent_m_s: downwards.
         max_acceleration_m_s2: horizontally, and vertically, each by itself.
         max_jerk_m_s3: likewise.
-        max_yaw_rate_deg_s: either way.
-        max_yaw_acceleration_deg_s2: either way.
+        max_yaw_rate_deg_s: either way. ArduCopter flies no more than 60 (ATC_SLEW_YAW), PX4 200
+            (MC_YAWRATE_MAX).
+        max_yaw_acceleration_deg_s2: either way; ArduCopter's own limit (ATC_ACCEL_Y_MAX).
+        max_yaw_jerk_deg_s3: either way. The default reaches that acceleration within 0.2 s, the
+            time constant of ArduCopter's yaw torque; the vehicle cannot follow faster. None is
+            unlimited.
         min_height_m: above home; no descent below it.
         ceiling_m: above home; no climb above it.
         min_clearance_m: above what is below, where a rangefinder or a terrain map gives it.
@@ -41,7 +45,8 @@ class EnvelopeSettings:
     max_acceleration_m_s2: float = 3.0
     max_jerk_m_s3: float = 10.0
     max_yaw_rate_deg_s: float = 60.0
-    max_yaw_acceleration_deg_s2: float = 120.0
+    max_yaw_acceleration_deg_s2: float = 270.0
+    max_yaw_jerk_deg_s3: float | None = 1350.0
     min_height_m: float | None = 3.0
     ceiling_m: float | None = 50.0
     min_clearance_m: float | None = 2.0

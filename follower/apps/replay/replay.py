@@ -25,7 +25,7 @@ from follower.recording.messages import FrameRecord, StepRecord, messages_of
 from follower.recording.recorder import CONFIG, LOG, TLOG
 from follower.recording.video_reader import FrameFinder
 from follower.recording.video_writer import VIDEO
-from follower.settings.retired import without_retired
+from follower.settings.retired import as_recorded
 from follower.settings.settings import Settings, load_settings
 from follower.tuning.excite.pattern import recorded_pattern
 from follower.tuning.excite.stage import ExcitationStage
@@ -45,7 +45,7 @@ def replay_settings(flight: RecordedFlight, overrides: Sequence[str] = ()) -> Se
     Raises:
         SettingsError: an override cannot be used, or a recorded setting is unknown.
     """
-    return load_settings(None, without_retired(flight.config.settings), overrides)
+    return load_settings(None, as_recorded(flight.config.settings), overrides)
 
 
 class Replay:

@@ -221,6 +221,7 @@ def test_a_flight_from_before_recordings_named_their_processor_opens_replays_and
 ) -> None:
     """Of it there are log and settings; its control multiplied its matrices by BLAS."""
     flight = open_flight(OLD)
+    assert replay_settings(flight).envelope.max_yaw_jerk_deg_s3 is None  # no limit in those days
     assert flight.config.processor == {}
     compared = compare(flight.log, replayed(flight, tracks_recorded=True).log)
     assert compared.agrees(1e-9)
