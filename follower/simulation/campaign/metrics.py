@@ -181,8 +181,9 @@ def _broken_setpoints(
         (peaks.yaw_acceleration_deg_s2, limits.max_yaw_acceleration_deg_s2),
         (peaks.horizontal_jerk_m_s3, limits.max_jerk_m_s3),
         (peaks.vertical_jerk_m_s3, limits.max_jerk_m_s3),
+        (peaks.yaw_jerk_deg_s3, limits.max_yaw_jerk_deg_s3),
     )
-    return sum(value > _SLACK * limit for value, limit in pairs)
+    return sum(limit is not None and value > _SLACK * limit for value, limit in pairs)
 
 
 def _broken_places(flight: SimulatedFlight, limits: EnvelopeSettings) -> int:

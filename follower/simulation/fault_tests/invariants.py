@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from follower.settings.settings import Settings
 from follower.simulation.faults.setpoint_rules import (
@@ -12,8 +13,10 @@ from follower.simulation.faults.setpoint_rules import (
 from follower.simulation.faults.wire_tap import WireSetpoint
 from follower_control.envelope.settings import EnvelopeSettings
 
-_SLACK_M_S2 = 0.01
+_SLACK = 0.01
 """Numbers on the wire have 32 bits: at 15 m/s and 50 Hz that is 0.0001 m/s2, and more of jerk."""
+_Rates: TypeAlias = tuple[complex, float, float]
+"""Horizontal acceleration, forward + 1j * right, and that down, m/s2; yaw acceleration, rad/s2."""
 
 
 class SetpointDerivatives:
@@ -29,7 +32,10 @@ class SetpointDerivatives:
     def __init__(self, limits: EnvelopeSettings) -> None:
         self._limits = limits
         self._before: WireSetpoint | None = None
-        self._acceleration: tuple[complex, float] | None = None
+        self._acceleration: _Rates | None = None
+        self._max_yaw_acceleration = math.radians(limits.max_yaw_acceleration_deg_s2)
+        yaw_jerk = limits.max_yaw_jerk_deg_s3
+        self._max_yaw_jerk = math.inf if yaw_jerk is None else math.radians(yaw_jerk)
 
     def start(self) -> None:
         """Begin anew with the next setpoint."""
@@ -45,23 +51,27 @@ class SetpointDerivatives:
         if interval_s <= 0:
             return ""
         past, self._acceleration = self._acceleration, _rate(before, setpoint, interval_s)
-        level, upright = self._acceleration
-        most = self._limits.max_acceleration_m_s2 + _SLACK_M_S2
-        if max(abs(level), abs(upright)) > most:
-            return f"an acceleration of {max(abs(level), abs(upright)):.2f} m/s2 is sent"
-        if past is None:
-            return ""
-        change = max(abs(level - past[0]), abs(upright - past[1]))
-        if change > self._limits.max_jerk_m_s3 * interval_s + _SLACK_M_S2:
-            return f"a jerk of {change / interval_s:.1f} m/s3 is sent"
+        level, upright, turn = map(abs, self._acceleration)
+        if max(level, upright) > self._limits.max_acceleration_m_s2 + _SLACK:
+            return f"an acceleration of {max(level, upright):.2f} m/s2 is sent"
+        if turn > self._max_yaw_acceleration + _SLACK:
+            return f"a yaw acceleration of {math.degrees(turn):.1f} deg/s2 is sent"
+        return "" if past is None else self._jerk_failure(past, self._acceleration, interval_s)
+
+    def _jerk_failure(self, past: _Rates, now: _Rates, interval_s: float) -> str:
+        level, upright, turn = (abs(b - a) for a, b in zip(past, now, strict=True))
+        if max(level, upright) > self._limits.max_jerk_m_s3 * interval_s + _SLACK:
+            return f"a jerk of {max(level, upright) / interval_s:.1f} m/s3 is sent"
+        if turn > self._max_yaw_jerk * interval_s + _SLACK:
+            return f"a yaw jerk of {math.degrees(turn) / interval_s:.0f} deg/s3 is sent"
         return ""
 
 
-def _rate(before: WireSetpoint, after: WireSetpoint, interval_s: float) -> tuple[complex, float]:
-    """Return the horizontal acceleration, forward + 1j * right, and the one down."""
-    a, b = before.values, after.values
-    level = complex(b[0] - a[0], b[1] - a[1]) / interval_s
-    return level, (b[2] - a[2]) / interval_s
+def _rate(before: WireSetpoint, after: WireSetpoint, interval_s: float) -> _Rates:
+    forward, right, down, turn = (
+        (b - a) / interval_s for a, b in zip(before.values, after.values, strict=True)
+    )
+    return complex(forward, right), down, turn
 
 
 _STEPS_TO_RELEASE = 2

@@ -227,6 +227,8 @@ def _random_settings(rng: np.random.Generator) -> Settings:
                 "max_speed_m_s": float(rng.uniform(2.0, 15.0)),
                 "max_acceleration_m_s2": float(rng.uniform(2.0, 5.0)),
                 "max_jerk_m_s3": float(rng.uniform(5.0, 30.0)),
+                "max_yaw_acceleration_deg_s2": float(rng.uniform(60.0, 300.0)),
+                "max_yaw_jerk_deg_s3": float(rng.uniform(400.0, 3000.0)),
                 "min_distance_m": float(rng.uniform(2.0, 6.0)),
                 "fence_radius_m": float(rng.choice([40.0, 200.0])),
             },

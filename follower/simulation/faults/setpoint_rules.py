@@ -65,9 +65,12 @@ def jump_failure(
     most = limits.max_acceleration_m_s2 * interval_s + 0.02
     level = math.dist(before.values[:2], after.values[:2])
     upright = abs(before.values[2] - after.values[2])
-    if max(level, upright) <= most:
-        return ""
-    return f"the velocity changes by {max(level, upright):.2f} m/s within {interval_s:.3f} s"
+    if max(level, upright) > most:
+        return f"the velocity changes by {max(level, upright):.2f} m/s within {interval_s:.3f} s"
+    turn_deg_s = math.degrees(abs(before.values[3] - after.values[3]))
+    if turn_deg_s > limits.max_yaw_acceleration_deg_s2 * interval_s + 1.0:
+        return f"the yaw rate changes by {turn_deg_s:.1f} deg/s within {interval_s:.3f} s"
+    return ""
 
 
 def pilot_failures(evidence: FlightEvidence) -> Iterator[str]:

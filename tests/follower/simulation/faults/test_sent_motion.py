@@ -1,5 +1,7 @@
 """The random flights' rules, seen from the packets alone, and their cheap vehicle."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,11 @@ from follower.simulation.fault_tests.invariants import (
     SetpointDerivatives,
 )
 from follower.simulation.fault_tests.simple_vehicle import SimpleVehicle
-from follower.simulation.faults.setpoint_rules import BODY_FRAME, VELOCITY_AND_YAW_RATE
+from follower.simulation.faults.setpoint_rules import (
+    BODY_FRAME,
+    VELOCITY_AND_YAW_RATE,
+    jump_failure,
+)
 from follower.simulation.faults.wire_tap import WireSetpoint
 from follower_control.common.transport import MemoryTransport
 from follower_control.envelope.settings import EnvelopeSettings
@@ -20,8 +26,8 @@ LIMITS = EnvelopeSettings(max_acceleration_m_s2=3.0, max_jerk_m_s3=10.0)
 STEP_S = 0.02
 
 
-def _sent(number: int, forward: float, down: float = 0.0) -> WireSetpoint:
-    values = (forward, 0.0, down, 0.0)
+def _sent(number: int, forward: float, turn_deg_s: float = 0.0) -> WireSetpoint:
+    values = (forward, 0.0, 0.0, math.radians(turn_deg_s))
     return WireSetpoint(number * STEP_S, BODY_FRAME, VELOCITY_AND_YAW_RATE, values)
 
 
@@ -46,6 +52,28 @@ def test_more_acceleration_than_allowed_is_told() -> None:
 def test_more_jerk_than_allowed_is_told() -> None:
     ahead, back = 1.0 + 1.0 * STEP_S, 1.0
     assert _failures([1.0, ahead, back]) == ["a jerk of 100.0 m/s3 is sent"]
+
+
+@pytest.mark.parametrize(
+    ("turns_deg_s", "told"),
+    [
+        ([0.0, 1.2, 2.4, 2.4], []),
+        ([0.0, 2.6], ["a yaw acceleration of 130.0 deg/s2 is sent"]),
+        ([0.0, 1.2, 0.0], ["a yaw jerk of 6000 deg/s3 is sent"]),
+    ],
+)
+def test_the_yaw_rate_has_its_own_limits(turns_deg_s: list[float], told: list[str]) -> None:
+    limits = EnvelopeSettings(max_yaw_acceleration_deg_s2=120.0, max_yaw_jerk_deg_s3=3100.0)
+    motion = SetpointDerivatives(limits)
+    sent = [_sent(number, 1.0, turn) for number, turn in enumerate(turns_deg_s)]
+    assert [failure for one in sent if (failure := motion.failure(one))] == told
+
+
+def test_the_jump_of_a_yaw_rate_is_told() -> None:
+    limits = EnvelopeSettings(max_yaw_acceleration_deg_s2=100.0)
+    assert jump_failure(_sent(0, 1.0), _sent(1, 1.0, 4.9), limits) == ""
+    told = "the yaw rate changes by 5.1 deg/s within 0.040 s"
+    assert jump_failure(_sent(0, 1.0), _sent(1, 1.0, 5.1), limits) == told
 
 
 def test_a_zero_may_come_at_any_time_and_following_may_begin_after_it() -> None:
