@@ -73,7 +73,15 @@ def _parameter(
     return add
 
 
-def _limit(autopilot: str, key: str, unit: str, *, needed: bool = False, **scales: float) -> None:
+def _limit(
+    autopilot: str,
+    key: str,
+    unit: str,
+    *,
+    needed: bool = False,
+    unlimited_by_zero: bool = False,
+    **scales: float,
+) -> None:
     """Add a check that a parameter allows as much as the envelope's setting `key`."""
 
     @_parameter(autopilot, f"at least envelope.{key}", needed=needed, **scales)
@@ -81,6 +89,8 @@ def _limit(autopilot: str, key: str, unit: str, *, needed: bool = False, **scale
         wanted = getattr(s.settings.envelope, key)
         text = f"{value:g} {unit} allowed, {wanted:g} wanted"
         todo = f"set envelope.{key} to {value:g}, or raise it"
+        if value == 0 and unlimited_by_zero:
+            return passed("unlimited")
         if value >= wanted:
             return passed(text)
         if needed:
@@ -233,3 +243,11 @@ def _ground_station_id(s: Snapshot, value: float) -> PreflightFinding:
 _limit("ardupilot", "braking_m_s2", "m/s²", needed=True, WPNAV_ACCEL=_CENTI, WP_ACC=1.0)
 _limit("ardupilot", "max_speed_m_s", "m/s", WPNAV_SPEED=_CENTI, WP_SPD=1.0)
 _limit("ardupilot", "max_yaw_rate_deg_s", "deg/s", ATC_SLEW_YAW=_CENTI)
+_limit(
+    "ardupilot",
+    "max_yaw_acceleration_deg_s2",
+    "deg/s²",
+    unlimited_by_zero=True,
+    ATC_ACCEL_Y_MAX=_CENTI,
+    ATC_ACC_Y_MAX=1.0,
+)

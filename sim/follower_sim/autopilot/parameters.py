@@ -31,6 +31,7 @@ PX4_PARAMETERS: dict[str, float] = {
 }
 
 ARDUCOPTER_PARAMETERS: dict[str, float] = {
+    "ATC_ACCEL_Y_MAX": 27000.0,
     "ATC_SLEW_YAW": 6000.0,
     "FS_GCS_ENABLE": 0,
     "FS_OPTIONS": 16,

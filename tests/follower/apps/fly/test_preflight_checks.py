@@ -328,6 +328,8 @@ ONE = [
     ("ardupilot", "WPNAV_ACCEL", parameter("WPNAV_ACCEL", 100), FAIL, "1 m/s²"),
     ("ardupilot", "WPNAV_SPEED", parameter("WPNAV_SPEED", 500), WARN, "5 m/s allowed"),
     ("ardupilot", "ATC_SLEW_YAW", parameter("ATC_SLEW_YAW", 3000), WARN, "30 deg/s"),
+    ("ardupilot", "ATC_ACCEL_Y_MAX", parameter("ATC_ACCEL_Y_MAX", 9000), WARN, "270 wanted"),
+    ("ardupilot", "ATC_ACCEL_Y_MAX", parameter("ATC_ACCEL_Y_MAX", 0), PASS, "unlimited"),
 ]
 
 
