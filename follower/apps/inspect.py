@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from follower.flight.supervision.flight_end import BROKEN_OFF, LastRelease
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
 from follower.recording.messages import MESSAGES
@@ -158,6 +159,7 @@ def summary(
     )
     if flight.states:
         figures.append(("Following", f"{followed_s:.1f} s"))
+        figures.append(("End", _end(recorded)))
     share = seen_share(recorded)
     if share is not None:
         figures.append(("Target seen", f"{100 * share:.1f} %"))
@@ -168,6 +170,11 @@ def summary(
         figures.append(("Capture to setpoint, median", f"{median:.0f} ms"))
         figures.append(("Capture to setpoint, 99 %", f"{p99:.0f} ms"))
     return figures
+
+
+def _end(recorded: RecordedFlight) -> str:
+    release = LastRelease.of((record.state, record.reason) for record in recorded.log.controls)
+    return "not recorded" if release.end is BROKEN_OFF else release.end.sentence
 
 
 def _headline(

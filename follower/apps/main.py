@@ -58,7 +58,8 @@ _SIM_EPILOG = """
 `follower sim winding --autopilot external --connect udpin:0.0.0.0:14540` – PX4 or ArduPilot SITL
 
 Ctrl-C holds, releases and leaves a complete report. Exit code 0: the scenario's limits were kept;
-1: they were not; 2: an option cannot be used; 130: ended by Ctrl-C.
+1: they were not; 2: an option cannot be used; 3: handed over to the pilot; 4: released because
+something failed; 130: ended by Ctrl-C.
 """
 _INSPECT_EPILOG = """
 **Examples**
@@ -203,7 +204,7 @@ def demo(
     Fusion with the networks that come along finds it again. Takes under a minute in real
     time; on a computer that is too slow for it, frames come late and the end says so: then
     take --lockstep. Afterwards runs/demo holds the video, an HTML report and the score. The exit
-    code is 0 if the pursuit succeeded, 1 if it failed.
+    code is 0 if the pursuit succeeded, 1 if it failed; see docs/reference/supervisor.md.
     """
     sim("demo", autopilot, seed, lockstep, config, overrides, connect, out, video, record, link)
 

@@ -12,6 +12,7 @@ from string import Template
 from matplotlib.figure import Figure
 
 from follower.flight.log import FlightLog
+from follower.flight.supervision.flight_end import HANDED_OVER, SUCCESS, pursuit_end
 from follower.report import figures, html, style
 from follower.report.series import LoggedFlight, ReportMeta, timings
 from follower_sim.kinematics import TruthSample
@@ -159,8 +160,9 @@ def _headline(
         box = verdict_box("", f"{flight.length_s:.1f} s, no truth to score by", remarks)
         return box + html.tiles(_log_figures(flight.log))
     failures = verdict(score, criteria)
-    headline = "The pursuit failed" if failures else "The pursuit succeeded"
-    box = verdict_box("failed" if failures else "passed", headline, failures + remarks)
+    end = meta.end or pursuit_end(failures)
+    kind = {SUCCESS: "passed", HANDED_OVER: ""}.get(end.exit_code, "failed")
+    box = verdict_box(kind, end.sentence, (failures if kind else []) + remarks)
     shown = {check.name: check.value for check in checks(score, criteria)}
     chosen = (
         "Target in frame",

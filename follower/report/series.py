@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord, setpoint_delays
+from follower.flight.supervision.flight_end import FlightEnd
 from follower.flight.supervision.supervisor import SupervisorState
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.state import VehicleState
@@ -319,6 +320,7 @@ class ReportMeta:
         files: (file name, what it is) of what else lies in the folder.
         video: the name of a video in the folder to show, "" if there is none.
         remarks: lines that the reader must know, e.g. that the flight was interrupted.
+        end: how the flight ended; None leaves that to the score.
     """
 
     title: str
@@ -329,3 +331,4 @@ class ReportMeta:
     files: tuple[tuple[str, str], ...] = ()
     video: str = ""
     remarks: tuple[str, ...] = ()
+    end: FlightEnd | None = None

@@ -193,7 +193,7 @@ class SimulatedFlight:
         return self._truth.identity
 
     def score(self) -> PursuitScore:
-        """Score the flight, up to the operator's stop or to its end."""
+        """Score the flight, up to the stop, to the handing over or to its end."""
         return score_flight(
             self.log,
             self.truth,

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord, setpoint_delays
+from follower.flight.supervision.flight_end import HANDED_OVER, LastRelease
 from follower.flight.supervision.supervisor import SupervisorReason
 from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.scoring.ground_truth import GroundTruth
@@ -95,7 +96,7 @@ def score_flight(
     identity: IdentityScore | None = None,
     chosen_s: float | None = None,
 ) -> PursuitScore:
-    """Score a flight up to the operator's stop, or to its end if it was not stopped.
+    """Score a flight up to the stop or to the handing over, or to its end if there was neither.
 
     Args:
         log: the flight.
@@ -123,5 +124,14 @@ def score_flight(
 
 
 def stopped_s(controls: Sequence[ControlRecord]) -> float | None:
-    """Return when the operator's stop took effect, None if it never did."""
-    return next((r.time_s for r in controls if r.reason is SupervisorReason.STOP_REQUESTED), None)
+    """Return when the operator's stop took effect, or the pilot took over for good."""
+    stops = [r.time_s for r in controls if r.reason is SupervisorReason.STOP_REQUESTED][:1]
+    return min(stops + _handed_over_s(controls), default=None)
+
+
+def _handed_over_s(controls: Sequence[ControlRecord]) -> list[float]:
+    release = LastRelease.of((r.state, r.reason) for r in controls)
+    flown_s = [r.time_s for r in controls if r.state.engaged]
+    if not flown_s or release.end.exit_code != HANDED_OVER:
+        return []
+    return [next(r.time_s for r in controls if r.time_s > flown_s[-1])]

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -9,6 +10,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from follower.flight.supervision.flight_end import (
+    BY_CTRL_C,
+    HANDED_OVER,
+    INTERRUPTED,
+    SUCCESS,
+    FlightEnd,
+    pursuit_end,
+)
 from follower.recording.run_folder import write_boxes, write_setpoints
 from follower.report.flight_page import write_report, write_score
 from follower.report.series import ReportMeta
@@ -21,6 +30,7 @@ from follower_sim.scoring.criteria import checks, verdict
 from follower_sim.scoring.score import PursuitScore
 from follower_vision.atomic_file import write_whole
 
+_STYLES = {SUCCESS: "bold green", HANDED_OVER: "bold yellow", INTERRUPTED: "bold yellow"}
 NO_PIXELS = LABEL[0].upper() + LABEL[1:]
 VIDEO = "overlay.mp4"
 FILES = (
@@ -38,9 +48,13 @@ FILES = (
 
 
 def print_score(
-    console: Console, score: PursuitScore, criteria: Criteria, files: Sequence[Path] = ()
+    console: Console,
+    score: PursuitScore,
+    criteria: Criteria,
+    files: Sequence[Path] = (),
+    end: FlightEnd | None = None,
 ) -> None:
-    """Write the score with its limits, the verdict and where everything lies."""
+    """Write the score with its limits, the end (by default the score's), and the files."""
     table = Table(show_edge=False, pad_edge=False, header_style="dim")
     table.add_column("Figure")
     table.add_column("Value", justify="right")
@@ -51,10 +65,10 @@ def print_score(
         table.add_row(check.name, check.value, check.limit, marks[check.passed])
     console.print(table)
     failures = verdict(score, criteria)
+    end = end or pursuit_end(failures)
     console.print()
-    outcome, style = ("failed", "bold red") if failures else ("succeeded", "bold green")
-    console.print(Text(f"The pursuit {outcome}", style))
-    for line in failures:
+    console.print(Text(end.sentence, _STYLES.get(end.exit_code, "bold red")))
+    for line in failures if end.exit_code != HANDED_OVER else ():
         print_line(console, f"  {line}")
     for path in files:
         print_line(console, f"  {path}")
@@ -67,8 +81,9 @@ def report_flight(
     connection: str,
     remarks: tuple[str, ...],
     console: Console,
-) -> bool:
-    """Write all files of a flight, print its score, return whether the scenario's limits are met.
+    interrupted: bool = False,
+) -> FlightEnd:
+    """Write all files of a flight, print its score, return how it ended.
 
     Args:
         flight: is over.
@@ -77,8 +92,12 @@ def report_flight(
         connection: over which MAVLink was spoken, in words.
         remarks: what the reader has to know.
         console: where the score is printed.
+        interrupted: the user ended it by Ctrl-C.
     """
     criteria, score = flight.scenario.expect, flight.score()
+    end = BY_CTRL_C if interrupted else flight.stage.end
+    if end.exit_code == SUCCESS:
+        end = pursuit_end(verdict(score, criteria))
     write_boxes(folder / "boxes.csv", flight.log.tracks)
     write_setpoints(folder / "setpoints.csv", flight.log.controls)
     write_whole(folder / "settings.yaml", flight.settings.to_yaml())
@@ -87,12 +106,13 @@ def report_flight(
         "autopilot": flight.flavour,
         "seed": flight.seed,
         "vision": str(flight.vision_source),
+        "end": end.sentence,
     }
     write_score(folder, score, criteria, run)
     write_report(
         folder,
         flight.log,
-        _meta(flight, folder, command, connection, remarks),
+        replace(_meta(flight, folder, command, connection, remarks), end=end),
         truth=flight.truth,
         goal=flight.goal,
         score=score,
@@ -100,10 +120,10 @@ def report_flight(
         target_size_m=flight.settings.servo.target_size_m,
     )
     files = [folder / name for name, _ in FILES if (folder / name).exists()]
-    print_score(console, score, criteria, files)
+    print_score(console, score, criteria, files, end)
     for remark in remarks:
         print_line(console, remark)
-    return not verdict(score, criteria)
+    return end
 
 
 def _meta(

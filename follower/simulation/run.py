@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from follower.flight.log import FlightLog
+from follower.flight.supervision.flight_end import FAILED, SUCCESS
 from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.links.connections import ConnectionFailedError
 from follower.recording import FlightConfig, Recorder
@@ -35,8 +36,7 @@ from follower_control.common.transport import Transport
 from follower_sim.world.world import World
 from follower_vision.clock import MonotonicClock, SimulatedClock
 
-INTERRUPTED = "The user ended this flight."
-_SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
+BY_USER = "The user ended this flight."
 _LEAST_FRAME_SHARE = 0.8
 _LONGEST_GAP_S = 0.3
 
@@ -80,12 +80,13 @@ class _Simulation:
                 except ConnectionFailedError:
                     remove_run_folder(folder)  # there was no flight
                     raise
-                end = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
-                link = "through memory" if self.options.lockstep else f"by {end}"
-                met = report_flight(flight, folder, self.options.command, link, remarks, console)
-        if INTERRUPTED in remarks:
-            return _INTERRUPTED
-        return _SUCCESS if (met if passed is None else passed) else _FAILED
+                to = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
+                link = "through memory" if self.options.lockstep else f"by {to}"
+                command, interrupted = self.options.command, BY_USER in remarks
+                end = report_flight(flight, folder, command, link, remarks, console, interrupted)
+        if interrupted or passed is None:
+            return end.exit_code
+        return SUCCESS if passed else FAILED
 
     def _fly(
         self,
@@ -132,7 +133,7 @@ class _Simulation:
         judged = [] if injector is None else verdicts(self.faults, flight, injector)
         remarks = (
             NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
-            INTERRUPTED if interrupted else None,
+            BY_USER if interrupted else None,
             self._late_frames(flight),
             video.remark if video else None,
             station.remark if station else None,

@@ -65,7 +65,8 @@ def fly_command(
 ) -> None:
     """Follow a target with a real vehicle: check, wait for the pilot, follow, release.
 
-    Exit code 0 after a flight, 1 if a preflight check refused it, 2 if an option cannot be used.
+    Exit code 0: it ended as asked; 1: a preflight check refused it; 2: an option cannot be used; 3:
+    the pilot or the operator took the vehicle back; 4: something failed; 130: Ctrl-C before it.
     """
     from follower.apps.command_settings import command_settings, lens_is_given, with_detector
     from follower.apps.fly.session import fly

@@ -12,6 +12,7 @@ from follower.flight.log import ControlRecord, FlightLog
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
+from follower.flight.supervision.flight_end import NO_FRAMES, SUCCESS, FlightEnd
 from follower.flight.supervision.release import is_resting
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.flight.target.resolver import TargetFinder
@@ -184,6 +185,12 @@ class RealFlight:
         """Hold, then release; from any thread."""
         self._ending = True
         self.stage.request_stop()
+
+    @property
+    def end(self) -> FlightEnd:
+        """How the flight has ended, if it ends now."""
+        end = self.stage.end
+        return NO_FRAMES if self._source.ended and end.exit_code == SUCCESS else end
 
     @property
     def finished(self) -> bool:

@@ -23,6 +23,7 @@ from follower.apps.preflight.checklist import (
 from follower.apps.preflight.session import CheckScope, LinkObserver
 from follower.apps.target_choice import TargetChoice
 from follower.apps.video_input import SteadySource, VideoInput
+from follower.flight.supervision.flight_end import FAILED, FlightEnd
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.target.selectors import Selector, first_selected
 from follower.flight.vision.tracker_factory import (
@@ -57,7 +58,6 @@ from follower_vision.fusion import BackgroundDetection
 from follower_vision.sources.frame_source import FrameSource, SourceError
 from follower_vision.trackers.target_tracker import TargetTracker
 
-_SUCCESS, _REFUSED = 0, 1
 _KEPT = 3000
 """A minute of control steps stays in memory, for the terminal; the recording has them all."""
 PREFLIGHT = "preflight.json"
@@ -73,7 +73,7 @@ def fly(
     cockpit: bool = False,
     config: Path | None = None,
 ) -> int:
-    """Fly, and return the exit code: 0 after a flight, 1 if the preflight checks refused it.
+    """Fly, and return the exit code: the flight end's, or 1 if the preflight checks refused it.
 
     Args:
         settings: to fly with.
@@ -175,12 +175,13 @@ class FlySession:
                     stack.callback(lambda: source.close())
                     size = self._check(link, source, pressed)
                     if size is None:
-                        return _REFUSED
+                        return FAILED
                     source = self.camera.restarted(source, self._clock)
                     steady = SteadySource(source, size)
-                    self._fly(link, steady, size, tracker, selector, recorder, after)
+                    end = self._fly(link, steady, size, tracker, selector, recorder, after)
             self._report(recorder)
-        return _SUCCESS
+            self._say(end.sentence)
+        return end.exit_code
 
     def _recorder(self, connect: str, epoch_ns: int) -> Recorder:
         config = FlightConfig.of(
@@ -250,7 +251,7 @@ class FlySession:
         selector: Selector | None,
         recorder: Recorder,
         after: ExitStack,
-    ) -> None:
+    ) -> FlightEnd:
         """Fly to the end, or until Ctrl-C; the next one, until `after` is closed, is let pass."""
         flight = RealFlight(
             self.settings,
@@ -282,6 +283,7 @@ class FlySession:
             flight.run(watch)
             after.enter_context(StopOnInterrupt())
         self._say_goodbye(link)
+        return flight.end
 
     def _page(self, flight: RealFlight) -> AbstractContextManager[object]:
         """Show the flight on the page while entered, if there is one."""

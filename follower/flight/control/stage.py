@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from follower.flight.control.guidance import Guidance
 from follower.flight.log import ControlRecord, FlightLog, ObservationRecord, Stopwatch, TrackRecord
 from follower.flight.operator_requests import NOTHING, OperatorRequests
+from follower.flight.supervision.flight_end import FlightEnd, LastRelease
 from follower.flight.supervision.inputs import ConsentRequest, SupervisorInputs, judge
 from follower.flight.supervision.pilot_and_operator import PilotOperatorInput
 from follower.flight.supervision.release import SetpointHandover
@@ -80,6 +81,7 @@ class ControlStage:
         )
         self._handover = SetpointHandover(settings.release)
         self.supervisor = Supervisor(settings.supervisor)
+        self._release = LastRelease()
         self.settings = settings
         self._asks_often = settings.link.asks_often
         self._log = log
@@ -99,6 +101,11 @@ class ControlStage:
     def servo(self) -> VisualServo:
         """Whose errors are worth showing."""
         return self._guidance.servo
+
+    @property
+    def end(self) -> FlightEnd:
+        """How the flight has ended, if it ends now."""
+        return self._release.end
 
     def request_stop(self) -> None:
         """Release the vehicle at the next step, whatever the state; from any thread."""
@@ -294,6 +301,7 @@ class ControlStage:
     ) -> SupervisorState:
         before, reason = self.supervisor.state, self.supervisor.reason
         state = self.supervisor.step(situation, now_s)
+        self._release.take(state, self.supervisor.reason)
         if state is not before or self.supervisor.reason is not reason:
             self._log.note(now_s, "supervisor", f"{state}: {self.supervisor.reason}")
         if state.engaged and not before.engaged:

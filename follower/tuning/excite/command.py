@@ -29,7 +29,8 @@ right and left, up and down, turning. It takes about 70 s. All limits of `envelo
 3. The pilot takes any other mode, or Ctrl-C: it holds and releases. After the pattern it does so by
 itself.
 
-Exit code 0: all of it was flown; 1: it was ended early; 2: an option cannot be used.
+Exit code 0: all of it was flown; 1: it was asked to end early; 2: an option cannot be used; 3: the
+pilot took the vehicle back; 4: something failed.
 """
 
 _SIZE = "How large"

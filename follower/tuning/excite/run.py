@@ -15,6 +15,7 @@ from follower.flight.control.loop import ControlLoop
 from follower.flight.lockstep import Lockstep
 from follower.flight.log import FlightLog
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
+from follower.flight.supervision.flight_end import FAILED, SUCCESS
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.connections import open_connection
 from follower.links.link import Link
@@ -152,7 +153,6 @@ def run_of(excitation: ExcitationSettings) -> dict[str, object]:
     return {RUN_KEY: plain}
 
 
-_SUCCESS, _INCOMPLETE = 0, 1
 FLAVOURS = ("px4", "ardupilot")
 
 
@@ -180,7 +180,9 @@ class ExcitationRun:
 
 
 def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) -> int:
-    """Fly the pattern; return 0 if all of it was flown, 1 if it was ended early.
+    """Fly the pattern; return 0 if all of it was flown, 1 if it was asked to end early.
+
+    If it was released early, return the flight end's exit code.
 
     Raises:
         SettingsError, ConnectionFailedError: what the user can mend, in one line.
@@ -202,17 +204,17 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
             folder, flight = _simulated(run, settings, watch)
         else:
             folder, flight = _real(run, settings, run.connect, watch)
+    end = flight.stage.end
     if flight.complete:
         print_line(console, f"All of the pattern was flown: {folder}")
     else:
-        reason = flight.stage.supervisor.reason
         print_line(
             console,
-            f"Ended early ({reason}) after {flight.stage.elapsed_s:.0f} of "
+            f"{end.sentence} after {flight.stage.elapsed_s:.0f} of "
             f"{flight.pattern.length_s:.0f} s: {folder}",
         )
     print_line(console, f"Next: follower identify {shlex.quote(str(folder))}")
-    return _SUCCESS if flight.complete else _INCOMPLETE
+    return SUCCESS if flight.complete else end.exit_code or FAILED
 
 
 def _config(run: ExcitationRun, settings: Settings, kind: str, epoch_ns: int) -> FlightConfig:

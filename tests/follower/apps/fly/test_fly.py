@@ -28,7 +28,7 @@ SETTINGS = (
     *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),
 )
 HEIGHT_M = 12.0
-READY, REFUSED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+READY, REFUSED, UNUSABLE, HANDED_OVER, LET_GO, INTERRUPTED = 0, 1, 2, 3, 4, 130
 MakeVehicle = Callable[..., Any]
 
 
@@ -124,6 +124,7 @@ def test_it_waits_for_the_pilot_follows_and_holds_on_ctrl_c(
     until(lambda: there.autopilot.state.yaw_rad - yaw > math.radians(5))
     program.wait_for("following")
     assert program.end(signal.SIGINT) == READY, program.said
+    assert "Ended as asked" in program.said
     assert re.search(f"still in {there.setpoint_mode}", program.said)
     last = [m for _, m in there.setpoints][-5:]
     assert np.array([speeds(m) for m in last]) == pytest.approx(0.0, abs=1e-6)
@@ -171,7 +172,8 @@ def test_the_pilot_takes_over_and_nothing_is_sent_any_more(
     switched_s = there.clock.now()
     program.wait_for("pilot took over")
     time.sleep(1.0)
-    assert program.end(signal.SIGTERM) == READY, program.said
+    assert program.end(signal.SIGTERM) == HANDED_OVER, program.said
+    assert "Handed over to the pilot, who took another mode" in program.said
     late = [at - switched_s for at, _ in there.setpoints if at > switched_s]
     assert max(late, default=0.0) < 1.3 + late_s()  # a heartbeat comes once a second
     assert "still in" not in program.said
@@ -191,7 +193,8 @@ def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
     stream.stop()
     program.wait_for("holding .*frames stale")
     program.wait_for("released .*hold timed out")
-    assert program.end(signal.SIGINT) == READY, program.said
+    assert program.end(signal.SIGINT) == LET_GO, program.said
+    assert "Released after a hold: frames stale" in program.said
     assert np.array(speeds(there.setpoints[-1][1])) == pytest.approx(0.0, abs=1e-6)
     assert open_flight(tmp_path / "runs" / "fly").remarks == []
 

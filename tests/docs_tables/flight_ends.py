@@ -1,0 +1,57 @@
+"""The table of a flight's ends in docs/reference/supervisor.md, from the code's.
+
+    python tests/docs_tables/flight_ends.py
+
+writes it again between the page's two marks; a test checks that it is up to date.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from marked_part import with_part
+
+from follower.flight.supervision import flight_end as ends
+from follower.flight.supervision.flight_end import FlightEnd
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "supervisor.md"
+BEGIN, END = "<!-- ends: begin -->", "<!-- ends: end -->"
+FLOWN = {
+    "`sim`, `demo`: flown to its end, the limits kept": ends.SUCCEEDED,
+    "`sim`, `demo`: flown to its end, a limit not kept": ends.MISSED,
+    "`sim`, `demo`: Ctrl-C": ends.BY_CTRL_C,
+    "`fly`: Ctrl-C, SIGTERM or the operator's stop": ends.AS_ASKED,
+    "`fly`: the same, before anything was followed": ends.NOT_BEGUN,
+    "`fly`: the recorded video is over": ends.NO_FRAMES,
+    "killed by a fault while it followed": ends.BROKEN_OFF,
+}
+"""The ends that no release explains."""
+
+
+def ends_markdown() -> str:
+    """Return the table's lines."""
+    released = {f"released: {reason}": end for reason, end in ends.RELEASES.items()}
+    rows = [_row(what, end) for what, end in (FLOWN | released).items()]
+    return "\n".join(("| what happened | the end says | exit code |", "|---|---|---|", *rows))
+
+
+def _row(what: str, end: FlightEnd) -> str:
+    return f"| {what} | {end.sentence.format(held='the cause')} | {end.exit_code} |"
+
+
+def renewed(page: str) -> str:
+    """Return the page with its table made anew.
+
+    Raises:
+        ValueError: a mark is missing.
+    """
+    return with_part(page, BEGIN, END, ends_markdown())
+
+
+def main() -> None:
+    """Renew the page."""
+    PAGE.write_text(renewed(PAGE.read_text("utf-8")), "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""What `follower sim` says at the end, and its exit code, when others took the vehicle."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from follower.flight.supervision.flight_end import HANDED_OVER, FlightEnd
+from follower.flight.supervision.supervisor import SupervisorState
+from follower.settings.bundled import scenario_files
+from follower.settings.settings import load_settings
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.options import VisionSource
+from follower.simulation.report import report_flight
+from follower.simulation.runners import fly_lockstep
+from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
+from follower_sim.world.world import World
+from follower_vision.clock import SimulatedClock
+
+TAKEN_OVER_S = 20.0
+
+
+def flown(scenario: Scenario) -> SimulatedFlight:
+    """Fly until the pilot takes the vehicle back, who never returns it."""
+    clock, extras = SimulatedClock(), FlightOptions(vision=VisionSource.TRUTH)
+    settings = load_settings(base=base_settings(scenario))
+    world, ends = World(scenario), MemoryTransport.pair()
+    flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
+
+    def take_over() -> None:
+        following = flight.stage.supervisor.state is SupervisorState.FOLLOWING
+        if following and clock.now() > TAKEN_OVER_S and flight.autopilot is not None:
+            flight.autopilot.switch_mode("POSCTL")
+
+    fly_lockstep(flight, clock, take_over)
+    return flight
+
+
+@pytest.mark.slow
+def test_after_the_pilots_takeover_the_end_says_so_and_nothing_later_is_scored(
+    tmp_path: Path,
+) -> None:
+    flight = flown(load_scenario(scenario_files()["winding"]))
+    written = io.StringIO()
+    end = report_flight(flight, tmp_path, "", "", (), Console(file=written, width=100))
+    assert end == FlightEnd("Handed over to the pilot, who took another mode", HANDED_OVER)
+    assert end.sentence in written.getvalue()
+    assert "The pursuit" not in written.getvalue()
+    assert end.sentence in (tmp_path / "report.html").read_text("utf-8")
+    assert json.loads((tmp_path / "score.json").read_text("utf-8"))["run"]["end"] == end.sentence
+    score = flight.score()
+    assert score.approach_s is not None
+    assert score.following_share is not None
+    assert score.following_share > 0.99
+    assert score.losses == 0
