@@ -1,8 +1,9 @@
 """`follower inspect`: from a recorded flight's folder to a report."""
 
 import math
+import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from follower.ui.terminal.console import print_line
 from follower.ui.terminal.flight_display import STATE_STYLES
 from follower_sim.scoring.score import PursuitGoal
 from follower_vision.atomic_file import write_whole
+from follower_vision.full_disk import failure_said, is_unwritable
 from follower_vision.trackers.track import TrackState
 
 REPORT = "inspection.html"
@@ -208,7 +210,8 @@ def inspect_flight(folder: Path, out: Path | None = None, console: Console | Non
 
     Args:
         folder: the flight's.
-        out: where the report goes; into the flight's folder if not given.
+        out: where the report goes; into the flight's folder if not given, or where that has no
+            room or must not be written, into the working directory or a new temporary folder.
         console: takes the summary.
 
     Raises:
@@ -228,12 +231,40 @@ def inspect_recorded(
     size_m = recorded.config.number("servo", "target_size_m")
     goal = _goal(recorded.config) if recorded.truth else None
     flight = LoggedFlight(recorded.log, recorded.truth, goal, size_m)
-    path = out or recorded.folder / REPORT
-    found = losses(flight)
-    write_whole(path, _page(recorded, flight, found, _meta(recorded, path), more))
-    _print_summary(console or Console(), recorded, flight, found)
-    print_line(console or Console(), f"  {path}")
+    found, console = losses(flight), console or Console()
+
+    def written(path: Path) -> Path:
+        return write_whole(path, _page(recorded, flight, found, _meta(recorded, path), more))
+
+    try:
+        path, remark = written(out or recorded.folder / REPORT), ""
+    except OSError as error:
+        if out is not None or not is_unwritable(error):
+            raise
+        path = _elsewhere(recorded, written)
+        why = failure_said(error, recorded.folder / REPORT)
+        remark = f"The report is not in the flight's folder: {why}"
+    _print_summary(console, recorded, flight, found)
+    if remark:
+        print_line(console, remark, "yellow")
+    print_line(console, f"  {path}")
     return path
+
+
+def _elsewhere(recorded: RecordedFlight, written: Callable[[Path], Path]) -> Path:
+    """Write the report where there is room: here, or where temporary files go."""
+    name = f"{recorded.folder.resolve().name}-{REPORT}"
+    try:
+        return written(Path(name))
+    except OSError as error:
+        if not is_unwritable(error):
+            raise
+    folder = Path(tempfile.mkdtemp(prefix="follower-"))
+    try:
+        return written(folder / name)
+    except OSError:
+        folder.rmdir()
+        raise
 
 
 def _print_summary(

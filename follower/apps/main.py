@@ -314,9 +314,18 @@ def main() -> NoReturn:
     except (ValueError, OSError) as error:
         if not isinstance(error, _user_errors()):
             raise
-        typer.echo(f"follower: {' '.join(str(error).split())}", err=True)
+        typer.echo(f"follower: {_said(error)}", err=True)
         sys.exit(UNUSABLE)
     sys.exit(SUCCESS)
+
+
+def _said(error: Exception) -> str:
+    """Return an error in one line; if there is no room, with the file and what is still free."""
+    from follower_vision.full_disk import failure_said, is_no_room
+
+    if isinstance(error, OSError) and is_no_room(error) and error.filename:
+        return failure_said(error, Path(error.filename))
+    return " ".join(str(error).split())
 
 
 def _user_errors() -> tuple[type[Exception], ...]:

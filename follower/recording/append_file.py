@@ -21,11 +21,15 @@ class AppendFile(ClosesItself):
     If the disk is full the file keeps its last whole piece, and what waits is tried again with the
     next commit, up to 16 MB. It has the `write`, `tell` and `flush` of a binary file.
 
+    Attributes:
+        path: where it is.
+
     Raises:
         OSError: by the constructor, if the file cannot be made; it must not exist yet.
     """
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         self._descriptor = os.open(path, flags, 0o644)
         self._pending: list[bytes] = []
@@ -59,11 +63,12 @@ class AppendFile(ClosesItself):
             self._write_all(data)
             os.fdatasync(self._descriptor)
         except OSError as error:
+            error.filename = str(self.path)
             os.ftruncate(self._descriptor, self._size)
             os.lseek(self._descriptor, self._size, os.SEEK_SET)
             self._pending = [data]
             if len(data) > _MOST_PENDING:
-                raise BacklogError(error.errno, "too much waits for the disk") from error
+                raise BacklogError(error.errno, error.strerror, error.filename) from error
             raise
         self._size += len(data)
         self._pending = []

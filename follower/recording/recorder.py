@@ -19,10 +19,11 @@ from follower.recording.mcap_writer import McapLog
 from follower.recording.messages import FrameRecord, messages_of
 from follower.recording.tlog import Direction, TlogWriter
 from follower.recording.video_writer import VideoQueue, give_way
-from follower.settings.recorder import RecorderSettings
+from follower.settings.recorder import RecorderSettings, WhenFull
 from follower_control.common.transport import Transport
 from follower_sim.kinematics import TruthSample
 from follower_vision.clock import Clock
+from follower_vision.full_disk import failure_said
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -47,8 +48,9 @@ class Recorder(ClosesItself):
     """Takes everything that happens in a flight and writes it on threads of its own.
 
     Handing something over takes microseconds and never waits. When the disk is slow, frames are
-    left out of the video first; when it is full, the video ends first, and the log waits in memory.
-    Each such trouble is an event in the log and a line in `remarks`; the flight goes on.
+    left out of the video first; when it is full, the video ends first, and the log waits in memory
+    for some time. Each such trouble is told once, with the file and what is still free, as an event
+    in the log and a line in `remarks`; the flight goes on, if `must_stop` does not say else.
 
     Args:
         folder: exists; the files must not exist yet.
@@ -85,6 +87,7 @@ class Recorder(ClosesItself):
         self._step_ended = threading.Event()
         self._closing = False
         self._lost = 0
+        self._when_full = (settings or RecorderSettings()).when_full
         self._writer = _LogWriter(folder, config, self._report)
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._report, threaded)
         self._committed_s = clock.now()
@@ -98,6 +101,12 @@ class Recorder(ClosesItself):
         """What is missing in the recording, in sentences; nothing, usually."""
         return tuple(self._remarks)
 
+    @property
+    def must_stop(self) -> bool:
+        """Whether the disk has no room, and the settings want no flight without a recording."""
+        full = self._writer.out_of_room or self._video.out_of_room
+        return full and self._when_full is WhenFull.STOP
+
     def transport(self, transport: Transport) -> Transport:
         """Return a transport that does the same and is recorded."""
         return RecordedTransport(transport, self, self._clock)
@@ -110,7 +119,7 @@ class Recorder(ClosesItself):
             self._step_ended.set()
             self._thread.join()
             self._thread = None
-        if self._lost:
+        if self._lost and not self._writer.out_of_room:
             self._report(f"{self._lost} messages are not in the log: the disk was too slow")
         self._writer.close()
 
@@ -200,15 +209,19 @@ class _LogWriter(ClosesItself):
     A full disk is reported once; what cannot be written waits, and is written when there is
     room again. When too much waits, the log ends there.
 
+    Attributes:
+        out_of_room: the disk did not take all, and has not since.
+
     Raises:
         OSError: by the constructor, if the files cannot be made.
     """
 
     def __init__(self, folder: Path, config: FlightConfig, report: Callable[[str], None]) -> None:
+        self._folder = folder
         self._log = McapLog(folder / LOG, config.epoch_ns, config.to_yaml())
         self._tlog = TlogWriter(folder / TLOG, config.epoch_ns)
         self._report = report
-        self._failing = self._ended = False
+        self.out_of_room = self._ended = False
 
     def write(self, message: object, time_s: float) -> None:
         """Encode a record, or `Bytes`, of `time_s` in seconds on the flight's clock."""
@@ -226,17 +239,13 @@ class _LogWriter(ClosesItself):
         try:
             self._log.commit()
             self._tlog.commit()
-        except BacklogError:
-            self._ended = True
-            self._report("the log ends here: the disk has been full for too long")
         except OSError as error:
-            if not self._failing:
-                self._report(f"the log cannot be written ({error.strerror}) and waits in memory")
-            self._failing = True
+            self._ended = isinstance(error, BacklogError)
+            self._fail("stops here, what comes waits in memory for some time", error)
         else:
-            if self._failing:
+            if self.out_of_room:
                 self._report("the log is written again, nothing is missing in it")
-            self._failing = False
+            self.out_of_room = False
 
     def close(self) -> None:
         """Commit and finish the files, as far as the disk allows."""
@@ -244,4 +253,10 @@ class _LogWriter(ClosesItself):
             try:
                 file.close()
             except OSError as error:
-                self._report(f"the log's end could not be written ({error.strerror})")
+                self._fail("has no end", error)
+
+    def _fail(self, what: str, error: OSError) -> None:
+        if not self.out_of_room:
+            why = failure_said(error, Path(error.filename or self._folder))
+            self._report(f"the log {what}: {why}")
+        self.out_of_room = True

@@ -1,13 +1,16 @@
 """A new folder for each run."""
 
 import csv
+import io
 import itertools
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from follower.flight.log import ControlRecord, TrackRecord
+from follower_vision.atomic_file import write_whole
+from follower_vision.full_disk import is_no_room, room_said
 
 
 def new_run_folder(base: Path, name: str) -> Path:
@@ -36,6 +39,43 @@ def remove_run_folder(folder: Path) -> None:
     shutil.rmtree(folder)
     with suppress(OSError):  # other runs are in it
         folder.parent.rmdir()
+
+
+class RunFiles:
+    """Writes what belongs to a run when that is over; what finds no room is a remark, no error.
+
+    Attributes:
+        missing: names of the files that were not written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.missing: list[str] = []
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is missing in the folder, in a sentence; nothing, usually."""
+        if not self.missing:
+            return ()
+        said = f"No room for {', '.join(self.missing)} ({room_said(self._folder)})"
+        return (f"{said}; `follower inspect` reports elsewhere on what was recorded.",)
+
+    def write(self, name: str, write: Callable[[Path], object]) -> None:
+        """Have a file written, or note that there is no room for it.
+
+        Args:
+            name: of the file in the folder.
+            write: is called with the file's path.
+
+        Raises:
+            OSError: it cannot be written for another reason.
+        """
+        try:
+            write(self._folder / name)
+        except OSError as error:
+            if not is_no_room(error):
+                raise
+            self.missing.append(name)
 
 
 BOX_COLUMNS = ("frame", "time", "x", "y", "w", "h", "state", "confidence", "produced_by")
@@ -73,12 +113,11 @@ def write_setpoints(path: Path, controls: Iterable[ControlRecord]) -> None:
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(rows)
-    temporary.replace(path)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
 
 
 def _box_row(record: TrackRecord) -> Sequence[object]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from follower.flight.log import Stopwatch
 from follower.settings.recorder import RecorderSettings, VideoKind
+from follower_vision.full_disk import failure_said, free_bytes, is_no_room, room_said
 from follower_vision.images.frame import Frame, Image
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -196,6 +197,10 @@ class VideoQueue(ClosesItself):
         settings: see there.
         report: called once each when frames are left out and when the video had to end.
         threaded: False encodes on the caller's thread, which waits: for lockstep.
+
+    Attributes:
+        left_out: how many frames are not in the video.
+        out_of_room: the video ended because the disk had too little room.
     """
 
     def __init__(
@@ -205,10 +210,10 @@ class VideoQueue(ClosesItself):
         report: Callable[[str], None],
         threaded: bool = True,
     ) -> None:
-        self._folder = folder
+        self._path = folder / VIDEO
         self._settings = settings
         self._report = report
-        self._file = MatroskaWriter(folder / VIDEO, settings)
+        self._file = MatroskaWriter(self._path, settings)
         self._changed = threading.Condition()
         self._waiting: deque[Frame] = deque()
         self._waiting_bytes = 0
@@ -218,6 +223,7 @@ class VideoQueue(ClosesItself):
         self._closing = False
         self._since_sync = Stopwatch()
         self.left_out = 0
+        self.out_of_room = False
         self._thread: threading.Thread | None = None
         if threaded and not self._ended:
             self._thread = threading.Thread(target=self._run, name="video", daemon=True)
@@ -257,8 +263,8 @@ class VideoQueue(ClosesItself):
         try:
             self._file.close()
         except VideoFileError as error:
-            self._end(f"its end could not be written ({error.strerror})")
-        if self.left_out:
+            self._end(f"its end could not be written, {failure_said(error, self._path)}", error)
+        if self.left_out and not self.out_of_room:
             self._report(f"{self.left_out} frames are not in the video")
 
     def _refusal(self, frame: Frame) -> str | None:
@@ -293,17 +299,19 @@ class VideoQueue(ClosesItself):
                     self._since_sync = Stopwatch()
                     self._check_room()
             except VideoFileError as error:
-                self._end(error.strerror or "the disk failed")
+                self._end(failure_said(error, self._path), error)
         with self._changed:
             self._waiting_bytes -= frame.image.nbytes
 
     def _check_room(self) -> None:
-        disk = os.statvfs(self._folder)
-        free_mb = disk.f_bavail * disk.f_frsize / 1e6
-        if free_mb < self._settings.keep_free_mb:
-            self._end(f"only {free_mb:.0f} MB are left on the disk, which the log needs")
+        free = free_bytes(self._path)
+        if free is not None and free < 1e6 * self._settings.keep_free_mb:
+            self._end(f"the log needs the room that is left ({room_said(self._path)})")
+            self.out_of_room = True
             self._file.close()
 
-    def _end(self, why: str) -> None:
+    def _end(self, why: str, error: OSError | None = None) -> None:
+        self.out_of_room = self.out_of_room or (error is not None and is_no_room(error))
+        if not self._ended:
+            self._report(f"the video ends here: {why}")
         self._ended = True
-        self._report(f"the video ends here: {why}")

@@ -17,6 +17,15 @@ class VideoKind(StrEnum):
     """No video."""
 
 
+class WhenFull(StrEnum):
+    """What becomes of a flight when the disk has no room for its recording."""
+
+    GO_ON = "go_on"
+    """It goes on, unrecorded."""
+    STOP = "stop"
+    """It holds and releases the vehicle."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecorderSettings(StrictFields):
     """What is recorded of the frames, and how much memory and disk it may take.
@@ -28,12 +37,17 @@ class RecorderSettings(StrictFields):
             there is no room is left out of the video.
         keep_free_mb: the video ends when the disk has less room than this, so that the log of the
             rest of the flight still fits.
+        when_full: "go_on" or "stop": the flight, when video or log find no room.
+        flight_min: for how many minutes of flight preflight wants room.
     """
 
     video: VideoKind = VideoKind.H264
     quality: int = 23
     buffer_mb: float = 96.0
     keep_free_mb: float = 200.0
+    when_full: WhenFull = WhenFull.GO_ON
+    flight_min: float = 30.0
 
     def __post_init__(self) -> None:
         check_ranges(self, quality=(0, 51), buffer_mb=(1, 100_000), keep_free_mb=(0, 1e9))
+        check_ranges(self, flight_min=(1, 100_000))

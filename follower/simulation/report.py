@@ -18,8 +18,8 @@ from follower.flight.supervision.flight_end import (
     FlightEnd,
     pursuit_end,
 )
-from follower.recording.run_folder import write_boxes, write_setpoints
-from follower.report.flight_page import write_report, write_score
+from follower.recording.run_folder import RunFiles, write_boxes, write_setpoints
+from follower.report.flight_page import REPORT, SCORE, write_report, write_score
 from follower.report.series import ReportMeta
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.options import VisionSource
@@ -95,12 +95,13 @@ def report_flight(
         interrupted: the user ended it by Ctrl-C.
     """
     criteria, score = flight.scenario.expect, flight.score()
-    end = BY_CTRL_C if interrupted else flight.stage.end
+    end = BY_CTRL_C if interrupted else flight.end
     if end.exit_code == SUCCESS:
         end = pursuit_end(verdict(score, criteria))
-    write_boxes(folder / "boxes.csv", flight.log.tracks)
-    write_setpoints(folder / "setpoints.csv", flight.log.controls)
-    write_whole(folder / "settings.yaml", flight.settings.to_yaml())
+    written = RunFiles(folder)
+    written.write("boxes.csv", lambda path: write_boxes(path, flight.log.tracks))
+    written.write("setpoints.csv", lambda path: write_setpoints(path, flight.log.controls))
+    written.write("settings.yaml", lambda path: write_whole(path, flight.settings.to_yaml()))
     run = {
         "scenario": flight.scenario.name,
         "autopilot": flight.flavour,
@@ -108,20 +109,24 @@ def report_flight(
         "vision": str(flight.vision_source),
         "end": end.sentence,
     }
-    write_score(folder, score, criteria, run)
-    write_report(
-        folder,
-        flight.log,
-        replace(_meta(flight, folder, command, connection, remarks), end=end),
-        truth=flight.truth,
-        goal=flight.goal,
-        score=score,
-        criteria=criteria,
-        target_size_m=flight.settings.servo.target_size_m,
+    written.write(SCORE, lambda path: write_score(path.parent, score, criteria, run))
+    meta = replace(_meta(flight, folder, command, connection, remarks), end=end)
+    written.write(
+        REPORT,
+        lambda path: write_report(
+            path.parent,
+            flight.log,
+            meta,
+            truth=flight.truth,
+            goal=flight.goal,
+            score=score,
+            criteria=criteria,
+            target_size_m=flight.settings.servo.target_size_m,
+        ),
     )
     files = [folder / name for name, _ in FILES if (folder / name).exists()]
     print_score(console, score, criteria, files, end)
-    for remark in remarks:
+    for remark in (*remarks, *written.remarks):
         print_line(console, remark)
     return end
 

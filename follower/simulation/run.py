@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from follower.flight.log import FlightLog
-from follower.flight.supervision.flight_end import FAILED, SUCCESS
+from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, SUCCESS
 from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.links.connections import ConnectionFailedError
 from follower.recording import FlightConfig, Recorder
@@ -129,7 +129,7 @@ class _Simulation:
                 finder=operators_finder(settings, self.options.cockpit),
             )
             flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
-            interrupted = self._fly_to_its_end(flight, clock, station, console, early)
+            interrupted = self._fly_to_its_end(flight, clock, station, console, early, recorder)
         judged = [] if injector is None else verdicts(self.faults, flight, injector)
         remarks = (
             NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
@@ -150,6 +150,7 @@ class _Simulation:
         station: UiProcessClient | None,
         console: Console,
         early: StopOnInterrupt,
+        recorder: Recorder | None,
     ) -> bool:
         """Fly and show it to the user; return whether they ended it."""
         if self.options.cockpit:
@@ -167,6 +168,8 @@ class _Simulation:
             keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
+                if recorder is not None and recorder.must_stop:
+                    flight.stop(NOT_RECORDED)
                 status = flight.status()
                 terminal.show(status)
                 if page is not None:

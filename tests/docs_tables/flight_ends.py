@@ -23,6 +23,7 @@ FLOWN = {
     "`fly`: Ctrl-C, SIGTERM or the operator's stop": ends.AS_ASKED,
     "`fly`: the same, before anything was followed": ends.NOT_BEGUN,
     "`fly`: the recorded video is over": ends.NO_FRAMES,
+    "no room for the recording, and `recorder.when_full: stop`": ends.NOT_RECORDED,
     "killed by a fault while it followed": ends.BROKEN_OFF,
 }
 """The ends that no release explains."""

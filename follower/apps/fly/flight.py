@@ -137,6 +137,7 @@ class RealFlight:
         self._clock = clock
         self._start_s = clock.now()
         self._ending = False
+        self._stopped_by: FlightEnd | None = None
         self.requests = OperatorRequests(settings)
         self._vision_stage = VisionStage(tracker, self.requests, finder)
         self._vision = VisionLoop(self._vision_stage, clock, log, video, self._lines)
@@ -174,23 +175,24 @@ class RealFlight:
             watch(self)
             self._select_in_time()
             if self._ending or self._source.ended:
-                self.stop()  # again: an order that came meanwhile does not undo it
+                self.stop(None if self._ending else NO_FRAMES)  # again: orders do not undo it
             return not self.finished
 
         rate_hz = self.settings.control_rate_hz
         run = RealtimeRun(self._clock, self._source, self._vision, self._control, rate_hz)
         run.run(go_on, _SHOW_EVERY_S)
 
-    def stop(self) -> None:
-        """Hold, then release; from any thread."""
+    def stop(self, why: FlightEnd | None = None) -> None:
+        """Hold, then release; from any thread. `why` is how the flight ends, if not as asked."""
         self._ending = True
+        self._stopped_by = self._stopped_by or why
         self.stage.request_stop()
 
     @property
     def end(self) -> FlightEnd:
         """How the flight has ended, if it ends now."""
         end = self.stage.end
-        return NO_FRAMES if self._source.ended and end.exit_code == SUCCESS else end
+        return self._stopped_by or end if end.exit_code == SUCCESS else end
 
     @property
     def finished(self) -> bool:

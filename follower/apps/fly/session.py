@@ -23,7 +23,7 @@ from follower.apps.preflight.checklist import (
 from follower.apps.preflight.session import CheckScope, LinkObserver
 from follower.apps.target_choice import TargetChoice
 from follower.apps.video_input import SteadySource, VideoInput
-from follower.flight.supervision.flight_end import FAILED, FlightEnd
+from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, FlightEnd
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.target.selectors import Selector, first_selected
 from follower.flight.vision.tracker_factory import (
@@ -37,6 +37,7 @@ from follower.links.open import open_link
 from follower.recording import FlightConfig, Recorder, epoch_now_ns
 from follower.recording.recorded_flight import open_flight
 from follower.recording.run_folder import (
+    RunFiles,
     new_run_folder,
     remove_run_folder,
     write_boxes,
@@ -53,6 +54,7 @@ from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import InterruptFlag, Keyboard, StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import Transport
+from follower_vision.atomic_file import write_whole
 from follower_vision.clock import MonotonicClock
 from follower_vision.fusion import BackgroundDetection
 from follower_vision.sources.frame_source import FrameSource, SourceError
@@ -137,6 +139,7 @@ class FlySession:
     _console: Console = field(default_factory=Console)
     _clock: MonotonicClock = field(default_factory=MonotonicClock)
     _station: UiProcessClient | None = None
+    _told: int = 0
 
     @property
     def _target(self) -> str:
@@ -228,7 +231,8 @@ class FlySession:
         width, height = snapshot.camera.size
         if any(box.visible_share(width, height) <= 0 for box in self.target.boxes):
             raise SourceError(f"--target lies outside the image, which is {width}x{height}")
-        (self.folder / PREFLIGHT).write_text(to_json(results, snapshot) + "\n", "utf-8")
+        said = to_json(results, snapshot) + "\n"
+        RunFiles(self.folder).write(PREFLIGHT, lambda path: write_whole(path, said))
         return snapshot.camera.size
 
     def _open_station(self, stack: ExitStack) -> UiProcessClient | None:
@@ -276,6 +280,9 @@ class FlySession:
         with ground, self._page(flight), terminal:
 
             def watch(flight: RealFlight) -> None:
+                if recorder.must_stop:
+                    flight.stop(NOT_RECORDED)
+                self._tell(recorder)
                 terminal.show(flight.status(self._target))
                 self._take_order(flight, keyboard.order())
 
@@ -308,14 +315,22 @@ class FlySession:
 
     def _report(self, recorder: Recorder) -> None:
         # Plots need matplotlib, which has no place in a flight: it comes when that is over.
-        from follower.apps.inspect import inspect_recorded
+        from follower.apps.inspect import REPORT, inspect_recorded
 
-        recorded = open_flight(self.folder)
-        write_boxes(self.folder / "boxes.csv", recorded.log.tracks)
-        write_setpoints(self.folder / "setpoints.csv", recorded.log.controls)
-        for remark in recorder.remarks:
+        recorded, written = open_flight(self.folder), RunFiles(self.folder)
+        written.write("boxes.csv", lambda path: write_boxes(path, recorded.log.tracks))
+        written.write("setpoints.csv", lambda path: write_setpoints(path, recorded.log.controls))
+        self._tell(recorder)
+        written.write(REPORT, lambda _: inspect_recorded(recorded, console=self._console))
+        for remark in written.remarks:
             self._say(remark)
-        inspect_recorded(recorded, console=self._console)
+
+    def _tell(self, recorder: Recorder) -> None:
+        """Say what the recorder has remarked since the last time."""
+        remarks = recorder.remarks[self._told :]
+        self._told += len(remarks)
+        for remark in remarks:
+            self._say(remark)
 
     def _say(self, text: str) -> None:
         print_line(self._console, text)

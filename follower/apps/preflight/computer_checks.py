@@ -16,10 +16,17 @@ from follower.apps.preflight.check import (
     unknown,
     warned,
 )
+from follower.settings.recorder import VideoKind
+from follower_vision.full_disk import free_bytes
 
 COMPUTER = CheckGroup("Computer")
 _GB = 1e9
-_LITTLE, _TOO_LITTLE = 4 * _GB, 0.5 * _GB
+_H264, _LOSSLESS = 0.12, 2.0
+"""Bytes of video a pixel: the most of seven real sequences, of 0.02 to 0.12 and 0.4 to 1.9."""
+_LOG_BYTES_S = 100e3
+"""Log and packets: some 50 kB a second at 50 Hz, and as much to spare."""
+_USUAL = 1280 * 720 * 30.0
+"""Pixels a second where the camera is not known."""
 _WARM_C, _HOT_C = 75.0, 85.0
 _BUSY, _TOO_BUSY = 0.7, 1.5
 _UNDER_VOLTAGE, _THROTTLED = 0x1, 0x2 | 0x4 | 0x8
@@ -30,14 +37,31 @@ _THROTTLED_FILE = "sys/devices/platform/soc/soc:firmware/get_throttled"
 _HOTTEST_SENSIBLE_C = 150.0
 
 
-@COMPUTER.check("disk", "4 GB free for the recording; never below 0.5 GB")
+@COMPUTER.check(
+    "disk", "room for the recording of recorder.flight_min; never too little for its log alone"
+)
 def _disk(s: Snapshot) -> PreflightFinding:
     free = s.computer.free_bytes
     if free is None:
         return unknown(f"the room in {s.computer.folder} cannot be read")
-    text = f"{free / _GB:.1f} GB free in {s.computer.folder}"
-    todo = "delete old runs, or name another place by --out"
-    return graded(text, todo, good=free >= _LITTLE, usable=free >= _TOO_LITTLE)
+    recorder = s.settings.recorder
+    log = 60 * recorder.flight_min * _LOG_BYTES_S
+    video = 60 * recorder.flight_min * _video_bytes_s(s)
+    needed = log + video + (1e6 * recorder.keep_free_mb if video else 0.0)
+    text = (
+        f"{free / _GB:.1f} GB free in {s.computer.folder}, {needed / _GB:.1f} GB needed for "
+        f"{recorder.flight_min:g} min"
+    )
+    todo = "delete old runs, name another place by --out, or lower recorder.flight_min"
+    return graded(text, todo, good=free >= needed, usable=free >= log)
+
+
+def _video_bytes_s(s: Snapshot) -> float:
+    """Return how much the video grows in a second, at most."""
+    share = {VideoKind.H264: _H264, VideoKind.LOSSLESS: _LOSSLESS, VideoKind.NONE: 0.0}
+    size, interval_s = s.camera.size, s.camera.interval_s
+    pixels_s = size[0] * size[1] / interval_s if size and interval_s > 0 else _USUAL
+    return share[s.settings.recorder.video] * pixels_s
 
 
 @COMPUTER.check("temperature", "below 75 °C; never above 85 °C", needed=False)
@@ -90,15 +114,6 @@ def read_computer(folder: Path, root: Path = _ROOT) -> ComputerReading:
         throttled(root),
         load_per_core(root),
     )
-
-
-def free_bytes(folder: Path) -> int | None:
-    """Return the room on a folder's disk, or on that of the folder in which it will be made."""
-    try:
-        place = next(one for one in (folder, *folder.absolute().parents) if one.exists())
-        return shutil.disk_usage(place).free
-    except OSError:
-        return None
 
 
 def temperature_c(root: Path = _ROOT) -> float | None:

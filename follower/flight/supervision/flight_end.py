@@ -31,6 +31,7 @@ class FlightEnd:
 AS_ASKED = FlightEnd("Ended as asked", SUCCESS)
 NOT_BEGUN = FlightEnd("Ended as asked; nothing was followed", SUCCESS)
 NO_FRAMES = FlightEnd("Ended with the video", SUCCESS)
+NOT_RECORDED = FlightEnd("Released: no room for the recording", LET_GO)
 BROKEN_OFF = FlightEnd("Broken off without a release", LET_GO)
 SUCCEEDED = FlightEnd("The pursuit succeeded", SUCCESS)
 MISSED = FlightEnd("The pursuit failed", FAILED)

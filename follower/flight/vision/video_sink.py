@@ -2,7 +2,8 @@
 
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -36,20 +37,35 @@ class SeveralVideos:
 
 
 class OverlayVideo(ClosesItself):
-    """Draws and encodes at once: lockstep runs, where time waits."""
+    """Draws and encodes at once: lockstep runs, where time waits.
 
-    remark: str | None = None
+    When the disk is full it stops writing; the flight goes on. `remark` then says so.
+
+    Attributes:
+        remark: what is missing in the video, None if nothing is.
+    """
 
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._writer = VideoWriter(path, rate_hz)
+        self.remark: str | None = None
 
     def close(self) -> None:
         """Finish the file."""
-        self._writer.close()
+        with self._ending_early():
+            self._writer.close()
 
     def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Draw and write."""
-        self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
+        if self.remark is None:
+            with self._ending_early():
+                self._writer.write(draw_tracks(frame.image, tracks, lines), frame.captured_s)
+
+    @contextmanager
+    def _ending_early(self) -> Iterator[None]:
+        try:
+            yield
+        except VideoWriteError as error:
+            self.remark = f"The video ends early: {error}"
 
 
 class BackgroundVideo(ClosesItself):
@@ -65,25 +81,21 @@ class BackgroundVideo(ClosesItself):
     """
 
     def __init__(self, path: Path, rate_hz: float, patient: bool = False) -> None:
-        self._path = path
-        self._rate_hz = rate_hz
         self._patient = patient
         self._waiting: queue.Queue[tuple[Frame, Sequence[Track], Sequence[str]] | None] = (
             queue.Queue(_WAITING_FRAMES)
         )
         self._left_out = 0
-        self._problem: str | None = None
+        self._video = OverlayVideo(path, rate_hz)
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
     @property
     def remark(self) -> str | None:
         """What is missing in the video, None if nothing is."""
-        if self._problem is not None:
-            return f"The video ends early: {self._problem}"
-        if self._left_out:
+        if self._video.remark is None and self._left_out:
             return f"The video leaves out {self._left_out} frames: the encoder was too slow."
-        return None
+        return self._video.remark
 
     def close(self) -> None:
         """Write what waits, and finish the file."""
@@ -98,11 +110,6 @@ class BackgroundVideo(ClosesItself):
             self._left_out += 1
 
     def _run(self) -> None:
-        try:
-            with OverlayVideo(self._path, self._rate_hz) as video:
-                while (entry := self._waiting.get()) is not None:
-                    video.add(*entry)
-        except VideoWriteError as error:
-            self._problem = str(error)
-            while self._waiting.get() is not None:
-                pass
+        with self._video as video:
+            while (entry := self._waiting.get()) is not None:
+                video.add(*entry)

@@ -15,7 +15,7 @@ from follower.flight.control.loop import ControlLoop
 from follower.flight.lockstep import Lockstep
 from follower.flight.log import FlightLog
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
-from follower.flight.supervision.flight_end import FAILED, SUCCESS
+from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, SUCCESS
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.connections import open_connection
 from follower.links.link import Link
@@ -201,10 +201,12 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
             progress.update(task, completed=flight.stage.elapsed_s, description=text)
 
         if run.connect is None:
-            folder, flight = _simulated(run, settings, watch)
+            folder, flight, recorder = _simulated(run, settings, watch)
         else:
-            folder, flight = _real(run, settings, run.connect, watch)
-    end = flight.stage.end
+            folder, flight, recorder = _real(run, settings, run.connect, watch)
+    end = NOT_RECORDED if recorder.must_stop else flight.stage.end
+    for remark in recorder.remarks:
+        print_line(console, remark)
     if flight.complete:
         print_line(console, f"All of the pattern was flown: {folder}")
     else:
@@ -230,7 +232,7 @@ def _config(run: ExcitationRun, settings: Settings, kind: str, epoch_ns: int) ->
 
 def _simulated(
     run: ExcitationRun, settings: Settings, watch: OnStep
-) -> tuple[Path, ExcitationFlight]:
+) -> tuple[Path, ExcitationFlight, Recorder]:
     clock = SimulatedClock()
     folder = new_run_folder(run.out, "excite")
     config = _config(run, settings, "simulated", LOCKSTEP_EPOCH_NS)
@@ -238,14 +240,14 @@ def _simulated(
     wind = Wind(gusts, np.random.default_rng(run.seed)).velocity_m_s if run.wind_m_s else None
     with Recorder(folder, config, clock, settings.recorder, threaded=False) as recorder:
         flight = fly_simulated(
-            run.autopilot, settings, run.excitation, recorder, clock, watch, wind
+            run.autopilot, settings, run.excitation, recorder, clock, _with(recorder, watch), wind
         )
-    return folder, flight
+    return folder, flight, recorder
 
 
 def _real(
     run: ExcitationRun, settings: Settings, connect: str, watch: OnStep
-) -> tuple[Path, ExcitationFlight]:
+) -> tuple[Path, ExcitationFlight, Recorder]:
     clock = MonotonicClock()
     epoch_ns = epoch_now_ns(clock)
     with ExitStack() as stack:
@@ -258,5 +260,16 @@ def _real(
         link = stack.enter_context(closing(open_link(wrapped, settings.link, clock, epoch_ns)))
         flight = ExcitationFlight(settings, run.excitation, link, clock, recorder.log)
         stack.enter_context(StopOnInterrupt(flight.stage.request_stop))
-        flight.run(watch)
-    return folder, flight
+        flight.run(_with(recorder, watch))
+    return folder, flight, recorder
+
+
+def _with(recorder: Recorder, watch: OnStep) -> OnStep:
+    """Return what watches each step, and asks to stop if the recorder must."""
+
+    def step(flight: ExcitationFlight) -> None:
+        if recorder.must_stop:
+            flight.stage.request_stop()
+        watch(flight)
+
+    return step

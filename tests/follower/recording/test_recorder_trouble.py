@@ -147,7 +147,11 @@ def test_files_that_must_not_grow_end_the_recording_but_not_the_flight(tmp_path:
     output, said = process.communicate(timeout=60)
     assert process.returncode == 0
     assert float(output.split()[-1]) > 2.9
-    assert "the video ends here: File too large" in said
+    video, *log = said.strip().splitlines()
+    assert f"the video ends here: File too large ({tmp_path / 'video.mkv'}, " in video
+    assert "MB free" in video
+    assert all("the log stops here" in line for line in log)
+    assert len(log) <= 1  # one warning each
     flight = open_flight(tmp_path)
     assert flight.log.controls
     assert list(flight.pictures())
@@ -180,7 +184,7 @@ def test_a_full_disk_ends_the_video_and_keeps_the_log(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert float(done.stdout.split()[-1]) > 2.9
-    assert "the video ends here: No space left on device" in done.stderr
+    assert f"the video ends here: No space left on device ({mount}/video.mkv, " in done.stderr
     flight = open_flight(copy)
     assert flight.log.controls
     assert list(flight.pictures())
@@ -251,8 +255,11 @@ def test_a_log_that_could_not_be_written_for_a_while_misses_nothing(
     flight: RecordedFlight = open_flight(tmp_path)
     notes = [event.text for event in flight.log.events if event.source == "test"]
     assert notes == [str(number) for number in range(50)]
-    assert any("waits in memory" in remark for remark in recorder.remarks)
-    assert any("written again" in remark for remark in recorder.remarks)
+    (stopped, again) = recorder.remarks
+    assert "waits in memory" in stopped
+    assert str(tmp_path / "flight.mcap") in stopped
+    assert "MB free" in stopped
+    assert "written again" in again
 
 
 def test_a_codec_that_is_not_there_ends_the_video_alone(

@@ -10,6 +10,7 @@ import av.error
 import cv2
 import numpy as np
 
+from follower_vision.full_disk import room_said
 from follower_vision.images.frame import Image
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -93,8 +94,8 @@ class VideoWriter(ClosesItself):
             with suppress(*_FAILURES):
                 container.close()
         return VideoWriteError(
-            f"{self.path}: cannot write the video ({getattr(error, 'strerror', error)}); "
-            "check the folder, its permissions and the space left"
+            f"cannot write the video: {getattr(error, 'strerror', error)} "
+            f"({room_said(self.path)}); check the folder, its permissions and the space left"
         )
 
     def _open(self, image: Image, captured_s: float) -> av.VideoStream:

@@ -1,6 +1,5 @@
 """Fetch one file over HTTP: resumed, verified, and there as a whole or not at all."""
 
-import errno
 import fcntl
 import hashlib
 import http.client
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 from urllib.parse import urlsplit
 
+from follower_vision.full_disk import is_no_room
 from follower_vision.models.table import ModelFile
 from follower_vision.onnx_network import ModelError
 
@@ -22,7 +22,6 @@ Progress: TypeAlias = Callable[[int, int], None]
 _CHUNK_BYTES = 1 << 16
 _TIMEOUT_S = 20.0
 _MOST_TRIES = 5
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DownloadError(ModelError):
@@ -197,7 +196,7 @@ def _write(out: BinaryIO, chunk: bytes, file: ModelFile) -> None:
         if not chunk:
             os.fsync(out.fileno())
     except OSError as error:
-        if error.errno in _NO_ROOM:
+        if is_no_room(error):
             raise _no_room(Path(out.name).parent, file.size_bytes) from error
         raise DownloadError(f"cannot write {out.name}: {error.strerror}") from error
 

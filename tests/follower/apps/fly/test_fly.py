@@ -7,12 +7,14 @@ import math
 import os
 import queue
 import re
+import resource
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +34,15 @@ READY, REFUSED, UNUSABLE, HANDED_OVER, LET_GO, INTERRUPTED = 0, 1, 2, 3, 4, 130
 MakeVehicle = Callable[..., Any]
 
 
+def limit_files(most_bytes: int) -> None:
+    """Have the kernel refuse to let any file grow beyond this."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+
 class Program:
     """`follower fly`, and what it has said so far."""
 
-    def __init__(self, *arguments: str, cwd: Path) -> None:
+    def __init__(self, *arguments: str, cwd: Path, most_bytes: int | None) -> None:
         self.said = ""
         self._lines: queue.Queue[str] = queue.Queue()
         self.process = subprocess.Popen(
@@ -46,6 +53,7 @@ class Program:
             text=True,
             cwd=cwd,
             env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            preexec_fn=None if most_bytes is None else partial(limit_files, most_bytes),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -89,9 +97,10 @@ def until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
 def launch(port: int, video: Path, tmp_path: Path) -> Any:
     programs: list[Program] = []
 
-    def start(*more: str, camera: str = str(video)) -> Program:
+    def start(*more: str, camera: str = str(video), most_bytes: int | None = None) -> Program:
         link = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", camera)
-        programs.append(Program(*link, *SETTINGS, *more, cwd=tmp_path))
+        program = Program(*link, *SETTINGS, *more, cwd=tmp_path, most_bytes=most_bytes)
+        programs.append(program)
         return programs[-1]
 
     yield start
@@ -197,6 +206,25 @@ def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
     assert "Released after a hold: frames stale" in program.said
     assert np.array(speeds(there.setpoints[-1][1])) == pytest.approx(0.0, abs=1e-6)
     assert open_flight(tmp_path / "runs" / "fly").remarks == []
+
+
+@pytest.mark.slow
+def test_a_recording_without_room_is_one_warning_and_the_flight_goes_on(
+    vehicle: MakeVehicle, launch: Any, tmp_path: Path
+) -> None:
+    there = vehicle("ardupilot", HEIGHT_M)
+    full = ("--set", "recorder.keep_free_mb=0")
+    program = launch("--colour", "#d02020", *full, most_bytes=300_000)
+    program.wait_for("pilot: switch to GUIDED")
+    there.autopilot.switch_mode("GUIDED")
+    program.wait_for(r"the log stops here, .*File too large \(runs/fly/\S+, [\d.]+ MB free\)")
+    full_s = there.clock.now()
+    until(lambda: len([at for at, _ in there.setpoints if at > full_s + 1]) > 20)
+    assert there.autopilot.mode == "GUIDED"
+    assert program.end(signal.SIGINT) == READY, program.said
+    assert program.said.count("the log stops here") == 1
+    assert "Ended as asked" in program.said
+    assert open_flight(tmp_path / "runs" / "fly").log.controls
 
 
 @pytest.mark.slow

@@ -63,6 +63,13 @@ def indoors() -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0}, "health": {"gps_fix": None}})
 
 
+def recorder(free_bytes: float, **changes: Any) -> Change:
+    """Set what is recorded, and how much room there is for it."""
+    asked = {"camera": {"fov_deg": 70.0}, "recorder": changes}
+    room = computer(free_bytes=int(free_bytes))
+    return lambda s: replace(room(s), settings=Settings.model_validate(asked))
+
+
 def with_gimbal() -> Settings:
     return Settings.model_validate({"camera": {"fov_deg": 70.0}, "gimbal": {"enabled": True}})
 
@@ -283,7 +290,11 @@ BOTH = [
     ("circling", servo(mode="chase"), PASS, "does not go round"),
     ("models", lambda s: replace(s, models={"a.onnx": "missing"}), FAIL, "a.onnx is missing"),
     ("models", lambda s: replace(s, models={"a.onnx": "good"}), PASS, "a.onnx"),
+    ("disk", computer(free_bytes=int(3e9)), PASS, "3.0 GB free in runs, 2.4 GB needed for 30 min"),
     ("disk", computer(free_bytes=int(1e9)), WARN, "1.0 GB"),
+    ("disk", recorder(20e9, video="lossless"), WARN, "33.9 GB needed"),
+    ("disk", recorder(20e9, video="lossless", flight_min=10), PASS, "11.4 GB needed for 10 min"),
+    ("disk", recorder(0.5e9, video="none"), PASS, "0.2 GB needed"),
     ("disk", computer(free_bytes=int(1e8)), FAIL, "0.1 GB"),
     ("disk", computer(free_bytes=None), UNKNOWN, "runs"),
     ("temperature", computer(temperature_c=80), WARN, "80"),

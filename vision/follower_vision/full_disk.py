@@ -1,0 +1,38 @@
+"""Disks without room: which errors say so, and how much is still free."""
+
+import errno
+import shutil
+from pathlib import Path
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_WRITING = (errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+def is_no_room(error: OSError) -> bool:
+    """Whether a write failed because disk, quota or largest file size are used up."""
+    return error.errno in _NO_ROOM
+
+
+def is_unwritable(error: OSError) -> bool:
+    """Whether a write failed in a way that another place may not: no room, or not allowed."""
+    return error.errno in (*_NO_ROOM, *_NO_WRITING)
+
+
+def free_bytes(place: Path) -> int | None:
+    """Return the room on a file's or folder's disk, which may not exist yet; None is unknown."""
+    try:
+        there = next(one for one in (place, *place.absolute().parents) if one.exists())
+        return shutil.disk_usage(there).free
+    except OSError:
+        return None
+
+
+def room_said(place: Path) -> str:
+    """Return a file's or folder's name with what is free on its disk, in words."""
+    free = free_bytes(place)
+    return f"{place}, {'unknown' if free is None else f'{free / 1e6:.1f} MB'} free"
+
+
+def failure_said(error: OSError, place: Path) -> str:
+    """Return why a file could not be written, with its name and what is free."""
+    return f"{error.strerror or error} ({room_said(place)})"
