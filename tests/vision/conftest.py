@@ -1,8 +1,10 @@
-"""A judge for Fusion that is no fit: what it believes is written here."""
+"""Fusion with a judge and a motion tracker that are no fit: what they believe is written."""
 
 import numpy as np
 import pytest
+from told_trackers import ToldDetector, ToldMotion, Trackers
 
+from follower_vision.fusion import FusionTracker
 from follower_vision.fusion.box_filter import FilterNoise
 from follower_vision.fusion.candidates import SOURCES
 from follower_vision.fusion.features import FEATURES
@@ -26,3 +28,18 @@ def judge(noise: FilterNoise) -> CandidateModel:
     output = np.array([[8.0, 8.0, 8.0], [0.0, 0.0, 0.0]])
     count = len(FEATURES)
     return CandidateModel(np.zeros(count), np.ones(count), hidden, output, noise)
+
+
+@pytest.fixture
+def motion() -> ToldMotion:
+    return ToldMotion()
+
+
+@pytest.fixture
+def fusion(motion: ToldMotion, judge: CandidateModel) -> Trackers:
+    """Make a tracker of the told motion tracker, unless other parts are given."""
+
+    def make(detector: ToldDetector | None = None, **parts: object) -> FusionTracker:
+        return FusionTracker(motion, detector, **{"model": judge, **parts})  # type: ignore[arg-type]
+
+    return make
