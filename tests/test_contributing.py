@@ -78,7 +78,7 @@ class Copy:
 
     def __init__(self, root: Path, title: str) -> None:
         self.root = root
-        for name in (*SOURCES, CONTRACT):
+        for name in (*SOURCES, "tests/helpers", CONTRACT):
             source, copy = ROOT / name, root / name
             copy.parent.mkdir(parents=True, exist_ok=True)
             if source.is_dir():
