@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 
-SUCCESS, FAILED, HANDED_OVER, LET_GO, INTERRUPTED = 0, 1, 3, 4, 130
+SUCCESS, FAILED, HANDED_OVER, RELEASED_FOR_SAFETY, INTERRUPTED = 0, 1, 3, 4, 130
 """Exit codes: as wanted; not as wanted; the pilot or the operator took the vehicle back; something
 failed, and the follower released it; Ctrl-C. (2 is for what never became a flight.)"""
 
@@ -25,14 +25,14 @@ class FlightEnd:
     @property
     def released_early(self) -> bool:
         """Whether the vehicle was taken or released before anybody asked the follower to end."""
-        return self.exit_code in (HANDED_OVER, LET_GO)
+        return self.exit_code in (HANDED_OVER, RELEASED_FOR_SAFETY)
 
 
 AS_ASKED = FlightEnd("Ended as asked", SUCCESS)
 NOT_BEGUN = FlightEnd("Ended as asked; nothing was followed", SUCCESS)
 NO_FRAMES = FlightEnd("Ended with the video", SUCCESS)
-NOT_RECORDED = FlightEnd("Released: no room for the recording", LET_GO)
-BROKEN_OFF = FlightEnd("Broken off without a release", LET_GO)
+NOT_RECORDED = FlightEnd("Released: no room for the recording", RELEASED_FOR_SAFETY)
+BROKEN_OFF = FlightEnd("Broken off without a release", RELEASED_FOR_SAFETY)
 SUCCEEDED = FlightEnd("The pursuit succeeded", SUCCESS)
 MISSED = FlightEnd("The pursuit failed", FAILED)
 BY_CTRL_C = FlightEnd("Ended by the user", INTERRUPTED)
@@ -51,13 +51,21 @@ RELEASES = {
         "Released: the vehicle landed or was disarmed", HANDED_OVER
     ),
     SupervisorReason.AUTOPILOT_FAILSAFE: FlightEnd(
-        "Released: the autopilot went into a failsafe", LET_GO
+        "Released: the autopilot went into a failsafe", RELEASED_FOR_SAFETY
     ),
-    SupervisorReason.LINK_LOST: FlightEnd("Released: the link was lost", LET_GO),
-    SupervisorReason.NOT_HEARD: FlightEnd("Released: the autopilot did not answer", LET_GO),
-    SupervisorReason.CONTROL_STALLED: FlightEnd("Released: the control loop stood still", LET_GO),
-    SupervisorReason.BATTERY_LOW: FlightEnd("Released: the battery was too low", LET_GO),
-    SupervisorReason.HOLD_TIMED_OUT: FlightEnd("Released after a hold: {held}", LET_GO),
+    SupervisorReason.LINK_LOST: FlightEnd("Released: the link was lost", RELEASED_FOR_SAFETY),
+    SupervisorReason.NOT_HEARD: FlightEnd(
+        "Released: the autopilot did not answer", RELEASED_FOR_SAFETY
+    ),
+    SupervisorReason.CONTROL_STALLED: FlightEnd(
+        "Released: the control loop stood still", RELEASED_FOR_SAFETY
+    ),
+    SupervisorReason.BATTERY_LOW: FlightEnd(
+        "Released: the battery was too low", RELEASED_FOR_SAFETY
+    ),
+    SupervisorReason.HOLD_TIMED_OUT: FlightEnd(
+        "Released after a hold: {held}", RELEASED_FOR_SAFETY
+    ),
 }
 """What ended a flight that the follower was not asked to end; {held} is why the vehicle held."""
 

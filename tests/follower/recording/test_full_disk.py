@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from follower.apps.inspect import inspect_flight
-from follower.flight.supervision.flight_end import LET_GO, SUCCESS
+from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY, SUCCESS
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.flight.vision.video_sink import OverlayVideo
 from follower.recording import open_flight
@@ -86,7 +86,7 @@ def test_a_setting_makes_it_stop_instead(tmp_path: Path) -> None:
         cwd=tmp_path,
         preexec_fn=limit_files,
     )
-    assert code == LET_GO, said
+    assert code == RELEASED_FOR_SAFETY, said
     assert "Released: no room for the recording" in said
     last_s = max(float(s) for s in re.findall(r"([\d.]+)/16 s  ", said))
     assert last_s < 15

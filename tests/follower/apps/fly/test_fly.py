@@ -30,7 +30,7 @@ SETTINGS = (
     *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),
 )
 HEIGHT_M = 12.0
-READY, REFUSED, UNUSABLE, HANDED_OVER, LET_GO, INTERRUPTED = 0, 1, 2, 3, 4, 130
+READY, REFUSED, UNUSABLE, HANDED_OVER, RELEASED_FOR_SAFETY, INTERRUPTED = 0, 1, 2, 3, 4, 130
 MakeVehicle = Callable[..., Any]
 
 
@@ -202,7 +202,7 @@ def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
     stream.stop()
     program.wait_for("holding .*frames stale")
     program.wait_for("released .*hold timed out")
-    assert program.end(signal.SIGINT) == LET_GO, program.said
+    assert program.end(signal.SIGINT) == RELEASED_FOR_SAFETY, program.said
     assert "Released after a hold: frames stale" in program.said
     assert np.array(speeds(there.setpoints[-1][1])) == pytest.approx(0.0, abs=1e-6)
     assert open_flight(tmp_path / "runs" / "fly").remarks == []
