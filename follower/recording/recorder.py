@@ -28,7 +28,9 @@ from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
 
 LOG, TLOG, CONFIG = "flight.mcap", "mavlink.tlog", "config.yaml"
-_COMMIT_EVERY_S = 0.4
+_COMMIT_EVERY_S, _COMMIT_EVERY = 0.4, 200
+"""The log is put onto the disk after so many seconds; after so many records where the computer is
+too busy to keep up, so that a disk that fills then keeps most of them."""
 _LOOK_EVERY_S = 0.1
 """The log's thread is woken by the end of each control step alone, and looks by itself if none
 comes: what it does in Python it does while control sleeps, not while control works."""
@@ -158,24 +160,27 @@ class Recorder(ClosesItself):
 
     def _run(self) -> None:
         give_way()
-        since = Stopwatch()
+        since, waiting = Stopwatch(), 0
         closing = False
         while not closing:
             self._step_ended.wait(_LOOK_EVERY_S)
             self._step_ended.clear()
             closing = self._closing
-            self._drain()
+            while self._entries:
+                self._write(*self._entries.popleft())
+                waiting += 1
+                if waiting >= _COMMIT_EVERY:
+                    self._writer.commit()
+                    since, waiting = Stopwatch(), 0
             if since.elapsed_s() >= _COMMIT_EVERY_S:
                 self._writer.commit()
-                since = Stopwatch()
+                since, waiting = Stopwatch(), 0
 
-    def _drain(self) -> None:
-        """Write what has come; between any two messages, who else wants to run may."""
-        while self._entries:
-            record, time_s = self._entries.popleft()
-            for message in messages_of(record):
-                self._writer.write(message, time_s)
-                time.sleep(0)
+    def _write(self, record: object, time_s: float) -> None:
+        """Write a record; between any two messages, who else wants to run may."""
+        for message in messages_of(record):
+            self._writer.write(message, time_s)
+            time.sleep(0)
 
 
 class RecordedTransport:

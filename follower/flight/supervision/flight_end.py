@@ -98,8 +98,8 @@ class LastRelease:
         """Take a step's state with its reason."""
         if state is SupervisorState.HOLDING:
             self._held = reason
-        let_go = state is SupervisorState.RELEASED and self._state is not state
-        if let_go and (self._state.engaged or reason in RELEASES):
+        released = state is SupervisorState.RELEASED and self._state is not state
+        if released and (self._state.engaged or reason in RELEASES):
             self._released = reason
         self._state = state
 
