@@ -76,17 +76,17 @@ def test_what_was_believed_before_it_may_have_been_mistaken_still_counts(target:
     assert target.can_be_at(FAR)
 
 
-def test_in_doubt_every_second_look_is_where_it_was_foretold_before(target: Target) -> None:
+def test_every_second_look_is_where_it_was_foretold_before(target: Target) -> None:
     target.foreseen = foretold(BOX, (2.0, FAR), (2.4, FAR))
     places = []
-    for index in range(0, 8, SETTINGS.doubt_every):
-        target.index = index
+    for looks in range(4):
+        target.looks = looks
         region = target.detection_region(SETTINGS, WIDTH, HEIGHT)
         assert region is not None
         places.append((region.distance(BOX) < 30, region.distance(FAR) < 30))
     assert places == [(True, False), (False, True)] * 2
     target.foreseen = foretold(BOX, (2.0, BOX.moved_to(230, 200)))
-    looks = {target.detection_region(SETTINGS, WIDTH, HEIGHT) for target.index in range(4)}
+    looks = {target.detection_region(SETTINGS, WIDTH, HEIGHT) for target.looks in range(4)}
     assert len(looks) == 1, "the same place is looked at as ever"
 
 

@@ -65,6 +65,7 @@ class Target:
         produced_by: what the box is from.
         index: number of the frame, from 0 at the start.
         asked: index of the frame that the detector was last asked about.
+        looks: how often it was asked.
         foreseen: where control expects it in the frame; None where control knows nothing.
         other_place: where something like the target was detected while it is lost, pixels.
         history: the box by index, for the answers of a detector in the background.
@@ -86,6 +87,7 @@ class Target:
     produced_by: str = "start"
     index: int = 0
     asked: int = 0
+    looks: int = 0
     foreseen: TargetPrediction | None = None
     other_place: Box | None = None
     interval_s: float = 0.0
@@ -165,7 +167,7 @@ class Target:
 
         A square on a coarse grid, so that runs that differ a little ask for the same region and an
         evaluation can keep the answers. While the target is lost every third one is larger. Where
-        control formerly foretold another place, every second one in doubt is there.
+        control formerly foretold another place, every second one is there.
 
         Args:
             settings: the usual region.
@@ -177,7 +179,7 @@ class Target:
         """
         box = self.filter.box
         elsewhere = self._formerly_foreseen(box)
-        if elsewhere is not None and (self.index // settings.doubt_every) % 2:
+        if elsewhere is not None and self.looks % 2:
             box = elsewhere
         sizes = max(settings.crop_sizes, _REGION_SIZES + _REGION_SIGMA * self.filter.spread)
         side = max(box.scale * sizes, settings.crop_least_px)

@@ -256,6 +256,7 @@ class FusionTracker:
         if self._service is None or not self._service.ready(urgent=target.lost):
             return
         target.asked = target.index
+        target.looks += 1
         height, width = image.shape[:2]
         region = target.detection_region(self._settings, width, height)
         self._service.submit(DetectionRequest(self._owner, target.index, image, region))
