@@ -123,6 +123,27 @@ def test_waiting_frames_take_bounded_memory(
     recorder.close()
 
 
+def test_a_log_that_has_fallen_behind_is_put_onto_the_disk_in_small_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If the disk fills meanwhile, no more than one part is missing."""
+    sync, lengths = os.fdatasync, [0]
+
+    def measured(descriptor: int) -> None:
+        sync(descriptor)
+        lengths.append(os.fstat(descriptor).st_size)
+
+    settings = RecorderSettings(video=VideoKind.NONE)
+    with Recorder(tmp_path, FlightConfig.of("real", Settings()), MonotonicClock(), settings) as one:
+        monkeypatch.setattr(os, "fdatasync", measured)
+        for number in range(3000):
+            one.log.note(number / 50, "test", f"a note of some length, number {number}")
+    parts = np.diff(lengths)
+    assert len(parts) >= 3000 / 200
+    assert parts[1:].max() < 60_000
+    assert len(open_flight(tmp_path).log.events) >= 3000
+
+
 @pytest.mark.slow
 def test_when_the_disk_gets_full_the_video_ends_first(tmp_path: Path) -> None:
     free_mb = shutil.disk_usage(tmp_path).free / 1e6
