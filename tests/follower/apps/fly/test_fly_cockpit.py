@@ -17,6 +17,7 @@ import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
+from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 
@@ -109,7 +110,8 @@ def test_choose_follow_and_lose_the_page(
     flight.wait(lambda: "released" in flight.said)
     assert flight.process.poll() is None
     flight.process.send_signal(signal.SIGINT)
-    assert flight.process.wait(PATIENCE_S) == 0, flight.said
+    assert flight.process.wait(PATIENCE_S) == RELEASED_FOR_SAFETY, flight.said
+    assert "Released after a hold: cockpit lost" in flight.said
     records = open_flight(tmp_path / "runs" / "fly").log.controls
     states = [record.state for record in records]
     following = [record.state is SupervisorState.FOLLOWING for record in records]
