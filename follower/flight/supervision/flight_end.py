@@ -22,11 +22,6 @@ class FlightEnd:
     sentence: str
     exit_code: int
 
-    @property
-    def released_early(self) -> bool:
-        """Whether the vehicle was taken or released before anybody asked the follower to end."""
-        return self.exit_code in (HANDED_OVER, RELEASED_FOR_SAFETY)
-
 
 AS_ASKED = FlightEnd("Ended as asked", SUCCESS)
 NOT_BEGUN = FlightEnd("Ended as asked; nothing was followed", SUCCESS)

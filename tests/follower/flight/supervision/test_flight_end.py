@@ -53,7 +53,6 @@ def test_what_released_it_is_said_and_a_stop_afterwards_changes_nothing(
     released = SupervisorState.RELEASED, reason
     end = end_of(WAITING, FOLLOWING, released)
     assert end.exit_code in (ends.HANDED_OVER, ends.RELEASED_FOR_SAFETY)
-    assert end.released_early
     assert end == end_of(WAITING, FOLLOWING, released, WAITING, STOPPED)
 
 
