@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from told_trackers import (
     BOX,
@@ -66,6 +66,7 @@ def test_it_follows_what_is_seen(fusion: Trackers, motion: ToldMotion) -> None:
 
 @settings(max_examples=30)
 @given(likeness=st.lists(st.floats(0, 1), min_size=1, max_size=25))
+@example(likeness=[0.0] * 12 + [0.4])
 def test_who_tracks_believes_it_and_who_is_lost_does_not(
     judge: CandidateModel, likeness: list[float]
 ) -> None:

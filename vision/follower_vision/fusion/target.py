@@ -27,6 +27,8 @@ Floats = npt.NDArray[np.floating]
 
 SEEN = 0.5
 """From this P(IoU > 0.5) on the target counts as observed."""
+_LOST_CONFIDENCE = 0.4
+"""A prediction is a guess by then."""
 _COAST_S = 0.4
 _MEAN_TIME_S = 0.65
 _SIZE_TIME_S = 1.1
@@ -140,6 +142,8 @@ class Target:
         self.box = self.filter.box
         self.produced_by = why
         self.state = self._unseen_state()
+        if self.lost:  # however well the prediction fits, nobody has seen the target for long
+            self.confidence = min(self.confidence, _LOST_CONFIDENCE)
 
     def believe(self, probability: float) -> None:
         """Remember the P(IoU > 0.5) of the frame's choice."""
