@@ -16,6 +16,7 @@ from follower.apps.import_flight import command as import_flight
 from follower.apps.models import models_app
 from follower.apps.preflight import command as preflight
 from follower.apps.replay import command as replay
+from follower.apps.sitl import command as sitl
 from follower.apps.track import command as track
 from follower.settings.bundled import scenario_files
 from follower.simulation.campaign import command as campaign
@@ -116,6 +117,7 @@ for name, epilog, command in (
     ("preflight", preflight.EPILOG, preflight.preflight_command),
     ("track", track.EPILOG, track.track_command),
     ("replay", replay.EPILOG, replay.replay_command),
+    ("sitl", sitl.EPILOG, sitl.sitl_command),
     ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
     ("campaign", campaign.EPILOG, campaign.campaign_command),
     ("faults", fault_tests.EPILOG, fault_tests.faults_command),
@@ -254,7 +256,7 @@ def sim(
         tuple(scene or ()),
         cockpit,
     )
-    raise typer.Exit(simulate(options))
+    raise typer.Exit(simulate(options).exit_code)
 
 
 @app.command(epilog=_INSPECT_EPILOG)

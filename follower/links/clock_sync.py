@@ -9,6 +9,7 @@ _SLACK_S = 0.002
 _BACK_S = 1.0
 """Messages overtake each other by less."""
 _JUMP_S = 1.0
+_PACED_S = 10.0
 _DRIFT, _LARGEST_DRIFT = 1e-4, 0.02
 """Crystals are right to 1e-5; simulated autopilots were seen to lose a second in a hundred."""
 
@@ -43,6 +44,8 @@ class AutopilotClock:
         self._low_s, self._high_s = -math.inf, math.inf
         self._at_s = self._newest_boot_s = -math.inf
         self._strikes = {"message": 0, "answer": 0}
+        self._first: tuple[float, float] | None = None
+        self._last = (0.0, 0.0)
         self.restarts = 0
 
     @property
@@ -51,6 +54,16 @@ class AutopilotClock:
         half = (self._high_s - self._low_s) / 2
         return half + _SLACK_S / 2 if math.isfinite(half) else None
 
+    @property
+    def pace(self) -> float | None:
+        """Seconds that pass on its clock in one of ours, None before ten of ours have passed.
+
+        A simulation that the computer is too slow for is far from 1.
+        """
+        if self._first is None or self._last[1] - self._first[1] < _PACED_S:
+            return None
+        return (self._last[0] - self._first[0]) / (self._last[1] - self._first[1])
+
     def to_system(self, boot_s: float, arrival_s: float) -> float:
         """Return when `boot_s` was on the system's clock, in seconds; never after its arrival."""
         self._bound(-math.inf, boot_s, arrival_s, "message")
@@ -58,6 +71,9 @@ class AutopilotClock:
 
     def exchange(self, asked_s: float, boot_s: float, arrival_s: float) -> None:
         """Take in that a question of `asked_s` was answered at `boot_s` on the autopilot."""
+        if self._first is None or boot_s < self._last[0]:
+            self._first = boot_s, asked_s
+        self._last = boot_s, asked_s
         self._bound(asked_s, boot_s, arrival_s, "answer")
 
     @property

@@ -156,6 +156,7 @@ class Link(ABC):
             problem="" if self.connected else self._finder.problem(now_s),
             round_trip_s=self._timesync.round_trip_s,
             clock_error_s=self._clock.error_s,
+            clock_pace=self._clock.pace,
             clock_restarts=self._clock.restarts,
             rates=self._requests.rates.measured(now_s) if self.connected else (),
             received=self._channel.received,

@@ -17,6 +17,7 @@ class LinkStatus:
         problem: why there is no vehicle, in words; "" if there is one or no heartbeat came.
         round_trip_s: from a question to our seeing its answer, median of the last ten.
         clock_error_s: the most by which a time of the autopilot's can be wrong on our clock.
+        clock_pace: seconds that pass on the autopilot's clock in one of ours.
         clock_restarts: how often the autopilot's clock jumped: it was restarted.
         rates: of the messages that we want.
         received: packets that were believed.
@@ -32,6 +33,7 @@ class LinkStatus:
     problem: str = ""
     round_trip_s: float | None = None
     clock_error_s: float | None = None
+    clock_pace: float | None = None
     clock_restarts: int = 0
     rates: tuple[MessageRate, ...] = ()
     received: int = 0

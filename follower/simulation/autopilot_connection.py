@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from follower.links.connections import ConnectionFailedError, open_connection
-from follower.simulation.flight import EXTERNAL
+from follower.simulation.options import EXTERNAL
+from follower.simulation.sitl.programs import SitlProgram
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport, Transport, UdpTransport
@@ -25,6 +26,7 @@ class AutopilotConnection:
         flavour: "px4" or "ardupilot", or "external" for one that runs elsewhere.
         lockstep: on a simulated clock, through memory.
         address: the follower's end as pymavlink writes it; None for a usual or a free UDP port.
+        program: will be started and speak at the port that is opened for it.
 
     Raises:
         SettingsError: there is no such autopilot, or it cannot be flown in lockstep.
@@ -33,6 +35,7 @@ class AutopilotConnection:
     flavour: str
     lockstep: bool
     address: str | None
+    program: SitlProgram | None = None
 
     def __post_init__(self) -> None:
         if self.flavour not in FLAVOURS:
@@ -58,6 +61,9 @@ class AutopilotConnection:
         """
         if self.lockstep:
             yield MemoryTransport.pair()
+        elif self.program is not None:
+            with closing(self.program.listen()) as ours:
+                yield ours, MemoryTransport.pair()[1]
         elif self.flavour == EXTERNAL:
             with closing(open_connection(self.address or f"udpin:127.0.0.1:{SITL_PORT}")) as ours:
                 yield ours, MemoryTransport.pair()[1]

@@ -27,7 +27,7 @@ from follower.settings.settings import Settings
 from follower.simulation.components import FlightComponents, FlightOptions, gimbal_of, start_state
 from follower.simulation.external_vehicle import TelemetryVehicle
 from follower.simulation.ground_truth import FlightTruth, score_flight
-from follower.simulation.options import VisionSource
+from follower.simulation.options import EXTERNAL, VisionSource
 from follower.ui.ground_station.flight_view import FlightView
 from follower_control.common.transport import Transport
 from follower_sim.autopilot.autopilot import SYSTEM_ID, SimAutopilot
@@ -43,7 +43,6 @@ from follower_vision.fusion import BackgroundDetection, InlineDetection
 from follower_vision.geometry.line_of_sight import LineOfSight
 from follower_vision.trackers.target_tracker import TargetTracker
 
-EXTERNAL = "external"
 NO_EXTRAS = FlightOptions()
 _STANDING_M_S = 0.3
 _AIRBORNE_M = 2.0
@@ -114,7 +113,7 @@ class SimulatedFlight:
         is_blind = self.vision_source is VisionSource.TRUTH and extras.video is None
         self.camera = (BlindCamera if is_blind else parts.camera)(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
-        self._wait = AutopilotWait(self._link, self.log)
+        self._wait = AutopilotWait(self._link, self.log, extras.boots_within_s)
         self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
         self.truth = self._truth.samples
         self.chosen_s: float | None = None

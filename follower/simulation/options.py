@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
 from follower.settings.bundled import find_scenario
 from follower.settings.link import LINK_KINDS
 from follower.settings.settings import Settings, load_settings
+from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import SCENE, base_settings, load_scenario
+
+EXTERNAL = "external"
+"""An autopilot that is no object of ours."""
 
 
 class VisionSource(StrEnum):
@@ -93,6 +97,9 @@ class SimulationOptions:
     vision: VisionSource = VisionSource.PIXELS
     scene: tuple[str, ...] = ()
     cockpit: bool = False
+    program: SitlProgram | None = None
+    """Is started for the flight and flown as the external autopilot."""
+    setup: SitlSetup = field(default_factory=SitlSetup)
 
     def resolve(self) -> tuple[Scenario, Settings]:
         """Return what is flown, and the follower's settings for it.
@@ -104,10 +111,17 @@ class SimulationOptions:
         if self.vision is VisionSource.TRUTH:
             check_without_pixels(scenario, self.faults)
         settings = simulation_settings(scenario, self.config, self.overrides, self.link)
+        if self.autopilot == EXTERNAL and scenario.camera.gimbal is not None:
+            raise SettingsError(
+                f"the scenario {scenario.name} needs a gimbal, and no external autopilot here has "
+                "one that our camera follows: fly it with --autopilot px4 or ardupilot"
+            )
         if self.lockstep and settings.link.kind == "mavsdk":
             raise SettingsError(
                 "--lockstep: mavsdk has its own threads and time; use --link pymavlink"
             )
+        if self.setup.speedup != 1.0 and settings.link.kind == "mavsdk":
+            raise SettingsError("--speedup: mavsdk has its own time; use --link pymavlink")
         return scenario, settings
 
     @property
@@ -119,6 +133,9 @@ class SimulationOptions:
     def command(self) -> str:
         """The command line that does this run again."""
         words = ["follower", "sim", self.scenario, "--autopilot", self.autopilot]
+        if self.program is not None:
+            words = ["follower", "sitl", self.scenario, *self.program.words]
+            words += [] if self.setup.speedup == 1.0 else ["--speedup", f"{self.setup.speedup:g}"]
         words += [] if self.lockstep or self.connect is None else ["--connect", self.connect]
         words += [] if self.link is None else ["--link", self.link]
         words += [] if self.seed is None else ["--seed", str(self.seed)]

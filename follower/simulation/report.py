@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from follower.flight.supervision.flight_end import (
-    BY_CTRL_C,
     HANDED_OVER,
     INTERRUPTED,
     SUCCESS,
@@ -40,6 +39,10 @@ FILES = (
     ("mavlink.tlog", "the recording: every MAVLink packet, for Mission Planner and MAVProxy"),
     ("video.mkv", "the recording: the frames that vision saw, nothing drawn into them"),
     ("config.yaml", "the recording: settings, versions, hashes of networks, seed"),
+    ("autopilot.bin", "ArduPilot's own log, for UAV Log Viewer and MAVExplorer"),
+    ("autopilot.ulg", "PX4's own log, for Flight Review and PlotJuggler"),
+    ("autopilot.csv", "the simulated autopilot's own log"),
+    ("autopilot.txt", "what the autopilot wrote to its terminal"),
     ("score.json", "the score and its limits"),
     ("boxes.csv", "the track, a line a frame"),
     ("setpoints.csv", "the setpoints, a line a control step"),
@@ -78,10 +81,11 @@ def report_flight(
     flight: SimulatedFlight,
     folder: Path,
     command: str,
+    autopilot: str,
     connection: str,
     remarks: tuple[str, ...],
     console: Console,
-    interrupted: bool = False,
+    end: FlightEnd | None = None,
 ) -> FlightEnd:
     """Write all files of a flight, print its score, return how it ended.
 
@@ -89,13 +93,14 @@ def report_flight(
         flight: is over.
         folder: where the files go.
         command: the command line that flies it again.
+        autopilot: which one flew, with its version if that is known.
         connection: over which MAVLink was spoken, in words.
         remarks: what the reader has to know.
         console: where the score is printed.
-        interrupted: the user ended it by Ctrl-C.
+        end: how it ended, if not as the flight itself tells it.
     """
     criteria, score = flight.scenario.expect, flight.score()
-    end = BY_CTRL_C if interrupted else flight.end
+    end = end or flight.end
     if end.exit_code == SUCCESS:
         end = pursuit_end(verdict(score, criteria))
     written = RunFiles(folder)
@@ -104,13 +109,13 @@ def report_flight(
     written.write("settings.yaml", lambda path: write_whole(path, flight.settings.to_yaml()))
     run = {
         "scenario": flight.scenario.name,
-        "autopilot": flight.flavour,
+        "autopilot": autopilot,
         "seed": flight.seed,
         "vision": str(flight.vision_source),
         "end": end.sentence,
     }
     written.write(SCORE, lambda path: write_score(path.parent, score, criteria, run))
-    meta = replace(_meta(flight, folder, command, connection, remarks), end=end)
+    meta = replace(_meta(flight, folder, command, autopilot, connection, remarks), end=end)
     written.write(
         REPORT,
         lambda path: write_report(
@@ -135,6 +140,7 @@ def _meta(
     flight: SimulatedFlight,
     folder: Path,
     command: str,
+    autopilot: str,
     connection: str,
     remarks: tuple[str, ...],
 ) -> ReportMeta:
@@ -143,13 +149,13 @@ def _meta(
     how += f" · {LABEL}" if without_pixels else ""
     return ReportMeta(
         title=flight.scenario.title,
-        subtitle=f"{flight.scenario.name} · {flight.flavour} · seed {flight.seed} · {how}",
+        subtitle=f"{flight.scenario.name} · {autopilot} · seed {flight.seed} · {how}",
         command=command,
         settings_yaml=flight.settings.to_yaml(),
         facts=(
             ("Version", version("drone-target-follower")),
             ("Python", sys.version.split()[0]),
-            ("Autopilot", flight.flavour),
+            ("Autopilot", autopilot),
             ("Link", f"MAVLink 2 {connection}"),
             ("Link at the end", flight.link_status.line()),
             ("Vision", NO_PIXELS if without_pixels else flight.settings.tracker),

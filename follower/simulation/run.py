@@ -1,7 +1,8 @@
 """`follower sim` and `follower demo`: fly a scenario and report on it."""
 
 import sys
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -9,8 +10,17 @@ import cv2
 import numpy as np
 from rich.console import Console
 
+from follower.flight.control.takeoff_monitor import ANSWER_WITHIN_S
 from follower.flight.log import FlightLog
-from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, SUCCESS
+from follower.flight.supervision.autonomy import AutonomyPhase
+from follower.flight.supervision.flight_end import (
+    BY_CTRL_C,
+    FAILED,
+    NOT_RECORDED,
+    RELEASED_FOR_SAFETY,
+    SUCCESS,
+    FlightEnd,
+)
 from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.links.connections import ConnectionFailedError
 from follower.recording import FlightConfig, Recorder
@@ -25,6 +35,8 @@ from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
 from follower.simulation.runners import fly_lockstep, fly_realtime
+from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
+from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower.ui.cockpit.publisher import FlightPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import open_ground_station, operators_finder
@@ -39,10 +51,19 @@ from follower_vision.clock import MonotonicClock, SimulatedClock
 BY_USER = "The user ended this flight."
 _LEAST_FRAME_SHARE = 0.8
 _LONGEST_GAP_S = 0.3
+_LEAST_PACE = 0.97
 
 
-def simulate(options: SimulationOptions) -> int:
-    """Fly, write the report, and return the exit code.
+@dataclass(frozen=True, slots=True)
+class SimulationResult:
+    """What came of a flight, and where its files are."""
+
+    exit_code: int
+    folder: Path
+
+
+def simulate(options: SimulationOptions) -> SimulationResult:
+    """Fly and write the report.
 
     Raises:
         SettingsError: an option, the scenario or a setting cannot be used.
@@ -57,11 +78,15 @@ class _Simulation:
     def __init__(self, options: SimulationOptions) -> None:
         self.options = options
         self.scenario, self.settings = options.resolve()
-        self.connection = AutopilotConnection(options.autopilot, options.lockstep, options.connect)
+        self.connection = AutopilotConnection(
+            options.autopilot, options.lockstep, options.connect, options.program
+        )
+        self.process: AutopilotProcess | None = None
+        self.death: FlightEnd | None = None
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
-    def run(self) -> int:
-        """Fly, write the report, and return the exit code."""
+    def run(self) -> SimulationResult:
+        """Fly and write the report."""
         if self.faults:
             self.connection.check_simulated("--fault")
         console = Console()
@@ -82,11 +107,13 @@ class _Simulation:
                     raise
                 to = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
                 link = "through memory" if self.options.lockstep else f"by {to}"
-                command, interrupted = self.options.command, BY_USER in remarks
-                end = report_flight(flight, folder, command, link, remarks, console, interrupted)
-        if interrupted or passed is None:
-            return end.exit_code
-        return SUCCESS if passed else FAILED
+                program, end = self.options.program, BY_CTRL_C if BY_USER in remarks else self.death
+                autopilot = flight.flavour if program is None else program.title
+                command = self.options.command
+                end = report_flight(flight, folder, command, autopilot, link, remarks, console, end)
+        if passed is None or end is BY_CTRL_C:
+            return SimulationResult(end.exit_code, folder)
+        return SimulationResult(SUCCESS if passed else FAILED, folder)
 
     def _fly(
         self,
@@ -103,10 +130,14 @@ class _Simulation:
             None without faults.
         """
         lockstep, flavour = self.connection.lockstep, self.connection.flavour
-        clock = SimulatedClock() if lockstep else MonotonicClock()
+        clock = SimulatedClock() if lockstep else MonotonicClock(self.options.setup.speedup)
         with ExitStack() as stack:
             wanted = as_faults_want(self.faults, self.settings, ends, clock)
             settings, ends = stack.enter_context(wanted)
+            if self.options.program is not None:
+                setup = self._program_setup(self.options.program)
+                process = AutopilotProcess(self.options.program, setup, folder)
+                self.process = stack.enter_context(process)
             injector = recorder = None
             video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
@@ -127,11 +158,17 @@ class _Simulation:
                 parts=injector,
                 vision=self.options.vision,
                 finder=operators_finder(settings, self.options.cockpit),
+                boots_within_s=(
+                    ANSWER_WITHIN_S
+                    if self.process is None
+                    else BOOTS_WITHIN_S * self.options.setup.speedup
+                ),
             )
             flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
             interrupted = self._fly_to_its_end(flight, clock, station, console, early, recorder)
         judged = [] if injector is None else verdicts(self.faults, flight, injector)
         remarks = (
+            *self._of_program(flight),
             NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
             BY_USER if interrupted else None,
             self._late_frames(flight),
@@ -168,6 +205,7 @@ class _Simulation:
             keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
+                self._check_program(flight)
                 if recorder is not None and recorder.must_stop:
                     flight.stop(NOT_RECORDED)
                 status = flight.status()
@@ -177,12 +215,52 @@ class _Simulation:
                 if flight.settings.consent.kind == "terminal":
                     flight.stage.order(keyboard.order())
 
-            with suppress(InjectedDeathError):
+            try:
                 if isinstance(clock, SimulatedClock):
                     fly_lockstep(flight, clock, show, paced=self.options.cockpit)
                 else:
                     fly_realtime(flight, clock, show)
+            except InjectedDeathError:
+                pass
+            except ConnectionFailedError as error:
+                if self.process is None:
+                    raise
+                said = f"{error}; its output ends: {self.process.last_lines}"
+                raise ConnectionFailedError(said) from error
         return interrupt.interrupted or early.interrupted
+
+    def _program_setup(self, program: SitlProgram) -> SitlSetup:
+        """Return how the program is started for this scenario."""
+        setup = self.options.setup
+        return replace(setup, parameters=program.for_scenario(self.scenario, setup.parameters))
+
+    def _check_program(self, flight: SimulatedFlight) -> None:
+        """Stop a flight whose autopilot's program has ended.
+
+        Raises:
+            ConnectionFailedError: it ended before it flew.
+        """
+        if self.process is None or not self.process.death or self.death is not None:
+            return
+        if flight.phase in (AutonomyPhase.CONNECTING, AutonomyPhase.ARMING):
+            raise ConnectionFailedError(f"{self.process.death} before it flew")
+        sentence = f"{self.process.death}; its output ends: {self.process.last_lines}"
+        self.death = FlightEnd(sentence, RELEASED_FOR_SAFETY)
+        flight.stop(self.death)
+
+    def _of_program(self, flight: SimulatedFlight) -> tuple[str | None, ...]:
+        """Return what is to be said of the autopilot's program."""
+        if self.options.program is None:
+            return ()
+        pace, asked = flight.link_status.clock_pace, self.options.setup.speedup
+        slow = None
+        if pace is not None and pace < _LEAST_PACE:
+            slow = (
+                f"{self.options.program.title} ran at {pace * asked:.2f} times real time, "
+                f"{asked:g} were asked for: this computer is too slow or too busy for it; "
+                "figures of time and speed are off by as much. Take a lower --speedup."
+            )
+        return self.options.program.remark or None, slow
 
     def _late_frames(self, flight: SimulatedFlight) -> str | None:
         silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)

@@ -17,18 +17,23 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The computer's monotonic clock, counted from when this object was made."""
+    """The computer's monotonic clock, counted from when this object was made.
 
-    def __init__(self) -> None:
+    Args:
+        speed: how many of its seconds pass in a real one; not 1 for a simulation in fast motion.
+    """
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
         self._origin = time.monotonic()
 
     def now(self) -> float:
         """Return the seconds since the clock was made."""
-        return time.monotonic() - self._origin
+        return (time.monotonic() - self._origin) * self._speed
 
     def sleep_until(self, time_s: float) -> None:
         """Sleep until `time_s` in seconds, or not at all if that has passed."""
-        remaining = time_s - self.now()
+        remaining = (time_s - self.now()) / self._speed
         if remaining > 0:
             time.sleep(remaining)
 

@@ -8,7 +8,7 @@ from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
 
-_ANSWER_WITHIN_S = 15.0
+ANSWER_WITHIN_S = 15.0
 _SETTLE_WITHIN_S = 90.0
 """A freshly started ArduPilot has a position after 20 to 40 s."""
 _AIRBORNE_WITHIN_S = 180.0
@@ -23,11 +23,15 @@ class AutopilotWait:
     Args:
         link: to it.
         log: has what it said.
+        answer_within_s: how long it may take to send a first heartbeat.
     """
 
-    def __init__(self, link: Link, log: FlightLog) -> None:
+    def __init__(
+        self, link: Link, log: FlightLog, answer_within_s: float = ANSWER_WITHIN_S
+    ) -> None:
         self._link = link
         self._log = log
+        self._answer_within_s = answer_within_s
         self._connected_s = math.inf
         self._settled_s = math.inf
 
@@ -58,10 +62,11 @@ class AutopilotWait:
             raise ConnectionFailedError(status.problem)
         if self._link.connected:
             self._connected_s = min(self._connected_s, now_s)
-        elif now_s > _ANSWER_WITHIN_S:
+        elif now_s > self._answer_within_s:
+            waited = f"{self._answer_within_s:.0f} s ({status.line()})"
             raise ConnectionFailedError(
-                f"no autopilot answered within {_ANSWER_WITHIN_S:.0f} s ({status.line()}): start "
-                "it, have it send MAVLink to the address given by --connect, and try again"
+                f"no autopilot answered within {waited}: start it, have it send "
+                "MAVLink to the address given by --connect, and try again"
             )
         if now_s - self._connected_s > _SETTLE_WITHIN_S and phase not in _ASKING:
             raise ConnectionFailedError(

@@ -43,7 +43,7 @@ def pressing(work: Callable[..., Any]) -> Callable[..., Any]:
 def fly(folder: Path) -> int:
     path = folder / "short.yaml"
     path.write_text(SCENARIO, "utf-8")
-    return simulate(SimulationOptions(str(path), lockstep=True, out=folder / "runs"))
+    return simulate(SimulationOptions(str(path), lockstep=True, out=folder / "runs")).exit_code
 
 
 @pytest.mark.slow

@@ -1,0 +1,230 @@
+"""Flies scenarios on autopilots, one after the other, and reports on all of them."""
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from follower.flight.supervision.flight_end import FAILED, INTERRUPTED, SUCCESS
+from follower.links.connections import ConnectionFailedError
+from follower.recording.run_folder import new_run_folder, remove_run_folder
+from follower.report import flight_page, html
+from follower.report.flight_page import REPORT, SCORE
+from follower.report.html import Cell, Html
+from follower.report.series import ReportMeta
+from follower.settings.bundled import find_scenario, scenario_files
+from follower.settings.link import LINK_KINDS
+from follower.simulation.options import EXTERNAL, SimulationOptions, VisionSource
+from follower.simulation.run import simulate
+from follower.simulation.sitl.programs import (
+    ArduCopterProgram,
+    Px4Program,
+    SimulatedProgram,
+    SitlProgram,
+    SitlSetup,
+    read_parameters,
+)
+from follower.ui.terminal.cli_options import typed_command
+from follower.ui.terminal.console import print_line
+from follower_control.common.strict_config import SettingsError
+from follower_sim.scenario.scenario_file import load_scenario
+from follower_vision.atomic_file import write_whole
+
+RESULTS = "results.json"
+ALL = "all"
+_FIGURES = (
+    ("In frame", "in_frame_share", "{:.1%}"),
+    ("Line of sight, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
+    ("Range error, median", "range_error_median", "{:.1%}"),
+    ("Approach", "approach_s", "{:.1f} s"),
+    ("Losses", "losses", "{:d}"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SitlMatrix:
+    """What the command line was given; see `follower sitl --help`."""
+
+    scenarios: tuple[str, ...]
+    programs: tuple[SitlProgram | None, ...]
+    link: str = "pymavlink"
+    repeat: int = 1
+    seed: int | None = None
+    speedup: float = 1.0
+    parameter_file: Path | None = None
+    config: Path | None = None
+    overrides: tuple[str, ...] = ()
+    vision: VisionSource = VisionSource.PIXELS
+    scene: tuple[str, ...] = ()
+    video: bool = True
+    connect: str | None = None
+
+    def flights(self) -> Iterator[SimulationOptions]:
+        """Yield every flight, without the folder it goes to.
+
+        Raises:
+            SettingsError: an option, a scenario or a parameter file cannot be used.
+        """
+        if self.link not in (*LINK_KINDS, "both"):
+            raise SettingsError(f"--link {self.link}: choose {', '.join(LINK_KINDS)} or both")
+        names = tuple(scenario_files()) if ALL in self.scenarios else self.scenarios
+        for program in self.programs:
+            setup = self._setup(program)
+            for link in LINK_KINDS if self.link == "both" else (self.link,):
+                for name in names:
+                    for seed in self._seeds(name):
+                        yield SimulationOptions(
+                            name,
+                            EXTERNAL,
+                            seed,
+                            config=self.config,
+                            overrides=self.overrides,
+                            video=self.video,
+                            connect=self.connect,
+                            link=link,
+                            vision=self.vision,
+                            scene=self.scene,
+                            program=program,
+                            setup=setup,
+                        )
+
+    def _setup(self, program: SitlProgram | None) -> SitlSetup:
+        if program is None:
+            if self.speedup != 1.0 or self.parameter_file is not None:
+                option = "--params" if self.speedup == 1.0 else "--speedup"
+                raise SettingsError(f"{option}: an autopilot that runs already has its own")
+            return SitlSetup()
+        file = self.parameter_file or program.usual_parameters
+        return SitlSetup(self.speedup, read_parameters(file))
+
+    def _seeds(self, name: str) -> Iterator[int | None]:
+        first = self.seed
+        if first is None and self.repeat > 1:
+            first = load_scenario(find_scenario(name)).seed
+        for number in range(self.repeat):
+            yield None if first is None else first + number
+
+
+def programs(
+    arducopter: Path | None, px4: Path | None, simulated: str | None, connect: str | None
+) -> tuple[SitlProgram | None, ...]:
+    """Return the programs to be started, None for one that runs already.
+
+    The environment's ARDUCOPTER_SITL and PX4_SITL count where the command line names none.
+
+    Raises:
+        SettingsError: none is named, or one is not what it is said to be.
+    """
+    named = arducopter or px4 or simulated
+    if connect is not None:
+        if named:
+            raise SettingsError("--connect flies one that runs already: name no program with it")
+        return (None,)
+    if not named:
+        arducopter, px4 = _environment("ARDUCOPTER_SITL"), _environment("PX4_SITL")
+    found: list[SitlProgram] = []
+    found += [] if arducopter is None else [ArduCopterProgram(arducopter)]
+    found += [] if px4 is None else [Px4Program(px4)]
+    found += [] if simulated is None else [SimulatedProgram(simulated)]
+    if not found:
+        raise SettingsError(
+            "no autopilot is named: give --arducopter PROGRAM, --px4 BUILD_FOLDER or --simulated "
+            "px4, or set ARDUCOPTER_SITL or PX4_SITL; see docs/how-to/sitl.md"
+        )
+    return tuple(found)
+
+
+def _environment(name: str) -> Path | None:
+    value = os.environ.get(name, "")
+    return Path(value) if value else None
+
+
+def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
+    """Fly all of it, write the report after each flight, and return the exit code.
+
+    A flight that could not be flown is a row of the report, except where it is the only one.
+
+    Raises:
+        SettingsError: something cannot be used; nothing was flown.
+        ConnectionFailedError: the only flight could not be flown.
+    """
+    flights = list(matrix.flights())
+    for options in flights:
+        if matrix.scenarios != (ALL,):
+            options.resolve()
+    console, rows = Console(), list[dict[str, Any]]()
+    folder = new_run_folder(out, "sitl")
+    try:
+        for number, options in enumerate(flights, 1):
+            title = "" if options.program is None else f" on {options.program.title}"
+            print_line(console, f"{number}/{len(flights)} {options.scenario}{title}", "bold")
+            rows.append(_fly(replace(options, out=folder), folder, console, len(flights) == 1))
+            write_whole(folder / RESULTS, json.dumps(rows, indent=1) + "\n")
+            write_whole(folder / REPORT, render(rows))
+            if rows[-1]["exit_code"] == INTERRUPTED:
+                return INTERRUPTED
+    except (ConnectionFailedError, SettingsError):
+        remove_run_folder(folder)
+        raise
+    print_line(console, str(folder / REPORT))
+    return SUCCESS if all(row["passed"] for row in rows) else FAILED
+
+
+def _fly(options: SimulationOptions, folder: Path, console: Console, alone: bool) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "scenario": Path(options.scenario).stem,
+        "autopilot": options.connect if options.program is None else options.program.title,
+        "link": options.link,
+        "seed": options.seed,
+        "command": options.command,
+    }
+    try:
+        result = simulate(options)
+    except (ConnectionFailedError, SettingsError) as error:
+        if alone:
+            raise
+        print_line(console, f"not flown: {error}", "bold red")
+        return {**row, "end": f"not flown: {error}", "passed": False, "exit_code": FAILED}
+    score = json.loads((result.folder / SCORE).read_text("utf-8"))
+    return {
+        **row,
+        "end": score["run"]["end"],
+        "passed": result.exit_code == SUCCESS,
+        "failures": score["failures"],
+        "exit_code": result.exit_code,
+        "folder": result.folder.relative_to(folder).as_posix(),
+        **{key: score["score"][key] for _, key, _ in _FIGURES},
+    }
+
+
+def render(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the report of all flights, a row each."""
+    passed = sum(row["passed"] for row in rows)
+    headline = f"{passed} of {len(rows)} flights passed"
+    failed = [f"{row['scenario']}, {row['autopilot']}: {row['end']}" for row in rows]
+    lines = [line for line, row in zip(failed, rows, strict=True) if not row["passed"]]
+    head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES), "")
+    numbers = range(5, 5 + len(_FIGURES))
+    commands = html.preformatted("\n".join(row["command"] for row in rows))
+    parts = (
+        flight_page.verdict_box("passed" if passed == len(rows) else "failed", headline, lines),
+        html.section("Flights", html.table(head, map(_cells, rows), tuple(numbers))),
+        html.section("To fly them again", commands),
+    )
+    subtitle = f"software in the loop · {len(rows)} flights"
+    meta = ReportMeta("Flights on real autopilots", subtitle, typed_command())
+    return flight_page.filled(meta, parts)
+
+
+def _cells(row: dict[str, Any]) -> Sequence[Cell]:
+    colour, word = ("green", "passed") if row["passed"] else ("red", "failed")
+    mark = Html(f'<b style="color: var(--{colour})">{word}</b>')
+    figures = ["–" if row.get(key) is None else form.format(row[key]) for _, key, form in _FIGURES]
+    where = row.get("folder")
+    link = Html("" if where is None else f'<a href="{where}/{REPORT}">report</a>')
+    seed = "" if row["seed"] is None else str(row["seed"])
+    return (row["scenario"], row["autopilot"], row["link"], seed, mark, *figures, link)
