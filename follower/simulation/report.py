@@ -39,14 +39,16 @@ FILES = (
     ("mavlink.tlog", "the recording: every MAVLink packet, for Mission Planner and MAVProxy"),
     ("video.mkv", "the recording: the frames that vision saw, nothing drawn into them"),
     ("config.yaml", "the recording: settings, versions, hashes of networks, seed"),
-    ("autopilot.bin", "ArduPilot's own log, for UAV Log Viewer and MAVExplorer"),
-    ("autopilot.ulg", "PX4's own log, for Flight Review and PlotJuggler"),
-    ("autopilot.csv", "the simulated autopilot's own log"),
-    ("autopilot.txt", "what the autopilot wrote to its terminal"),
     ("score.json", "the score and its limits"),
     ("boxes.csv", "the track, a line a frame"),
     ("setpoints.csv", "the setpoints, a line a control step"),
     ("settings.yaml", "the settings as resolved"),
+)
+_PROGRAMS_FILES = (
+    ("autopilot.bin", "ArduPilot's own log, for UAV Log Viewer and MAVExplorer"),
+    ("autopilot.ulg", "PX4's own log, for Flight Review and PlotJuggler"),
+    ("autopilot.csv", "the simulated autopilot's own log"),
+    ("autopilot.txt", "what the autopilot's program wrote to its terminal"),
 )
 
 
@@ -129,7 +131,7 @@ def report_flight(
             target_size_m=flight.settings.servo.target_size_m,
         ),
     )
-    files = [folder / name for name, _ in FILES if (folder / name).exists()]
+    files = [folder / name for name, _ in (*FILES, *_PROGRAMS_FILES) if (folder / name).exists()]
     print_score(console, score, criteria, files, end)
     for remark in (*remarks, *written.remarks):
         print_line(console, remark)
@@ -161,7 +163,7 @@ def _meta(
             ("Vision", NO_PIXELS if without_pixels else flight.settings.tracker),
             ("Seed", str(flight.seed)),
         ),
-        files=FILES,
+        files=(*FILES, *(row for row in _PROGRAMS_FILES if (folder / row[0]).exists())),
         video=VIDEO if (folder / VIDEO).exists() else "",
         remarks=remarks,
     )

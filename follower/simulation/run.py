@@ -260,7 +260,8 @@ class _Simulation:
                 f"{asked:g} were asked for: this computer is too slow or too busy for it; "
                 "figures of time and speed are off by as much. Take a lower --speedup."
             )
-        return self.options.program.remark or None, slow
+        program = self.options.program
+        return program.remark or None, program.lacks(self.scenario) or None, slow
 
     def _late_frames(self, flight: SimulatedFlight) -> str | None:
         silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)

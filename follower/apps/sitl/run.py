@@ -158,6 +158,7 @@ def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
             options.resolve()
     console, rows = Console(), list[dict[str, Any]]()
     folder = new_run_folder(out, "sitl")
+    write_whole(folder / RESULTS, "[]\n")
     try:
         for number, options in enumerate(flights, 1):
             title = "" if options.program is None else f" on {options.program.title}"

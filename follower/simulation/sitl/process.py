@@ -1,6 +1,7 @@
 """An autopilot's process: started in a folder of its own, watched, and ended."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 
 OUTPUT = "autopilot.txt"
 BOOTS_WITHIN_S = 60.0
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _ENDS_WITHIN_S = 10.0
 _SHOWN_LINES, _SHOWN_CHARACTERS = 3, 100
 
@@ -94,7 +96,8 @@ class AutopilotProcess:
     def last_lines(self) -> str:
         """The end of what it wrote to its terminal, in one line."""
         lines = self._output.read_text("utf-8", "replace").splitlines()
-        said = [" ".join(line.split())[:_SHOWN_CHARACTERS] for line in lines if line.strip()]
+        plain = [" ".join(_COLOURS.sub("", line).split()) for line in lines]
+        said = [line[:_SHOWN_CHARACTERS] for line in plain if line]
         return " / ".join(said[-_SHOWN_LINES:]) or "it wrote nothing"
 
     def _keep_log(self, work: Path) -> None:

@@ -22,6 +22,7 @@ _HOME = "-35.363262,149.165237,584,0"
 _PX4_INSTANCES, _PX4_OUR_PORT = 10, 14540
 _PX4_PORTS = (14580, 18570, 14280, 13030, 19450)
 """Which an instance binds, each with its number added."""
+_SIH_WIND_SINCE = (1, 18)
 _ARDUCOPTER = re.compile(rb"\b(ArduCopter|ArduPlane|ArduRover|ArduSub) V(\d+)\.(\d+)\.(\d+)")
 _PX4 = re.compile(r'PX4_GIT_TAG_STR\s+"v?(\d+)\.(\d+)\.(\d+)')
 
@@ -137,6 +138,10 @@ class SitlProgram(ABC):
         """Return the parameters with the scenario's wind, where those given say nothing of it."""
         return {**self.wind(scenario.wind, scenario.start.heading_deg), **parameters}
 
+    def lacks(self, scenario: Scenario) -> str:  # noqa: ARG002  most can do all of them
+        """Return what of a scenario its simulator cannot do, "" if it can do all."""
+        return ""
+
     @abstractmethod
     def _read_version(self) -> Version | None:
         """Return the version, None if it cannot be told."""
@@ -153,16 +158,15 @@ class ArduCopterProgram(SitlProgram):
     parameter_file, log = "arducopter.parm", "logs/*.BIN"
 
     def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
-        """Return the command; all its other ports are closed but the transmitter's, a free one."""
+        """Return the command; its ports for others are closed, or any free ones."""
         defaults = folder / "start.parm"
         rows = setup.parameters.items()
         defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in rows), "utf-8")
         command = [str(self.path), "--model", "+", "--home", _HOME]
         command += ["--speedup", f"{setup.speedup:g}", "--defaults", str(defaults)]
-        command += ["--rc-in-port", str(_free_port())]
+        command += ["--rc-in-port", str(_free_port()), "--irlock-port", str(_free_port())]
         command += ["--serial0", f"udpclient:{_LOOPBACK}:{self.port}"]
-        for number in range(1, 10):
-            command += [f"--serial{number}", "none"]
+        command += ["--serial1", "none", "--serial2", "none"]  # ground stations' TCP ports
         return ProgramStart(command, {})
 
     def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
@@ -225,10 +229,24 @@ class Px4Program(SitlProgram):
         return ProgramStart([*command, str(self.path / "etc")], environment)
 
     def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
-        """Return SIH_WIND_*; it knows no gusts."""
-        towards = math.radians(wind.from_deg - heading_deg) + math.pi
-        north, east = wind.mean_m_s * math.cos(towards), wind.mean_m_s * math.sin(towards)
+        """Return SIH_WIND_*, which say where it comes from, and know no gusts."""
+        if self._has_no_wind:
+            return {}
+        source = math.radians(wind.from_deg - heading_deg)
+        north, east = wind.mean_m_s * math.cos(source), wind.mean_m_s * math.sin(source)
         return {"SIH_WIND_N": round(north, 3), "SIH_WIND_E": round(east, 3)}
+
+    def lacks(self, scenario: Scenario) -> str:
+        """Return what of a scenario its simulator cannot do, "" if it can do all."""
+        if scenario.wind.mean_m_s and self._has_no_wind:
+            return f"The simulator of {self.title} has no wind: this was flown in still air."
+        if scenario.wind.gust_m_s:
+            return "PX4's simulator has no gusts: this was flown in a steady wind."
+        return ""
+
+    @property
+    def _has_no_wind(self) -> bool:
+        return self.version is not None and self.version[:2] < _SIH_WIND_SINCE
 
     def _read_version(self) -> Version | None:
         needed = ("bin/px4", "etc/init.d-posix/rcS")

@@ -1,0 +1,117 @@
+"""`follower sitl`: whole flights of programs in processes of their own."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from follower.apps.sitl.run import SitlMatrix, fly_matrix
+from follower.links.connections import ConnectionFailedError
+from follower.simulation.options import VisionSource
+from follower.simulation.sitl.programs import ProgramStart, SimulatedProgram, SitlSetup
+from follower_control.common.strict_config import SettingsError
+
+SCENE = {
+    "name": "short",
+    "title": "A car drives off.",
+    "duration_s": 6,
+    "seed": 3,
+    "targets": [
+        {
+            "kind": "car",
+            "colour": "#e0401c",
+            "path": {
+                "points": [[0, 0], [60, 5], [160, 0]],
+                "speeds": [{"at_s": 2, "speed_m_s": 2.0, "acceleration_m_s2": 1.0}],
+            },
+        }
+    ],
+    "camera": {"width": 320, "height": 240, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 20},
+    "start": {"at": [-16, 0], "heading_deg": 0},
+    "wind": {"mean_m_s": 3.0, "from_deg": 40.0},
+    "takeoff_height_m": 6,
+    "select": {"colour": "#e0401c"},
+    "follow": {"servo": {"distance_m": 14.0, "target_size_m": 2.2, "elevation_deg": -25}},
+}
+
+
+@pytest.fixture
+def matrix(tmp_path: Path) -> SitlMatrix:
+    path = tmp_path / "short.yaml"
+    path.write_text(yaml.safe_dump(SCENE))
+    return SitlMatrix((str(path),), (SimulatedProgram("ardupilot"),), vision=VisionSource.TRUTH)
+
+
+def rows(out: Path) -> list[dict[str, object]]:
+    content = json.loads((out / "sitl" / "results.json").read_text())
+    assert isinstance(content, list)
+    return content
+
+
+class Broken(SimulatedProgram):
+    """Lives for a moment."""
+
+    def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
+        whole = super().start(folder, setup)
+        return ProgramStart(["/bin/sh", "-c", "echo out of memory; exit 7"], whole.environment)
+
+
+@pytest.mark.slow
+def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    assert fly_matrix(matrix, out) in (0, 1)  # whether the limits are kept is the machine's luck
+    (row,) = rows(out)
+    assert row["autopilot"] == "our simulated autopilot (ardupilot)"
+    assert "--simulated ardupilot" in str(row["command"])
+    flown = out / "sitl" / str(row["folder"])
+    for name in ("report.html", "score.json", "setpoints.csv", "autopilot.csv", "autopilot.txt"):
+        assert (flown / name).stat().st_size > 0 or name == "autopilot.txt"
+    page = (out / "sitl" / "report.html").read_text()
+    assert f'href="{row["folder"]}/report.html"' in page
+    heights = [
+        -float(line.split(",")[5]) for line in (flown / "autopilot.csv").open().readlines()[1:]
+    ]
+    assert max(heights) > 5.0  # it was its own vehicle that flew
+    assert "autopilot.csv" in (flown / "report.html").read_text()
+
+
+def test_the_death_of_the_only_program_before_it_flew_is_one_line_and_leaves_nothing(
+    matrix: SitlMatrix, tmp_path: Path
+) -> None:
+    out = tmp_path / "runs"
+    broken = replace(matrix, programs=(Broken("ardupilot"),))
+    with pytest.raises(
+        ConnectionFailedError, match=r"ended with code 7 before it flew.*out of memory"
+    ):
+        fly_matrix(broken, out)
+    assert not out.exists()
+
+
+def test_of_several_flights_one_that_fails_is_a_row_of_the_report(
+    matrix: SitlMatrix, tmp_path: Path
+) -> None:
+    out = tmp_path / "runs"
+    broken = replace(matrix, programs=(Broken("ardupilot"),), repeat=2)
+    assert fly_matrix(broken, out) == 1
+    assert [row["seed"] for row in rows(out)] == [3, 4]
+    assert all(str(row["end"]).startswith("not flown: ") for row in rows(out))
+    assert "0 of 2 flights passed" in (out / "sitl" / "report.html").read_text()
+
+
+def test_what_does_not_go_together_is_refused_before_anything_flies(
+    matrix: SitlMatrix, tmp_path: Path
+) -> None:
+    already = replace(matrix, programs=(None,), connect="udpin:127.0.0.1:0")
+    for changed, said in (
+        (replace(matrix, link="dronekit"), "--link dronekit: choose"),
+        (replace(matrix, speedup=2.0, link="mavsdk"), "--speedup: mavsdk has its own time"),
+        (replace(already, speedup=2.0), "--speedup: an autopilot that runs already"),
+        (replace(already, parameter_file=Path("x")), "--params: an autopilot that runs already"),
+        (replace(matrix, scenarios=("gimbal",)), "the scenario gimbal needs a gimbal"),
+        (replace(matrix, scenarios=("none",)), "there is no scenario 'none'"),
+    ):
+        with pytest.raises(SettingsError, match=said):
+            fly_matrix(changed, tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()

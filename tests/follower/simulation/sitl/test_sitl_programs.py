@@ -1,0 +1,256 @@
+"""Autopilots as programs: what is refused, what they are started with, and how they end."""
+
+import math
+import os
+import signal
+import socket
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from follower.apps.sitl.run import programs
+from follower.links.connections import ConnectionFailedError
+from follower.simulation.sitl.process import AutopilotProcess
+from follower.simulation.sitl.programs import (
+    ArduCopterProgram,
+    ProgramStart,
+    Px4Program,
+    SimulatedProgram,
+    SitlProgram,
+    SitlSetup,
+    read_parameters,
+)
+from follower_control.common.strict_config import SettingsError
+from follower_sim.scenario.scenario import WindSettings
+
+
+def binary(folder: Path, content: bytes, mode: int = 0o755) -> Path:
+    path = folder / "program"
+    path.write_bytes(b"\x7fELF\x00" + content + b"\x00")
+    path.chmod(mode)
+    return path
+
+
+def px4_build(folder: Path, version: str = "v1.18.0-rc1-3-gabc", without: str = "") -> Path:
+    files = {
+        "bin/px4": "",
+        "etc/init.d-posix/rcS": "",
+        "etc/init.d-posix/airframes/10040_sihsim_quadx": "",
+        "src/lib/version/build_git_version.h": f'#define PX4_GIT_TAG_STR "{version}"\n',
+    }
+    for name, content in files.items():
+        if name != without:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(content)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"#!/bin/sh", "is not ArduCopter"),
+        (b"ArduPlane V4.6.3", "this is ArduPlane; ArduCopter is needed"),
+        (b"ArduCopter V3.6.12", "ArduCopter 3.6.12 is too old; known to work: ArduCopter 4.6, 4.7"),
+    ],
+)
+def test_a_program_that_is_not_arducopter_is_refused(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
+    with pytest.raises(SettingsError, match=said):
+        ArduCopterProgram(binary(tmp_path, content))
+
+
+def test_a_missing_a_folder_and_a_file_that_cannot_run_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="No such file or directory; build it by `waf copter`"):
+        ArduCopterProgram(tmp_path / "arducopter")
+    with pytest.raises(SettingsError, match="this is a folder"):
+        ArduCopterProgram(tmp_path)
+    with pytest.raises(SettingsError, match=r"chmod \+x"):
+        ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3", mode=0o600))
+
+
+def test_arducopters_version_is_read_and_an_untried_one_is_remarked_on(tmp_path: Path) -> None:
+    known = ArduCopterProgram(binary(tmp_path, b"x ArduCopter V4.6.3 (abc)"))
+    assert (known.title, known.remark) == ("ArduCopter 4.6.3", "")
+    other = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.9.0"))
+    assert "ArduCopter 4.9.0 was not tried" in other.remark
+
+
+@pytest.mark.parametrize("missing", ["bin/px4", "etc/init.d-posix/rcS"])
+def test_a_folder_that_is_not_px4s_build_is_refused(tmp_path: Path, missing: str) -> None:
+    with pytest.raises(SettingsError, match=f"not PX4's build folder: {missing} is missing"):
+        Px4Program(px4_build(tmp_path, without=missing))
+
+
+def test_px4_without_sih_and_an_old_one_are_refused(tmp_path: Path) -> None:
+    without = "etc/init.d-posix/airframes/10040_sihsim_quadx"
+    with pytest.raises(SettingsError, match="no SIH quadrotor"):
+        Px4Program(px4_build(tmp_path, without=without))
+    with pytest.raises(SettingsError, match=r"PX4 1\.13\.3 is too old; known to work: PX4 1\.17"):
+        Px4Program(px4_build(tmp_path, "v1.13.3"))
+
+
+def test_px4_takes_the_first_instance_whose_ports_are_free(tmp_path: Path) -> None:
+    program = Px4Program(px4_build(tmp_path))
+    with closing(program.listen()):
+        taken = program.port
+        with closing(program.listen()):
+            assert program.port > taken >= 14540
+            start = program.start(tmp_path, SitlSetup(2.0, {"NAV_DLL_ACT": 0.0}))
+    words = list(start.command)
+    assert words[words.index("-i") + 1] == str(program.port - 14540)
+    assert start.environment["PX4_PARAM_NAV_DLL_ACT"] == "0"
+    assert start.environment["PX4_SIM_SPEED_FACTOR"] == "2"
+
+
+def test_px4_says_so_when_all_its_ports_are_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = Px4Program(px4_build(tmp_path))
+    monkeypatch.setattr("follower.simulation.sitl.programs._PX4_INSTANCES", 0)
+    with pytest.raises(ConnectionFailedError, match="end the PX4s that are still running"):
+        program.listen()
+
+
+def test_arducopter_is_started_at_our_port_with_its_parameters(tmp_path: Path) -> None:
+    program = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
+    with closing(program.listen()):
+        start = program.start(tmp_path, SitlSetup(3.0, {"GUID_TIMEOUT": 1.0}))
+    assert f"udpclient:127.0.0.1:{program.port}" in start.command
+    assert "tcp" not in " ".join(start.command)
+    words = list(start.command)
+    assert words[words.index("--speedup") + 1] == "3"
+    defaults = Path(words[words.index("--defaults") + 1])
+    assert read_parameters(defaults) == {"GUID_TIMEOUT": 1.0}
+    assert defaults.parent == tmp_path
+
+
+def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: Path) -> None:
+    wind = WindSettings(mean_m_s=6.0, from_deg=90.0, gust_m_s=1.5)
+    copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
+    assert copter.wind(wind, heading_deg=-90.0) == {
+        "SIM_WIND_SPD": 6.0,
+        "SIM_WIND_DIR": 180.0,
+        "SIM_WIND_TURB": 1.5,
+    }
+    px4 = Px4Program(px4_build(tmp_path))
+    assert px4.wind(wind, -90.0) == {"SIH_WIND_N": -6.0, "SIH_WIND_E": 0.0}
+    assert px4.wind(WindSettings(mean_m_s=8.0, from_deg=250.0), 0.0) == {
+        "SIH_WIND_N": round(8 * math.cos(math.radians(250)), 3),
+        "SIH_WIND_E": round(8 * math.sin(math.radians(250)), 3),
+    }
+
+
+def test_parameters_are_names_with_numbers_and_comments(tmp_path: Path) -> None:
+    path = tmp_path / "mine.parm"
+    path.write_text("# mine\nA_B 1.5\nC,2  # with a comma\n\n")
+    assert read_parameters(path) == {"A_B": 1.5, "C": 2.0}
+    for line in ("A_B", "A_B one", "A_B nan", "A_B 1 2"):
+        path.write_text(f"C 1\n{line}\n")
+        with pytest.raises(SettingsError, match=r"mine\.parm:2: write NAME VALUE"):
+            read_parameters(path)
+    with pytest.raises(SettingsError, match="No such file"):
+        read_parameters(tmp_path / "none.parm")
+
+
+@pytest.mark.parametrize("flavour", [ArduCopterProgram, Px4Program, SimulatedProgram])
+def test_the_usual_parameters_of_each_can_be_read(flavour: type[SitlProgram]) -> None:
+    path = Path(__file__).parents[4] / "configs" / "sitl" / flavour.parameter_file
+    read_parameters(path)
+
+
+def test_the_environment_names_programs_where_the_command_line_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("ARDUCOPTER_SITL", "PX4_SITL"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(SettingsError, match="no autopilot is named: give --arducopter"):
+        programs(None, None, None, None)
+    monkeypatch.setenv("PX4_SITL", str(px4_build(tmp_path)))
+    assert [one.title for one in programs(None, None, None, None) if one] == ["PX4 1.18.0"]
+    (simulated,) = programs(None, None, "px4", None)
+    assert isinstance(simulated, SimulatedProgram)
+    with pytest.raises(SettingsError, match="choose px4 or ardupilot"):
+        programs(None, None, "ardupilots", None)
+    with pytest.raises(SettingsError, match="name no program with it"):
+        programs(None, None, "px4", "udpin:0.0.0.0:14540")
+
+
+class Scripted(SimulatedProgram):
+    """Runs a line of Python in place of an autopilot."""
+
+    def __init__(self, code: str) -> None:
+        super().__init__("px4")
+        self._code = code
+
+    def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
+        return ProgramStart(
+            [sys.executable, "-c", self._code], {"FOLDER": str(folder), "SPEED": str(setup.speedup)}
+        )
+
+
+def until_dead(process: AutopilotProcess) -> str:
+    for _ in range(600):
+        if process.death:
+            return process.death
+        time.sleep(0.05)
+    raise AssertionError("it lives on")
+
+
+def test_the_death_of_a_program_is_told_with_what_it_said_last(tmp_path: Path) -> None:
+    code = "print('one\\n\\ntwo\\n\\x1b[32mthree\\x1b[0m\\nfour', flush=True); raise SystemExit(3)"
+    with AutopilotProcess(Scripted(code), SitlSetup(), tmp_path) as process:
+        assert until_dead(process) == "our simulated autopilot (px4) ended with code 3"
+        assert process.last_lines == "two / three / four"
+    killed = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    with AutopilotProcess(Scripted(killed), SitlSetup(), tmp_path) as process:
+        assert until_dead(process).endswith("died by SIGKILL")
+        assert process.last_lines == "it wrote nothing"
+
+
+def test_a_program_is_ended_and_its_log_kept_its_folder_not(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys, time\n"
+        "open('flight.csv', 'w').write('logged'); print(os.getcwd(), os.getpid(), flush=True)\n"
+        "signal.signal(signal.SIGINT, lambda *_: sys.exit(0))\n"
+        "while True: time.sleep(0.01)"
+    )
+    with AutopilotProcess(Scripted(code), SitlSetup(), tmp_path) as process:
+        while process.last_lines == "it wrote nothing":
+            time.sleep(0.02)
+        work, number = process.last_lines.split()
+        assert Path(work).is_dir()
+        assert not process.death
+    assert not Path(work).exists()
+    assert (tmp_path / "autopilot.csv").read_text() == "logged"
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(number), signal.SIGCONT)
+
+
+def test_what_cannot_be_started_is_one_clear_line(tmp_path: Path) -> None:
+    build = px4_build(tmp_path)
+    program = Px4Program(build)
+    (build / "bin" / "px4").rename(tmp_path / "elsewhere")
+    with closing(program.listen()):
+        missing = AutopilotProcess(program, SitlSetup(), tmp_path)
+    with pytest.raises(ConnectionFailedError, match="bin/px4 cannot be started: No such file"):
+        missing.__enter__()
+
+
+def test_the_simulated_autopilot_sends_heartbeats_to_our_port(tmp_path: Path) -> None:
+    program = SimulatedProgram("ardupilot")
+    with closing(program.listen()) as ours:
+        setup = SitlSetup(1.0, {"GUID_TIMEOUT": 1.0})
+        with AutopilotProcess(program, setup, tmp_path) as process:
+            data = b""
+            while not data and not process.death:
+                data = ours.receive()
+                time.sleep(0.02)
+            assert not process.death, process.last_lines
+    assert data[:1] == b"\xfd"
+    assert (tmp_path / "autopilot.csv").read_text().startswith("time_s,mode,armed")
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as again:
+        again.bind(("127.0.0.1", program.port))
