@@ -55,8 +55,7 @@ def stepped_signals(step: RecordedStep) -> list[SteppedSignal]:
 
 def max_tilt_deg(step: RecordedStep) -> float:
     """Return the largest angle between the body's down axis and gravity."""
-    roll, pitch, _ = step.attitude_rad
-    return math.degrees(np.arccos(np.cos(roll) * np.cos(pitch)).max())
+    return math.degrees(step.tilt_rad.max())
 
 
 def _rms(values: Series) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from follower_control.common.transport import MemoryTransport
 from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 from follower_sim.scoring.recorded_step import RecordedStep, SentSetpoint
+from follower_sim.vehicle.vehicle import WindField
 
 _HEIGHT_M = 30.0
 _SEND_S = 0.05
@@ -53,12 +56,26 @@ class Companion:
         )
 
 
-def fly_again(flavour: str, recorded: RecordedStep) -> RecordedStep:
-    """Return what the simulated autopilot does with a recording's setpoints, at its times."""
+def fly_again(
+    flavour: str,
+    recorded: RecordedStep,
+    wind: WindField | None = None,
+    by_recorded_heading: bool = False,
+) -> RecordedStep:
+    """Return what the simulated autopilot does with a recording's setpoints, at its times.
+
+    Args:
+        flavour: "px4" or "ardupilot".
+        recorded: what was flown.
+        wind: the air's velocity at a time of the recording.
+        by_recorded_heading: turn velocities of the heading frame into the world by the recorded
+            heading. Flown open loop for minutes, the simulated heading drifts from it, and the
+            wind and the velocity loops' integrals do not turn with it.
+    """
     ours, theirs = MemoryTransport.pair()
     yaw = float(recorded.attitude_rad[2, 0])
     start = BodyState(-_LEAD_S, (0.0, 0.0, -_HEIGHT_M), attitude_rad=(0.0, 0.0, yaw))
-    autopilot = SimAutopilot(flavour, theirs, start)
+    autopilot = SimAutopilot(flavour, theirs, start, wind)
     companion = Companion(ours)
     first = recorded.sent[0]
     _engage(flavour, autopilot, companion, first)
@@ -69,11 +86,19 @@ def fly_again(flavour: str, recorded: RecordedStep) -> RecordedStep:
         if due and now >= due[0].time_s - 1e-9:
             sent, next_send = due.pop(0), now
         if now >= next_send - 1e-9:
-            companion.stream(sent)
+            companion.stream(_in_world(sent, recorded, now) if by_recorded_heading else sent)
             next_send += _SEND_S
         autopilot.step(now)
         states.append(autopilot.state)
     return _recorded(recorded, states)
+
+
+def _in_world(sent: SentSetpoint, recorded: RecordedStep, now_s: float) -> SentSetpoint:
+    row = min(int(np.searchsorted(recorded.time_s, now_s)), len(recorded.time_s) - 1)
+    yaw = float(recorded.attitude_rad[2, row])
+    (forward, right, down), c, s = sent.velocity_m_s, math.cos(yaw), math.sin(yaw)
+    velocity = (c * forward - s * right, s * forward + c * right, down)
+    return replace(sent, frame=mavlink.MAV_FRAME_LOCAL_NED, velocity_m_s=velocity)
 
 
 def _engage(
@@ -94,5 +119,6 @@ def _recorded(recorded: RecordedStep, states: list[BodyState]) -> RecordedStep:
         np.array([state.velocity_m_s for state in states]).T,
         np.array([state.attitude_rad for state in states]).T,
         np.array([state.rates_rad_s[2] for state in states]),
+        np.array([-state.position_m[2] for state in states]),
         recorded.sent,
     )

@@ -305,8 +305,9 @@ def _goal(config: FlightConfig) -> PursuitGoal | None:
     elevation_deg = config.number("servo", "elevation_deg")
     if elevation_deg is None:
         elevation_deg = config.number("camera", "pitch_deg") or 0.0
-    watching = config.group("servo").get("mode") == "watch"
-    distance_m = None if watching else config.number("servo", "distance_m")
+    if config.group("servo").get("mode") == "watch":
+        return PursuitGoal(None, None)
+    distance_m = config.number("servo", "distance_m")
     try:
         return PursuitGoal(distance_m, math.radians(elevation_deg))
     except ValueError:

@@ -190,7 +190,8 @@ def line_of_sight(flight: LoggedFlight) -> Figure | None:
     figure, axes = style.time_panels(heights, flight.length_s)
     time, estimate = control_times(controls, flight.start_s), directions(controls)
     truth = np.degrees([(s.azimuth_rad, s.elevation_rad) for s in flight.truth]).reshape(-1, 2)
-    wanted = (0.0, math.degrees(flight.goal.elevation_rad) if flight.goal else None)
+    wanted_rad = flight.goal.elevation_rad if flight.goal else None
+    wanted = (0.0, None if wanted_rad is None else math.degrees(wanted_rad))
     for column, name in enumerate(("azimuth [°]", "elevation [°]")):
         panel = axes[column]
         if wanted[column] is not None:

@@ -23,7 +23,7 @@ def find_scenario(text: str) -> Path:
         SettingsError: there is neither.
     """
     path = Path(text)
-    if path.suffix in (".yaml", ".yml") or path.exists():
+    if path.suffix in (".yaml", ".yml") or path.is_file():
         return path
     known = scenario_files()
     if text not in known:

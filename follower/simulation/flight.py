@@ -161,8 +161,9 @@ class SimulatedFlight:
         servo = self.settings.servo
         elevation = servo.elevation_deg
         wanted_deg = self.scenario.camera.pitch_deg if elevation is None else elevation
-        distance = None if servo.mode == "watch" else servo.distance_m
-        return PursuitGoal(distance, math.radians(wanted_deg))
+        if servo.mode == "watch":
+            return PursuitGoal(None, None)
+        return PursuitGoal(servo.distance_m, math.radians(wanted_deg))
 
     @property
     def view(self) -> FlightView:

@@ -81,7 +81,9 @@ def step_of(
     end = SentSetpoint(1.5 + seconds, 8, 0x5C7, (0.0, 0.0, 0.0), 0.0)
     times = np.array([0.0, end.time_s + 6.0])
     nothing = np.zeros((3, 2))
-    return RecordedStep("step", times, nothing, nothing, np.zeros(2), (zero, step, end))
+    return RecordedStep(
+        "step", times, nothing, nothing, np.zeros(2), np.zeros(2), (zero, step, end)
+    )
 
 
 @pytest.mark.slow
@@ -159,7 +161,7 @@ def test_metrics_of_a_known_curve() -> None:
     step = step_of((2.0, 0.0, 0.0), seconds=10.0)
     north = np.stack([signal, np.zeros_like(signal), np.zeros_like(signal)])
     still = np.zeros_like(north)
-    curve = RecordedStep("curve", time_s, north, still, still[0], step.sent)
+    curve = RecordedStep("curve", time_s, north, still, still[0], still[0], step.sent)
     (stepped,) = stepped_signals(curve)
     metrics = rise(curve, stepped)
     assert metrics.t63_s == pytest.approx(-math.log(0.37), abs=0.01)

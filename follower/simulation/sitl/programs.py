@@ -172,6 +172,7 @@ class ArduCopterProgram(SitlProgram):
     def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
         """Return SIM_WIND_*; its turbulence is a standard deviation, as our gusts are."""
         return {
+            "SIM_WIND_T": 1,  # the same at every height; otherwise half as much at 15 m as at 60 m
             "SIM_WIND_SPD": wind.mean_m_s,
             "SIM_WIND_DIR": (wind.from_deg - heading_deg) % 360.0,
             "SIM_WIND_TURB": wind.gust_m_s,

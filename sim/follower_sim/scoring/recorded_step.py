@@ -36,6 +36,7 @@ class RecordedStep:
         velocity_m_s: (3, N), north, east, down.
         attitude_rad: (3, N), roll, pitch, yaw.
         yaw_rate_rad_s: about the body's down axis.
+        height_m: above the autopilot's origin, 0 where a recording does not tell it.
         sent: the changes of the streamed setpoint; empty for a lost stream.
     """
 
@@ -44,6 +45,7 @@ class RecordedStep:
     velocity_m_s: Series
     attitude_rad: Series
     yaw_rate_rad_s: Series
+    height_m: Series
     sent: tuple[SentSetpoint, ...]
 
     @classmethod
@@ -66,8 +68,15 @@ class RecordedStep:
             np.stack([columns[key] for key in ("vx", "vy", "vz")]),
             np.stack([columns[key] for key in _ANGLES]),
             columns["r"],
+            -columns.get("z", np.zeros(len(rows))),
             _changes(columns),
         )
+
+    @property
+    def tilt_rad(self) -> Series:
+        """The angle between the body's down axis and gravity, shape (N,)."""
+        roll, pitch, _ = self.attitude_rad
+        return np.asarray(np.arccos(np.cos(roll) * np.cos(pitch)), np.float64)
 
     @property
     def heading_velocity_m_s(self) -> Series:

@@ -122,16 +122,17 @@ class PursuitGoal:
 
     Attributes:
         distance_m: wanted distance; None if the pursuit was only to watch: range is not scored.
-        elevation_rad: wanted elevation of the target from the horizontal, up is positive.
+        elevation_rad: wanted elevation of the target from the horizontal, up is positive; None for
+            a vehicle that only turns and cannot mend it: azimuth alone is scored.
     """
 
     distance_m: float | None
-    elevation_rad: float = 0.0
+    elevation_rad: float | None = 0.0
 
     def __post_init__(self) -> None:
         if self.distance_m is not None and not 0 < self.distance_m < math.inf:
             raise ValueError(f"a wanted distance is positive, not {self.distance_m}")
-        if not math.isfinite(self.elevation_rad):
+        if self.elevation_rad is not None and not math.isfinite(self.elevation_rad):
             raise ValueError(f"a wanted elevation is finite, not {self.elevation_rad}")
 
 
@@ -260,6 +261,8 @@ def pursuit_score(
 def line_of_sight_errors(truth: Sequence[TruthSample], goal: PursuitGoal) -> _Array:
     """Return the angle between the target's true and wanted direction, radians, shape (N,)."""
     azimuth = np.array([sample.azimuth_rad for sample in truth], np.float64)
+    if goal.elevation_rad is None:
+        return np.abs(azimuth)
     elevation = np.array([sample.elevation_rad for sample in truth], np.float64)
     # The haversine keeps its precision where the arc cosine of a dot product loses it: at 0.
     haversine = (

@@ -20,6 +20,8 @@ class Airframe:
         acceleration: the last step's, m/s2.
         heading_rate_rad_s: how fast the heading turns.
         wind_m_s: the air's velocity.
+        to_turn_rad: about the body's down axis, so that the pitching still to come, while rolled,
+            leaves the heading as it is.
     """
 
     def __init__(self, response: VehicleResponse, start: BodyState) -> None:
@@ -33,6 +35,7 @@ class Airframe:
         self.wind_m_s: Triple = (0.0, 0.0, 0.0)
         self._roll, self._pitch, self._yaw = start.attitude_rad
         self._roll_rate = self._pitch_rate = self.heading_rate_rad_s = 0.0
+        self.to_turn_rad = 0.0
         self._thrust = 0.0  # vertical acceleration by the motors beyond hovering, down
 
     @property
@@ -62,11 +65,13 @@ class Airframe:
             dt: seconds.
         """
         self._turn(level_m_s2, yaw_rate, dt)
-        forward = -_GRAVITY_M_S2 * math.tan(self._pitch)
-        right = _GRAVITY_M_S2 * math.tan(self._roll) / math.cos(self._pitch)
-        cos_yaw, sin_yaw = math.cos(self._yaw), math.sin(self._yaw)
         wanted = max(-self._max_climb, min(_MAX_SINK_ACCELERATION_M_S2, down_m_s2))
         self._thrust += (wanted - self._thrust) * min(1.0, dt / self._thrust_lag_s)
+        # Both autopilots work the tilt out for hovering thrust: climbing pulls harder sideways.
+        upright = _GRAVITY_M_S2 - self._thrust
+        forward = -upright * math.tan(self._pitch)
+        right = upright * math.tan(self._roll) / math.cos(self._pitch)
+        cos_yaw, sin_yaw = math.cos(self._yaw), math.sin(self._yaw)
         self._move(
             forward * cos_yaw - right * sin_yaw,
             forward * sin_yaw + right * cos_yaw,
@@ -85,6 +90,7 @@ class Airframe:
         right = level[1] * cos_yaw - level[0] * sin_yaw
         pitch = -math.atan2(forward, _GRAVITY_M_S2)
         roll = math.atan2(right * math.cos(pitch), _GRAVITY_M_S2)
+        self.to_turn_rad = (self._pitch - pitch) * math.sin(self._roll)
         self._roll_rate += self._pull(roll - self._roll, self._roll_rate) * dt
         self._pitch_rate += self._pull(pitch - self._pitch, self._pitch_rate) * dt
         self._roll += self._roll_rate * dt
@@ -103,9 +109,11 @@ class Airframe:
     def _move(self, north: float, east: float, down: float, dt: float) -> None:
         (v_north, v_east, v_down), wind = self.velocity, self.wind_m_s
         air_north, air_east, air_down = v_north - wind[0], v_east - wind[1], v_down - wind[2]
-        drag = self._drag.linear_per_s + self._drag.quadratic_per_m * math.hypot(
-            air_north, air_east
-        )
+        # The square law holds along each of the body's axes: leaning shows less of each to the air.
+        upright = math.cos(self._roll) * math.cos(self._pitch)
+        shown = upright**3 + (1.0 - upright**2) ** 1.5
+        quadratic = self._drag.quadratic_per_m * shown
+        drag = self._drag.linear_per_s + quadratic * math.hypot(air_north, air_east)
         north -= drag * air_north
         east -= drag * air_east
         down -= self._drag.vertical_per_s * air_down
@@ -246,15 +254,19 @@ class YawAxis:
         self._integral = 0.0
         self._behind = 0.0
 
-    def update(self, demand_rad_s: float, heading_rate_rad_s: float, dt: float) -> float:
+    def update(
+        self, demand_rad_s: float, heading_rate_rad_s: float, to_turn_rad: float, dt: float
+    ) -> float:
         """Return the new body rate.
 
         Args:
             demand_rad_s: the rate asked for.
             heading_rate_rad_s: what the heading really does; while tilted that is not the body's.
+            to_turn_rad: what keeps the heading while the tilt changes; see `Airframe`.
             dt: seconds.
         """
         y = self._response
+        demand_rad_s += y.turn_per_s * to_turn_rad
         self._behind += (demand_rad_s - heading_rate_rad_s) * dt
         error = demand_rad_s + y.heading_per_s * self._behind - self.rate_rad_s
         asked = y.p_per_s * error + self._integral

@@ -70,6 +70,7 @@ class YawResponse:
         dead_time_s: from the arrival of a demand until the loop sees it.
         heading_per_s: rate per error to the heading that the demand would have led to; 0 keeps
             no heading.
+        turn_per_s: rate per angle that keeps the heading while the tilt changes; 0 lets it turn.
     """
 
     p_per_s: float
@@ -79,6 +80,7 @@ class YawResponse:
     max_acceleration_deg_s2: float
     dead_time_s: float
     heading_per_s: float = 0.0
+    turn_per_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,17 +148,19 @@ PX4_RESPONSE = VehicleResponse(
     dead_time_s=0.06,
     horizontal=VelocityLoop(1.8, 0.45, 0.2),
     vertical=VelocityLoop(4.3, 1.6),
-    tilt=TiltResponse(9.0, 0.9, 45.0),
+    tilt=TiltResponse(7.0, 0.8, 45.0),
     thrust_lag_s=0.065,
     max_climb_acceleration_m_s2=8.0,
-    yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 250.0, 0.08),
+    yaw=YawResponse(3.8, 2.1, 0.15, 1.0, 250.0, 0.08, turn_per_s=1.12),
     drag=Drag(1.0, 0.0, 0.88),
     climb_share=1.15,
     descent_share=0.89,
     max_vertical_bias_m_s=0.15,
 )
 """PX4 1.18 with default parameters: the horizontal loop is its own (MPC_XY_VEL_P_ACC, I, D) against
-the drag of its SIH quadrotor, which explains the slow tail; the rest is fitted."""
+the drag of its SIH quadrotor, which explains the slow tail, and its heading is kept while it tilts
+by MC_YAW_P times the yaw weight; the rest is fitted to recorded steps, px_calm1 and half of
+px_wind3."""
 
 
 @dataclass(frozen=True, slots=True)

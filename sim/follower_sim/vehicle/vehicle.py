@@ -99,7 +99,7 @@ class SimulatedVehicle:
             [north, east], frame.velocity[:2], frame.acceleration[:2], STEP_S
         )
         vertical = self._vertical.update([down], frame.velocity[2:], frame.acceleration[2:], STEP_S)
-        body_rate = self._yaw.update(yaw_rate, frame.heading_rate_rad_s, STEP_S)
+        body_rate = self._yaw.update(yaw_rate, frame.heading_rate_rad_s, frame.to_turn_rad, STEP_S)
         frame.fly(level, vertical[0], body_rate, STEP_S)
 
 

@@ -132,6 +132,7 @@ def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: 
     wind = WindSettings(mean_m_s=6.0, from_deg=90.0, gust_m_s=1.5)
     copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
     assert copter.wind(wind, heading_deg=-90.0) == {
+        "SIM_WIND_T": 1,
         "SIM_WIND_SPD": 6.0,
         "SIM_WIND_DIR": 180.0,
         "SIM_WIND_TURB": 1.5,
