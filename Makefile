@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEPS := pyproject.toml constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test check lint types tests golden docs format coverage clean
+.PHONY: help demo sitl test check lint types tests golden docs format coverage clean
 
 help: ## List what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -23,6 +23,15 @@ $(VENV)/dev.stamp: $(VENV)/core.stamp
 
 demo: $(VENV)/core.stamp ## Fly a pursuit in the simulator and write a report
 	$(BIN)/follower demo
+
+sitl: $(VENV)/core.stamp ## Fly every scenario on the programs in ARDUCOPTER_SITL and PX4_SITL
+	@if [ -z "$$ARDUCOPTER_SITL" ] && [ -z "$$PX4_SITL" ]; then \
+		echo "make sitl: set ARDUCOPTER_SITL (ArduPilot's build/sitl/bin/arducopter), PX4_SITL (PX4's build/px4_sitl_default) or both"; \
+	else \
+		[ -n "$$ARDUCOPTER_SITL" ] || echo "make sitl: without ArduCopter, because ARDUCOPTER_SITL is not set"; \
+		[ -n "$$PX4_SITL" ] || echo "make sitl: without PX4, because PX4_SITL is not set"; \
+		$(BIN)/follower sitl all --link both --no-video; \
+	fi
 
 test: lint types tests ## Lint, types and all tests
 

@@ -31,6 +31,8 @@ from follower.simulation.components import FlightOptions
 from follower.simulation.faults.in_simulation import as_faults_want, describe_verdict, verdicts
 from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
 from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
+from follower.simulation.faults.wire_tap import FlightEvidence, WireTap
 from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
@@ -60,6 +62,8 @@ class SimulationResult:
 
     exit_code: int
     folder: Path
+    violations: tuple[str, ...] = ()
+    """What went over the wire that never may, of a program's flight."""
 
 
 def simulate(options: SimulationOptions) -> SimulationResult:
@@ -82,6 +86,7 @@ class _Simulation:
             options.autopilot, options.lockstep, options.connect, options.program
         )
         self.process: AutopilotProcess | None = None
+        self.tap: WireTap | None = None
         self.death: FlightEnd | None = None
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
@@ -111,9 +116,13 @@ class _Simulation:
                 autopilot = flight.flavour if program is None else program.title
                 command = self.options.command
                 end = report_flight(flight, folder, command, autopilot, link, remarks, console, end)
-        if passed is None or end is BY_CTRL_C:
+        violations = self._violations(flight)
+        for violation in violations:
+            print_line(console, f"Never to be sent: {violation}", "bold red")
+        if end is BY_CTRL_C or (passed is None and not violations):
             return SimulationResult(end.exit_code, folder)
-        return SimulationResult(SUCCESS if passed else FAILED, folder)
+        code = SUCCESS if passed and not violations else FAILED
+        return SimulationResult(code, folder, violations)
 
     def _fly(
         self,
@@ -138,6 +147,8 @@ class _Simulation:
                 setup = self._program_setup(self.options.program)
                 process = AutopilotProcess(self.options.program, setup, folder)
                 self.process = stack.enter_context(process)
+                self.tap = WireTap(ends[0], clock)
+                ends = self.tap, ends[1]
             injector = recorder = None
             video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
@@ -247,6 +258,17 @@ class _Simulation:
         sentence = f"{self.process.death}; its output ends: {self.process.last_lines}"
         self.death = FlightEnd(sentence, RELEASED_FOR_SAFETY)
         flight.stop(self.death)
+
+    def _violations(self, flight: SimulatedFlight) -> tuple[str, ...]:
+        """Return what an independent watcher of the wire saw against the rules."""
+        program = self.options.program
+        if self.tap is None or program is None:
+            return ()
+        evidence = FlightEvidence(program.flavour)
+        evidence.read(self.tap.sent, self.tap.received)
+        limits = flight.settings.envelope
+        outside = envelope_failures(evidence.setpoints, limits, limits.max_interval_s)
+        return (*outside, *heartbeat_failures(evidence))
 
     def _of_program(self, flight: SimulatedFlight) -> tuple[str | None, ...]:
         """Return what is to be said of the autopilot's program."""

@@ -19,6 +19,8 @@ EPILOG = """
 `follower sitl all --repeat 3 --no-video` – every scenario, three times, on the programs that
 ARDUCOPTER_SITL and PX4_SITL name
 
+`follower sitl --random 20 --vision truth+noise --speedup 3` – drawn paths, winds and delays
+
 `follower sitl winding --simulated ardupilot` – our simulated autopilot as a program, to try it out
 
 `follower sitl winding --connect udpin:0.0.0.0:14540` – one that runs already
@@ -32,9 +34,9 @@ flown; 130: ended by Ctrl-C. See docs/how-to/sitl.md.
 
 def sitl_command(
     scenarios: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(help="Scenario files (YAML), names from `follower scenarios`, or **all**."),
-    ],
+    ] = None,
     arducopter: Annotated[
         Path | None,
         typer.Option(
@@ -66,6 +68,10 @@ def sitl_command(
     seed: Annotated[
         int | None, typer.Option(help="Of the first of them; the scenario's own by default.")
     ] = None,
+    random: Annotated[
+        int,
+        typer.Option(min=0, help="Fly so many scenes as the campaign standard draws them."),
+    ] = 0,
     speedup: Annotated[
         float,
         typer.Option(
@@ -99,7 +105,7 @@ def sitl_command(
     from follower.simulation.options import VisionSource
 
     matrix = SitlMatrix(
-        tuple(scenarios),
+        tuple(scenarios or ()),
         programs(arducopter, px4, simulated, connect),
         link,
         repeat,
@@ -112,5 +118,6 @@ def sitl_command(
         tuple(scene or ()),
         video,
         connect,
+        random,
     )
     raise typer.Exit(fly_matrix(matrix, out))

@@ -18,6 +18,7 @@ from follower.report.html import Cell, Html
 from follower.report.series import ReportMeta
 from follower.settings.bundled import find_scenario, scenario_files
 from follower.settings.link import LINK_KINDS
+from follower.simulation.campaign.config import load_campaign, planned
 from follower.simulation.options import EXTERNAL, SimulationOptions, VisionSource
 from follower.simulation.run import simulate
 from follower.simulation.sitl.programs import (
@@ -36,6 +37,7 @@ from follower_vision.atomic_file import write_whole
 
 RESULTS = "results.json"
 ALL = "all"
+RANDOM_CAMPAIGN = "standard"
 _FIGURES = (
     ("In frame", "in_frame_share", "{:.1%}"),
     ("Line of sight, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
@@ -62,6 +64,7 @@ class SitlMatrix:
     scene: tuple[str, ...] = ()
     video: bool = True
     connect: str | None = None
+    random: int = 0
 
     def flights(self) -> Iterator[SimulationOptions]:
         """Yield every flight, without the folder it goes to.
@@ -71,26 +74,37 @@ class SitlMatrix:
         """
         if self.link not in (*LINK_KINDS, "both"):
             raise SettingsError(f"--link {self.link}: choose {', '.join(LINK_KINDS)} or both")
-        names = tuple(scenario_files()) if ALL in self.scenarios else self.scenarios
+        if bool(self.scenarios) == bool(self.random):
+            raise SettingsError("name scenarios, or give --random with their number")
         for program in self.programs:
             setup = self._setup(program)
             for link in LINK_KINDS if self.link == "both" else (self.link,):
-                for name in names:
-                    for seed in self._seeds(name):
-                        yield SimulationOptions(
-                            name,
-                            EXTERNAL,
-                            seed,
-                            config=self.config,
-                            overrides=self.overrides,
-                            video=self.video,
-                            connect=self.connect,
-                            link=link,
-                            vision=self.vision,
-                            scene=self.scene,
-                            program=program,
-                            setup=setup,
-                        )
+                for name, seed, scene in self._scenes():
+                    yield SimulationOptions(
+                        name,
+                        EXTERNAL,
+                        seed,
+                        config=self.config,
+                        overrides=self.overrides,
+                        video=self.video,
+                        connect=self.connect,
+                        link=link,
+                        vision=self.vision,
+                        scene=(*scene, *self.scene),
+                        program=program,
+                        setup=setup,
+                    )
+
+    def _scenes(self) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
+        """Yield scenario, seed and keys of each flight; random ones as the campaign draws them."""
+        if self.random:
+            drawn = load_campaign(RANDOM_CAMPAIGN, runs=self.random, seed=self.seed)
+            for spec in planned(drawn):
+                yield spec.scenario, spec.seed, spec.scene
+            return
+        for name in scenario_files() if ALL in self.scenarios else self.scenarios:
+            for seed in self._seeds(name):
+                yield name, seed, ()
 
     def _setup(self, program: SitlProgram | None) -> SitlSetup:
         if program is None:
@@ -196,6 +210,7 @@ def _fly(options: SimulationOptions, folder: Path, console: Console, alone: bool
         "end": score["run"]["end"],
         "passed": result.exit_code == SUCCESS,
         "failures": score["failures"],
+        "violations": result.violations,
         "exit_code": result.exit_code,
         "folder": result.folder.relative_to(folder).as_posix(),
         **{key: score["score"][key] for _, key, _ in _FIGURES},
@@ -206,8 +221,7 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
     """Return the report of all flights, a row each."""
     passed = sum(row["passed"] for row in rows)
     headline = f"{passed} of {len(rows)} flights passed"
-    failed = [f"{row['scenario']}, {row['autopilot']}: {row['end']}" for row in rows]
-    lines = [line for line, row in zip(failed, rows, strict=True) if not row["passed"]]
+    lines = [line for row in rows if (line := _failure(row))]
     head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES), "")
     numbers = range(5, 5 + len(_FIGURES))
     commands = html.preformatted("\n".join(row["command"] for row in rows))
@@ -219,6 +233,14 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
     subtitle = f"software in the loop · {len(rows)} flights"
     meta = ReportMeta("Flights on real autopilots", subtitle, typed_command())
     return flight_page.filled(meta, parts)
+
+
+def _failure(row: dict[str, Any]) -> str:
+    """Return in a line what a flight missed, "" if nothing."""
+    if row["passed"]:
+        return ""
+    missed = "; ".join((*row.get("violations", ()), *row.get("failures", ()))) or row["end"]
+    return f"{row['scenario']}, {row['autopilot']}, seed {row['seed']}: {missed}"
 
 
 def _cells(row: dict[str, Any]) -> Sequence[Cell]:

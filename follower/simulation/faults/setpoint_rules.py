@@ -108,6 +108,17 @@ def _setpoint_mode_known(evidence: FlightEvidence, time_s: float) -> bool:
     return bool(known) and (known[-1][1] or before[-1:] == [True])
 
 
+def heartbeat_failures(evidence: FlightEvidence) -> Iterator[str]:
+    """Yield where a velocity was sent although heartbeats had said for 0.1 s that it is not obeyed.
+
+    For an autopilot of which only the wire is known; see `pilot_failures`.
+    """
+    for setpoint in evidence.setpoints:
+        if not setpoint.is_zero and not _setpoint_mode_known(evidence, setpoint.time_s):
+            yield f"{setpoint.time_s:.2f} s: a velocity in another mode"
+            return
+
+
 def age_failures(
     setpoints: Sequence[WireSetpoint], controls: Sequence[ControlRecord]
 ) -> Iterator[str]:

@@ -59,6 +59,7 @@ class SitlProgram(ABC):
     Attributes:
         port: the follower's, from `listen` on.
         option: of `follower sitl`, that names it.
+        flavour: "px4" or "ardupilot".
         known: versions with which it was flown.
         least: the oldest that is tried.
         parameter_file: in configs/sitl, its usual parameters.
@@ -70,6 +71,7 @@ class SitlProgram(ABC):
 
     option: str
     name: str
+    flavour: str
     known: tuple[tuple[int, int], ...] = ()
     least: tuple[int, int] = (0, 0)
     parameter_file: str
@@ -153,7 +155,7 @@ class SitlProgram(ABC):
 class ArduCopterProgram(SitlProgram):
     """ArduPilot's `build/sitl/bin/arducopter`, with its own physics ("+" quadrotor)."""
 
-    option, name = "--arducopter", "ArduCopter"
+    option, name, flavour = "--arducopter", "ArduCopter", "ardupilot"
     known, least = ((4, 6), (4, 7)), (4, 5)
     parameter_file, log = "arducopter.parm", "logs/*.BIN"
 
@@ -198,7 +200,7 @@ class ArduCopterProgram(SitlProgram):
 class Px4Program(SitlProgram):
     """PX4's `build/px4_sitl_default`, with its simulation-in-hardware quadrotor (SIH)."""
 
-    option, name = "--px4", "PX4"
+    option, name, flavour = "--px4", "PX4", "px4"
     known, least = ((1, 17), (1, 18)), (1, 15)
     parameter_file, log = "px4.params", "log/*/*.ulg"
 
@@ -273,23 +275,23 @@ class SimulatedProgram(SitlProgram):
     @property
     def words(self) -> tuple[str, ...]:
         """The command line's words that choose it."""
-        return self.option, self._flavour
+        return self.option, self.flavour
 
     def __init__(self, flavour: str) -> None:
         if flavour not in ("px4", "ardupilot"):
             raise SettingsError(f"{self.option} {flavour}: choose px4 or ardupilot")
-        self._flavour = flavour
+        self.flavour = flavour
         super().__init__(Path(sys.executable))
 
     @property
     def title(self) -> str:
         """Name and kind, for people."""
-        return f"{self.name} ({self._flavour})"
+        return f"{self.name} ({self.flavour})"
 
     def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
         """Return the command that runs it by this Python."""
         module = "follower.simulation.sitl.simulated_autopilot"
-        command = [sys.executable, "-m", module, self._flavour]
+        command = [sys.executable, "-m", module, self.flavour]
         command += [str(self.port), f"{setup.speedup:g}"]
         rows = setup.parameters.items()
         command += [str(folder / "flight.csv"), *(f"{name}={value:.9g}" for name, value in rows)]

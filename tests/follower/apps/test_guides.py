@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[3]
 GUIDES = (
     *(f"tutorials/{name}.md" for name in ("raspberry-pi", "simulator")),
     *(f"how-to/{name}.md" for name in ("calibrate", "cockpit", "fly", "ground-station")),
-    *(f"how-to/{name}.md" for name in ("live-video", "offline-flight", "troubleshooting")),
+    *(f"how-to/{name}.md" for name in ("live-video", "offline-flight", "sitl", "troubleshooting")),
     *(f"reference/{name}.md" for name in ("envelope", "faults", "flight-log", "follow-modes")),
     *(f"reference/{name}.md" for name in ("links", "supervisor")),
 )
@@ -52,7 +52,11 @@ def parts(phrase: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("page", "heading"),
-    [("how-to/troubleshooting.md", "Starting"), ("how-to/calibrate.md", "What it refuses")],
+    [
+        ("how-to/troubleshooting.md", "Starting"),
+        ("how-to/calibrate.md", "What it refuses"),
+        ("how-to/sitl.md", "If it does not fly"),
+    ],
 )
 def test_errors_of_the_tables_are_the_programs_own(page: str, heading: str, sources: str) -> None:
     phrases = [p for cell in first_cells(guide(page), heading) for p in CODE.findall(cell)]

@@ -23,7 +23,11 @@ from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind, 
 from follower.simulation.faults.in_simulation import describe_verdict
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
 from follower.simulation.faults.schedule import FaultSchedule, PlannedFault
-from follower.simulation.faults.setpoint_rules import envelope_failures, pilot_failures
+from follower.simulation.faults.setpoint_rules import (
+    envelope_failures,
+    heartbeat_failures,
+    pilot_failures,
+)
 from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint
 from follower_control.common.strict_config import SettingsError
 from follower_control.envelope.settings import EnvelopeSettings
@@ -240,6 +244,14 @@ def test_the_watcher_sees_set_points_after_the_pilot_took_over() -> None:
     assert "a velocity after the mode was left" in next(pilot_failures(evidence))
     evidence.setpoints = sent((1.35, 0.0))
     assert "another mode" in next(pilot_failures(evidence))
+
+
+def test_heartbeats_alone_tell_that_a_velocity_came_too_late() -> None:
+    evidence = handed_over()
+    evidence.setpoints = sent((1.25, 1.0), (1.35, 0.0))
+    assert list(heartbeat_failures(evidence)) == []
+    evidence.setpoints = sent((1.35, 1.0))
+    assert "1.35 s: a velocity in another mode" in next(heartbeat_failures(evidence))
 
 
 @pytest.mark.slow

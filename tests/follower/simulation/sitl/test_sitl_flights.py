@@ -98,6 +98,19 @@ def test_of_several_flights_one_that_fails_is_a_row_of_the_report(
     assert "0 of 2 flights passed" in (out / "sitl" / "report.html").read_text()
 
 
+def test_random_flights_are_the_campaigns_and_the_same_on_each_program(matrix: SitlMatrix) -> None:
+    both = (SimulatedProgram("px4"), SimulatedProgram("ardupilot"))
+    drawn = list(replace(matrix, scenarios=(), programs=both, random=4, seed=11).flights())
+    first, second = drawn[:4], drawn[4:]
+    assert [(one.scenario, one.seed, one.scene) for one in first] == [
+        (one.scenario, one.seed, one.scene) for one in second
+    ]
+    assert len({one.seed for one in first}) == 4
+    assert all(any(key.startswith("wind.mean_m_s=") for key in one.scene) for one in first)
+    again = list(replace(matrix, scenarios=(), programs=both, random=6, seed=11).flights())
+    assert [one.seed for one in again[:4]] == [one.seed for one in first]
+
+
 def test_what_does_not_go_together_is_refused_before_anything_flies(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
@@ -109,6 +122,8 @@ def test_what_does_not_go_together_is_refused_before_anything_flies(
         (replace(already, parameter_file=Path("x")), "--params: an autopilot that runs already"),
         (replace(matrix, scenarios=("gimbal",)), "the scenario gimbal needs a gimbal"),
         (replace(matrix, scenarios=("none",)), "there is no scenario 'none'"),
+        (replace(matrix, random=3), "name scenarios, or give --random"),
+        (replace(matrix, scenarios=()), "name scenarios, or give --random"),
     ):
         with pytest.raises(SettingsError, match=said):
             fly_matrix(changed, tmp_path / "runs")
