@@ -162,7 +162,7 @@ def _plot(real: RecordedStep, flown: RecordedStep, path: Path) -> None:
         ("tilt (deg)", np.degrees(real.tilt_rad), np.degrees(flown.tilt_rad), None),
     )
     figures = (off.forward_m_s, off.right_m_s, off.down_m_s, off.yaw_rate_deg_s, off.tilt_deg)
-    figure, grid = plt.subplots(len(rows), 1, figsize=(13, 11), sharex=True, layout="constrained")
+    figure, grid = plt.subplots(len(rows), 1, figsize=(13, 10), sharex=True, layout="constrained")
     figure.suptitle(f"{real.name}: recorded (blue), simulated (orange), asked (dotted)")
     times = [sent.time_s for sent in real.sent]
     asked = np.array(
@@ -178,7 +178,7 @@ def _plot(real: RecordedStep, flown: RecordedStep, path: Path) -> None:
     middle = float(real.time_s[-1]) / 2
     grid[-1].set_xlim(middle, middle + _SHOWN_S)
     grid[-1].set_xlabel("time (s)")
-    figure.savefig(path, dpi=70)
+    figure.savefig(path, dpi=55)
     plt.close(figure)
 
 

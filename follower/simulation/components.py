@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from follower.flight.control.loop import ControlLoop
-from follower.flight.control.takeoff_monitor import ANSWER_WITHIN_S
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.flight.target.resolver import TargetFinder
 from follower.flight.threads import VisionLoop
@@ -68,7 +67,7 @@ class FlightOptions:
         parts: what it is made of; others than the usual ones inject faults.
         vision: what vision goes by. Without pixels, images are rendered for `video` alone.
         finder: finds what operators point at, if given.
-        boots_within_s: how long the autopilot may take to send a first heartbeat.
+        boots_within_s: how long an autopilot that is just started may take to send a heartbeat.
     """
 
     video: FlightVideo | None = None
@@ -76,7 +75,7 @@ class FlightOptions:
     parts: FlightComponents | None = None
     vision: VisionSource = VisionSource.PIXELS
     finder: TargetFinder | None = None
-    boots_within_s: float = ANSWER_WITHIN_S
+    boots_within_s: float | None = None
 
 
 def start_state(scenario: Scenario) -> BodyState:

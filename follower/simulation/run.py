@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from follower.flight.control.takeoff_monitor import ANSWER_WITHIN_S
 from follower.flight.log import FlightLog
 from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.flight.supervision.flight_end import (
@@ -143,12 +142,14 @@ class _Simulation:
         with ExitStack() as stack:
             wanted = as_faults_want(self.faults, self.settings, ends, clock)
             settings, ends = stack.enter_context(wanted)
+            boots_within_s = None
             if self.options.program is not None:
                 setup = self._program_setup(self.options.program)
                 process = AutopilotProcess(self.options.program, setup, folder)
                 self.process = stack.enter_context(process)
                 self.tap = WireTap(ends[0], clock)
                 ends = self.tap, ends[1]
+                boots_within_s = BOOTS_WITHIN_S * setup.speedup
             injector = recorder = None
             video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
@@ -169,11 +170,7 @@ class _Simulation:
                 parts=injector,
                 vision=self.options.vision,
                 finder=operators_finder(settings, self.options.cockpit),
-                boots_within_s=(
-                    ANSWER_WITHIN_S
-                    if self.process is None
-                    else BOOTS_WITHIN_S * self.options.setup.speedup
-                ),
+                boots_within_s=boots_within_s,
             )
             flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
             interrupted = self._fly_to_its_end(flight, clock, station, console, early, recorder)

@@ -131,6 +131,22 @@ def test_a_car_driving_away_is_followed_at_its_speed():
     assert asked.forward_m_s == pytest.approx(6.0, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("sent_m_s", "flown_m_s", "asked_m_s"),
+    [(5.0, 4.5, 5.0), (5.0, 1.0, 2.0), (5.0, 6.0, 6.0), (0.0, 0.5, 0.5)],
+    ids=["a tenth slower", "by a fifth at most", "not where it is faster", "not at rest"],
+)
+def test_a_vehicle_that_stays_behind_is_asked_for_as_much_more(sent_m_s, flown_m_s, asked_m_s):
+    no_integral = replace(SETTINGS, range=PidSettings(kp=0.5, ki=0.0))
+    servo = VisualServo(no_integral, MOUNT_PITCH)
+    sent = VelocitySetpoint(forward_m_s=sent_m_s)
+    servo.start(sent)
+    for i in range(1000):
+        now = replace(target(), time_s=i * DT, last_seen_s=i * DT)
+        asked = servo.update(now, vehicle(i * DT, north_m_s=flown_m_s), sent)
+    assert asked.forward_m_s == pytest.approx(asked_m_s, abs=0.02)
+
+
 def test_a_growing_range_is_followed_before_it_has_become_an_error():
     """What is fed forward is the target's speed, whatever the distance grows to."""
     servo, _ = passing(6.0, north_m_s=3.0)

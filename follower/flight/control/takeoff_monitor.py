@@ -23,15 +23,13 @@ class AutopilotWait:
     Args:
         link: to it.
         log: has what it said.
-        answer_within_s: how long it may take to send a first heartbeat.
+        answer_within_s: how long it may take to send a first heartbeat, None for the usual time.
     """
 
-    def __init__(
-        self, link: Link, log: FlightLog, answer_within_s: float = ANSWER_WITHIN_S
-    ) -> None:
+    def __init__(self, link: Link, log: FlightLog, answer_within_s: float | None = None) -> None:
         self._link = link
         self._log = log
-        self._answer_within_s = answer_within_s
+        self._answer_within_s = answer_within_s or ANSWER_WITHIN_S
         self._connected_s = math.inf
         self._settled_s = math.inf
 

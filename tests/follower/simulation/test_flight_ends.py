@@ -47,7 +47,7 @@ def test_after_the_pilots_takeover_the_end_says_so_and_nothing_later_is_scored(
 ) -> None:
     flight = flown(load_scenario(scenario_files()["winding"]))
     written = io.StringIO()
-    end = report_flight(flight, tmp_path, "", "", (), Console(file=written, width=100))
+    end = report_flight(flight, tmp_path, "", "px4", "", (), Console(file=written, width=100))
     assert end == FlightEnd("Handed over to the pilot, who took another mode", HANDED_OVER)
     assert end.sentence in written.getvalue()
     assert "The pursuit" not in written.getvalue()

@@ -213,16 +213,20 @@ def test_the_death_of_a_program_is_told_with_what_it_said_last(tmp_path: Path) -
 
 
 def test_a_program_is_ended_and_its_log_kept_its_folder_not(tmp_path: Path) -> None:
+    told = tmp_path / "told"
     code = (
-        "import os, signal, sys, time\n"
-        "open('flight.csv', 'w').write('logged'); print(os.getcwd(), os.getpid(), flush=True)\n"
+        "import os, pathlib, signal, sys, time\n"
         "signal.signal(signal.SIGINT, lambda *_: sys.exit(0))\n"
+        "pathlib.Path('flight.csv').write_text('logged')\n"
+        f"part = pathlib.Path({str(told)!r} + '.part')\n"
+        "part.write_text(f'{os.getcwd()}\\n{os.getpid()}')\n"
+        f"part.rename({str(told)!r})\n"
         "while True: time.sleep(0.01)"
     )
     with AutopilotProcess(Scripted(code), SitlSetup(), tmp_path) as process:
-        while process.last_lines == "it wrote nothing":
+        while not told.exists() and not process.death:
             time.sleep(0.02)
-        work, number = process.last_lines.split()
+        work, number = told.read_text().splitlines()
         assert Path(work).is_dir()
         assert not process.death
     assert not Path(work).exists()

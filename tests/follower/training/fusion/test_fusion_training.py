@@ -69,7 +69,7 @@ def write_sequence(folder: Path, seed: int, step_px: float = 2.0) -> Path:
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("footage")
-    for number in range(4):
+    for number in range(2):
         write_sequence(folder / f"square{number}", number)
     return folder
 
@@ -87,7 +87,7 @@ def a_config(**changes: object) -> FusionConfig:
     return FusionConfig.model_validate(values | changes)
 
 
-FOLDS = {f"square{number}": number % 2 for number in range(4)}
+FOLDS = {"square0": 0, "square1": 1}
 
 
 @pytest.fixture(scope="module")
