@@ -13,10 +13,10 @@ from rich.console import Console
 from follower.flight.log import FlightLog
 from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.flight.supervision.flight_end import (
+    AUTOPILOT_ENDED,
     BY_CTRL_C,
     FAILED,
     NOT_RECORDED,
-    RELEASED_FOR_SAFETY,
     SUCCESS,
     FlightEnd,
 )
@@ -252,8 +252,8 @@ class _Simulation:
             return
         if flight.phase in (AutonomyPhase.CONNECTING, AutonomyPhase.ARMING):
             raise ConnectionFailedError(f"{self.process.death} before it flew")
-        sentence = f"{self.process.death}; its output ends: {self.process.last_lines}"
-        self.death = FlightEnd(sentence, RELEASED_FOR_SAFETY)
+        cause = f"{self.process.death}; its output ends: {self.process.last_lines}"
+        self.death = replace(AUTOPILOT_ENDED, sentence=AUTOPILOT_ENDED.sentence.format(held=cause))
         flight.stop(self.death)
 
     def _violations(self, flight: SimulatedFlight) -> tuple[str, ...]:

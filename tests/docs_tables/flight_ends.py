@@ -24,6 +24,7 @@ FLOWN = {
     "`fly`: the same, before anything was followed": ends.NOT_BEGUN,
     "`fly`: the recorded video is over": ends.NO_FRAMES,
     "no room for the recording, and `recorder.when_full: stop`": ends.NOT_RECORDED,
+    "`sitl`: the program ended by itself": ends.AUTOPILOT_ENDED,
     "killed by a fault while it followed": ends.BROKEN_OFF,
 }
 """The ends that no release explains."""

@@ -9,6 +9,7 @@ import yaml
 
 from follower.apps.sitl.run import SitlMatrix, fly_matrix
 from follower.links.connections import ConnectionFailedError
+from follower.recording import open_flight
 from follower.simulation.options import VisionSource
 from follower.simulation.sitl.programs import ProgramStart, SimulatedProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
@@ -73,6 +74,41 @@ def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_p
     lines = (flown / "autopilot.csv").read_text().splitlines()[1:]
     assert min(float(line.split(",")[5]) for line in lines) < -5.0  # its own vehicle flew
     assert "autopilot.csv" in (flown / "report.html").read_text()
+
+
+class DiesInTheAir(SimulatedProgram):
+    """Kills itself at 5 m."""
+
+    def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
+        whole = super().start(folder, setup)
+        module = whole.command[2]
+        code = (
+            f"import os, signal, sys, {module} as program\n"
+            "class Mortal(program.SimAutopilot):\n"
+            "    def step(self, now_s):\n"
+            "        super().step(now_s)\n"
+            "        if self.state.position_m[2] < -5: os.kill(os.getpid(), signal.SIGKILL)\n"
+            "program.SimAutopilot = Mortal\n"
+            "program.main(sys.argv[1:])"
+        )
+        return ProgramStart([whole.command[0], "-c", code, *whole.command[3:]], {})
+
+
+@pytest.mark.slow
+def test_the_death_of_a_program_in_the_air_ends_the_flight_with_all_its_files(
+    matrix: SitlMatrix, tmp_path: Path
+) -> None:
+    out = tmp_path / "runs"
+    mortal = replace(matrix, programs=(DiesInTheAir("px4"),), vision=VisionSource.PIXELS)
+    assert fly_matrix(replace(mortal, video=False), out) == 1
+    (row,) = rows(out)
+    assert row["exit_code"] == 4
+    assert "program ended: our simulated autopilot (px4) died by SIGKILL" in str(row["end"])
+    flown = out / "sitl" / str(row["folder"])
+    recorded = open_flight(flown)
+    assert recorded.log.controls
+    assert recorded.remarks == ()
+    assert "died by SIGKILL" in (flown / "report.html").read_text()
 
 
 def test_the_death_of_the_only_program_before_it_flew_is_one_line_and_leaves_nothing(
