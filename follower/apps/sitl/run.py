@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,8 @@ ALL = "all"
 RANDOM_CAMPAIGN = "standard"
 _FIGURES = (
     ("In frame", "in_frame_share", "{:.1%}"),
-    ("Line of sight, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
-    ("Range error, median", "range_error_median", "{:.1%}"),
+    ("LOS, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
+    ("Range error", "range_error_median", "{:.1%}"),
     ("Approach", "approach_s", "{:.1f} s"),
     ("Losses", "losses", "{:d}"),
 )
@@ -222,7 +223,7 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
     passed = sum(row["passed"] for row in rows)
     headline = f"{passed} of {len(rows)} flights passed"
     lines = [line for row in rows if (line := _failure(row))]
-    head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES), "")
+    head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES))
     numbers = range(5, 5 + len(_FIGURES))
     commands = html.preformatted("\n".join(row["command"] for row in rows))
     parts = (
@@ -247,7 +248,7 @@ def _cells(row: dict[str, Any]) -> Sequence[Cell]:
     colour, word = ("green", "passed") if row["passed"] else ("red", "failed")
     mark = Html(f'<b style="color: var(--{colour})">{word}</b>')
     figures = ["–" if row.get(key) is None else form.format(row[key]) for _, key, form in _FIGURES]
-    where = row.get("folder")
-    link = Html("" if where is None else f'<a href="{where}/{REPORT}">report</a>')
+    name, where = escape(row["scenario"]), row.get("folder")
+    title = Html(name if where is None else f'<a href="{escape(where)}/{REPORT}">{name}</a>')
     seed = "" if row["seed"] is None else str(row["seed"])
-    return (row["scenario"], row["autopilot"], row["link"], seed, mark, *figures, link)
+    return (title, row["autopilot"], row["link"], seed, mark, *figures)

@@ -269,7 +269,7 @@ class Px4Program(SitlProgram):
 class SimulatedProgram(SitlProgram):
     """Our own simulated autopilot in a process of its own, where no other is at hand."""
 
-    option, name = "--simulated", "our simulated autopilot"
+    option, name = "--simulated", "simulated"
     parameter_file, log = "simulated.params", "*.csv"
 
     @property
@@ -286,7 +286,7 @@ class SimulatedProgram(SitlProgram):
     @property
     def title(self) -> str:
         """Name and kind, for people."""
-        return f"{self.name} ({self.flavour})"
+        return f"{self.name} {self.flavour}"
 
     def start(self, folder: Path, setup: SitlSetup) -> ProgramStart:
         """Return the command that runs it by this Python."""

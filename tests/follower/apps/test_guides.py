@@ -83,8 +83,9 @@ def test_every_line_that_the_terminal_waits_with_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("name", GUIDES)
 def test_links_of_the_guides_lead_somewhere(name: str) -> None:
-    links = re.findall(r"\]\(([^)#]+)", guide(name))
-    assert links
+    found = re.findall(r"\]\(([^)#]+)", guide(name))
+    assert found
+    links = [one for one in found if not one.startswith("https://")]
     assert [one for one in links if not ((ROOT / "docs" / name).parent / one).exists()] == []
 
 

@@ -64,7 +64,7 @@ def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_p
     out = tmp_path / "runs"
     assert fly_matrix(matrix, out) in (0, 1)  # whether the limits are kept is the machine's luck
     (row,) = rows(out)
-    assert row["autopilot"] == "our simulated autopilot (ardupilot)"
+    assert row["autopilot"] == "simulated ardupilot"
     assert "--simulated ardupilot" in str(row["command"])
     flown = out / "sitl" / str(row["folder"])
     for name in ("report.html", "score.json", "setpoints.csv", "autopilot.csv", "autopilot.txt"):
@@ -103,7 +103,7 @@ def test_the_death_of_a_program_in_the_air_ends_the_flight_with_all_its_files(
     assert fly_matrix(replace(mortal, video=False), out) == 1
     (row,) = rows(out)
     assert row["exit_code"] == 4
-    assert "program ended: our simulated autopilot (px4) died by SIGKILL" in str(row["end"])
+    assert "program ended: simulated px4 died by SIGKILL" in str(row["end"])
     flown = out / "sitl" / str(row["folder"])
     recorded = open_flight(flown)
     assert recorded.log.controls

@@ -204,7 +204,7 @@ def until_dead(process: AutopilotProcess) -> str:
 def test_the_death_of_a_program_is_told_with_what_it_said_last(tmp_path: Path) -> None:
     code = "print('one\\n\\ntwo\\n\\x1b[32mthree\\x1b[0m\\nfour', flush=True); raise SystemExit(3)"
     with AutopilotProcess(Scripted(code), SitlSetup(), tmp_path) as process:
-        assert until_dead(process) == "our simulated autopilot (px4) ended with code 3"
+        assert until_dead(process) == "simulated px4 ended with code 3"
         assert process.last_lines == "two / three / four"
     killed = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     with AutopilotProcess(Scripted(killed), SitlSetup(), tmp_path) as process:
