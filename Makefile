@@ -30,7 +30,8 @@ sitl: $(VENV)/core.stamp ## Fly every scenario on the programs in ARDUCOPTER_SIT
 	else \
 		[ -n "$$ARDUCOPTER_SITL" ] || echo "make sitl: without ArduCopter, because ARDUCOPTER_SITL is not set"; \
 		[ -n "$$PX4_SITL" ] || echo "make sitl: without PX4, because PX4_SITL is not set"; \
-		$(BIN)/follower sitl all --link both --no-video; \
+		$(BIN)/follower sitl all --link both --no-video; flown=$$?; \
+		$(BIN)/python benchmarks/sitl_exercises.py && exit $$flown; \
 	fi
 
 test: lint types tests ## Lint, types and all tests

@@ -35,7 +35,10 @@ flown; 130: ended by Ctrl-C. See docs/how-to/sitl.md.
 def sitl_command(
     scenarios: Annotated[
         list[str] | None,
-        typer.Argument(help="Scenario files (YAML), names from `follower scenarios`, or **all**."),
+        typer.Argument(
+            help="Scenario files (YAML), names from `follower scenarios`, or **all** that need no "
+            "gimbal."
+        ),
     ] = None,
     arducopter: Annotated[
         Path | None,

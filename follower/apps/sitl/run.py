@@ -103,7 +103,7 @@ class SitlMatrix:
             for spec in planned(drawn):
                 yield spec.scenario, spec.seed, spec.scene
             return
-        for name in scenario_files() if ALL in self.scenarios else self.scenarios:
+        for name in _all_scenarios() if ALL in self.scenarios else self.scenarios:
             for seed in self._seeds(name):
                 yield name, seed, ()
 
@@ -153,6 +153,12 @@ def programs(
     return tuple(found)
 
 
+def _all_scenarios() -> tuple[str, ...]:
+    """Return those that come along and need no gimbal, which an autopilot here has not."""
+    known = scenario_files().items()
+    return tuple(name for name, path in known if load_scenario(path).camera.gimbal is None)
+
+
 def _environment(name: str) -> Path | None:
     value = os.environ.get(name, "")
     return Path(value) if value else None
@@ -169,8 +175,7 @@ def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
     """
     flights = list(matrix.flights())
     for options in flights:
-        if matrix.scenarios != (ALL,):
-            options.resolve()
+        options.resolve()
     console, rows = Console(), list[dict[str, Any]]()
     folder = new_run_folder(out, "sitl")
     write_whole(folder / RESULTS, "[]\n")

@@ -151,6 +151,9 @@ def test_what_does_not_go_together_is_refused_before_anything_flies(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
     already = replace(matrix, programs=(None,), connect="udpin:127.0.0.1:0")
+    flown = {one.scenario for one in replace(matrix, scenarios=("all",)).flights()}
+    assert flown > {"winding", "demo"}
+    assert "gimbal" not in flown
     for changed, said in (
         (replace(matrix, link="dronekit"), "--link dronekit: choose"),
         (replace(matrix, speedup=2.0, link="mavsdk"), "--speedup: mavsdk has its own time"),
