@@ -28,7 +28,7 @@ ARDUCOPTER_SITL and PX4_SITL name
 The autopilot runs in a folder of its own on free ports and is ended with the flight. runs/sitl
 holds the report, and a folder for each flight with the autopilot's own log (.bin, .ulg) beside
 ours. Exit code 0: every flight kept its scenario's limits; 1: not every one; 2: nothing could be
-flown; 130: ended by Ctrl-C. See docs/how-to/sitl.md.
+flown; 130: ended by Ctrl-C; that of `follower sim` for one flight alone. See docs/how-to/sitl.md.
 """
 
 

@@ -114,7 +114,7 @@ class SitlMatrix:
                 raise SettingsError(f"{option}: an autopilot that runs already has its own")
             return SitlSetup()
         file = self.parameter_file or program.usual_parameters
-        return SitlSetup(self.speedup, read_parameters(file))
+        return SitlSetup(self.speedup, read_parameters(file), self.parameter_file)
 
     def _seeds(self, name: str) -> Iterator[int | None]:
         first = self.seed
@@ -192,6 +192,8 @@ def fly_matrix(matrix: SitlMatrix, out: Path) -> int:
         remove_run_folder(folder)
         raise
     print_line(console, str(folder / REPORT))
+    if len(rows) == 1:
+        return int(rows[0]["exit_code"])
     return SUCCESS if all(row["passed"] for row in rows) else FAILED
 
 

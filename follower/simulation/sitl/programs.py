@@ -36,10 +36,12 @@ class SitlSetup:
     Attributes:
         speedup: how many simulated seconds pass in a real one.
         parameters: of the autopilot, by name.
+        file: where they are from, None for the usual ones.
     """
 
     speedup: float = 1.0
     parameters: Mapping[str, float] = field(default_factory=dict)
+    file: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)

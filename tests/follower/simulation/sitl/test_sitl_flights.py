@@ -100,7 +100,7 @@ def test_the_death_of_a_program_in_the_air_ends_the_flight_with_all_its_files(
 ) -> None:
     out = tmp_path / "runs"
     mortal = replace(matrix, programs=(DiesInTheAir("px4"),), vision=VisionSource.PIXELS)
-    assert fly_matrix(replace(mortal, video=False), out) == 1
+    assert fly_matrix(replace(mortal, video=False), out) == 4
     (row,) = rows(out)
     assert row["exit_code"] == 4
     assert "program ended: simulated px4 died by SIGKILL" in str(row["end"])
@@ -151,6 +151,10 @@ def test_what_does_not_go_together_is_refused_before_anything_flies(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
     already = replace(matrix, programs=(None,), connect="udpin:127.0.0.1:0")
+    params = tmp_path / "mine.params"
+    params.write_text("GUID_TIMEOUT 1\n")
+    (own,) = replace(matrix, parameter_file=params, speedup=2.0).flights()
+    assert f"--speedup 2 --params {params}" in own.command
     flown = {one.scenario for one in replace(matrix, scenarios=("all",)).flights()}
     assert flown > {"winding", "demo"}
     assert "gimbal" not in flown
