@@ -116,15 +116,15 @@ EXERCISES = {
     "battery-failsafe": Exercise(
         "handed over to the autopilot's failsafe",
         (*RELEASED, *HANDED_OVER),
-        sets={"SIM_BATT_VOLTAGE": 10.2},
-        starts={"BATT_LOW_VOLT": 10.8, "BATT_FS_LOW_ACT": 2},
+        sets={"SIM_BATT_VOLTAGE": 10.5},
+        starts={"BATT_LOW_VOLT": 11.5, "BATT_LOW_TIMER": 1, "BATT_FS_LOW_ACT": 2},
         flavours=("ardupilot",),
     ),
-    "fence-breach": Exercise(
-        "handed over to the autopilot's fence",
-        (*RELEASED, *HANDED_OVER),
-        sets={"FENCE_RADIUS": 31, "FENCE_ENABLE": 1},
-        starts={"FENCE_TYPE": 2, "FENCE_ACTION": 1},
+    "fence": Exercise(
+        "the autopilot's fence stops it",
+        (*FOLLOWED, *RELEASED, *HANDED_OVER),
+        sets={"FENCE_RADIUS": 31},
+        starts={"FENCE_TYPE": 2, "FENCE_ACTION": 1, "FENCE_ENABLE": 1, "FENCE_RADIUS": 200},
         flavours=("ardupilot",),
     ),
 }
