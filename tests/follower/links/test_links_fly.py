@@ -12,7 +12,7 @@ from follower.simulation.run import simulate
 SCENARIO = """
 name: small
 title: A car stands in a meadow.
-duration_s: 13
+duration_s: 11
 seed: 5
 targets:
   - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}

@@ -115,6 +115,7 @@ def without_room(path: Path) -> None:
     path.with_name(f".{path.name}.part").symlink_to("/dev/full")
 
 
+@pytest.mark.slow
 def test_inspect_writes_where_there_is_room_and_says_so(
     small_flight: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
@@ -134,6 +135,7 @@ def test_inspect_writes_where_there_is_room_and_says_so(
     assert last.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_named_place_without_room_is_one_line_with_the_file_and_what_is_free(
     small_flight: Any, tmp_path: Path
 ) -> None:

@@ -131,6 +131,7 @@ def test_a_checkpoint_of_another_size_is_refused(pictures: ImageSource) -> None:
         )
 
 
+@pytest.mark.slow
 def test_the_trunk_rests_where_a_stage_says_so(pictures: ImageSource) -> None:
     trainer = Re3Trainer(settings(TrainingStage(steps=2, batch=2, unroll=2, trunk=False)), pictures)
     before = [value.clone() for value in trainer.network.trunk.state_dict().values()]

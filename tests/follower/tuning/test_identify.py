@@ -28,6 +28,7 @@ needs_steps = pytest.mark.skipif(
 
 
 @needs_steps
+@pytest.mark.slow
 def test_recorded_steps_of_arducopter_give_its_known_limits(tmp_path: Path) -> None:
     names = ("ap_vx3_f9", "ap_vx8_f9", "ap_yawrate30_f9", "ap_vz_up1_f9", "ap_takeoff10")
     found = identification([read_recording(STEPS / f"{name}.csv") for name in names])

@@ -148,6 +148,7 @@ def test_options_that_contradict_each_other_are_refused(
 
 
 @pytest.mark.parametrize("kind", ["charuco", "chessboard"])
+@pytest.mark.slow
 def test_a_board_is_printed_to_scale(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "board.png"
     code, said = run("--board", path, "--kind", kind, "--square-mm", 18)
@@ -177,6 +178,7 @@ def test_a_board_as_pdf_fills_its_paper(tmp_path: Path) -> None:
     assert size_m == pytest.approx([0.210, 0.297], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_board_larger_than_any_paper_gets_a_page_of_its_own(tmp_path: Path) -> None:
     code, said = run("--board", tmp_path / "wall.png", "--square-mm", 500)
     assert code == 0

@@ -192,6 +192,7 @@ def test_a_name_says_kind_motion_tracker_and_detector(
     not (DATA / "weights").is_dir(),
     reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
 )
+@pytest.mark.slow
 def test_fusion_is_measured_with_its_states(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,7 +42,8 @@ SCENE = {
 def matrix(tmp_path: Path) -> SitlMatrix:
     path = tmp_path / "short.yaml"
     path.write_text(yaml.safe_dump(SCENE))
-    return SitlMatrix((str(path),), (SimulatedProgram("ardupilot"),), vision=VisionSource.TRUTH)
+    program = SimulatedProgram("ardupilot")
+    return SitlMatrix((str(path),), (program,), vision=VisionSource.TRUTH, speedup=2.0)
 
 
 def rows(out: Path) -> list[dict[str, object]]:
@@ -111,6 +112,7 @@ def test_the_death_of_a_program_in_the_air_ends_the_flight_with_all_its_files(
     assert "died by SIGKILL" in (flown / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_death_of_the_only_program_before_it_flew_is_one_line_and_leaves_nothing(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
@@ -123,6 +125,7 @@ def test_the_death_of_the_only_program_before_it_flew_is_one_line_and_leaves_not
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_of_several_flights_one_that_fails_is_a_row_of_the_report(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
@@ -150,7 +153,7 @@ def test_random_flights_are_the_campaigns_and_the_same_on_each_program(matrix: S
 def test_what_does_not_go_together_is_refused_before_anything_flies(
     matrix: SitlMatrix, tmp_path: Path
 ) -> None:
-    already = replace(matrix, programs=(None,), connect="udpin:127.0.0.1:0")
+    already = replace(matrix, programs=(None,), connect="udpin:127.0.0.1:0", speedup=1.0)
     params = tmp_path / "mine.params"
     params.write_text("GUID_TIMEOUT 1\n")
     (own,) = replace(matrix, parameter_file=params, speedup=2.0).flights()

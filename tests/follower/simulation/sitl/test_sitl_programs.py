@@ -245,6 +245,7 @@ def test_what_cannot_be_started_is_one_clear_line(tmp_path: Path) -> None:
         missing.__enter__()
 
 
+@pytest.mark.slow
 def test_the_simulated_autopilot_sends_heartbeats_to_our_port(tmp_path: Path) -> None:
     program = SimulatedProgram("ardupilot")
     with closing(program.listen()) as ours:

@@ -185,6 +185,7 @@ def some_examples(seed: int, count: int = 3000, deviation: float = 0.1) -> Examp
     return Examples(features, right * 0.9, np.arange(count), sources, residuals)
 
 
+@pytest.mark.slow
 def test_a_fit_is_calibrated_and_finds_what_counts() -> None:
     settings = FitSettings(hidden=4, steps=400, batch=1024)
     model = fit_model([some_examples(1), some_examples(2)], FirstPeak.noise, settings)
