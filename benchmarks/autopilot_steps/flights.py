@@ -62,7 +62,8 @@ class FlightDifference:
         late = real.time_s >= from_s
 
         def rms(a: Series, b: Series) -> float:
-            return math.sqrt(float(np.mean((_at(real.time_s, flown.time_s, b) - a)[late] ** 2)))
+            off = np.interp(real.time_s, flown.time_s, b) - a
+            return math.sqrt(float(np.mean(off[late] ** 2)))
 
         velocities = zip(real.heading_velocity_m_s, heading_velocity_m_s(flown, real), strict=True)
         return cls(
@@ -72,10 +73,6 @@ class FlightDifference:
             _miss(real, real, from_s),
             _miss(flown, real, from_s),
         )
-
-
-def _at(times: Series, own: Series, values: Series) -> Series:
-    return np.interp(times, own, values)
 
 
 def heading_velocity_m_s(flight: RecordedStep, real: RecordedStep) -> Series:

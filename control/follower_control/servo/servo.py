@@ -23,7 +23,7 @@ from follower_control.target.estimate import (
 )
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle.state import VehicleState
+from follower_control.vehicle.state import VehicleState, heading_velocity
 
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
@@ -48,7 +48,7 @@ class _Step:
         yaw_rad: our heading, in the estimate's frame.
         allowed: what the envelope allowed of the last setpoint.
         interval_s: since the last update.
-        flown: our level velocity, forward + right·j in m/s; None without telemetry.
+        flown: our own velocity, None without telemetry of it.
     """
 
     errors: ServoErrors
@@ -56,7 +56,7 @@ class _Step:
     yaw_rad: float
     allowed: VelocitySetpoint
     interval_s: float
-    flown: complex | None
+    flown: VelocitySetpoint | None
 
 
 class VisualServo:
@@ -188,7 +188,8 @@ class VisualServo:
         self.errors = self.pursuit.errors(estimate, yaw, self.mode, interval_s)
         if interval_s > 0:
             self._last_s = estimate.time_s
-            step = _Step(self.errors, estimate, yaw, allowed, interval_s, _flown(vehicle))
+            flown = None if vehicle.position is None else heading_velocity(vehicle)
+            step = _Step(self.errors, estimate, yaw, allowed, interval_s, flown)
             steered = self._LAWS[self.mode](self, step)
             self._asked = self._fade.update(steered, interval_s)
         return self._asked
@@ -217,8 +218,10 @@ class VisualServo:
         # Chasing is along the nose; what goes round the target is along the line of sight.
         along = cmath.rect(1.0, step.errors.azimuth_rad) if self.mode in _AROUND else complex(1.0)
         allowed = complex(step.allowed.forward_m_s, step.allowed.right_m_s) / along
-        flown = None if step.flown is None else (step.flown / along).real
-        self._wanted = self._close_in(step, allowed.real, flown)
+        flown_m_s = None
+        if step.flown is not None:
+            flown_m_s = (complex(step.flown.forward_m_s, step.flown.right_m_s) / along).real
+        self._wanted = self._close_in(step, allowed.real, flown_m_s)
         self._forward = self._slow_enough(step)
         right = self._reference.side_m_s
         if self.mode in _AROUND:
@@ -379,11 +382,3 @@ class VisualServo:
         if not self._settings.schedule_range:
             return 1.0
         return self._reference.distance_m / self._settings.distance_m
-
-
-def _flown(vehicle: VehicleState) -> complex | None:
-    """Return the level velocity in the heading frame, m/s; None where it is not known."""
-    position, attitude = vehicle.position, vehicle.attitude
-    if position is None or attitude is None:
-        return None
-    return complex(position.north_m_s, position.east_m_s) * cmath.rect(1.0, -attitude.yaw_rad)

@@ -8,7 +8,7 @@ from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
 
-ANSWER_WITHIN_S = 15.0
+_ANSWER_WITHIN_S = 15.0
 _SETTLE_WITHIN_S = 90.0
 """A freshly started ArduPilot has a position after 20 to 40 s."""
 _AIRBORNE_WITHIN_S = 180.0
@@ -29,7 +29,7 @@ class AutopilotWait:
     def __init__(self, link: Link, log: FlightLog, answer_within_s: float | None = None) -> None:
         self._link = link
         self._log = log
-        self._answer_within_s = answer_within_s or ANSWER_WITHIN_S
+        self._answer_within_s = answer_within_s or _ANSWER_WITHIN_S
         self._connected_s = math.inf
         self._settled_s = math.inf
 

@@ -118,7 +118,7 @@ def test_an_autopilot_that_never_answers_is_not_waited_for_for_ever(
     free_port: Callable[[], int],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("follower.flight.control.takeoff_monitor.ANSWER_WITHIN_S", 1.0)
+    monkeypatch.setattr("follower.flight.control.takeoff_monitor._ANSWER_WITHIN_S", 1.0)
     arguments = ("--autopilot", "external", "--connect", f"udpin:127.0.0.1:{free_port()}")
     result = run_command("sim", "demo", *arguments)
     assert result.code == UNUSABLE
