@@ -35,7 +35,7 @@ from follower.simulation.fault_tests.run_fault import write_scene
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
 from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTap
 from follower.simulation.sitl.process import AutopilotProcess
-from follower.simulation.sitl.programs import SitlProgram, SitlSetup, read_parameters
+from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.transport import UdpTransport
 from follower_vision.clock import MonotonicClock
 
@@ -190,9 +190,7 @@ class Relay:
     def evidence(self) -> FlightEvidence:
         """Return what went to and from the follower."""
         evidence = FlightEvidence(self.flavour)
-        for _, message in self._follower.sent:
-            message._header.srcSystem = 1  # PX4's instances have numbers of their own
-        evidence.read(self._follower.received, self._follower.sent)
+        evidence.read(self._follower.received, self._follower.sent, self._system)
         return evidence
 
     def close(self) -> None:
@@ -202,7 +200,7 @@ class Relay:
 
 def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
     """Fly one exercise; return what was wrong."""
-    parameters = {**read_parameters(program.usual_parameters), **exercise.starts}
+    parameters = {**program.usual_parameters(), **exercise.starts}
     with tempfile.TemporaryDirectory() as text, closing(program.listen()) as autopilot:
         folder = Path(text)
         with closing(UdpTransport.listen("127.0.0.1", 0)) as free:

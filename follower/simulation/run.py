@@ -46,6 +46,7 @@ from follower.ui.terminal.console import print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
 from follower_control.common.transport import Transport
+from follower_sim.autopilot.autopilot import SYSTEM_ID
 from follower_sim.world.world import World
 from follower_vision.clock import MonotonicClock, SimulatedClock
 
@@ -119,7 +120,7 @@ class _Simulation:
         for violation in violations:
             print_line(console, f"Never to be sent: {violation}", "bold red")
         if end is BY_CTRL_C or (passed is None and not violations):
-            return SimulationResult(end.exit_code, folder)
+            return SimulationResult(end.exit_code, folder, violations)
         code = SUCCESS if passed and not violations else FAILED
         return SimulationResult(code, folder, violations)
 
@@ -186,7 +187,7 @@ class _Simulation:
             *map(describe_verdict, judged),
         )
         passed = all(one.passed for one in judged) if judged else None
-        return flight, tuple(remark for remark in remarks if remark is not None), passed
+        return flight, tuple(remark for remark in remarks if remark), passed
 
     def _fly_to_its_end(
         self,
@@ -262,25 +263,26 @@ class _Simulation:
         if self.tap is None or program is None:
             return ()
         evidence = FlightEvidence(program.flavour)
-        evidence.read(self.tap.sent, self.tap.received)
+        vehicle_id = flight.link_status.vehicle_id or SYSTEM_ID
+        evidence.read(self.tap.sent, self.tap.received, vehicle_id)
         limits = flight.settings.envelope
         outside = envelope_failures(evidence.setpoints, limits, limits.max_interval_s)
         return (*outside, *heartbeat_failures(evidence))
 
-    def _of_program(self, flight: SimulatedFlight) -> tuple[str | None, ...]:
-        """Return what is to be said of the autopilot's program."""
-        if self.options.program is None:
+    def _of_program(self, flight: SimulatedFlight) -> tuple[str, ...]:
+        """Return what is to be said of the autopilot's program; "" of what is as usual."""
+        program = self.options.program
+        if program is None:
             return ()
         pace, asked = flight.link_status.clock_pace, self.options.setup.speedup
-        slow = None
+        slow = ""
         if pace is not None and pace < _LEAST_PACE:
             slow = (
-                f"{self.options.program.title} ran at {pace * asked:.2f} times real time, "
+                f"{program.title} ran at {pace * asked:.2f} times real time, "
                 f"{asked:g} were asked for: this computer is too slow or too busy for it; "
                 "figures of time and speed are off by as much. Take a lower --speedup."
             )
-        program = self.options.program
-        return program.remark or None, program.lacks(self.scenario) or None, slow
+        return program.remark, program.lacks(self.scenario), slow
 
     def _late_frames(self, flight: SimulatedFlight) -> str | None:
         silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)

@@ -113,8 +113,9 @@ class SitlMatrix:
                 option = "--params" if self.speedup == 1.0 else "--speedup"
                 raise SettingsError(f"{option}: an autopilot that runs already has its own")
             return SitlSetup()
-        file = self.parameter_file or program.usual_parameters
-        return SitlSetup(self.speedup, read_parameters(file), self.parameter_file)
+        file = self.parameter_file
+        parameters = program.usual_parameters() if file is None else read_parameters(file)
+        return SitlSetup(self.speedup, parameters, file)
 
     def _seeds(self, name: str) -> Iterator[int | None]:
         first = self.seed

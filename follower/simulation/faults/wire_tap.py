@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower_control.common.transport import Transport
-from follower_sim.autopilot.autopilot import SimAutopilot
+from follower_sim.autopilot.autopilot import COMPONENT_ID, SYSTEM_ID, SimAutopilot
 from follower_sim.autopilot.firmware import ARDUCOPTER, PX4
 from follower_sim.kinematics import Triple
 from follower_vision.clock import Clock
@@ -131,9 +131,18 @@ class FlightEvidence:
             self.motion.append(motion)
 
     def read(
-        self, follower_sent: list[tuple[float, Any]], received: list[tuple[float, Any]]
+        self,
+        follower_sent: list[tuple[float, Any]],
+        received: list[tuple[float, Any]],
+        vehicle_id: int = SYSTEM_ID,
     ) -> None:
-        """Take what a tap noted on the follower's side, (seconds, message) each."""
+        """Take what a tap noted on the follower's side, (seconds, message) each.
+
+        Args:
+            follower_sent: what left the follower.
+            received: what came to it.
+            vehicle_id: the autopilot's MAVLink system id.
+        """
         firmware = FIRMWARE[self.flavour]
         number = firmware.modes[firmware.setpoint_mode].custom_mode
         for time_s, message in follower_sent:
@@ -142,6 +151,7 @@ class FlightEvidence:
                 frame, mask = message.coordinate_frame, message.type_mask
                 self.setpoints.append(WireSetpoint(time_s, frame, mask, values))
         for time_s, message in received:
-            is_vehicles = (message.get_srcSystem(), message.get_srcComponent()) == (1, 1)
+            source = message.get_srcSystem(), message.get_srcComponent()
+            is_vehicles = source == (vehicle_id, COMPONENT_ID)
             if message.get_type() == "HEARTBEAT" and is_vehicles:
                 self.mode_heartbeats.append((time_s, message.custom_mode == number))

@@ -7,11 +7,10 @@ import signal
 import subprocess
 import tempfile
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from follower.links.connections import ConnectionFailedError
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
+from follower_vision.sources.frame_source import ClosesItself
 
 OUTPUT = "autopilot.txt"
 BOOTS_WITHIN_S = 60.0
@@ -20,8 +19,8 @@ _ENDS_WITHIN_S = 10.0
 _SHOWN_LINES, _SHOWN_CHARACTERS = 3, 100
 
 
-class AutopilotProcess:
-    """A program that runs between entering and leaving.
+class AutopilotProcess(ClosesItself):
+    """A program that runs until it is closed.
 
     It works in a folder that is made for it and removed with it; what it writes to its terminal
     and its own newest log are kept.
@@ -30,23 +29,16 @@ class AutopilotProcess:
         program: what is started; `listen` was called.
         setup: how it is started.
         folder: exists already; gets `autopilot.txt` and `autopilot.bin`, `.ulg` or `.csv`.
+
+    Raises:
+        ConnectionFailedError: it cannot be started.
     """
 
     def __init__(self, program: SitlProgram, setup: SitlSetup, folder: Path) -> None:
         self._program = program
-        self._setup = setup
         self._output = folder / OUTPUT
-        self._process: subprocess.Popen[bytes] | None = None
-        self._work: Path | None = None
-
-    def __enter__(self) -> Self:
-        """Start it.
-
-        Raises:
-            ConnectionFailedError: it cannot be started.
-        """
         self._work = Path(tempfile.mkdtemp(prefix="follower-sitl-"))
-        start = self._program.start(self._work, self._setup)
+        start = program.start(self._work, setup)
         try:
             with self._output.open("wb") as output:
                 self._process = subprocess.Popen(  # noqa: S603  the user's own program
@@ -63,30 +55,26 @@ class AutopilotProcess:
             raise ConnectionFailedError(
                 f"{start.command[0]} cannot be started: {error.strerror}"
             ) from None
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """End it, and keep its log."""
-        if self._process is not None and self._process.poll() is None:
+        if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             try:
                 self._process.wait(_ENDS_WITHIN_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        if self._work is not None:
-            self._keep_log(self._work)
-            shutil.rmtree(self._work, ignore_errors=True)
+        logs = sorted(self._work.glob(self._program.log), key=lambda path: path.stat().st_mtime)
+        if logs:
+            kept = self._output.with_name(f"autopilot{logs[-1].suffix.lower()}")
+            shutil.move(logs[-1], kept)
+        shutil.rmtree(self._work, ignore_errors=True)
 
     @property
     def death(self) -> str:
         """How it ended by itself, "" while it runs."""
-        code = None if self._process is None else self._process.poll()
+        code = self._process.poll()
         if code is None:
             return ""
         how = f"ended with code {code}" if code >= 0 else f"died by {signal.Signals(-code).name}"
@@ -99,9 +87,3 @@ class AutopilotProcess:
         plain = [" ".join(_COLOURS.sub("", line).split()) for line in lines]
         said = [line[:_SHOWN_CHARACTERS] for line in plain if line]
         return " / ".join(said[-_SHOWN_LINES:]) or "it wrote nothing"
-
-    def _keep_log(self, work: Path) -> None:
-        logs = sorted(work.glob(self._program.log), key=lambda path: path.stat().st_mtime)
-        if logs:
-            kept = self._output.with_name(f"autopilot{logs[-1].suffix.lower()}")
-            shutil.move(logs[-1], kept)

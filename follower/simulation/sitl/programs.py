@@ -64,7 +64,7 @@ class SitlProgram(ABC):
         flavour: "px4" or "ardupilot".
         known: versions with which it was flown.
         least: the oldest that is tried.
-        parameter_file: in configs/sitl, its usual parameters.
+        parameter_file: in configs/sitl, its usual parameters; "" where it needs none.
         log: a pattern of its own log's files, in its working folder.
 
     Raises:
@@ -76,7 +76,7 @@ class SitlProgram(ABC):
     flavour: str
     known: tuple[tuple[int, int], ...] = ()
     least: tuple[int, int] = (0, 0)
-    parameter_file: str
+    parameter_file: str = ""
     log: str
 
     def __init__(self, path: Path) -> None:
@@ -107,10 +107,11 @@ class SitlProgram(ABC):
             return ""
         return f"{self.title} was not tried with this follower; known to work: {self._versions}."
 
-    @property
-    def usual_parameters(self) -> Path:
-        """The file in configs/ with the parameters that it is started with."""
-        return configs_folder() / "sitl" / self.parameter_file
+    def usual_parameters(self) -> dict[str, float]:
+        """Return the parameters that it is started with, from configs/sitl."""
+        if not self.parameter_file:
+            return {}
+        return read_parameters(configs_folder() / "sitl" / self.parameter_file)
 
     @property
     def _versions(self) -> str:
@@ -272,7 +273,7 @@ class SimulatedProgram(SitlProgram):
     """Our own simulated autopilot in a process of its own, where no other is at hand."""
 
     option, name = "--simulated", "simulated"
-    parameter_file, log = "simulated.params", "*.csv"
+    log = "*.csv"
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -3,22 +3,20 @@
 import csv
 import signal
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from follower_control.common.transport import UdpTransport
-from follower_sim.autopilot.autopilot import SimAutopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario.scenario import WindSettings
-from follower_sim.vehicle.vehicle import STEP_S
 from follower_sim.world.wind import Wind
 from follower_vision.clock import MonotonicClock
 
-_LOG_EVERY_S = 0.02
 _WIND = {"WIND_MEAN": "mean_m_s", "WIND_FROM": "from_deg", "WIND_GUST": "gust_m_s"}
 _COLUMNS = (
     *("time_s", "mode", "armed", "north_m", "east_m", "down_m"),
@@ -31,14 +29,9 @@ def main(arguments: Sequence[str]) -> None:
     flavour, port, speed, log, *parameters = arguments
     values = {name: float(value) for name, value in (text.split("=") for text in parameters)}
     settings = WindSettings(**{key: values.pop(name, 0.0) for name, key in _WIND.items()})
-    stopped: list[int] = []
-
-    def stop(number: int, _frame: FrameType | None) -> None:
-        stopped.append(number)
-
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
-    clock = MonotonicClock(float(speed))
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     wind = Wind(settings, np.random.default_rng(0)).velocity_m_s
     transport = UdpTransport.connect("127.0.0.1", int(port))
     with closing(transport), Path(log).open("w", newline="", encoding="utf-8") as file:
@@ -46,16 +39,14 @@ def main(arguments: Sequence[str]) -> None:
         autopilot.parameters.update(values)
         rows = csv.writer(file)
         rows.writerow(_COLUMNS)
-        logged_s = 0.0
-        while not stopped:
-            now_s = clock.now()
-            autopilot.step(now_s)
-            if now_s >= logged_s:
-                logged_s = now_s + _LOG_EVERY_S
-                state = autopilot.state
-                motion = (*state.position_m, *state.velocity_m_s, *state.attitude_rad)
-                rows.writerow((f"{now_s:.3f}", autopilot.mode, int(autopilot.armed), *motion))
-            clock.sleep_until(now_s + STEP_S)
+
+        def note(now_s: float) -> None:
+            state = autopilot.state
+            motion = (*state.position_m, *state.velocity_m_s, *state.attitude_rad)
+            rows.writerow((f"{now_s:.3f}", autopilot.mode, int(autopilot.armed), *motion))
+
+        autopilot.on_step = note
+        run_autopilot(autopilot, MonotonicClock(float(speed)), stop)
 
 
 if __name__ == "__main__":

@@ -5,45 +5,27 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import yaml
 
 from follower.apps.sitl.run import SitlMatrix, fly_matrix
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
+from follower.simulation.fault_tests.run_fault import write_scene
 from follower.simulation.options import VisionSource
 from follower.simulation.sitl.programs import ProgramStart, SimulatedProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 
-SCENE = {
-    "name": "short",
-    "title": "A car drives off.",
-    "duration_s": 6,
-    "seed": 3,
-    "targets": [
-        {
-            "kind": "car",
-            "colour": "#e0401c",
-            "path": {
-                "points": [[0, 0], [60, 5], [160, 0]],
-                "speeds": [{"at_s": 2, "speed_m_s": 2.0, "acceleration_m_s2": 1.0}],
-            },
-        }
-    ],
-    "camera": {"width": 320, "height": 240, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 20},
-    "start": {"at": [-16, 0], "heading_deg": 0},
-    "wind": {"mean_m_s": 3.0, "from_deg": 40.0},
-    "takeoff_height_m": 6,
-    "select": {"colour": "#e0401c"},
-    "follow": {"servo": {"distance_m": 14.0, "target_size_m": 2.2, "elevation_deg": -25}},
-}
-
 
 @pytest.fixture
 def matrix(tmp_path: Path) -> SitlMatrix:
-    path = tmp_path / "short.yaml"
-    path.write_text(yaml.safe_dump(SCENE))
+    scene = "duration_s=6", "wind.mean_m_s=3", "targets.0.path.speeds.0.at_s=2"
     program = SimulatedProgram("ardupilot")
-    return SitlMatrix((str(path),), (program,), vision=VisionSource.TRUTH, speedup=2.0)
+    return SitlMatrix(
+        (str(write_scene(tmp_path)),),
+        (program,),
+        vision=VisionSource.TRUTH,
+        scene=scene,
+        speedup=2.0,
+    )
 
 
 def rows(out: Path) -> list[dict[str, object]]:
