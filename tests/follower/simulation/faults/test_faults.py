@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter
+from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
@@ -28,11 +29,14 @@ from follower.simulation.faults.setpoint_rules import (
     heartbeat_failures,
     pilot_failures,
 )
-from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint
+from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint, WireTap
 from follower_control.common.strict_config import SettingsError
+from follower_control.common.transport import MemoryTransport
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import VehicleState
+from follower_sim.autopilot.firmware import PX4
+from follower_vision.clock import SimulatedClock
 
 CHOSEN = (
     ("vision-hangs", "ardupilot"),
@@ -244,6 +248,21 @@ def test_the_watcher_sees_set_points_after_the_pilot_took_over() -> None:
     assert "a velocity after the mode was left" in next(pilot_failures(evidence))
     evidence.setpoints = sent((1.35, 0.0))
     assert "another mode" in next(pilot_failures(evidence))
+
+
+def test_the_heartbeats_of_a_vehicle_of_any_number_count() -> None:
+    """PX4's second program is vehicle 2."""
+    codec = mavlink.MAVLink(None, 2, 1)
+    offboard = PX4.modes["OFFBOARD"].custom_mode
+    ours, theirs = MemoryTransport.pair()
+    tap = WireTap(ours, SimulatedClock(1.0))
+    beat = mavlink.MAVLink_heartbeat_message(2, 12, 128, offboard, 4, 3)
+    theirs.send(beat.pack(codec))
+    tap.receive()
+    for vehicle_id, heard in ((2, [(1.0, True)]), (1, [])):
+        evidence = FlightEvidence("px4")
+        evidence.read(tap.sent, tap.received, vehicle_id)
+        assert evidence.mode_heartbeats == heard
 
 
 def test_heartbeats_alone_tell_that_a_velocity_came_too_late() -> None:
