@@ -124,7 +124,7 @@ class Alone:
         _time(self.spent, lambda frame: self._tracker.update(frame.image), frames)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to close."""
 
 
 class Inline:

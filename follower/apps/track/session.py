@@ -16,7 +16,12 @@ from follower.apps.track.run import TrackFiles, TrackRun, track_recorder
 from follower.apps.video_input import VideoInput
 from follower.flight.control.offline import RecordedControl
 from follower.flight.log import FlightLog
-from follower.flight.target.candidate_image import Candidate, numbered, summary, write_candidates
+from follower.flight.target.candidate_image import (
+    NumberedObject,
+    numbered,
+    summary,
+    write_candidates,
+)
 from follower.flight.target.selectors import (
     ChoiceError,
     ObjectSelector,
@@ -68,7 +73,7 @@ def list_objects(
     return 0
 
 
-def _first_seen(source: FrameSource, detector: Detector) -> tuple[Frame, list[Candidate]]:
+def _first_seen(source: FrameSource, detector: Detector) -> tuple[Frame, list[NumberedObject]]:
     count = 0
     while (frame := source.read()) is not None:
         candidates = numbered(scan(detector, frame.image), frame)
@@ -79,7 +84,7 @@ def _first_seen(source: FrameSource, detector: Detector) -> tuple[Frame, list[Ca
     raise SourceError(f"the detector sees nothing that it knows in {count} frames; {reason}")
 
 
-def _table(candidates: Sequence[Candidate]) -> Table:
+def _table(candidates: Sequence[NumberedObject]) -> Table:
     table = Table("number", "name", "score", "x,y,w,h", show_edge=False, pad_edge=False)
     for one in candidates:
         box = ",".join(f"{value:.0f}" for value in one.box.xywh)

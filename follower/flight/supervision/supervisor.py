@@ -146,7 +146,14 @@ class SupervisorReason(StrEnum):
     NOT_HEARD = "not heard by the autopilot"
     CONTROL_STALLED = "control stalled"
     STOP_REQUESTED = "stop requested"
-    AWAITING_CONSENT = "let go, waiting for consent"
+    AWAITING_CONSENT = "released, waiting for consent"
+
+    @classmethod
+    def _missing_(cls, value: object) -> "SupervisorReason | None":
+        return cls.AWAITING_CONSENT if value == _AS_RECORDED_BEFORE else None
+
+
+_AS_RECORDED_BEFORE = "let go, waiting for consent"
 
 
 def next_state(

@@ -19,7 +19,7 @@ _MOST_ZOOM = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class NumberedObject:
     """One object that may be chosen.
 
     Attributes:
@@ -42,7 +42,7 @@ class Candidate:
         return f"{self.class_name}:{self.class_number}"
 
 
-def numbered(detections: Iterable[Detection], frame: Frame) -> list[Candidate]:
+def numbered(detections: Iterable[Detection], frame: Frame) -> list[NumberedObject]:
     """Return detections as candidates, the nearest to the frame's centre first."""
     middle = Box(frame.width / 2, frame.height / 2, 1, 1)
     seen: Counter[str] = Counter()
@@ -51,18 +51,18 @@ def numbered(detections: Iterable[Detection], frame: Frame) -> list[Candidate]:
     for number, one in enumerate(nearest_first, 1):
         seen[one.class_name] += 1
         candidates.append(
-            Candidate(number, one.class_name, seen[one.class_name], one.box, one.score)
+            NumberedObject(number, one.class_name, seen[one.class_name], one.box, one.score)
         )
     return candidates
 
 
-def summary(candidates: Iterable[Candidate]) -> str:
+def summary(candidates: Iterable[NumberedObject]) -> str:
     """Return how many of each class there are: "3 person, 1 car"."""
     counts = Counter(one.class_name for one in candidates)
     return ", ".join(f"{count} {name}" for name, count in counts.most_common()) or "nothing"
 
 
-def draw_candidates(image: Image, candidates: Sequence[Candidate]) -> Image:
+def draw_candidates(image: Image, candidates: Sequence[NumberedObject]) -> Image:
     """Return the image, enlarged if it is small, with numbered boxes: "2 person:1"."""
     zoom = min(_MOST_ZOOM, max(1, round(_LEAST_WIDTH_PX / image.shape[1])))
     large = cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
@@ -73,7 +73,7 @@ def draw_candidates(image: Image, candidates: Sequence[Candidate]) -> Image:
     return draw_labelled(np.asarray(large, np.uint8), boxes, labels)
 
 
-def write_candidates(path: Path, image: Image, candidates: Sequence[Candidate]) -> Path:
+def write_candidates(path: Path, image: Image, candidates: Sequence[NumberedObject]) -> Path:
     """Write the picture of numbered boxes as PNG, whole or not at all; return its path.
 
     Raises:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from follower.flight.target.candidate_image import Candidate, numbered, summary
+from follower.flight.target.candidate_image import NumberedObject, numbered, summary
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detector
 from follower_vision.detection.detectors import scan
@@ -112,7 +112,7 @@ class ChoiceError(SourceError):
         candidates: what is seen in it.
     """
 
-    def __init__(self, message: str, image: Image, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, message: str, image: Image, candidates: Sequence[NumberedObject]) -> None:
         super().__init__(message)
         self.image = image
         self.candidates = candidates
@@ -150,7 +150,7 @@ class Wanted:
             raise SettingsError(f"--select {text}: {_advice(name, class_names)}")
         return cls(text, known.get(name), int(number) if number else None)
 
-    def matches(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+    def matches(self, candidates: Sequence[NumberedObject]) -> list[NumberedObject]:
         """Return the candidates of the class, in their order."""
         return [one for one in candidates if self.class_name in (None, one.class_name)]
 
@@ -169,8 +169,8 @@ class ObjectSelector:
     def __init__(self, wanted: Sequence[Wanted], detector: Detector) -> None:
         self._wanted = tuple(wanted)
         self._detector = detector
-        self.candidates: list[Candidate] = []
-        self.chosen: list[Candidate] = []
+        self.candidates: list[NumberedObject] = []
+        self.chosen: list[NumberedObject] = []
 
     def __call__(self, frame: Frame) -> list[Box]:
         """Return the boxes wanted, or none while a class is not seen.
@@ -191,7 +191,7 @@ class ObjectSelector:
         self.chosen = chosen
         return [one.box for one in chosen]
 
-    def _pick(self, wanted: Wanted, frame: Frame) -> Candidate:
+    def _pick(self, wanted: Wanted, frame: Frame) -> NumberedObject:
         matches = wanted.matches(self.candidates)
         number = wanted.number or 1
         if number > len(matches):

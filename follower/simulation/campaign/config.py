@@ -33,7 +33,7 @@ class RunSpec:
         scenario: name or file.
         autopilot: "px4" or "ardupilot".
         seed: of everything random in it.
-        sight: what vision goes by, by its name.
+        vision: what vision goes by, by its name.
         overrides: settings of the follower, `key=value` each.
         scene: keys of the scenario likewise.
         values: the campaign's parameters by name, as drawn.
@@ -45,7 +45,7 @@ class RunSpec:
     scenario: str
     autopilot: str
     seed: int
-    sight: str
+    vision: str
     overrides: tuple[str, ...] = ()
     scene: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
@@ -57,6 +57,7 @@ class RunSpec:
         """A digest of what is flown, whatever its number and campaign."""
         flown = asdict(self)
         del flown["number"], flown["values"]
+        flown["sight"] = flown.pop("vision")  # its name in what was flown before
         text = json.dumps(flown, sort_keys=True, ensure_ascii=True)
         return hashlib.sha256(text.encode("ascii")).hexdigest()[:16]
 
@@ -69,7 +70,7 @@ class RunSpec:
             lockstep=True,
             config=None if self.config is None else Path(self.config),
             overrides=self.overrides,
-            vision=VisionSource.of(self.sight),
+            vision=VisionSource.of(self.vision),
             scene=self.scene,
             **more,
         )

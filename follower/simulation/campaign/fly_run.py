@@ -45,7 +45,7 @@ def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
         "scenario": spec.scenario,
         "autopilot": spec.autopilot,
         "seed": spec.seed,
-        "vision": spec.sight,
+        "vision": spec.vision,
         "values": dict(spec.values),
         "command": spec.options().command,
         "version": version("drone-target-follower"),

@@ -18,11 +18,12 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower.recording.codec import decode, encode, json_schema
 from follower.recording.config import without_secrets
 from follower.recording.machine import processor_features
-from follower.recording.messages import MESSAGES
+from follower.recording.messages import MESSAGES, StepRecord
 from follower.recording.tlog import Direction, PacketSplitter, TlogWriter, read_tlog
 from follower.settings.settings import Settings
 from follower_control.common.transport import MemoryTransport
@@ -66,6 +67,18 @@ def test_numpy_scalars_are_written_as_what_they_are_worth() -> None:
     again = decode(VelocitySetpoint, encode(VelocitySetpoint(value, np.float64(0.2))))
     assert again.forward_m_s == float(value)
     assert again.right_m_s == 0.2
+
+
+def test_a_reason_recorded_under_its_name_of_before_is_read_as_the_present_one() -> None:
+    reason = SupervisorReason.AWAITING_CONSENT
+    step = StepRecord(1.0, 0.0, 0.0, SupervisorState.RELEASED, reason)
+    data = encode(step)
+    assert decode(StepRecord, data) == step
+    before = data.replace(reason.encode(), b"let go, waiting for consent")
+    assert before != data
+    assert decode(StepRecord, before) == step
+    with pytest.raises(ValueError, match="StepRecord"):
+        decode(StepRecord, data.replace(reason.encode(), b"nobody knows"))
 
 
 def test_what_does_not_fit_is_refused_with_the_place() -> None:

@@ -90,7 +90,7 @@ def state(client: ClientConnection) -> dict[str, Any]:
 def test_choose_follow_and_lose_the_page(
     vehicle: MakeVehicle, flight: Flight, tmp_path: Path, late_s: Callable[[], float]
 ) -> None:
-    """The page chooses the target; when its process dies in flight, the vehicle holds, is let go,
+    """The page chooses the target; when its process dies in flight, the vehicle holds, is released,
     and the program flies on."""
     there = vehicle("px4", 12.0)
     url = f"http://127.0.0.1:{flight.port()}"

@@ -134,7 +134,7 @@ def test_without_a_number_of_runs_every_combination_is_flown(tmp_path: Path) -> 
 def test_the_key_knows_the_flight_and_not_its_number(tmp_path: Path) -> None:
     spec = planned(load_campaign(written(tmp_path)))[0]
     assert replace(spec, number=99).key == spec.key
-    for change in ({"seed": 0}, {"sight": "pixels"}, {"scene": ()}, {"overrides": ("a=1",)}):
+    for change in ({"seed": 0}, {"vision": "pixels"}, {"scene": ()}, {"overrides": ("a=1",)}):
         assert replace(spec, **change).key != spec.key  # type: ignore[arg-type]
 
 

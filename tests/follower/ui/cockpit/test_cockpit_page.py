@@ -159,7 +159,7 @@ def test_consent_on_the_page_ends_the_release(page: Page, simulation: Any) -> No
     simulation.wait_for(
         page,
         lambda: simulation.flight.stage.supervisor.state is not SupervisorState.RELEASED,
-        "not let go any more",
+        "not released any more",
     )
     page.wait_for_selector("#state:not([data-state=released])")
 
