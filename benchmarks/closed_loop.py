@@ -1,6 +1,7 @@
 """Does linear theory say what the whole simulator does?
 
     python benchmarks/closed_loop.py [px4|ardupilot] [--vision truth+noise] [--axis range]
+    python benchmarks/closed_loop.py ardupilot --vision truth+noise --real --vehicle runs/identify
 
 A car stands; the vehicle holds its direction and distance. What is wanted of one loop is shaken by
 a sum of sines, and the true answer is compared with `axis_loop`: bandwidth (-3 dB). Then the loop's
@@ -8,29 +9,37 @@ gains are multiplied until it keeps swinging after a kick: the onset of oscillat
 halving. With pixels (the default: rendered frames, tracker and all) the onset is only asked at 25 %
 below and above the prediction.
 
-The vehicle's model is that of `configs/vehicles`, which `follower excite` and `follower identify`
-made; nothing is fitted to what is measured here.
+The vehicle's model is that of `configs/vehicles`, or of --vehicle, which `follower excite` and
+`follower identify` made; nothing is fitted to what is measured here. With --real the program that
+ARDUCOPTER_SITL or PX4_SITL names is flown, as `follower sitl` does, three times as fast as time.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import tempfile
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import yaml
 
+from follower.apps.sitl.run import programs
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.settings.settings import Settings, load_settings
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
-from follower.simulation.options import VisionSource
-from follower.simulation.runners import fly_lockstep
+from follower.simulation.options import EXTERNAL, VisionSource
+from follower.simulation.runners import fly_lockstep, fly_realtime
+from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
+from follower.simulation.sitl.programs import SitlProgram, SitlSetup
+from follower.tuning.identify.result import VehicleFile
 from follower.tuning.tune.run import find_vehicle
 from follower_control.common.transport import MemoryTransport
 from follower_control.servo.pid import PidSettings
@@ -42,8 +51,9 @@ from follower_control.tuning.response_model import VehicleModel
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings
 from follower_sim.world.world import World
-from follower_vision.clock import SimulatedClock
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
+SPEEDUP = 3.0
 SETTLE_S = 8.0
 MEASURE_S = {"azimuth": 45.0, "elevation": 55.0, "range": 75.0}
 ONSET_S = 26.0
@@ -77,24 +87,26 @@ class Answer:
     kept: bool
 
 
+@dataclass(frozen=True)
+class Subject:
+    """What is flown, and the model that predicts it."""
+
+    flavour: str
+    sight: VisionSource
+    vehicle: VehicleFile
+    program: SitlProgram | None = None
+
+
 def fly(
-    flavour: str,
-    sight: VisionSource,
-    gains: dict[Axis, PidSettings],
-    wobble: Wobble,
-    length_s: float,
-):
+    subject: Subject, gains: dict[Axis, PidSettings], wobble: Wobble, length_s: float
+) -> Answer:
     """Fly once; `wobble` says by how much what is wanted is off, so long after settling."""
     scenario = Scenario.model_validate(yaml.safe_load(STANDING))
     over: dict[str, Any] = base_settings(scenario)
     settings = load_settings(base=over)
     servo = replace(settings.servo, **{axis.value: one for axis, one in gains.items()})
     settings = settings.model_copy(update={"servo": servo})
-    clock = SimulatedClock()
-    ends, extras = MemoryTransport.pair(), FlightOptions(vision=sight)
-    flight = SimulatedFlight(World(scenario, 5), settings, flavour, clock, ends, extras)
-    began: list[float] = []
-    shake(flight, clock, began, wobble)
+    program, began = subject.program, list[float]()
 
     def watch() -> None:
         following = flight.stage.supervisor.state is SupervisorState.FOLLOWING
@@ -103,12 +115,26 @@ def fly(
         if began and clock.now() > began[0] + length_s:
             flight.stop()
 
-    fly_lockstep(flight, clock, watch)
-    flight.close()
-    return settings, answer_of(flight, began[0], length_s)
+    with ExitStack() as stack:
+        if program is None:
+            clock: Clock = SimulatedClock()
+            ends, boots_within_s = MemoryTransport.pair(), None
+        else:
+            clock, boots_within_s = MonotonicClock(SPEEDUP), BOOTS_WITHIN_S * SPEEDUP
+            ends = stack.enter_context(closing(program.listen())), MemoryTransport.pair()[1]
+            setup = SitlSetup(SPEEDUP, program.usual_parameters())
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            stack.enter_context(AutopilotProcess(program, setup, folder))
+        extras = FlightOptions(vision=subject.sight, boots_within_s=boots_within_s)
+        flavour = subject.flavour if program is None else EXTERNAL
+        flight = SimulatedFlight(World(scenario, 5), settings, flavour, clock, ends, extras)
+        stack.enter_context(closing(flight))
+        shake(flight, clock, began, wobble)
+        (fly_lockstep if program is None else fly_realtime)(flight, clock, watch)
+    return answer_of(flight, began[0], length_s)
 
 
-def shake(flight: SimulatedFlight, clock: SimulatedClock, began: list[float], wobble: Wobble):
+def shake(flight: SimulatedFlight, clock: Clock, began: list[float], wobble: Wobble) -> None:
     """Put what is wanted off, behind the servo's back: its own nudges are slow on purpose."""
     reference: Reference = flight.stage.servo._reference
     step = reference.step
@@ -143,9 +169,11 @@ def answer_of(flight: SimulatedFlight, from_s: float, length_s: float) -> Answer
     )
 
 
-def loops(flavour: str, settings: Settings, conditions: Conditions, gains) -> dict[Axis, AxisLoop]:
+def loops(
+    subject: Subject, settings: Settings, conditions: Conditions, gains
+) -> dict[Axis, AxisLoop]:
     """Return the predictions."""
-    model, follower = find_vehicle(flavour).model(), _loop_settings(settings)
+    model, follower = subject.vehicle.model(), _loop_settings(settings)
     return {axis: axis_loop(axis, gains[axis], model, follower, conditions) for axis in Axis}
 
 
@@ -155,18 +183,18 @@ def scaled(gains: PidSettings, factor: float) -> PidSettings:
 
 
 def bandwidth(
-    flavour: str, sight: VisionSource, gains, conditions: Conditions, settings: Settings, axis: Axis
+    subject: Subject, gains, conditions: Conditions, settings: Settings, axis: Axis
 ) -> tuple[float, float]:
     """Shake one loop, print predicted and measured responses, and return both bandwidths."""
-    tones = loops(flavour, settings, conditions, gains)[axis].bandwidth_rad_s() * np.array(SHARES)
+    tones = loops(subject, settings, conditions, gains)[axis].bandwidth_rad_s() * np.array(SHARES)
     phases = 2.4 * np.arange(len(SHARES)) ** 2
 
     def wobble(t: float) -> dict[Axis, float]:
         return {axis: min(1.0, t / 3) * AMPLITUDES[axis] * float(np.sin(tones * t + phases).sum())}
 
-    _, answer = fly(flavour, sight, gains, wobble, MEASURE_S[axis])
+    answer = fly(subject, gains, wobble, MEASURE_S[axis])
     seen = replace(conditions, range_m=answer.range_m, elevation_rad=answer.elevation_rad)
-    loop = loops(flavour, settings, seen, gains)[axis]
+    loop = loops(subject, settings, seen, gains)[axis]
     said = np.abs(loop.following(tones))
     got = np.abs(response(answer, axis, tones, phases))
     a, b = crossing(tones, said), crossing(tones, got)
@@ -215,14 +243,14 @@ def onset(loop_of: Callable[[float], AxisLoop]) -> float:
     return low
 
 
-def swings(flavour: str, sight: VisionSource, gains, axis: Axis, factor: float) -> bool:
+def swings(subject: Subject, gains, axis: Axis, factor: float) -> bool:
     """Whether the loop goes on swinging long after a kick."""
     used = {**gains, axis: scaled(gains[axis], factor)}
 
     def kick(t: float) -> dict[Axis, float]:
         return {axis: KICKS[axis] if 0.5 < t < 1.5 else 0.0}
 
-    _, answer = fly(flavour, sight, used, kick, ONSET_S)
+    answer = fly(subject, used, kick, ONSET_S)
     values, t = answer.values[axis], answer.time_s
     early, late = (values[(t > a) & (t < b)] for a, b in ((3.0, 9.0), (19.0, 26.0)))
     size, before = float(np.std(late)), float(np.std(early))
@@ -230,38 +258,38 @@ def swings(flavour: str, sight: VisionSource, gains, axis: Axis, factor: float) 
     return size > QUIET[axis] and size > 0.5 * before
 
 
-def check_onset(flavour: str, sight: VisionSource, gains, axis: Axis, predicted: float) -> None:
+def check_onset(subject: Subject, gains, axis: Axis, predicted: float) -> None:
     """Look for the onset, or with pixels ask beside the prediction alone."""
     print(f"  {axis}: predicted to begin at x{predicted:.2f}")
-    if sight is VisionSource.PIXELS:
-        below, above = (swings(flavour, sight, gains, axis, x * predicted) for x in (0.75, 1.25))
+    if subject.sight is VisionSource.PIXELS:
+        below, above = (swings(subject, gains, axis, x * predicted) for x in (0.75, 1.25))
         verdict = "within 25 %" if above and not below else "NOT within 25 %"
         print(f"  {axis}: swings 25 % below: {below}, above: {above}: {verdict}")
         return
     low, high = predicted / 2, predicted * 2
     for _ in range(4):
         middle = math.sqrt(low * high)
-        swing = swings(flavour, sight, gains, axis, middle)
+        swing = swings(subject, gains, axis, middle)
         low, high = (low, middle) if swing else (middle, high)
     found = math.sqrt(low * high)
     print(f"  {axis}: begins at x{found:.2f}: {100 * (found / predicted - 1):+.0f} %")
 
 
-def usual(flavour: str) -> tuple[Settings, Conditions, dict[Axis, PidSettings]]:
+def usual(vehicle: VehicleFile) -> tuple[Settings, Conditions, dict[Axis, PidSettings]]:
     """Return the settings, where the loops are looked at, and the gains."""
     scenario = Scenario.model_validate(yaml.safe_load(STANDING))
     settings = load_settings(base=base_settings(scenario))
-    delays, follower = find_vehicle(flavour).delays, _loop_settings(settings)
+    delays, follower = vehicle.delays, _loop_settings(settings)
     here = Conditions(delays, 14.0, math.radians(-24), size_m=2.5, acceleration_m_s2=0.3)
     return settings, here, {axis: follower.gains(axis) for axis in Axis}
 
 
-def predicted_onset(flavour: str, axis: Axis) -> float:
+def predicted_onset(vehicle: VehicleFile, axis: Axis) -> float:
     """Return by what factor the gains may rise, by theory."""
-    settings, here, gains = usual(flavour)
+    settings, here, gains = usual(vehicle)
     # The kick asks for all the acceleration that there is.
     harder = replace(here, acceleration_m_s2=settings.envelope.max_acceleration_m_s2)
-    model, follower = find_vehicle(flavour).model(), _loop_settings(settings)
+    model, follower = vehicle.model(), _loop_settings(settings)
     return onset(partial(raised_loop, axis, gains[axis], model, follower, harder))
 
 
@@ -275,19 +303,27 @@ def main() -> None:
     parser.add_argument("flavour", nargs="?", default="px4", choices=("px4", "ardupilot"))
     parser.add_argument("--vision", default="pixels", choices=list(VisionSource))
     parser.add_argument("--axis", action="append", choices=list(Axis))
+    parser.add_argument("--vehicle", help="what `follower identify` wrote")
+    parser.add_argument("--real", action="store_true", help="fly the real program")
     parser.add_argument("--no-bandwidth", action="store_true")
     parser.add_argument("--no-onset", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    settings, conditions, gains = usual(options.flavour)
-    sight = VisionSource(options.vision)
-    print(f"{options.flavour}, {sight}", flush=True)
+    vehicle = find_vehicle(options.vehicle or options.flavour)
+    settings, conditions, gains = usual(vehicle)
+    subject = Subject(options.flavour, VisionSource(options.vision), vehicle)
+    if options.real:
+        named = {one.flavour: one for one in programs(None, None, None, None) if one is not None}
+        if options.flavour not in named:
+            parser.error("--real: name the program in ARDUCOPTER_SITL or PX4_SITL")
+        subject = replace(subject, program=named[options.flavour])
+    print(f"{options.flavour}, {options.vision}", flush=True)
     for axis in [Axis(one) for one in options.axis or list(Axis)]:
         if not options.no_bandwidth:
-            bandwidth(options.flavour, sight, gains, conditions, settings, axis)
+            bandwidth(subject, gains, conditions, settings, axis)
         if options.no_onset:
             continue
-        check_onset(options.flavour, sight, gains, axis, predicted_onset(options.flavour, axis))
+        check_onset(subject, gains, axis, predicted_onset(vehicle, axis))
 
 
 if __name__ == "__main__":

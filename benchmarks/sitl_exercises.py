@@ -2,9 +2,10 @@
 
 A relay stands between the autopilot's program and the follower's process. It acts once the follower
 flies fast: it orders another mode as a ground station does, loses packets, stops or kills the
-process, or breaks something in the autopilot's simulator. It judges by the packets that it relays:
-no setpoint outside the envelope, no velocity after the autopilot reported another mode, and in the
-end a vehicle that stands, goes home or lands, or is followed with again where that is allowed.
+process, moves the sticks, or breaks something in the autopilot's simulator. In some exercises it is
+the pilot who arms and takes off. It judges by the packets that it relays: no setpoint outside the
+envelope, no velocity after the autopilot reported another mode, and in the end a vehicle that
+stands, goes home or lands, or is followed with again where that is allowed.
 
 Run from the repository's root, with the programs that ARDUCOPTER_SITL and PX4_SITL name:
 
@@ -16,16 +17,18 @@ from __future__ import annotations
 import math
 import os
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.apps.sitl.run import programs
@@ -41,6 +44,8 @@ from follower_vision.clock import MonotonicClock
 
 _PATIENCE_S, _AFTERWARDS_S, _STANDS_WITHIN_S = 150.0, 16.0, 9.0
 _FAST_M_S, _STEADY_S, _STANDS_M_S = 2.0, 3.0, 0.6
+_AGAIN_S, _STICKS_S, _CLIMBED_M, _ON_GROUND_M = 1.0, 0.1, 5.0, 0.5
+_CENTRED = (0.0, 0.0, 0.0, 0.0)
 _GROUND_STATION = 255
 _AUTOPILOTS = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
 HANDED_OVER, RELEASED, FOLLOWED = (3,), (4,), (0, 1)
@@ -53,25 +58,33 @@ class Exercise:
     Attributes:
         must: in words.
         codes: exit codes of the follower that are right; empty where it is killed.
+        pilot: what the pilot does first, while the follower waits; else it takes off by itself.
+        stays_down: whether nothing may lift off; what is done is the pilot's part alone.
         mode: ordered by a ground station, by flavour.
         lose_s: how long packets are lost.
         ways: which ones, "down" to the follower, "up" to the autopilot.
         stop_s: how long the follower's process stands still.
         kill: whether it is killed.
-        sets: parameters that are changed in flight.
-        starts: parameters that the autopilot is started with.
+        moves_stick: whether the pilot moves a stick.
+        scene: keys of the scenario that differ.
+        starts: parameters that the autopilot is started with, by flavour.
+        sets: parameters that are changed in flight, by flavour; whole numbers are PX4's integers.
         flavours: which autopilots can do it.
     """
 
     must: str
     codes: tuple[int, ...] = ()
+    pilot: Callable[[Relay], Iterator[None]] | None = None
+    stays_down: bool = False
     mode: Mapping[str, str] = field(default_factory=dict)
     lose_s: float = 0.0
     ways: tuple[str, ...] = ("down", "up")
     stop_s: float = 0.0
     kill: bool = False
-    sets: Mapping[str, float] = field(default_factory=dict)
-    starts: Mapping[str, float] = field(default_factory=dict)
+    moves_stick: bool = False
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    starts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    sets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     flavours: tuple[str, ...] = ("ardupilot", "px4")
 
     @property
@@ -80,58 +93,135 @@ class Exercise:
         return set(FOLLOWED) <= set(self.codes)
 
 
-_HOLD = {"px4": "LOITER", "ardupilot": "LOITER"}
-_RTL = {"px4": "RTL", "ardupilot": "RTL"}
+def takes_off(relay: Relay) -> Iterator[None]:
+    """Arm, climb, hover, and give consent by the mode."""
+    px4 = relay.flavour == "px4"
+    yield from relay.arm_in("TAKEOFF" if px4 else "LOITER")
+    relay.sticks = (0.0, 0.0, 0.6, 0.0)
+    yield from relay.until(lambda: relay.height_m > _CLIMBED_M)
+    relay.sticks = _CENTRED
+    yield from relay.pause(3.0)
+    yield from relay.give_consent()
+
+
+def disarms(relay: Relay) -> Iterator[None]:
+    """Arm on the ground, give consent there, and disarm."""
+    yield from relay.arm_in("POSCTL" if relay.flavour == "px4" else "LOITER")
+    yield from relay.give_consent()
+    yield from relay.pause(3.0)
+    relay.arm(False)
+    yield from relay.until(lambda: not relay.armed)
+
+
+_JOYSTICK = {"COM_RC_IN_MODE": 1, "COM_RC_OVERRIDE": 3}
+_ENDED = (*RELEASED, *HANDED_OVER)
+_ANY = (*FOLLOWED, *_ENDED)
 EXERCISES = {
-    "pilot-mode": Exercise("handed over at once", HANDED_OVER, mode=_HOLD),
-    "ground-station-rtl": Exercise("handed over at once", HANDED_OVER, mode=_RTL),
+    "pilot-mode": Exercise(
+        "handed over at once", HANDED_OVER, mode={"px4": "LOITER", "ardupilot": "LOITER"}
+    ),
+    "pilot-stick": Exercise(
+        "handed over at once", HANDED_OVER, moves_stick=True, starts={"px4": _JOYSTICK}
+    ),
+    "pilot-takes-off": Exercise(
+        "waits for the mode, follows, is handed over",
+        HANDED_OVER,
+        pilot=takes_off,
+        mode={"px4": "LOITER", "ardupilot": "LOITER"},
+        starts={"px4": {"MIS_TAKEOFF_ALT": 6.0}},
+    ),
+    "disarmed-on-ground": Exercise(
+        "nothing lifts off",
+        _ANY,
+        pilot=disarms,
+        stays_down=True,
+        starts={"px4": _JOYSTICK},
+    ),
+    "ground-station-rtl": Exercise(
+        "handed over at once", HANDED_OVER, mode={"px4": "RTL", "ardupilot": "RTL"}
+    ),
     "ground-station-land": Exercise(
         "handed over at once", HANDED_OVER, mode={"px4": "LAND", "ardupilot": "LAND"}
     ),
-    "link-1s": Exercise("held, then released", (*RELEASED, *HANDED_OVER), lose_s=1.3),
-    "link-3s": Exercise("held, then released", (*RELEASED, *HANDED_OVER), lose_s=3.0),
-    "link-10s": Exercise("held, then released", (*RELEASED, *HANDED_OVER), lose_s=10.0),
+    "link-1s": Exercise("held, then released", _ENDED, lose_s=1.3),
+    "link-3s": Exercise("held, then released", _ENDED, lose_s=3.0),
+    "link-10s": Exercise("held, then released", _ENDED, lose_s=10.0),
     "telemetry-1s": Exercise(
         "held; may follow again", (*FOLLOWED, *RELEASED), lose_s=1.0, ways=("down",)
     ),
     "telemetry-3s": Exercise("held, then released", RELEASED, lose_s=3.0, ways=("down",)),
     "telemetry-10s": Exercise("held, then released", RELEASED, lose_s=10.0, ways=("down",)),
     "setpoints-1s": Exercise(
-        "the autopilot holds by itself; released or followed on",
-        (*FOLLOWED, *RELEASED, *HANDED_OVER),
-        lose_s=1.0,
-        ways=("up",),
+        "the autopilot holds by itself; released or followed on", _ANY, lose_s=1.0, ways=("up",)
     ),
-    "setpoints-3s": Exercise("released", (*RELEASED, *HANDED_OVER), lose_s=3.0, ways=("up",)),
-    "setpoints-10s": Exercise("released", (*RELEASED, *HANDED_OVER), lose_s=10.0, ways=("up",)),
+    "setpoints-3s": Exercise("released", _ENDED, lose_s=3.0, ways=("up",)),
+    "setpoints-10s": Exercise("released", _ENDED, lose_s=10.0, ways=("up",)),
+    "vision-stalls": Exercise(
+        "held, then released",
+        RELEASED,
+        scene={"faults": [{"kind": "silent", "from_s": 17.0}]},
+    ),
     "stopped-0.5s": Exercise("follows on or again", (*FOLLOWED, *RELEASED), stop_s=0.5),
-    "stopped-4s": Exercise("released", (*RELEASED, *HANDED_OVER), stop_s=4.0),
+    "stopped-4s": Exercise("released", _ENDED, stop_s=4.0),
     "killed": Exercise("the autopilot holds or goes home by itself", kill=True),
+    "killed-defaults": Exercise(
+        "the same with the autopilot's own time-out",
+        kill=True,
+        starts={"ardupilot": {"GUID_TIMEOUT": 3}, "px4": {"COM_OF_LOSS_T": 1.0}},
+    ),
     "gps-lost": Exercise(
         "held or handed over",
-        (*RELEASED, *HANDED_OVER),
-        sets={"SIM_GPS1_ENABLE": 0, "SIM_GPS_DISABLE": 1},
+        _ENDED,
+        sets={
+            "ardupilot": {"SIM_GPS1_ENABLE": 0, "SIM_GPS_DISABLE": 1},
+            "px4": {"SIM_GPS_USED": 0},
+        },
+    ),
+    "gps-glitch": Exercise(
+        "held, released or followed on",
+        _ANY,
+        sets={"ardupilot": {"SIM_GPS1_GLTCH_X": 0.0003, "SIM_GPS_GLITCH_X": 0.0003}},
         flavours=("ardupilot",),
+    ),
+    "compass-error": Exercise(
+        "held, released or followed on",
+        _ANY,
+        sets={
+            "ardupilot": {"SIM_MAG1_OFS_X": 300.0, "SIM_MAG1_OFS_Y": 300.0},
+            "px4": {"SIM_MAG_OFFSET_X": 0.3, "SIM_MAG_OFFSET_Y": 0.3},
+        },
     ),
     "battery-failsafe": Exercise(
         "handed over to the autopilot's failsafe",
-        (*RELEASED, *HANDED_OVER),
-        sets={"SIM_BATT_VOLTAGE": 10.5},
-        starts={"BATT_LOW_VOLT": 11.5, "BATT_LOW_TIMER": 1, "BATT_FS_LOW_ACT": 2},
-        flavours=("ardupilot",),
+        _ENDED,
+        sets={
+            "ardupilot": {"SIM_BATT_VOLTAGE": 10.5},
+            "px4": {"SIM_BAT_MIN_PCT": 5.0, "SIM_BAT_DRAIN": 5.0},
+        },
+        starts={
+            "ardupilot": {"BATT_LOW_VOLT": 11.5, "BATT_LOW_TIMER": 1, "BATT_FS_LOW_ACT": 2},
+            "px4": {"SIM_BAT_ENABLE": 1, "SIM_BAT_MIN_PCT": 90.0, "COM_LOW_BAT_ACT": 2},
+        },
     ),
     "fence": Exercise(
         "the autopilot's fence stops it",
-        (*FOLLOWED, *RELEASED, *HANDED_OVER),
-        sets={"FENCE_RADIUS": 31},
-        starts={"FENCE_TYPE": 2, "FENCE_ACTION": 1, "FENCE_ENABLE": 1, "FENCE_RADIUS": 200},
-        flavours=("ardupilot",),
+        _ANY,
+        sets={"ardupilot": {"FENCE_RADIUS": 31}, "px4": {"GF_MAX_HOR_DIST": 31.0}},
+        starts={
+            "ardupilot": {
+                "FENCE_TYPE": 2,
+                "FENCE_ACTION": 1,
+                "FENCE_ENABLE": 1,
+                "FENCE_RADIUS": 200,
+            },
+            "px4": {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 200.0},
+        },
     ),
 }
 
 
 class Relay:
-    """Carries packets between an autopilot and the follower, and knows both."""
+    """Carries packets between an autopilot and the follower, and speaks as a ground station."""
 
     def __init__(self, program: SitlProgram, autopilot: UdpTransport, follower_port: int) -> None:
         self.clock = MonotonicClock()
@@ -142,12 +232,23 @@ class Relay:
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self.lost_until_s = {"down": -math.inf, "up": -math.inf}
-        self.speed_m_s = 0.0
-        self.obeys = False
+        self.sticks: tuple[float, float, float, float] | None = None
+        """Roll, pitch, throttle, yaw, each within ±1; None: the transmitter is off."""
+        self.begun_s: float | None = None
+        self.speed_m_s = self.height_m = self.highest_m = 0.0
+        self.obeys = self.armed = False
         self.slow_since_s: float | None = None
+        self._fast_since_s = math.inf
+        self._sticks_due_s = 0.0
         firmware = FIRMWARE[program.flavour]
+        self._consent = firmware.setpoint_mode
         self._mode = firmware.modes[firmware.setpoint_mode].custom_mode
         self._system = 1
+
+    @property
+    def fast_for_s(self) -> float:
+        """How long it has flown fast by setpoints, s."""
+        return self.clock.now() - self._fast_since_s
 
     def step(self) -> float:
         """Carry what has come, and return the time, s."""
@@ -160,31 +261,81 @@ class Relay:
         data = self._follower.receive()
         if data and now_s > self.lost_until_s["up"]:
             self._autopilot.send(data)
+        moves = self.obeys and self.speed_m_s > _FAST_M_S
+        self._fast_since_s = min(self._fast_since_s, now_s) if moves else math.inf
+        if self.sticks is not None and now_s > self._sticks_due_s:
+            self._sticks_due_s = now_s + _STICKS_S
+            self._send_sticks(*self.sticks)
         return now_s
 
     def _look(self, message: Any, now_s: float) -> None:
         kind = message.get_type()
         if kind == "LOCAL_POSITION_NED":
             self.speed_m_s = math.hypot(message.vx, message.vy, message.vz)
+            self.height_m = -message.z
+            self.highest_m = max(self.highest_m, self.height_m)
             slow = self.speed_m_s < _STANDS_M_S
             self.slow_since_s = (self.slow_since_s or now_s) if slow else None
         elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
             self._system = message.get_srcSystem()
             self.obeys = message.custom_mode == self._mode
+            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _send_sticks(self, roll: float, pitch: float, throttle: float, yaw: float) -> None:
+        """Send them as a ground station's joystick, which both take for the pilot's."""
+        if self.flavour == "px4":
+            moved = [round(1000 * x) for x in (pitch, roll, (throttle + 1) / 2, yaw)]
+            self._send(mavlink.MAVLink_manual_control_message(self._system, *moved, 0))
+            return
+        pulses = [round(1500 + 400 * x) for x in (roll, -pitch, throttle, yaw)]
+        self._send(mavlink.MAVLink_rc_channels_override_message(self._system, 1, *pulses, *[0] * 4))
+
+    def until(self, reached: Callable[[], bool]) -> Iterator[None]:
+        """Wait, a step at a time."""
+        while not reached():
+            yield
+
+    def pause(self, length_s: float) -> Iterator[None]:
+        """Wait so many seconds."""
+        end_s = self.clock.now() + length_s
+        yield from self.until(lambda: self.clock.now() > end_s)
+
+    def arm_in(self, mode: str) -> Iterator[None]:
+        """Take a mode and arm, again and again until it is."""
+        self.sticks = _CENTRED
+        while not self.armed:
+            self.order(mode)
+            self.arm(True)
+            yield from self.pause(_AGAIN_S)
+
+    def give_consent(self) -> Iterator[None]:
+        """Take the mode that flies setpoints, again and again until it is."""
+        while not self.obeys:
+            self.order(self._consent)
+            yield from self.pause(_AGAIN_S)
 
     def order(self, mode: str) -> None:
         """Order a mode as a ground station."""
         params = set_mode_params(_AUTOPILOTS[self.flavour], mode)
-        padded = (*params, *(0.0,) * (7 - len(params)))
-        message = mavlink.MAVLink_command_long_message(
-            self._system, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, *padded
-        )
-        self._autopilot.send(message.pack(self._codec))
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, *params)
+
+    def arm(self, armed: bool) -> None:
+        """Arm or disarm as a ground station."""
+        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
 
     def set_parameter(self, name: str, value: float) -> None:
-        """Set a parameter as a ground station."""
+        """Set a parameter as a ground station; PX4 takes an integer's bits for a float."""
         kind = mavlink.MAV_PARAM_TYPE_REAL32
-        message = mavlink.MAVLink_param_set_message(self._system, 1, name.encode(), value, kind)
+        if isinstance(value, int) and self.flavour == "px4":
+            kind = mavlink.MAV_PARAM_TYPE_INT32
+            (value,) = struct.unpack("<f", struct.pack("<i", value))
+        self._send(mavlink.MAVLink_param_set_message(self._system, 1, name.encode(), value, kind))
+
+    def _command(self, command: int, *params: float) -> None:
+        padded = (*params, *(0.0,) * (7 - len(params)))
+        self._send(mavlink.MAVLink_command_long_message(self._system, 1, command, 0, *padded))
+
+    def _send(self, message: Any) -> None:
         self._autopilot.send(message.pack(self._codec))
 
     def evidence(self) -> FlightEvidence:
@@ -200,7 +351,7 @@ class Relay:
 
 def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
     """Fly one exercise; return what was wrong."""
-    parameters = {**program.usual_parameters(), **exercise.starts}
+    parameters = {**program.usual_parameters(), **exercise.starts.get(program.flavour, {})}
     with tempfile.TemporaryDirectory() as text, closing(program.listen()) as autopilot:
         folder = Path(text)
         with closing(UdpTransport.listen("127.0.0.1", 0)) as free:
@@ -211,63 +362,69 @@ def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
             AutopilotProcess(program, SitlSetup(1.0, parameters), folder),
             (folder / "follower.txt").open("w") as output,
         ):
+            scene = write_scene(folder)
+            keys = {**yaml.safe_load(scene.read_text("utf-8")), **exercise.scene}
+            scene.write_text(yaml.safe_dump(keys), "utf-8")
             command = [sys.executable, "-c", "from follower.apps.main import main; main()"]
-            command += ["sim", str(write_scene(folder)), "--autopilot", "external"]
+            command += ["sim", str(scene), "--autopilot", "external"]
             command += ["--connect", f"udpin:127.0.0.1:{port}", "--vision", "truth+noise"]
             command += ["--out", str(folder / "runs"), "--no-video", "--no-record"]
+            command += [] if exercise.pilot is None else ["--set", "autonomy=pilot"]
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
             try:
-                begun_s = _fly(relay, process, exercise)
+                _fly(relay, process, exercise)
             finally:
                 process.kill()
                 process.wait()
         said = (folder / "follower.txt").read_text()
-    if begun_s is None:
-        return [f"it never flew fast enough; the follower's output ends: {said[-200:]}"]
-    return list(_wrong(relay, process.returncode, exercise, begun_s, said))
+    if relay.begun_s is None:
+        return [f"it never came so far; the follower's output ends: {said[-200:]}"]
+    return list(_wrong(relay, process.returncode, exercise, relay.begun_s, said))
 
 
-def _fly(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) -> float | None:
-    """Relay to the end; return when the exercise began, s, None if it never did."""
-    fast_since_s = math.inf
-    begun_s, asked = None, False
-    resume_s = math.inf
+def _fly(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) -> None:
+    """Relay to the end."""
+    script = _script(relay, process, exercise)
+    lasts_s, asked = _AFTERWARDS_S + exercise.lose_s, False
     while True:
         now_s = relay.step()
-        moves = relay.obeys and relay.speed_m_s > _FAST_M_S
-        fast_since_s = min(fast_since_s, now_s) if moves else math.inf
-        if begun_s is None and now_s - fast_since_s > _STEADY_S:
-            begun_s = now_s
-            resume_s = _act(relay, process, exercise, now_s)
-        if now_s > resume_s:
-            resume_s = math.inf
-            os.kill(process.pid, signal.SIGCONT)
-        if begun_s is None and (now_s > _PATIENCE_S or process.poll() is not None):
-            return None
-        if begun_s is not None and now_s > begun_s + _AFTERWARDS_S + exercise.lose_s:
+        next(script, None)
+        if relay.begun_s is None:
+            if now_s > _PATIENCE_S or process.poll() is not None:
+                return
+        elif now_s > relay.begun_s + lasts_s:
             ended = process.poll() is not None or exercise.kill
             if not ended and not asked:
                 asked = True
                 process.send_signal(signal.SIGINT)  # one that follows again ends as asked
-            if ended or now_s > begun_s + 3 * _AFTERWARDS_S + exercise.lose_s:
-                return begun_s
+            if ended or now_s > relay.begun_s + lasts_s + 2 * _AFTERWARDS_S:
+                return
         time.sleep(0.002)
 
 
-def _act(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise, now_s: float) -> float:
-    """Do it; return when a stopped process is to go on, s."""
+def _script(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) -> Iterator[None]:
+    """Do it, a step at a time: the pilot's part, the wait for a fast flight, the act."""
+    if exercise.moves_stick:
+        relay.sticks = _CENTRED
+    if exercise.pilot is not None:
+        yield from exercise.pilot(relay)
+    if not exercise.stays_down:
+        yield from relay.until(lambda: relay.fast_for_s > _STEADY_S)
+    relay.begun_s = now_s = relay.clock.now()
     if exercise.mode:
         relay.order(exercise.mode[relay.flavour])
+    if exercise.moves_stick:
+        relay.sticks = (0.0, 0.9, 0.0, 0.0)
     for way in exercise.ways if exercise.lose_s else ():
         relay.lost_until_s[way] = now_s + exercise.lose_s
-    for name, value in exercise.sets.items():
+    for name, value in exercise.sets.get(relay.flavour, {}).items():
         relay.set_parameter(name, value)
     if exercise.kill:
         process.kill()
     if exercise.stop_s:
         os.kill(process.pid, signal.SIGSTOP)
-        return now_s + exercise.stop_s
-    return math.inf
+        yield from relay.pause(exercise.stop_s)
+        os.kill(process.pid, signal.SIGCONT)
 
 
 def _wrong(relay: Relay, code: int, exercise: Exercise, begun_s: float, said: str) -> Iterator[str]:
@@ -279,6 +436,11 @@ def _wrong(relay: Relay, code: int, exercise: Exercise, begun_s: float, said: st
     follows_on = code == 130 and exercise.may_follow
     if exercise.codes and code not in exercise.codes and not follows_on:
         yield f"exit code {code}, wanted one of {exercise.codes}"
+    if exercise.stays_down:
+        if relay.highest_m > _ON_GROUND_M:
+            yield f"it rose to {relay.highest_m:.1f} m"
+        if any(not setpoint.is_zero for setpoint in evidence.setpoints):
+            yield "a velocity was sent to a vehicle on the ground"
     since_s = relay.slow_since_s
     stands = since_s is not None
     if relay.obeys and not stands:

@@ -7,10 +7,12 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
 from follower.simulation.options import VisionSource
+from follower.tuning.tune.run import find_vehicle
 from follower_control.tuning.axes import Axis
 
 BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "closed_loop.py"
@@ -28,18 +30,22 @@ def closed_loop() -> ModuleType:
     return module
 
 
+def px4(closed_loop: ModuleType) -> Any:
+    return closed_loop.Subject("px4", VisionSource.TRUTH, find_vehicle("px4"))
+
+
 @pytest.mark.slow
 def test_the_azimuth_loop_is_as_fast_as_theory_says(closed_loop: ModuleType) -> None:
-    settings, here, gains = closed_loop.usual("px4")
-    predicted, measured = closed_loop.bandwidth(
-        "px4", VisionSource.TRUTH, gains, here, settings, Axis.AZIMUTH
-    )
+    subject = px4(closed_loop)
+    settings, here, gains = closed_loop.usual(subject.vehicle)
+    predicted, measured = closed_loop.bandwidth(subject, gains, here, settings, Axis.AZIMUTH)
     assert measured == pytest.approx(predicted, rel=0.2)
 
 
 @pytest.mark.slow
 def test_the_azimuth_loop_begins_to_swing_where_theory_says(closed_loop: ModuleType) -> None:
-    _, _, gains = closed_loop.usual("px4")
-    at = closed_loop.predicted_onset("px4", Axis.AZIMUTH)
-    assert not closed_loop.swings("px4", VisionSource.TRUTH, gains, Axis.AZIMUTH, 0.75 * at)
-    assert closed_loop.swings("px4", VisionSource.TRUTH, gains, Axis.AZIMUTH, 1.25 * at)
+    subject = px4(closed_loop)
+    _, _, gains = closed_loop.usual(subject.vehicle)
+    at = closed_loop.predicted_onset(subject.vehicle, Axis.AZIMUTH)
+    assert not closed_loop.swings(subject, gains, Axis.AZIMUTH, 0.75 * at)
+    assert closed_loop.swings(subject, gains, Axis.AZIMUTH, 1.25 * at)
