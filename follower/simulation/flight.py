@@ -38,7 +38,7 @@ from follower_sim.scoring.identity_score import IdentityScore
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
 from follower_sim.world.silhouettes import SeenBody
 from follower_sim.world.world import World
-from follower_vision.clock import Clock, SimulatedClock
+from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
 from follower_vision.geometry.line_of_sight import LineOfSight
 from follower_vision.trackers.target_tracker import TargetTracker
@@ -149,6 +149,14 @@ class SimulatedFlight:
         )
         parts.attach(self.autopilot, self.stop, partial(self.stage.order, ConsentRequest.WITHDRAW))
         self._last_link: LinkStatus | None = None
+
+    @property
+    def pace(self) -> str:
+        """How its time passes, for people."""
+        if not isinstance(self._clock, MonotonicClock):
+            return "lockstep"
+        speed = self._clock.speed
+        return "real time" if speed == 1.0 else f"{speed:g} times real time"
 
     @property
     def phase(self) -> AutonomyPhase | None:

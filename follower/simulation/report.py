@@ -147,8 +147,7 @@ def _meta(
     remarks: tuple[str, ...],
 ) -> ReportMeta:
     without_pixels = flight.vision_source is VisionSource.TRUTH
-    how = "lockstep" if flight.lockstep else "real time"
-    how += f" · {LABEL}" if without_pixels else ""
+    how = f"{flight.pace} · {LABEL}" if without_pixels else flight.pace
     return ReportMeta(
         title=flight.scenario.title,
         subtitle=f"{flight.scenario.name} · {autopilot} · seed {flight.seed} · {how}",

@@ -21,19 +21,22 @@ class MonotonicClock:
 
     Args:
         speed: how many of its seconds pass in a real one; not 1 for a simulation in fast motion.
+
+    Attributes:
+        speed: the same.
     """
 
     def __init__(self, speed: float = 1.0) -> None:
-        self._speed = speed
+        self.speed = speed
         self._origin = time.monotonic()
 
     def now(self) -> float:
         """Return the seconds since the clock was made."""
-        return (time.monotonic() - self._origin) * self._speed
+        return (time.monotonic() - self._origin) * self.speed
 
     def sleep_until(self, time_s: float) -> None:
         """Sleep until `time_s` in seconds, or not at all if that has passed."""
-        remaining = (time_s - self.now()) / self._speed
+        remaining = (time_s - self.now()) / self.speed
         if remaining > 0:
             time.sleep(remaining)
 

@@ -56,7 +56,9 @@ def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_p
     assert f'href="{row["folder"]}/report.html"' in page
     lines = (flown / "autopilot.csv").read_text().splitlines()[1:]
     assert min(float(line.split(",")[5]) for line in lines) < -5.0  # its own vehicle flew
-    assert "autopilot.csv" in (flown / "report.html").read_text()
+    report = (flown / "report.html").read_text()
+    assert "autopilot.csv" in report
+    assert "2 times real time" in report
 
 
 class DiesInTheAir(SimulatedProgram):
