@@ -40,12 +40,15 @@ from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTa
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.transport import UdpTransport
+from follower_sim.scenario.scenario_file import load_scenario
 from follower_vision.clock import MonotonicClock
 
 _PATIENCE_S, _AFTERWARDS_S, _STANDS_WITHIN_S = 150.0, 16.0, 9.0
 _FAST_M_S, _STEADY_S, _STANDS_M_S = 2.0, 3.0, 0.6
-_AGAIN_S, _STICKS_S, _CLIMBED_M, _ON_GROUND_M = 1.0, 0.1, 5.0, 0.5
-_CENTRED = (0.0, 0.0, 0.0, 0.0)
+_AGAIN_S, _STICKS_S, _STICK_STEP = 1.0, 0.05, 0.1
+_CLIMBED_M, _ON_GROUND_M = 5.0, 0.5
+_AT_REST = (0.0, 0.0, -1.0, 0.0)
+"""Roll, pitch, throttle, yaw: the throttle down, as both want it for arming."""
 _GROUND_STATION = 255
 _AUTOPILOTS = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
 HANDED_OVER, RELEASED, FOLLOWED = (3,), (4,), (0, 1)
@@ -99,7 +102,7 @@ def takes_off(relay: Relay) -> Iterator[None]:
     yield from relay.arm_in("TAKEOFF" if px4 else "LOITER")
     relay.sticks = (0.0, 0.0, 0.6, 0.0)
     yield from relay.until(lambda: relay.height_m > _CLIMBED_M)
-    relay.sticks = _CENTRED
+    relay.sticks = (0.0, 0.0, 0.0, 0.0)
     yield from relay.pause(3.0)
     yield from relay.give_consent()
 
@@ -156,6 +159,11 @@ EXERCISES = {
     ),
     "setpoints-3s": Exercise("released", _ENDED, lose_s=3.0, ways=("up",)),
     "setpoints-10s": Exercise("released", _ENDED, lose_s=10.0, ways=("up",)),
+    **{
+        f"wind-{speed}": Exercise("follows, or falls behind and holds", _ANY, scene={"wind": wind})
+        for speed in (4, 8, 12)
+        for wind in [{"mean_m_s": float(speed), "from_deg": 60.0, "gust_m_s": 0.2 * speed}]
+    },
     "vision-stalls": Exercise(
         "held, then released",
         RELEASED,
@@ -233,7 +241,8 @@ class Relay:
         self._parser.robust_parsing = True
         self.lost_until_s = {"down": -math.inf, "up": -math.inf}
         self.sticks: tuple[float, float, float, float] | None = None
-        """Roll, pitch, throttle, yaw, each within ±1; None: the transmitter is off."""
+        """Where they go: roll, pitch, throttle, yaw, within ±1; None: the transmitter is off."""
+        self._sticks = _AT_REST
         self.begun_s: float | None = None
         self.speed_m_s = self.height_m = self.highest_m = 0.0
         self.obeys = self.armed = False
@@ -265,7 +274,11 @@ class Relay:
         self._fast_since_s = min(self._fast_since_s, now_s) if moves else math.inf
         if self.sticks is not None and now_s > self._sticks_due_s:
             self._sticks_due_s = now_s + _STICKS_S
-            self._send_sticks(*self.sticks)
+            # By and by: PX4 takes a jump for noise, and three steps the same way for a pilot.
+            steps = ((to - at, at) for to, at in zip(self.sticks, self._sticks, strict=True))
+            moved = [at + min(max(off, -_STICK_STEP), _STICK_STEP) for off, at in steps]
+            self._sticks = moved[0], moved[1], moved[2], moved[3]
+            self._send_sticks(*self._sticks)
         return now_s
 
     def _look(self, message: Any, now_s: float) -> None:
@@ -287,7 +300,7 @@ class Relay:
             moved = [round(1000 * x) for x in (pitch, roll, (throttle + 1) / 2, yaw)]
             self._send(mavlink.MAVLink_manual_control_message(self._system, *moved, 0))
             return
-        pulses = [round(1500 + 400 * x) for x in (roll, -pitch, throttle, yaw)]
+        pulses = [round(1500 + 500 * x) for x in (roll, -pitch, throttle, yaw)]
         self._send(mavlink.MAVLink_rc_channels_override_message(self._system, 1, *pulses, *[0] * 4))
 
     def until(self, reached: Callable[[], bool]) -> Iterator[None]:
@@ -302,7 +315,7 @@ class Relay:
 
     def arm_in(self, mode: str) -> Iterator[None]:
         """Take a mode and arm, again and again until it is."""
-        self.sticks = _CENTRED
+        self.sticks = _AT_REST
         while not self.armed:
             self.order(mode)
             self.arm(True)
@@ -351,9 +364,13 @@ class Relay:
 
 def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
     """Fly one exercise; return what was wrong."""
-    parameters = {**program.usual_parameters(), **exercise.starts.get(program.flavour, {})}
     with tempfile.TemporaryDirectory() as text, closing(program.listen()) as autopilot:
         folder = Path(text)
+        path = write_scene(folder)
+        keys = {**yaml.safe_load(path.read_text("utf-8")), **exercise.scene}
+        path.write_text(yaml.safe_dump(keys), "utf-8")
+        parameters = program.for_scenario(load_scenario(path), program.usual_parameters())
+        parameters |= exercise.starts.get(program.flavour, {})
         with closing(UdpTransport.listen("127.0.0.1", 0)) as free:
             port = free.port
         relay = Relay(program, autopilot, port)
@@ -362,11 +379,8 @@ def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
             AutopilotProcess(program, SitlSetup(1.0, parameters), folder),
             (folder / "follower.txt").open("w") as output,
         ):
-            scene = write_scene(folder)
-            keys = {**yaml.safe_load(scene.read_text("utf-8")), **exercise.scene}
-            scene.write_text(yaml.safe_dump(keys), "utf-8")
             command = [sys.executable, "-c", "from follower.apps.main import main; main()"]
-            command += ["sim", str(scene), "--autopilot", "external"]
+            command += ["sim", str(path), "--autopilot", "external"]
             command += ["--connect", f"udpin:127.0.0.1:{port}", "--vision", "truth+noise"]
             command += ["--out", str(folder / "runs"), "--no-video", "--no-record"]
             command += [] if exercise.pilot is None else ["--set", "autonomy=pilot"]
@@ -405,7 +419,7 @@ def _fly(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) -> 
 def _script(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) -> Iterator[None]:
     """Do it, a step at a time: the pilot's part, the wait for a fast flight, the act."""
     if exercise.moves_stick:
-        relay.sticks = _CENTRED
+        relay.sticks = _AT_REST
     if exercise.pilot is not None:
         yield from exercise.pilot(relay)
     if not exercise.stays_down:
@@ -414,7 +428,7 @@ def _script(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) 
     if exercise.mode:
         relay.order(exercise.mode[relay.flavour])
     if exercise.moves_stick:
-        relay.sticks = (0.0, 0.9, 0.0, 0.0)
+        relay.sticks = (0.0, 0.9, -1.0, 0.0)
     for way in exercise.ways if exercise.lose_s else ():
         relay.lost_until_s[way] = now_s + exercise.lose_s
     for name, value in exercise.sets.get(relay.flavour, {}).items():
