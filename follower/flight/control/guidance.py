@@ -55,9 +55,14 @@ class Guidance:
         self._motion.update(vehicle)
 
     def begin(self, vehicle: VehicleState, now_s: float) -> None:
-        """Begin to steer, from the vehicle's present motion."""
+        """Begin to steer, from the vehicle's present motion, or from what it is sent if not a hold.
+
+        A hold near a target backs off.
+        """
         self.take_telemetry(vehicle)
-        present = self._envelope.within_limits(self._motion.present)
+        present = self._allowed
+        if self.stands:
+            present = self._envelope.within_limits(self._motion.present)
         self.servo.start(present)
         self._envelope.start(present, now_s)
         self._allowed = present

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from follower.flight.control.guidance import Guidance
 from follower.flight.control.stage import ControlStage
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord
 from follower.flight.supervision.inputs import ConsentRequest
@@ -321,3 +322,19 @@ def test_a_change_of_mode_is_in_the_record_and_begins_where_it_flew() -> None:
     later = bench.fly(bench.box(nearness=0.7), 3.0)
     assert later.changes == ()
     assert later.allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
+
+
+def test_following_goes_on_from_what_is_sent_and_only_from_a_hold_from_the_own_velocity() -> None:
+    """A hold beside a target backs off; whatever was sent, the next setpoint is no step from it."""
+    drifting = VehicleState(
+        attitude=Attitude(0, 0, 0, 0, 0, 0, 0),
+        position=LocalPosition(0, 0, -10, 1.5, 0.5, 0.2, 0),
+    )
+    guidance = Guidance(settings())
+    guidance.begin(drifting, 0.0)
+    first = guidance.step(SupervisorState.HOLDING, 0.0, None, drifting, 0.0).allowed
+    assert first.forward_m_s == pytest.approx(1.5)
+    sent = guidance.step(SupervisorState.HOLDING, 0.1, None, drifting, 0.0).allowed
+    stopped = replace(drifting, position=LocalPosition(0, 0, -10, 0, 0, 0, 0.1))
+    guidance.begin(stopped, 0.1)
+    assert guidance.step(SupervisorState.HOLDING, 0.1, None, stopped, 0.0).allowed == sent
