@@ -35,6 +35,7 @@ from follower_control.servo.gimbal_servo import GimbalSettings
 from follower_control.servo.search import SearchSettings
 from follower_control.servo.settings import ServoSettings
 from follower_control.target.estimator import EstimatorSettings
+from follower_vision.device import AUTO, accelerators
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CameraMount
@@ -42,6 +43,22 @@ from follower_vision.longterm.tracker import LongTermSettings
 from follower_vision.trackers.registry import is_tracker, tracker_names
 
 _LEAST_FOV_DEG = 4.0  # above pi: an angle in radians does not pass; a longer lens has focal_px
+
+
+@dataclass(frozen=True, slots=True)
+class VisionSettings(StrictFields):
+    """Where the networks run.
+
+    Attributes:
+        device: cpu, cuda, tensorrt, openvino, coreml, qnn and others that onnxruntime has; auto
+            takes the first accelerator that starts and answers as the processor does. One that
+            fails in flight gives way to the processor in the same frame.
+    """
+
+    device: str = AUTO
+
+    def __post_init__(self) -> None:
+        accelerators(self.device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +158,7 @@ class Settings(BaseModel):
         camera: lens, mount and latency.
         estimator: the Kalman filter of the target.
         servo: the follow mode, the gains and the wanted distance.
+        vision: where the networks run.
         gimbal: whether there is one, and its limits.
         envelope: limits of the setpoints.
         health: battery, estimator and GPS: from when on following is refused or ended.
@@ -168,6 +186,7 @@ class Settings(BaseModel):
     """Used with a detector."""
     longterm: LongTermSettings = LongTermSettings()
     """Used without one."""
+    vision: VisionSettings = VisionSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     servo: ServoSettings = ServoSettings()
     gimbal: GimbalSettings = GimbalSettings()

@@ -36,7 +36,6 @@ from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.noisy_tracker import NoisyTracker
 from follower_sim.scoring.identity_score import IdentityScore
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
-from follower_sim.world.silhouettes import SeenBody
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
@@ -187,10 +186,6 @@ class SimulatedFlight:
     def tracker(self) -> TargetTracker:
         """What follows the target in the images."""
         return self._tracker
-
-    def true_target(self, captured_s: float) -> SeenBody:
-        """Return where the target truly is in the frame with this capture time, for annotation."""
-        return self._truth.of_frame(captured_s)
 
     @property
     def overlaps(self) -> list[float]:

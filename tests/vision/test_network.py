@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
-from follower_vision.onnx_network import ModelError, Network, onnx_session, with_input_size
+from follower_vision import device, onnx_network
+from follower_vision.models import ModelStore
+from follower_vision.onnx_network import (
+    ModelError,
+    Network,
+    Tensor,
+    onnx_session,
+    with_input_size,
+)
 
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper
@@ -52,9 +63,9 @@ def test_network_tells_its_inputs_and_computes(averaging_file: Path) -> None:
     np.testing.assert_allclose(network.run(pixels)[0], expected, rtol=1e-5)
 
 
-def test_session_has_the_threads_asked_for_and_does_not_spin(averaging_file: Path) -> None:
-    options = onnx_session(averaging_file, threads=2).get_session_options()
-    assert options.intra_op_num_threads == 2
+def test_session_has_one_thread_that_does_not_spin(averaging_file: Path) -> None:
+    options = onnx_session(averaging_file).get_session_options()
+    assert options.intra_op_num_threads == 1
     assert options.get_session_config_entry("session.intra_op.allow_spinning") == "0"
 
 
@@ -125,3 +136,95 @@ def test_two_inputs_cannot_be_resized() -> None:
     graph = h.make_graph([h.make_node("Add", ["a", "b"], ["c"])], "add", tensors[:2], tensors[2:])
     with pytest.raises(ValueError, match="2 inputs"):
         with_input_size(h.make_model(graph).SerializeToString(), (8,))
+
+
+OTHER = "openvino"
+"""Whichever is here, these tests give it to onnxruntime's processor, and change its answers."""
+
+
+class OtherSession:
+    """A session of another device: the processor's, off by `error`, which fails when told to."""
+
+    def __init__(self, inner: Any, error: float) -> None:
+        self._inner, self._error = inner, error
+        self.broken = False
+
+    def run(self, names: None, feeds: dict[str, Tensor]) -> list[Tensor]:
+        if self.broken:
+            raise ort_errors.RuntimeException("the device is gone")
+        return [tensor + self._error for tensor in self._inner.run(names, feeds)]
+
+
+@pytest.fixture
+def other_device(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], list[OtherSession]]:
+    def have(error: float) -> list[OtherSession]:
+        opened: list[OtherSession] = []
+
+        def open_session(path: Path, content: bytes | None = None, name: str = device.CPU) -> Any:
+            session = onnx_session(path, content)
+            if name == device.CPU:
+                return session
+            opened.append(OtherSession(session, error))
+            return opened[-1]
+
+        monkeypatch.setattr(onnx_network, "onnx_session", open_session)
+        return opened
+
+    return have
+
+
+def test_a_device_that_answers_alike_is_used_until_it_fails(
+    averaging_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    opened = other_device(1e-4)
+    network = Network(averaging_file, OTHER)
+    assert network.device == OTHER
+    pixels = np.ones((1, 3, 32, 32), np.float32)
+    np.testing.assert_array_equal(network.run(pixels)[0], np.float32(1) + np.float32(1e-4))
+    opened[0].broken = True
+    np.testing.assert_array_equal(network.run(pixels)[0], 1.0)  # the same frame, by the processor
+    assert network.device == device.CPU
+    network.run(pixels)
+    (said,) = caplog.messages
+    assert "average.onnx failed on openvino" in said
+    assert "the device is gone" in said
+
+
+def test_a_device_that_answers_otherwise_is_not_used(
+    averaging_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    other_device(0.1)
+    network = Network(averaging_file, OTHER)
+    assert network.device == device.CPU
+    assert "other answers than the processor's (quarter)" in caplog.text
+
+
+def test_a_device_that_is_not_here_gives_way_to_the_processor_with_a_warning(
+    averaging_file: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (absent, *_) = (name for name in device.DEVICES[2:] if not device.provider_of(name))
+    assert Network(averaging_file, absent).device == device.CPU
+    assert caplog.messages == [
+        "average.onnx runs on the processor: the onnxruntime that is installed has no " + absent
+    ]
+
+
+def test_a_device_that_nobody_knows_is_refused(averaging_file: Path) -> None:
+    with pytest.raises(ValueError, match="there is no device 'gpu'; there are auto, cpu, tensorrt"):
+        Network(averaging_file, "gpu")
+
+
+def test_tensorrt_keeps_its_engines_beside_the_network(tmp_path: Path) -> None:
+    kept = device.provider_options("tensorrt", tmp_path)["trt_engine_cache_path"]
+    assert Path(kept).parent == tmp_path
+    assert device.provider_options("cuda", tmp_path) == {}
+
+
+@pytest.mark.skipif(not device.provider_of("openvino"), reason="needs onnxruntime-openvino")
+def test_openvino_runs_the_networks_that_come_along() -> None:
+    for name in ("follower-detector.onnx", "follower-re3.onnx"):
+        assert Network(ModelStore(Path("none")).file(name), "openvino").device == "openvino"

@@ -6,6 +6,7 @@ The numbers are those of onnx.proto: a model's graph is field 7, a graph's input
 on tensors between them are 11, 12 and 13, a value's name and type 1 and 2.
 """
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -14,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+
+from follower_vision.device import AUTO, CPU, accelerators, provider_of, provider_options
 
 Tensor: TypeAlias = npt.NDArray[np.float32]
 
@@ -25,7 +28,11 @@ _LOAD_ERRORS = (
     ort_errors.NotImplemented,
     ort_errors.RuntimeException,
 )
+_RUN_ERRORS = (ort_errors.InvalidArgument, ort_errors.Fail, ort_errors.RuntimeException)
+_LOGGER = logging.getLogger(__name__)
 _ERRORS_ONLY = 3
+_SAME = 0.01
+"""Of an output's largest value: half-precision numbers err by a tenth of that."""
 _GRAPH, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 11, 12, 13
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FLOAT = 1
@@ -61,34 +68,40 @@ def read_model(path: Path) -> bytes:
         raise ModelError(f"{path}: cannot read this network: {error.strerror}") from error
 
 
-def onnx_session(path: Path, threads: int = 1, content: bytes | None = None) -> Any:
+def onnx_session(path: Path, content: bytes | None = None, device: str = CPU) -> Any:
     """Open an onnxruntime session that does not disturb a control loop beside it.
 
-    Its threads sleep while they wait: onnxruntime's default is to spin, which takes the processor
-    from everybody else.
+    It has one thread, which sleeps while it waits: onnxruntime's default is to spin, which takes
+    the processor from everybody else.
 
     Args:
         path: the ONNX file; also the name in error messages.
-        threads: processor threads that one inference may use.
         content: the network's bytes, if they are not to be read from `path`.
+        device: where it runs; see `device`.
 
     Raises:
-        ModelError: the file is missing or is no network that onnxruntime can run.
+        ModelError: the file is missing or is no network that onnxruntime can run there.
     """
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = _ERRORS_ONLY
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.add_session_config_entry("session.inter_op.allow_spinning", "0")
     model = read_model(path) if content is None else content
+    provider = provider_of(device)
+    if not provider:
+        raise ModelError(f"{path}: the onnxruntime that is installed has no {device}")
+    providers = [(provider, provider_options(device, path.parent))]
     try:
-        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(model, options, providers=providers)
     except _LOAD_ERRORS as error:
         raise ModelError(
             f"{path}: not a network that onnxruntime can run ({_first_line(error)}); "
             "fetch it again with `follower models pull NAME` if it is one of ours"
         ) from error
+    if provider not in session.get_providers():  # it goes on without one that does not start
+        raise ModelError(f"{path}: {device} does not start here")
+    return session
 
 
 def _first_line(error: Exception) -> str:
@@ -98,26 +111,33 @@ def _first_line(error: Exception) -> str:
 class Network:
     """A network with float32 tensors in and out.
 
+    Where another device than the processor is asked for, it has to give the processor's answers
+    when the network is loaded; if it does not, or fails later, the processor takes over at once,
+    with one warning in the log.
+
     Attributes:
         path: the file that it came from.
         inputs: name to shape of every input, in order; 0 where a size is free.
         outputs: the same of every output.
         metadata: what the exporter wrote into the file.
+        device: where it runs now; see `device`.
     """
 
-    def __init__(self, path: Path, threads: int = 1, content: bytes | None = None) -> None:
+    def __init__(self, path: Path, device: str = CPU, content: bytes | None = None) -> None:
         """Load the network.
 
         Args:
             path: the ONNX file; also the name in error messages.
-            threads: processor threads that one inference may use.
+            device: where it is to run.
             content: the network's bytes, if they are not to be read from `path`.
 
         Raises:
             ModelError: the file is missing, or is no network that onnxruntime can run, or its
                 inputs are not float32.
+            ValueError: there is no such device.
         """
-        self._session = onnx_session(path, threads, content)
+        content = read_model(path) if content is None else content
+        self._session = onnx_session(path, content)
         for node in self._session.get_inputs():
             if node.type != "tensor(float)":
                 refused = f"input {node.name} is a {node.type}; only float32 is taken"
@@ -126,6 +146,18 @@ class Network:
         self.inputs = {node.name: _shape(node) for node in self._session.get_inputs()}
         self.outputs = {node.name: _shape(node) for node in self._session.get_outputs()}
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.device, self._accelerated = CPU, None
+        for name in accelerators(device):
+            try:
+                session = onnx_session(path, content, name)
+                self._compare(session)
+            except (ModelError, *_RUN_ERRORS) as error:
+                level = logging.INFO if device == AUTO else logging.WARNING
+                why = _first_line(error).removeprefix(f"{path}: ")
+                _LOGGER.log(level, "%s runs on the processor: %s", path.name, why)
+            else:
+                self.device, self._accelerated = name, session
+                return
 
     def run(self, *tensors: Tensor) -> list[Tensor]:
         """Return the outputs, in order, for the inputs given in order.
@@ -134,14 +166,35 @@ class Network:
             ModelError: the tensors do not fit the network.
         """
         feeds = dict(zip(self.inputs, tensors, strict=True))
+        if self._accelerated is not None:
+            try:
+                return list(self._accelerated.run(None, feeds))
+            except _RUN_ERRORS as error:
+                text = "%s failed on %s and goes on with the processor: %s"
+                _LOGGER.warning(text, self.path.name, self.device, _first_line(error))
+                self.device, self._accelerated = CPU, None
         try:
             return list(self._session.run(None, feeds))
-        except (ort_errors.InvalidArgument, ort_errors.Fail, ort_errors.RuntimeException) as error:
+        except _RUN_ERRORS as error:
             shapes = ", ".join(str(tensor.shape) for tensor in tensors)
             raise ModelError(
                 f"{self.path}: this network does not take tensors of shape {shapes} "
                 f"({_first_line(error)})"
             ) from error
+
+    def _compare(self, session: Any) -> None:
+        """Make sure that a session gives the processor's answers to the same random input.
+
+        Raises:
+            ModelError: it does not.
+        """
+        rng = np.random.default_rng(0)
+        sizes = {name: [size or 1 for size in of] for name, of in self.inputs.items()}
+        feeds = {name: rng.random(of, dtype=np.float32) for name, of in sizes.items()}
+        wanted, got = self._session.run(None, feeds), session.run(None, feeds)
+        for name, a, b in zip(self.outputs, wanted, got, strict=True):
+            if not np.allclose(a, b, rtol=0, atol=_SAME * float(np.abs(a).max(initial=0))):
+                raise ModelError(f"{self.path}: other answers than the processor's ({name})")
 
 
 def _shape(node: Any) -> tuple[int, ...]:

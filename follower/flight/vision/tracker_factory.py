@@ -75,7 +75,11 @@ def make_settings_detector(settings: Settings) -> Detector | None:
     Raises:
         ModelError: its network is missing or broken; the message says how to get it.
     """
-    return None if settings.detector is None else make_detector(settings.detector, _store())
+    return (
+        None
+        if settings.detector is None
+        else make_detector(settings.detector, _store(), device=settings.vision.device)
+    )
 
 
 def close_tracker(tracker: TargetTracker) -> None:
@@ -99,7 +103,7 @@ def _close_all(trackers: list[TargetTracker]) -> None:
 
 
 def _motion_tracker(settings: Settings) -> MotionTracker:
-    return make_tracker(settings.tracker, _store().file)
+    return make_tracker(settings.tracker, _store().file, settings.vision.device)
 
 
 def _store() -> ModelStore:

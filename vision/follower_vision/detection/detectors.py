@@ -5,6 +5,7 @@ from pathlib import Path
 
 from follower_vision.detection.detection import Detection, Detector, DetectorSettings
 from follower_vision.detection.onnx_detector import OnnxDetector
+from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
@@ -31,7 +32,7 @@ def make_detector(
     *,
     family: str | None = None,
     class_names: Sequence[str] | None = None,
-    threads: int = 1,
+    device: str = CPU,
 ) -> OnnxDetector:
     """Return a detector from the table, or from the user's own ONNX file.
 
@@ -41,7 +42,7 @@ def make_detector(
         settings: which answers count.
         family: how the answer is read; None asks the table, or the shapes of the answer.
         class_names: None takes those in the file, or COCO's or VOC's.
-        threads: processor threads that one detection may use.
+        device: where it runs; see `device`.
 
     Raises:
         ModelError: there is no such detector, or its file is missing or broken.
@@ -52,7 +53,7 @@ def make_detector(
         if model.purpose is not Purpose.DETECTOR:
             raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
         path, family = store.paths(model)[0], family or model.family
-    return OnnxDetector(path, settings, family=family, class_names=class_names, threads=threads)
+    return OnnxDetector(path, settings, family=family, class_names=class_names, device=device)
 
 
 def _embedded(store: ModelStore) -> VisionModel:

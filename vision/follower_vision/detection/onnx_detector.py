@@ -16,6 +16,7 @@ from follower_vision.detection.detection import (
     NetworkLayout,
 )
 from follower_vision.detection.families import make_decoder
+from follower_vision.device import CPU
 from follower_vision.geometry.box import Box, keep_best
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
@@ -82,7 +83,7 @@ class OnnxDetector:
         *,
         family: str | None = None,
         class_names: Sequence[str] | None = None,
-        threads: int = 1,
+        device: str = CPU,
     ) -> None:
         """Load a network and try it on a blank image.
 
@@ -91,14 +92,14 @@ class OnnxDetector:
             settings: which answers count.
             family: a key of `FAMILIES`; None recognises it by the shapes of the answers.
             class_names: None takes those written in the file, or COCO's or VOC's.
-            threads: processor threads that one detection may use.
+            device: where it runs; see `device`.
 
         Raises:
             ModelError: the file is missing, broken or of no known family.
             ValueError: the number of class names is not that of the classes.
         """
         self._settings = settings or DetectorSettings()
-        self._network = Network(path, threads)
+        self._network = Network(path, device)
         self._tensor = np.zeros(_input_shape(self._network), np.float32)
         try:
             self._decoder = make_decoder(_layout(self._network, self._tensor), family)

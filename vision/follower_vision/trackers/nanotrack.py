@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
@@ -44,16 +45,16 @@ class NanoTrackNetwork:
         cells: side of the square of cells that the head answers.
     """
 
-    def __init__(self, backbone: Path, head: Path, threads: int = 1) -> None:
+    def __init__(self, backbone: Path, head: Path, device: str = CPU) -> None:
         """Load both networks.
 
         Raises:
             ModelError: a file is missing, broken or no part of a NanoTrack network.
         """
-        self._backbone = Network(backbone, threads)
+        self._backbone = Network(backbone, device)
         self.search_side = _search_side(self._backbone)
-        self._template_backbone = _backbone_of_side(backbone, TEMPLATE_SIDE, threads)
-        self._head = Network(head, threads)
+        self._template_backbone = _backbone_of_side(backbone, TEMPLATE_SIDE, device)
+        self._head = Network(head, device)
         self.cells = _cells(self._head)
         self._points = _points(self.cells)
         self._search = np.empty((1, 3, self.search_side, self.search_side), np.float32)
@@ -90,13 +91,13 @@ def _search_side(backbone: Network) -> int:
     return shapes[0][2]
 
 
-def _backbone_of_side(path: Path, side: int, threads: int) -> Network:
+def _backbone_of_side(path: Path, side: int, device: str) -> Network:
     """Load the backbone for a smaller crop than its file states."""
     try:
         resized = with_input_size(read_model(path), (1, 3, side, side))
     except ValueError as error:
         raise ModelError(f"{path}: not a NanoTrack backbone: {error}") from error
-    return Network(path, threads, resized)
+    return Network(path, device, resized)
 
 
 def _cells(head: Network) -> int:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
@@ -116,13 +117,13 @@ class Re3Output:
 class Re3Network:
     """Takes two crops and predicts where the target is; several trackers may share it."""
 
-    def __init__(self, path: Path, threads: int = 1) -> None:
+    def __init__(self, path: Path, device: str = CPU) -> None:
         """Load the network.
 
         Raises:
             ModelError: the file is missing, broken or no Re3 network of ours.
         """
-        self._network = Network(path, threads)
+        self._network = Network(path, device)
         if tuple(self._network.inputs) != INPUTS or len(self._network.outputs) != len(OUTPUTS):
             names = ", ".join(self._network.inputs)
             raise ModelError(f"{path}: not a Re3 network of ours: its inputs are {names}")

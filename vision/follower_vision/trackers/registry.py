@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
+from follower_vision.device import CPU
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
 from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork
@@ -18,24 +19,28 @@ RE3_FILE = "follower-re3.onnx"
 _NETWORK = ".onnx"
 
 
-def _nanotrack(version: int, find_file: FindFile) -> NanoTracker:
+def _nanotrack(version: int, find_file: FindFile, device: str) -> NanoTracker:
     backbone, head = (
         find_file(f"nanotrackv{version}_{part}.onnx") for part in ("backbone", "head")
     )
-    network, settings = NanoTrackNetwork(backbone, head), NANOTRACK_SETTINGS[version]
+    network, settings = NanoTrackNetwork(backbone, head, device), NANOTRACK_SETTINGS[version]
     return NanoTracker(network, settings, f"nanotrack-v{version}")
 
 
-def _re3(find_file: FindFile) -> Re3Tracker:
-    return Re3Tracker(Re3Network(find_file(RE3_FILE)))
+def _re3(find_file: FindFile, device: str) -> Re3Tracker:
+    return Re3Tracker(Re3Network(find_file(RE3_FILE), device))
 
 
-TRACKERS: dict[str, Callable[[FindFile], MotionTracker]] = {
-    "identity": lambda _: IdentityTracker(),
-    "correlation": lambda _: CorrelationTracker(),
+def _opencv(name: str, find_file: FindFile, _device: str) -> OpenCvTracker:
+    return OpenCvTracker(name, find_file)
+
+
+TRACKERS: dict[str, Callable[[FindFile, str], MotionTracker]] = {
+    "identity": lambda _file, _device: IdentityTracker(),
+    "correlation": lambda _file, _device: CorrelationTracker(),
     **{f"nanotrack-v{number}": partial(_nanotrack, number) for number in NANOTRACK_SETTINGS},
     "re3": _re3,
-    **{name: partial(OpenCvTracker, name) for name in OPENCV_KINDS},
+    **{name: partial(_opencv, name) for name in OPENCV_KINDS},
 }
 """How each is made; trackers that have no network ask for no file."""
 
@@ -51,19 +56,20 @@ def is_tracker(name: str) -> bool:
     return name in tracker_names() or name.endswith(_NETWORK)
 
 
-def make_tracker(name: str, find_file: FindFile) -> MotionTracker:
+def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTracker:
     """Return a motion tracker, not yet started.
 
     Args:
         name: one of `tracker_names()`, or the path of a network that `follower train re3` wrote.
         find_file: asked only by trackers that have networks.
+        device: where networks run; see `device`.
 
     Raises:
         ValueError: there is no tracker of that name, or this OpenCV lacks it.
         ModelError: a network's file is missing or broken.
     """
     if name.endswith(_NETWORK):
-        return Re3Tracker(Re3Network(Path(name)), name=Path(name).stem)
+        return Re3Tracker(Re3Network(Path(name), device), name=Path(name).stem)
     if name not in TRACKERS:
         raise ValueError(f"there is no tracker {name!r}; there are {', '.join(tracker_names())}")
-    return TRACKERS[name](find_file)
+    return TRACKERS[name](find_file, device)
