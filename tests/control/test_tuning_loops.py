@@ -12,8 +12,10 @@ from follower_control.servo.pid import PidSettings
 from follower_control.servo.settings import RangeFrom, ServoSettings
 from follower_control.target.estimator import EstimatorSettings
 from follower_control.tuning.axes import Axis, LoopSettings, SteadyFilter, axis_loop
-from follower_control.tuning.axis_loop import Conditions, LoopDelays
+from follower_control.tuning.axis_loop import AxisLoop, Conditions, LoopDelays
 from follower_control.tuning.rational import (
+    Array,
+    ComplexArray,
     Rational,
     bandwidth_rad_s,
     frequencies,
@@ -245,10 +247,17 @@ def test_a_target_that_may_turn_hard_is_followed_faster_across_the_line_of_sight
     tone = np.array([1.0])
     for axis in Axis:
         usual, other = (
-            axis_loop(axis, f.gains(axis), VEHICLE, f, HERE).disturbance(tone)
+            _disturbance(axis_loop(axis, f.gains(axis), VEHICLE, f, HERE), tone)
             for f in (FOLLOWER, agile)
         )
         if axis is Axis.RANGE:
             assert other == pytest.approx(usual)
         else:
             assert abs(other[0]) < abs(usual[0])
+
+
+def _disturbance(loop: AxisLoop, frequency_rad_s: Array) -> ComplexArray:
+    """From the target's motion to the error."""
+    answer = (loop.plant * loop.geometry * loop.from_target).at(frequency_rad_s)
+    share = 1 - answer * loop.sensitivity(frequency_rad_s)
+    return np.asarray(loop.geometry.at(frequency_rad_s) * share, np.complex128)

@@ -66,12 +66,6 @@ class AxisLoop:
             ahead.at(frequency_rad_s) * self.sensitivity(frequency_rad_s), np.complex128
         )
 
-    def disturbance(self, frequency_rad_s: Array) -> ComplexArray:
-        """Return from the target's motion w to the error e."""
-        answer = (self.plant * self.geometry * self.from_target).at(frequency_rad_s)
-        share = 1 - answer * self.sensitivity(frequency_rad_s)
-        return np.asarray(self.geometry.at(frequency_rad_s) * share, np.complex128)
-
     def jitter(self) -> float:
         """Return how much measurement noise makes the commanded motion shake, RMS, as flown."""
         frequency = frequencies(0.01, np.pi / self.noise_interval_s)[::4]

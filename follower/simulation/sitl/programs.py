@@ -242,6 +242,15 @@ class Px4Program(SitlProgram):
         north, east = wind.mean_m_s * math.cos(source), wind.mean_m_s * math.sin(source)
         return {"SIH_WIND_N": round(north, 3), "SIH_WIND_E": round(east, 3)}
 
+    def for_scenario(self, scenario: Scenario, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters with the scenario's wind and drag: SIH's own is four times as much.
+
+        SIH_KDV is a force per velocity; its quadrotor weighs 1 kg.
+        """
+        drag = scenario.vehicle.drag
+        known = {} if drag is None else {"SIH_KDV": drag.linear_per_s}
+        return {**known, **super().for_scenario(scenario, parameters)}
+
     def lacks(self, scenario: Scenario) -> str:
         """Return what of a scenario its simulator cannot do, "" if it can do all."""
         if scenario.wind.mean_m_s and self._has_no_wind:

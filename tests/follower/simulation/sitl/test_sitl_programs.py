@@ -13,6 +13,7 @@ import pytest
 
 from follower.apps.sitl.run import programs
 from follower.links.connections import ConnectionFailedError
+from follower.settings.bundled import find_scenario
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import (
     ArduCopterProgram,
@@ -24,6 +25,7 @@ from follower.simulation.sitl.programs import (
 )
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import WindSettings
+from follower_sim.scenario.scenario_file import load_scenario
 
 
 def binary(folder: Path, content: bytes, mode: int = 0o755) -> Path:
@@ -142,6 +144,15 @@ def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: 
         "SIH_WIND_N": round(8 * math.cos(math.radians(250)), 3),
         "SIH_WIND_E": round(8 * math.sin(math.radians(250)), 3),
     }
+
+
+def test_px4s_airframe_has_the_drag_of_the_scenarios(tmp_path: Path) -> None:
+    """SIH's own is four times a real one's, so that it could not keep up."""
+    px4 = Px4Program(px4_build(tmp_path))
+    with_drag, without = (load_scenario(find_scenario(one)) for one in ("pursue-boat", "winding"))
+    assert px4.for_scenario(with_drag, {})["SIH_KDV"] == 0.25
+    assert px4.for_scenario(with_drag, {"SIH_KDV": 0.5})["SIH_KDV"] == 0.5
+    assert "SIH_KDV" not in px4.for_scenario(without, {})
 
 
 def test_parameters_are_names_with_numbers_and_comments(tmp_path: Path) -> None:
