@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Self, TypeAlias
 
 from follower.links.link import Link
 from follower_control.vehicle.attitude_history import turned_on
@@ -11,6 +11,8 @@ from follower_sim.kinematics import BodyState, Triple
 from follower_vision.geometry.line_of_sight import wrap_angle
 
 _LONGEST_PREDICTION_S = 0.2
+_KEPT = 200
+_Report: TypeAlias = tuple[LocalPosition, Attitude]
 
 
 class TelemetryVehicle:
@@ -32,17 +34,27 @@ class TelemetryVehicle:
         self._link = link
         self._parked = parked
         self._motion: _RigidMotion | None = None
+        self._reports: tuple[_Report, ...] = ()
 
     @property
     def state(self) -> BodyState:
         """The newest state by telemetry, in the scenario's world: metres, m/s, radians, NED."""
-        return self.state_at(self._parked.time_s)
+        newest = self._link.state.attitude
+        return self.state_at(self._parked.time_s if newest is None else newest.time_s)
 
     def state_at(self, time_s: float) -> BodyState:
-        """Return the newest state by telemetry, predicted to `time_s`, at most 0.2 s on."""
+        """Return the newest state that was told before `time_s`, predicted to it, at most 0.2 s on.
+
+        What was told is kept for some seconds: a picture is looked at after it was taken.
+        """
         position, attitude = self._link.state.position, self._link.state.attitude
         if position is None or attitude is None:
             return self._parked
+        if self._reports[-1:] != ((position, attitude),):
+            self._reports = *self._reports[-_KEPT:], (position, attitude)
+        position, attitude = next(
+            (one for one in reversed(self._reports) if one[1].time_s <= time_s), self._reports[0]
+        )
         motion = self._motion or _RigidMotion.onto(self._parked, position, attitude)
         moved_s = _bounded(time_s - position.time_s)
         turned = turned_on(attitude, _bounded(time_s - attitude.time_s))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -184,6 +185,7 @@ class SimCamera:
         self._sensor = Sensor(self._settings, np.random.default_rng([root, 12]))
         self._sequence = 0
         self._last: Callable[[], Image] | None = None
+        self._under_way = deque[Delivery]()
         self.next_capture_s = start_s
         """Middle of the next exposure, on the system's clock."""
 
@@ -240,19 +242,24 @@ class SimCamera:
         return draw
 
     def read(self, clock: Clock) -> Frame | None:
-        """Wait for the next picture and return it when it arrives; None if it was dropped.
+        """Wait for the next picture and return it when it arrives; None if one was dropped.
 
-        A computer that renders too slowly misses pictures, as it would miss those of a real
-        camera; the sequence numbers show it.
+        Pictures are taken at their rate, however long they are under way. A computer that renders
+        too slowly misses some, as it would miss those of a real camera; the sequence numbers show
+        it.
         """
-        while self.next_capture_s + 1 / self.rate_hz < clock.now():
-            self._schedule_next()
-        clock.sleep_until(self.next_capture_s)
-        delivery = self.capture()
-        if delivery is None:
-            return None
+        while not self._under_way or self.next_capture_s < self._under_way[0].available_s:
+            while self.next_capture_s + 1 / self.rate_hz < clock.now():
+                self._schedule_next()
+            clock.sleep_until(self.next_capture_s)
+            delivery = self.capture()
+            if delivery is None:
+                return None
+            self._under_way.append(delivery)
+        delivery = self._under_way.popleft()
+        frame = delivery.frame
         clock.sleep_until(delivery.available_s)
-        return delivery.frame
+        return frame
 
 
 def _shaken(body: BodyState, rng: np.random.Generator) -> BodyState:

@@ -101,6 +101,19 @@ def test_reading_waits_for_the_delivery_and_skips_what_was_missed(
     assert late.sequence == round((late.captured_s - 100) * 10)
 
 
+def test_pictures_that_are_under_way_for_long_still_come_at_their_rate(
+    make_world: Callable[..., World],
+) -> None:
+    source = camera(make_world, rate_hz=10, latency_s=0.27, latency_jitter_s=0.0, jitter_s=0.0)
+    clock = SimulatedClock(100.0)
+    for number in range(20):
+        frame = source.read(clock)
+        assert frame is not None
+        assert frame.sequence == number
+        assert clock.now() == pytest.approx(100.27 + 0.1 * number)
+        assert frame.captured_s == pytest.approx(100.0 + 0.1 * number)
+
+
 def faulty(make_world: Callable[..., World], kind: str) -> SimCamera:
     world = make_world(
         camera={**SMALL, "jitter_s": 0.0, "rate_hz": 10},

@@ -214,6 +214,29 @@ def test_one_that_refuses_to_arm_is_quoted_and_given_up_late() -> None:
     assert wait.words(None) == ""
 
 
+def test_a_picture_that_comes_late_shows_what_was_told_when_it_was_taken() -> None:
+    """The vehicle flies north at 4 m/s, stops at once at 1 s, and turns from then on."""
+    told = Told()
+    vehicle = TelemetryVehicle(cast(Link, told), BodyState(0.0, (0.0, 0.0, 0.0)))
+    facing_north = replace(ATTITUDE, yaw_rad=0.0)
+    for step in range(51):
+        now_s = 0.04 * step
+        north_m, speed_m_s = 4 * min(now_s, 1.0), 4.0 if now_s < 1.0 else 0.0
+        turn = max(now_s - 1.0, 0.0)
+        told.state = VehicleState(
+            attitude=replace(facing_north, yaw_rad=turn, yaw_rate_rad_s=1.0, time_s=now_s),
+            position=LocalPosition(north_m, 0.0, -9.0, speed_m_s, 0.0, 0.0, now_s),
+        )
+        vehicle.state_at(now_s)
+        if step == 0:
+            vehicle.place()
+    for late_s in (0.0, 0.15, 0.5, 1.0, 1.5):
+        seen = vehicle.state_at(2.0 - late_s)
+        assert seen.position_m[0] == pytest.approx(4 * min(2.0 - late_s, 1.0), abs=0.01)
+        assert seen.yaw_rad == pytest.approx(max(1.0 - late_s, 0.0), abs=0.05)
+    assert vehicle.state.position_m[0] == pytest.approx(4.0)
+
+
 def test_the_rigid_motion_takes_place_heading_and_velocity_to_the_start() -> None:
     told = Told()
     parked = BodyState(0.0, (*START, 0.0), attitude_rad=(0.0, 0.0, math.radians(-170)))
