@@ -206,15 +206,9 @@ def _target_place(record: ControlRecord, most_age_s: float) -> tuple[float, ...]
 
 def _telemetry_row(vehicle: VehicleState) -> tuple[float, ...]:
     """Return (roll, pitch, yaw, p, q, r, position and velocity north, east, down)."""
-    a, p = vehicle.attitude, vehicle.position
-    attitude: tuple[float, ...] = (_NAN,) * 6
-    position: tuple[float, ...] = (_NAN,) * 6
-    if a is not None:
-        attitude = (a.roll_rad, a.pitch_rad, a.yaw_rad)
-        attitude += (a.roll_rate_rad_s, a.pitch_rate_rad_s, a.yaw_rate_rad_s)
-    if p is not None:
-        position = (p.north_m, p.east_m, p.down_m, p.north_m_s, p.east_m_s, p.down_m_s)
-    return attitude + position
+    unknown = (_NAN,) * 6
+    attitude = unknown if vehicle.attitude is None else vehicle.attitude.numbers
+    return attitude + (unknown if vehicle.position is None else vehicle.position.numbers)
 
 
 def _motion(time_s: Array, rows: Sequence[tuple[float, ...]]) -> VehicleMotion:

@@ -1,6 +1,5 @@
 """`follower excite`: fly the pattern, and print what to do with the recording."""
 
-import math
 import shlex
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
@@ -16,6 +15,7 @@ from follower.flight.lockstep import Lockstep
 from follower.flight.log import FlightLog
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
 from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, SUCCESS
+from follower.flight.supervision.release import is_resting
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.connections import open_connection
 from follower.links.link import Link
@@ -37,7 +37,7 @@ from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.geometry.camera_model import CameraModel
 
 SIZE = (640, 480)
-_STANDING_M_S, _FAREWELL_S, _LONGEST_STOP_S = 0.3, 1.0, 6.0
+_FAREWELL_S, _LONGEST_STOP_S = 1.0, 6.0
 _GIVE_UP_S = 120.0
 OnStep = Callable[["ExcitationFlight"], None]
 
@@ -79,12 +79,9 @@ class ExcitationFlight:
         supervisor, vehicle = self.stage.supervisor, self._link.state
         if supervisor.state is not SupervisorState.RELEASED:
             return False
-        waited_s = supervisor.in_state_s(self._clock.now())
-        position = vehicle.position
-        speed = math.inf
-        if position is not None:
-            speed = math.hypot(position.north_m_s, position.east_m_s, position.down_m_s)
-        rests = speed < _STANDING_M_S or not vehicle.obeys_setpoints
+        now_s = self._clock.now()
+        waited_s = supervisor.in_state_s(now_s)
+        rests = is_resting(vehicle, now_s) or not vehicle.obeys_setpoints
         return waited_s > _LONGEST_STOP_S or (waited_s > _FAREWELL_S and rests)
 
     @property

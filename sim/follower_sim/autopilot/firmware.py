@@ -113,22 +113,33 @@ class Firmware:
     hold_mode: str
     setpoint_mode: str
     limits: Limits
-    heading_turn_deg_s: float
     takeoff_speed_m_s: float
     landing_speed_m_s: float
     cruise_m_s: float
     return_height_m: float
     spool_up_s: float
     disarm_landed_s: float
-    disarm_idle_s: float
     unfit_text: str
     parameters: dict[str, float]
     message_rates_hz: dict[str, float]
+    heading_turn_deg_s: float = 60.0
+    disarm_idle_s: float = 10.0
     home: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
 
     def mode_of(self, custom_mode: int) -> FlightMode | None:
         """Return the mode with this number, None if it is not simulated."""
         return next((m for m in self.modes.values() if m.custom_mode == custom_mode), None)
+
+
+def _rates_hz(attitude: float, position: float) -> dict[str, float]:
+    return {
+        "HEARTBEAT": 1.0,
+        "SYS_STATUS": 1.0,
+        "ATTITUDE": attitude,
+        "LOCAL_POSITION_NED": position,
+        "GLOBAL_POSITION_INT": 10.0,
+        "EXTENDED_SYS_STATE": 5.0,
+    }
 
 
 PX4 = Firmware(
@@ -141,24 +152,15 @@ PX4 = Firmware(
     hold_mode="LOITER",
     setpoint_mode="OFFBOARD",
     limits=Limits(12.0, 3.0, 1.5, 200.0),
-    heading_turn_deg_s=60.0,
     takeoff_speed_m_s=1.5,
     landing_speed_m_s=0.7,
     cruise_m_s=5.0,
     return_height_m=30.0,
     spool_up_s=1.0,
     disarm_landed_s=2.0,
-    disarm_idle_s=10.0,
     unfit_text="Arming denied: Resolve system health failures first",
     parameters=PX4_PARAMETERS,
-    message_rates_hz={
-        "HEARTBEAT": 1.0,
-        "SYS_STATUS": 1.0,
-        "ATTITUDE": 100.0,
-        "LOCAL_POSITION_NED": 30.0,
-        "GLOBAL_POSITION_INT": 10.0,
-        "EXTENDED_SYS_STATE": 5.0,
-    },
+    message_rates_hz=_rates_hz(attitude=100.0, position=30.0),
 )
 """PX4 1.18 with default parameters."""
 
@@ -172,24 +174,15 @@ ARDUCOPTER = Firmware(
     hold_mode="LOITER",
     setpoint_mode="GUIDED",
     limits=Limits(10.0, 10.0, 10.0, 60.0),
-    heading_turn_deg_s=60.0,
     takeoff_speed_m_s=2.5,
     landing_speed_m_s=0.5,
     cruise_m_s=10.0,
     return_height_m=15.0,
     spool_up_s=2.0,
     disarm_landed_s=1.0,
-    disarm_idle_s=10.0,
     unfit_text="Arm: Need Position Estimate",
     parameters=ARDUCOPTER_PARAMETERS,
-    message_rates_hz={
-        "HEARTBEAT": 1.0,
-        "SYS_STATUS": 1.0,
-        "ATTITUDE": 50.0,
-        "LOCAL_POSITION_NED": 50.0,
-        "GLOBAL_POSITION_INT": 10.0,
-        "EXTENDED_SYS_STATE": 5.0,
-    },
+    message_rates_hz=_rates_hz(attitude=50.0, position=50.0),
     home=(-35.363262, 149.165237, 584.0),
 )
 """ArduCopter 4.6.3 with default parameters."""
