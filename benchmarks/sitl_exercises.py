@@ -63,6 +63,7 @@ class Exercise:
         codes: exit codes of the follower that are right; empty where it is killed.
         pilot: what the pilot does first, while the follower waits; else it takes off by itself.
         stays_down: whether nothing may lift off; what is done is the pilot's part alone.
+        to_the_end: whether nothing is done: it flies the scenario to its end.
         mode: ordered by a ground station, by flavour.
         lose_s: how long packets are lost.
         ways: which ones, "down" to the follower, "up" to the autopilot.
@@ -79,6 +80,7 @@ class Exercise:
     codes: tuple[int, ...] = ()
     pilot: Callable[[Relay], Iterator[None]] | None = None
     stays_down: bool = False
+    to_the_end: bool = False
     mode: Mapping[str, str] = field(default_factory=dict)
     lose_s: float = 0.0
     ways: tuple[str, ...] = ("down", "up")
@@ -160,7 +162,9 @@ EXERCISES = {
     "setpoints-3s": Exercise("released", _ENDED, lose_s=3.0, ways=("up",)),
     "setpoints-10s": Exercise("released", _ENDED, lose_s=10.0, ways=("up",)),
     **{
-        f"wind-{speed}": Exercise("follows, or falls behind and holds", _ANY, scene={"wind": wind})
+        f"wind-{speed}": Exercise(
+            "follows, or falls behind and holds", _ANY, to_the_end=True, scene={"wind": wind}
+        )
         for speed in (4, 8, 12)
         for wind in [{"mean_m_s": float(speed), "from_deg": 60.0, "gust_m_s": 0.2 * speed}]
     },
@@ -422,7 +426,9 @@ def _script(relay: Relay, process: subprocess.Popen[bytes], exercise: Exercise) 
         relay.sticks = _AT_REST
     if exercise.pilot is not None:
         yield from exercise.pilot(relay)
-    if not exercise.stays_down:
+    if exercise.to_the_end:
+        yield from relay.until(lambda: process.poll() is not None)
+    elif not exercise.stays_down:
         yield from relay.until(lambda: relay.fast_for_s > _STEADY_S)
     relay.begun_s = now_s = relay.clock.now()
     if exercise.mode:
