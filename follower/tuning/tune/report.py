@@ -61,7 +61,7 @@ def nyquist(one: AxisAnalysis) -> Figure:
     plane.plot([-1], [0], marker="+", color=RED.light, ms=11, mew=2)
     plane.set_xlim(-2.4, 1.2)
     plane.set_ylim(-1.9, 1.2)
-    plane.set_aspect("equal", adjustable="datalim")
+    plane.set_aspect("equal", adjustable="box")
     plane.set_xlabel("real part")
     plane.set_ylabel("imaginary part")
     style.legend(plane)
