@@ -20,15 +20,10 @@ from follower_vision.device import AUTO, CPU, accelerators, provider_of, provide
 
 Tensor: TypeAlias = npt.NDArray[np.float32]
 
-_LOAD_ERRORS = (
-    ort_errors.Fail,
-    ort_errors.InvalidArgument,
-    ort_errors.InvalidGraph,
-    ort_errors.InvalidProtobuf,
-    ort_errors.NotImplemented,
-    ort_errors.RuntimeException,
+_ERRORS: tuple[type[Exception], ...] = tuple(
+    one for one in vars(ort_errors).values() if isinstance(one, type) and issubclass(one, Exception)
 )
-_RUN_ERRORS = (ort_errors.InvalidArgument, ort_errors.Fail, ort_errors.RuntimeException)
+"""All that onnxruntime raises; which there are depends on its version."""
 _LOGGER = logging.getLogger(__name__)
 _ERRORS_ONLY = 3
 _SAME = 0.01
@@ -94,7 +89,7 @@ def onnx_session(path: Path, content: bytes | None = None, device: str = CPU) ->
     providers = [(provider, provider_options(device, path.parent))]
     try:
         session = onnxruntime.InferenceSession(model, options, providers=providers)
-    except _LOAD_ERRORS as error:
+    except _ERRORS as error:
         raise ModelError(
             f"{path}: not a network that onnxruntime can run ({_first_line(error)}); "
             "fetch it again with `follower models pull NAME` if it is one of ours"
@@ -151,7 +146,7 @@ class Network:
             try:
                 session = onnx_session(path, content, name)
                 self._compare(session)
-            except (ModelError, *_RUN_ERRORS) as error:
+            except (ModelError, *_ERRORS) as error:
                 level = logging.INFO if device == AUTO else logging.WARNING
                 why = _first_line(error).removeprefix(f"{path}: ")
                 _LOGGER.log(level, "%s runs on the processor: %s", path.name, why)
@@ -169,13 +164,13 @@ class Network:
         if self._accelerated is not None:
             try:
                 return list(self._accelerated.run(None, feeds))
-            except _RUN_ERRORS as error:
+            except _ERRORS as error:
                 text = "%s failed on %s and goes on with the processor: %s"
                 _LOGGER.warning(text, self.path.name, self.device, _first_line(error))
                 self.device, self._accelerated = CPU, None
         try:
             return list(self._session.run(None, feeds))
-        except _RUN_ERRORS as error:
+        except _ERRORS as error:
             shapes = ", ".join(str(tensor.shape) for tensor in tensors)
             raise ModelError(
                 f"{self.path}: this network does not take tensors of shape {shapes} "

@@ -75,11 +75,9 @@ def make_settings_detector(settings: Settings) -> Detector | None:
     Raises:
         ModelError: its network is missing or broken; the message says how to get it.
     """
-    return (
-        None
-        if settings.detector is None
-        else make_detector(settings.detector, _store(), device=settings.vision.device)
-    )
+    if settings.detector is None:
+        return None
+    return make_detector(settings.detector, _store(), device=settings.vision.device)
 
 
 def close_tracker(tracker: TargetTracker) -> None:
