@@ -37,6 +37,9 @@ class ModelError(ValueError):
     """A network's file is missing, broken or of another kind; the message is one line."""
 
 
+_REFUSALS: tuple[type[Exception], ...] = (ModelError, *_ERRORS)
+
+
 def check_model(path: Path) -> None:
     """Make sure that a network's file is there.
 
@@ -146,7 +149,7 @@ class Network:
             try:
                 session = onnx_session(path, content, name)
                 self._compare(session)
-            except (ModelError, *_ERRORS) as error:
+            except _REFUSALS as error:
                 level = logging.INFO if device == AUTO else logging.WARNING
                 why = _first_line(error).removeprefix(f"{path}: ")
                 _LOGGER.log(level, "%s runs on the processor: %s", path.name, why)
