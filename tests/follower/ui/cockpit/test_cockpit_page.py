@@ -209,9 +209,11 @@ def test_a_phone_watches_and_stops(
     phone.wait_for_selector("#control:has-text('watching')")
     phone.tap("#glass")
     phone.wait_for_selector("#hint.bad:has-text('You watch')")
+    stops = len(simulation.operator.stops_s)
     phone.tap("#stop")
     phone.wait_for_selector("#state[data-state=released]")
     page.wait_for_selector("#state[data-state=released]")
+    assert len(simulation.operator.stops_s) == stops + 1
     phone.context.close()
 
 
