@@ -334,6 +334,7 @@ def _user_errors() -> tuple[type[Exception], ...]:
     """Return what a user can mend; any other error is ours and shows its traceback."""
     from follower.links.connections import ConnectionFailedError
     from follower_vision.onnx_network import ModelError
+    from follower_vision.plugins import PluginError
     from follower_vision.sources.frame_source import SourceError
 
-    return SettingsError, ConnectionFailedError, SourceError, ModelError, OSError
+    return SettingsError, ConnectionFailedError, SourceError, ModelError, PluginError, OSError

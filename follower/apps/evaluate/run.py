@@ -26,6 +26,7 @@ from follower_vision.clock import MonotonicClock
 from follower_vision.evaluation.datasets import DatasetError, load_dataset, read_boxes
 from follower_vision.evaluation.metrics import spatial_starts, temporal_starts
 from follower_vision.evaluation.one_pass import Sequence
+from follower_vision.plugins import PluginError
 
 _SUCCESS, _INTERRUPTED = 0, 130
 
@@ -70,9 +71,11 @@ def evaluate(
         raise SettingsError(str(error)) from None
     if resume is not None and not resume.is_dir():
         raise SettingsError(f"--resume {resume}: there is no such folder")
-    contenders = [Contender(name, detector) for name in dict.fromkeys(trackers)]
-    for contender in contenders:
-        contender.make()  # what is missing is said before hours of work
+    contenders = [
+        contender
+        for contender in (Contender(name, detector) for name in dict.fromkeys(trackers))
+        if _can_be_made(contender, console)
+    ]
     if not (contenders or others):
         raise SettingsError("nothing to measure: give --trackers a,b or --boxes name=folder")
     folder = resume or new_run_folder(out, "evaluate")
@@ -91,6 +94,20 @@ def evaluate(
     whole = [sequence for sequence in sequences if sequence.name not in broken]
     _write(folder, kept, whole, remarks, console)
     return _SUCCESS
+
+
+def _can_be_made(contender: Contender, console: Console) -> bool:
+    """Return whether a contender can run, or say which plug-in is left out.
+
+    Raises:
+        ModelError: a network is missing: that is said before hours of work.
+    """
+    try:
+        contender.make()
+    except PluginError as error:
+        print_line(console, f"{contender.name} is left out: {error}", style="yellow")
+        return False
+    return True
 
 
 def _sequences(folders: Iterable[Path]) -> tuple[list[Sequence], list[str]]:

@@ -30,6 +30,7 @@ from follower.recording import epoch_now_ns
 from follower.settings.settings import Settings
 from follower_control.vehicle.stale_data import StuckSensorDetector
 from follower_vision.clock import Clock, MonotonicClock
+from follower_vision.detection.detectors import DETECTOR_PLUGINS, EMBEDDED
 from follower_vision.models import ModelStore, default_folder
 
 _STEP_S = 0.02
@@ -163,9 +164,13 @@ def model_states(settings: Settings) -> dict[str, str]:
     for name in (settings.tracker, settings.detector, settings.fusion.model):
         if name in known:
             states |= {file: str(state) for file, state in store.verify(known[name]).items()}
-        elif name is not None and name != settings.tracker:
+        elif name is not None and name != settings.tracker and not _is_no_file(name):
             states[Path(name).name] = "good" if Path(name).is_file() else "missing"
     return states
+
+
+def _is_no_file(detector: str) -> bool:
+    return detector == EMBEDDED or DETECTOR_PLUGINS.find(detector) is not None
 
 
 def preflight(

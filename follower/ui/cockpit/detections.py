@@ -11,6 +11,7 @@ from follower_vision.detection.detectors import scan
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.onnx_network import ModelError
+from follower_vision.plugins import PluginError
 
 _EVERY_S = 0.4
 _MOST = 40
@@ -56,7 +57,7 @@ class Objects:
         self._wake.wait()
         try:
             detector = self._make()
-        except ModelError as error:
+        except (ModelError, PluginError) as error:
             self._say(f"Nothing is numbered on the page: {error}")
             return
         seen = -1

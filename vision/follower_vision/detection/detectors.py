@@ -1,6 +1,8 @@
 """The detectors by name."""
 
+import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from follower_vision.detection.detection import Detection, Detector, DetectorSettings
@@ -11,9 +13,12 @@ from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
 from follower_vision.models.table import Purpose, VisionModel
 from follower_vision.onnx_network import ModelError
+from follower_vision.plugins import Plugin, PluginGroup, PluginGuard
 
 EMBEDDED = "embedded"
 """Another name for the detector that is part of this package."""
+DETECTOR_PLUGINS = PluginGroup("follower.detectors", "detector", ("class_names", "detect"))
+"""Each makes a `Detector` when it is called with what finds a file, and the device's name."""
 _LARGE_PX = 600
 _PART = 0.6
 _SAME_IOU = 0.45
@@ -21,8 +26,10 @@ _SAME_INSIDE = 0.7
 
 
 def detector_names(store: ModelStore) -> list[str]:
-    """Return the names of the detectors in the table, there or not."""
-    return [model.name for model in store.models if model.purpose is Purpose.DETECTOR]
+    """Return the names of the detectors in the table, there or not, and of other packages'."""
+    ours = [model.name for model in store.models if model.purpose is Purpose.DETECTOR]
+    taken = [EMBEDDED, *(model.name for model in store.models)]
+    return [*ours, *DETECTOR_PLUGINS.names(taken)]
 
 
 def make_detector(
@@ -33,8 +40,8 @@ def make_detector(
     family: str | None = None,
     class_names: Sequence[str] | None = None,
     device: str = CPU,
-) -> OnnxDetector:
-    """Return a detector from the table, or from the user's own ONNX file.
+) -> Detector:
+    """Return a detector from the table, another package's, or one in the user's own ONNX file.
 
     Args:
         name: one of `detector_names`, "embedded", or a path that ends in .onnx.
@@ -46,14 +53,53 @@ def make_detector(
 
     Raises:
         ModelError: there is no such detector, or its file is missing or broken.
+        PluginError: another package's detector cannot be used.
     """
     path = Path(name).expanduser()
     if path.suffix != ".onnx":
+        if name != EMBEDDED and all(model.name != name for model in store.models):
+            return _added(name, store, device)
         model = _embedded(store) if name == EMBEDDED else store.model(name)
         if model.purpose is not Purpose.DETECTOR:
             raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
         path, family = store.paths(model)[0], family or model.family
     return OnnxDetector(path, settings, family=family, class_names=class_names, device=device)
+
+
+class GuardedDetector:
+    """Asks a plug-in's detector; where that raises or errs, it detects nothing.
+
+    Args:
+        detector: the plug-in's.
+        plugin: where it is from.
+
+    Attributes:
+        class_names: the detector's own.
+    """
+
+    def __init__(self, detector: Detector, plugin: Plugin) -> None:
+        self._detector = detector
+        self._guard = PluginGuard(plugin)
+        self.class_names = tuple(detector.class_names)
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        """See `Detector`."""
+        ask = partial(self._detector.detect, image, region)
+        return self._guard.run(ask, [], lambda found: all(map(_is_detection, found)))
+
+
+def _is_detection(one: Detection) -> bool:
+    sound = isinstance(one, Detection) and isinstance(one.box, Box)
+    return sound and math.isfinite(one.score)
+
+
+def _added(name: str, store: ModelStore, device: str) -> GuardedDetector:
+    """Return the detector that another package adds."""
+    plugin = DETECTOR_PLUGINS.find(name)
+    if plugin is None:
+        names = ", ".join(detector_names(store))
+        raise ModelError(f"there is no network {name!r}; there are {names}")
+    return GuardedDetector(plugin.make(store.file, device), plugin)
 
 
 def _embedded(store: ModelStore) -> VisionModel:

@@ -10,6 +10,7 @@ import numpy as np
 
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.images.frame import Frame, Image
+from follower_vision.plugins import Plugin
 from follower_vision.sources.camera_connection import (
     CaptureDevice,
     Connection,
@@ -25,6 +26,11 @@ from follower_vision.sources.frame_source import (
     SourceError,
 )
 from follower_vision.sources.live_source import LiveSettings, LiveSource
+from follower_vision.sources.plugin_connection import (
+    SOURCE_PLUGINS,
+    PluginConnection,
+    source_errors,
+)
 from follower_vision.sources.video_file import VideoFile
 
 __all__ = [
@@ -43,6 +49,7 @@ SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
 _ADDRESS = re.compile(r"(rtsp|rtsps|rtmp|udp|tcp|srt|http|https)://", re.IGNORECASE)
 _DEVICE = re.compile(r"/dev/video\d+")
 _GSTREAMER = "gst:"
+_PLUGIN = re.compile(r"(?P<name>[A-Za-z][\w-]*):")
 
 
 class ImageFolder(ClosesItself):
@@ -141,7 +148,8 @@ def _load(path: Path) -> Image | None:
 
 def is_live(spec: str) -> bool:
     """Return whether `spec` names a camera or a stream rather than a recording."""
-    return spec.startswith(_GSTREAMER) or bool(_ADDRESS.match(spec)) or _device(spec) is not None
+    ours = spec.startswith(_GSTREAMER) or bool(_ADDRESS.match(spec)) or _device(spec) is not None
+    return ours or _plugin(spec) is not None
 
 
 def open_source(
@@ -156,7 +164,8 @@ def open_source(
     Args:
         spec: a video file; a folder of images; a camera ("/dev/video0", or "0" if no file has
             that name); the address of a stream ("rtsp://...", "udp://0.0.0.0:5600" for H.264 in
-            MPEG-TS); or "gst:" and a GStreamer pipeline that ends in appsink.
+            MPEG-TS); "gst:" and a GStreamer pipeline that ends in appsink; or the name of another
+            package's source, ":", and what it makes of the rest.
         folder_rate_hz: frames a second of a folder of images.
         clock: times the frames of live sources; the computer's monotonic clock if None.
         live: how a live source behaves.
@@ -192,7 +201,20 @@ def _connector(spec: str, clock: Clock) -> Callable[[], Connection]:
     if device is not None:
         check_device(device)
         return partial(CaptureDevice.v4l2, device, clock)
+    plugin = _plugin(spec)
+    if plugin is not None:
+        with source_errors(plugin):
+            plugin.load()
+        return partial(PluginConnection, plugin, spec.partition(":")[2], clock)
     return partial(NetworkStream, spec, clock)
+
+
+def _plugin(spec: str) -> Plugin | None:
+    """Return the other package's source that is meant, None if it is none."""
+    named = _PLUGIN.match(spec)
+    if named is None or _ADDRESS.match(spec) or Path(spec).exists():
+        return None
+    return SOURCE_PLUGINS.find(named["name"])
 
 
 def _device(spec: str) -> str | None:

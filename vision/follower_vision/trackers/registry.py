@@ -10,6 +10,7 @@ from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
 from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork
 from follower_vision.trackers.opencv import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
+from follower_vision.trackers.plugin_tracker import TRACKER_PLUGINS, guarded
 from follower_vision.trackers.re3 import Re3Network, Re3Tracker
 
 FindFile: TypeAlias = Callable[[str], Path]
@@ -42,18 +43,31 @@ TRACKERS: dict[str, Callable[[FindFile, str], MotionTracker]] = {
     "re3": _re3,
     **{name: partial(_opencv, name) for name in OPENCV_KINDS},
 }
-"""How each is made; trackers that have no network ask for no file."""
+"""How each is made; trackers that have no network ask for no file. Plug-ins come beside them."""
 
 
 def tracker_names() -> list[str]:
-    """Return the names that `make_tracker` takes here; OpenCV's depend on how it was built."""
-    missing = OPENCV_KINDS.keys() - opencv_tracker_names()
-    return [name for name in TRACKERS if name not in missing]
+    """Return the names that `make_tracker` takes here; OpenCV's depend on how it was built.
+
+    Those of other packages come last.
+    """
+    return [*_own_names(), *TRACKER_PLUGINS.names(TRACKERS)]
 
 
 def is_tracker(name: str) -> bool:
-    """Return whether `make_tracker` takes a name: one of `tracker_names()`, or a file's path."""
-    return name in tracker_names() or name.endswith(_NETWORK)
+    """Return whether `make_tracker` takes a name: one of `tracker_names()`, or a file's path.
+
+    Raises:
+        PluginError: two packages have a tracker of that name.
+    """
+    if name in TRACKERS:
+        return name in _own_names()
+    return name.endswith(_NETWORK) or TRACKER_PLUGINS.find(name) is not None
+
+
+def _own_names() -> list[str]:
+    missing = OPENCV_KINDS.keys() - opencv_tracker_names()
+    return [name for name in TRACKERS if name not in missing]
 
 
 def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTracker:
@@ -67,9 +81,13 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
     Raises:
         ValueError: there is no tracker of that name, or this OpenCV lacks it.
         ModelError: a network's file is missing or broken.
+        PluginError: another package's tracker cannot be used.
     """
     if name.endswith(_NETWORK):
         return Re3Tracker(Re3Network(Path(name), device), name=Path(name).stem)
-    if name not in TRACKERS:
+    if name in TRACKERS:
+        return TRACKERS[name](find_file, device)
+    plugin = TRACKER_PLUGINS.find(name)
+    if plugin is None:
         raise ValueError(f"there is no tracker {name!r}; there are {', '.join(tracker_names())}")
-    return TRACKERS[name](find_file, device)
+    return guarded(plugin.make(find_file, device), plugin)
