@@ -73,6 +73,55 @@ def test_yolov8(cx: float, cy: float, w: float, h: float, number: int) -> None:
     assert decoder.decode([answer], 0.5).scores == pytest.approx([0.6])
 
 
+@given(cxs, cys, sizes, sizes, class_ids, st.sampled_from([(8, 16, 32), (8, 16, 32, 64)]))
+def test_yolov5(
+    cx: float, cy: float, w: float, h: float, number: int, strides: tuple[int, ...]
+) -> None:
+    answer = np.zeros((1, 3 * sum(map(cells, strides)), 5 + CLASSES), np.float32)
+    answer[0, 99, :5] = [cx, cy, w, h, 0.8]
+    answer[0, 99, 5 + number] = 0.5
+    decoder = make_decoder(layout(answer.shape))
+    assert decoder.classes == CLASSES
+    check(decoder.decode([answer], 0.3), cx, cy, w, h, number)
+    assert decoder.decode([answer], 0.3).scores == pytest.approx([0.4])
+    assert len(decoder.decode([answer], 0.41).scores) == 0
+
+
+@given(cxs, cys, sizes, sizes, class_ids)
+def test_yolo_end_to_end(cx: float, cy: float, w: float, h: float, number: int) -> None:
+    answer = np.zeros((1, 300, 6), np.float32)
+    answer[0, 7] = [cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2, 0.6, number]
+    answer[0, 8] = [cx, cy, cx + w, cy + h, 0.7, math.nan]
+    answer[0, 9] = [cx, cy, cx + w, cy + h, math.nan, number]
+    check(make_decoder(layout(answer.shape)).decode([answer], 0.5), cx, cy, w, h, number)
+
+
+@given(cxs, cys, sizes, sizes, class_ids, st.booleans())
+def test_rtdetr(cx: float, cy: float, w: float, h: float, number: int, boxes_first: bool) -> None:
+    logits = np.full((1, 300, CLASSES), -9.0, np.float32)
+    boxes = np.zeros((1, 300, 4), np.float32)
+    boxes[0, 7] = [cx / WIDTH, cy / HEIGHT, w / WIDTH, h / HEIGHT]
+    logits[0, 7, number] = logit(0.6)
+    outputs, names = [logits, boxes], ("logits", "pred_boxes")
+    if boxes_first:
+        outputs, names = outputs[::-1], ("boxes", "logits")
+    decoder = make_decoder(layout(*(one.shape for one in outputs), names=names))
+    assert decoder.classes == CLASSES
+    check(decoder.decode(outputs, 0.5), cx, cy, w, h, number)
+    assert decoder.decode(outputs, 0.5).scores == pytest.approx([0.6])
+
+
+@given(cxs, cys, sizes, sizes, class_ids)
+def test_detr_deploy(cx: float, cy: float, w: float, h: float, number: int) -> None:
+    labels, scores = np.zeros((1, 300), np.int64), np.zeros((1, 300), np.float32)
+    boxes = np.zeros((1, 300, 4), np.float32)
+    boxes[0, 7] = [cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2]
+    labels[0, 7], scores[0, 7] = number, 0.6
+    shapes = layout((1, 300), (1, 300, 4), (1, 300), names=("labels", "boxes", "scores"))
+    found = make_decoder(shapes).decode([labels, boxes, scores], 0.5)  # type: ignore[list-item]
+    check(found, cx, cy, w, h, number)
+
+
 @given(cxs, cys, sizes, sizes, class_ids)
 def test_fastestdet(cx: float, cy: float, w: float, h: float, number: int) -> None:
     answer = np.zeros((1, 5 + CLASSES, HEIGHT // 16, WIDTH // 16), np.float32)
@@ -187,29 +236,45 @@ SHAPES = {
     "nanodet": [(1, cells(s), n) for n in (7, 32) for s in (8, 16, 32)],
     "fastestdet": [(1, 12, HEIGHT // 16, WIDTH // 16)],
     "yolov2": [(1, 60, HEIGHT // 32, WIDTH // 32)],
+    "yolov5": [(1, 3 * sum(map(cells, (8, 16, 32))), 12)],
+    "yolo-end-to-end": [(1, 300, 6)],
+    "rtdetr": [(1, 300, 7), (1, 300, 4)],
+    "detr-deploy": [(1, 300), (1, 300, 4), (1, 300)],
 }
+NAMES = {"rtdetr": ("logits", "pred_boxes"), "detr-deploy": ("labels", "boxes", "scores")}
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_each_family_is_recognised_and_no_other_claims_it(family: str) -> None:
-    shapes = layout(*SHAPES[family])
+    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()))
     assert [name for name, kind in FAMILIES.items() if kind.fits(shapes)] == [family]
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_nothing_seen_is_nothing_found(family: str) -> None:
     answers = [np.full(shape, -30.0, np.float32) for shape in SHAPES[family]]
-    found = make_decoder(layout(*SHAPES[family])).decode(answers, 0.3)
+    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()))
+    found = make_decoder(shapes).decode(answers, 0.3)
     assert found.corners.shape == (0, 4)
     assert found.scores.shape == found.classes.shape == (0,)
 
 
 @pytest.mark.parametrize(
-    "shapes", [[], [(1, 9)], [(1, 50, 85)], [(1, 3, 5, 5)], [(1, 2, 8, 8)] * 2]
+    "shapes", [[], [(1, 9)], [(1, 50, 85)], [(1, 300, 38)], [(1, 3, 5, 5)], [(1, 2, 8, 8)] * 2]
 )
 def test_foreign_networks_are_refused(shapes: list[tuple[int, ...]]) -> None:
-    with pytest.raises(ValueError, match="not a detector of the family yolox or "):
+    with pytest.raises(ValueError, match="not a detector of the family yolox or ") as caught:
         make_decoder(layout(*shapes))
+    assert "\n" not in str(caught.value)
+    for name, kind in FAMILIES.items():
+        assert f"{name} {kind.layout}" in str(caught.value)
+
+
+@pytest.mark.parametrize("names", [("dets", "labels"), ("boxes", "scores")])
+def test_boxes_of_another_kind_are_not_taken_for_rtdetrs(names: tuple[str, str]) -> None:
+    """RF-DETR, and networks with boxes in pixels, have such shapes too."""
+    with pytest.raises(ValueError, match=r"outputs \w+ \(1, 300, 4\), \w+ \(1, 300, 7\); what is"):
+        make_decoder(layout((1, 300, 4), (1, 300, 7), names=names))
 
 
 def test_a_family_can_be_set_but_must_fit() -> None:

@@ -95,6 +95,66 @@ def constant_detector(path: Path, rows: list[tuple[float, ...]]) -> Path:
     return path
 
 
+WIDE, HIGH = 96, 64
+CELLS = 126
+"""Cells of the three grids in an input of 96 x 64 pixels."""
+
+
+def exported(path: Path, outputs: dict[str, np.ndarray], *, with_size: bool = False) -> Path:
+    """A network that always answers the same, of `WIDE` x `HIGH` pixels.
+
+    With a size as its second input, `boxes` are shares of it, and come out in its pixels.
+    """
+    nodes, values = [], []
+    for name, answer in outputs.items():
+        values.append(onnx.numpy_helper.from_array(answer, f"{name} said"))
+        factor = "size4" if with_size and name == "boxes" else None
+        said = [f"{name} said", factor] if factor else [f"{name} said"]
+        nodes.append(h.make_node("Mul" if factor else "Identity", said, [name]))
+    inputs = [h.make_tensor_value_info("images", 1, ["N", 3, HIGH, WIDE])]
+    if with_size:
+        inputs.append(h.make_tensor_value_info("orig_target_sizes", 7, ["N", 2]))
+        cast = h.make_node("Cast", ["orig_target_sizes"], ["size"], to=1)
+        nodes = [cast, h.make_node("Concat", ["size", "size"], ["size4"], axis=1), *nodes]
+    infos = [
+        h.make_tensor_value_info(name, 7 if answer.dtype == np.int64 else 1, answer.shape)
+        for name, answer in outputs.items()
+    ]
+    graph = h.make_graph(nodes, "exported", inputs, infos, initializer=values)
+    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def answers(export: str) -> dict[str, np.ndarray]:
+    """What an exporter's network says that sees class 1 in the middle half of its input, at 0.9."""
+    centre, corners = (48, 32, 48, 32), (24, 16, 72, 48)
+    shapes = {
+        "YOLOv5": {"output0": (3 * CELLS, 7)},
+        "YOLO11": {"output0": (CELLS, 6)},
+        "YOLO26": {"output0": (300, 6)},
+        "Transformers": {"logits": (300, 80), "pred_boxes": (300, 4)},
+        "D-FINE": {"labels": (300,), "boxes": (300, 4), "scores": (300,)},
+    }
+    made = {name: np.zeros((1, *shape), np.float32) for name, shape in shapes[export].items()}
+    if export == "YOLOv5":
+        made["output0"][0, 2] = [*centre, 0.9, 0.0, 1.0]
+    elif export == "YOLO11":
+        made["output0"][0, 2] = [*centre, 0.0, 0.9]
+        made["output0"] = made["output0"].transpose(0, 2, 1)
+    elif export == "YOLO26":
+        made["output0"][0, 2] = [*corners, 0.9, 1.0]
+    elif export == "Transformers":
+        made["logits"] -= 9.0
+        made["logits"][0, 2, 1] = np.log(0.9 / 0.1)
+        made["pred_boxes"][0, 2] = 0.5
+    else:
+        made["labels"] = made["labels"].astype(np.int64)
+        made["labels"][0, 2], made["scores"][0, 2] = 1, 0.9
+        made["boxes"][0, 2] = [0.25, 0.25, 0.75, 0.75]
+    return made
+
+
 @pytest.fixture
 def red_file(tmp_path: Path) -> Path:
     return red_detector(tmp_path / "red.onnx")
@@ -189,6 +249,40 @@ def test_a_wide_image_is_shown_whole_and_undistorted(tmp_path: Path) -> None:
     file = constant_detector(tmp_path / "c.onnx", [(32, 32, 16, 8, 0.9, 0.0)])
     (found,) = OnnxDetector(file).detect(np.zeros((360, 640, 3), np.uint8))
     assert found.box == Box(320, 180, 160, 80)
+
+
+@pytest.mark.parametrize("export", ["YOLOv5", "YOLO11", "YOLO26", "Transformers", "D-FINE"])
+def test_an_exported_network_is_recognised_and_its_boxes_are_where_it_says(
+    export: str, tmp_path: Path
+) -> None:
+    file = exported(tmp_path / "own.onnx", answers(export), with_size=export == "D-FINE")
+    (found,) = OnnxDetector(file).detect(np.zeros((128, 192, 3), np.uint8))
+    assert found.box.xywh == pytest.approx((48, 32, 96, 64), abs=1e-3)
+    assert found.score == pytest.approx(0.9, abs=1e-5)
+    assert found.class_id == 1
+    names = {"YOLOv5": "class 1", "YOLO11": "class 1"}
+    assert found.class_name == names.get(export, "bicycle")
+
+
+def test_class_numbers_beyond_the_names_are_named_by_number(tmp_path: Path) -> None:
+    said = answers("D-FINE")
+    said["labels"][0, 2] = 99
+    file = exported(tmp_path / "own.onnx", said, with_size=True)
+    (found,) = OnnxDetector(file).detect(scene())
+    assert found.class_name == "class 99"
+    (found,) = OnnxDetector(file, class_names=["a"]).detect(scene())
+    assert found.class_name == "class 99"
+
+
+def test_an_unknown_layout_is_one_line_that_lists_what_is_read(tmp_path: Path) -> None:
+    file = exported(tmp_path / "own.onnx", {"output0": np.zeros((1, 300, 38), np.float32)})
+    with pytest.raises(
+        ModelError, match=r"own\.onnx: not a detector.*output0 \(1, 300, 38\)"
+    ) as no:
+        OnnxDetector(file)
+    assert "\n" not in str(no.value)
+    for layout in ("(1, 4 + classes, cells)", "(1, rows, 6)", "logits (1, rows, classes)"):
+        assert layout in str(no.value)
 
 
 def test_boxes_that_are_none_are_dropped(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 from follower_vision.device import AUTO, CPU, accelerators, provider_of, provider_options
 
 Tensor: TypeAlias = npt.NDArray[np.float32]
+Integers: TypeAlias = npt.NDArray[np.integer]
 
 _ERRORS: tuple[type[Exception], ...] = tuple(
     one for one in vars(ort_errors).values() if isinstance(one, type) and issubclass(one, Exception)
@@ -31,6 +32,7 @@ _SAME = 0.01
 _GRAPH, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 11, 12, 13
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FLOAT = 1
+_KINDS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
 class ModelError(ValueError):
@@ -107,7 +109,7 @@ def _first_line(error: Exception) -> str:
 
 
 class Network:
-    """A network with float32 tensors in and out.
+    """A network with float32 tensors in and out; one beside the first may take whole numbers.
 
     Where another device than the processor is asked for, it has to give the processor's answers
     when the network is loaded; if it does not, or fails later, the processor takes over at once,
@@ -116,7 +118,8 @@ class Network:
     Attributes:
         path: the file that it came from.
         inputs: name to shape of every input, in order; 0 where a size is free.
-        outputs: the same of every output.
+        kinds: the inputs' types of numbers, in order.
+        outputs: name to shape of every output.
         metadata: what the exporter wrote into the file.
         device: where it runs now; see `device`.
     """
@@ -136,12 +139,13 @@ class Network:
         """
         content = read_model(path) if content is None else content
         self._session = onnx_session(path, content)
-        for node in self._session.get_inputs():
-            if node.type != "tensor(float)":
+        for number, node in enumerate(self._session.get_inputs()):
+            if node.type not in _KINDS or (number == 0 and _KINDS[node.type] is not np.float32):
                 refused = f"input {node.name} is a {node.type}; only float32 is taken"
                 raise ModelError(f"{path}: {refused}")
         self.path = path
         self.inputs = {node.name: _shape(node) for node in self._session.get_inputs()}
+        self.kinds = [_KINDS[node.type] for node in self._session.get_inputs()]
         self.outputs = {node.name: _shape(node) for node in self._session.get_outputs()}
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self.device, self._accelerated = CPU, None
@@ -157,7 +161,7 @@ class Network:
                 self.device, self._accelerated = name, session
                 return
 
-    def run(self, *tensors: Tensor) -> list[Tensor]:
+    def run(self, *tensors: Tensor | Integers) -> list[Tensor]:
         """Return the outputs, in order, for the inputs given in order.
 
         Raises:
@@ -188,7 +192,10 @@ class Network:
         """
         rng = np.random.default_rng(0)
         sizes = {name: [size or 1 for size in of] for name, of in self.inputs.items()}
-        feeds = {name: rng.random(of, dtype=np.float32) for name, of in sizes.items()}
+        feeds = {
+            name: rng.random(of, dtype=np.float32) if kind is np.float32 else np.ones(of, kind)
+            for (name, of), kind in zip(sizes.items(), self.kinds, strict=True)
+        }
         wanted, got = self._session.run(None, feeds), session.run(None, feeds)
         for name, a, b in zip(self.outputs, wanted, got, strict=True):
             if not np.allclose(a, b, rtol=0, atol=_SAME * float(np.abs(a).max(initial=0))):

@@ -16,6 +16,11 @@ from follower_vision.detection.detection import (
     sigmoid,
     softmax,
 )
+from follower_vision.detection.end_to_end import (
+    DetrDeployDecoder,
+    RtDetrDecoder,
+    YoloEndToEndDecoder,
+)
 from follower_vision.onnx_network import Tensor
 
 FASTESTDET_STRIDE = 16
@@ -24,6 +29,8 @@ STRIDES = (8, 16, 32)
 PLUS_STRIDES = (8, 16, 32, 64)
 PLUS_BINS = 8
 YOLOV2_STRIDE = 32
+_ANCHORS = 3
+"""Of each of YOLOv5's cells."""
 COCO_ANCHORS = (
     (0.57273, 0.677385),
     (1.87446, 2.06253),
@@ -52,6 +59,7 @@ def _cells_and_strides(layout: NetworkLayout, strides: Sequence[int]) -> tuple[T
 class FastestDetDecoder:
     """Reads (1, 5 + classes, rows, columns): objectness, box, and a score for each class."""
 
+    layout = "(1, 5 + classes, rows, columns) of cells of 16 pixels"
     input_format = InputFormat(Placement.STRETCH, deviation=(255.0, 255.0, 255.0))
 
     def __init__(self, layout: NetworkLayout) -> None:
@@ -87,6 +95,7 @@ class NanoDetDecoder:
     joined into one of (1, cells, classes + 32).
     """
 
+    layout = "(1, cells, classes) and (1, cells, 32) for each grid"
     input_format = InputFormat(
         Placement.CENTRE,
         fill=0.0,
@@ -172,6 +181,7 @@ def _classes_first(layout: NetworkLayout, pair: list[int]) -> tuple[int, int]:
 class YoloV2Decoder:
     """Reads (1, anchors * (5 + classes), rows, columns): box, objectness, classes an anchor."""
 
+    layout = "(1, anchors * (5 + classes), rows, columns) of cells of 32 pixels"
     input_format = InputFormat(
         Placement.CENTRE, fill=127.0, red_first=True, deviation=(255.0, 255.0, 255.0)
     )
@@ -218,6 +228,7 @@ class YoloV2Decoder:
 class YoloV8Decoder:
     """Reads (1, 4 + classes, cells): centre and size in input pixels, a score for each class."""
 
+    layout = "(1, 4 + classes, cells)"
     input_format = InputFormat(Placement.CENTRE, red_first=True, deviation=(255.0, 255.0, 255.0))
 
     def __init__(self, layout: NetworkLayout) -> None:
@@ -238,9 +249,38 @@ class YoloV8Decoder:
         return Candidates(from_centres(rows[:, :2], rows[:, 2:4]), scores, classes)
 
 
+class YoloV5Decoder:
+    """Reads (1, 3 * cells, 5 + classes): centre, size in input pixels, objectness, a class's score.
+
+    YOLOv5 and YOLOv7; the cells are those of three grids or, with a fourth of 64 pixels, of four.
+    """
+
+    layout = "(1, 3 * cells, 5 + classes)"
+    input_format = YoloV8Decoder.input_format
+
+    def __init__(self, layout: NetworkLayout) -> None:
+        self.classes = layout.only_output[2] - 5
+
+    @staticmethod
+    def fits(layout: NetworkLayout) -> bool:
+        """Return whether a network's outputs have this family's shapes."""
+        shape = layout.only_output
+        rows = [_ANCHORS * layout.cells(strides) for strides in (STRIDES, PLUS_STRIDES)]
+        return len(shape) == 3 and shape[1] in rows and shape[2] > 5
+
+    def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
+        """Return the boxes with at least a score, in input pixels."""
+        # A score is objectness times class score, and so never above the objectness.
+        rows = outputs[0][0, outputs[0][0, :, 4] >= min_score]
+        best, classes = best_class(rows[:, 5:])
+        corners = from_centres(rows[:, :2], rows[:, 2:4])
+        return Candidates(corners, rows[:, 4] * best, classes).above(min_score)
+
+
 class YoloxDecoder:
     """Reads (1, cells, 5 + classes): centre, size, objectness and a score for each class."""
 
+    layout = "(1, cells, 5 + classes)"
     input_format = InputFormat(Placement.CORNER)
 
     def __init__(self, layout: NetworkLayout) -> None:
@@ -274,7 +314,7 @@ class Decoder(Protocol):
 
     @property
     def classes(self) -> int:
-        """How many classes the network distinguishes."""
+        """How many classes the network distinguishes; 0 where its outputs do not say."""
         ...
 
     def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
@@ -284,6 +324,11 @@ class Decoder(Protocol):
 
 class DecoderClass(Protocol):
     """Makes a decoder for the networks that fit."""
+
+    @property
+    def layout(self) -> str:
+        """The outputs' shapes in words, for messages."""
+        ...
 
     def __call__(self, layout: NetworkLayout) -> Decoder:
         """Make the decoder for one network."""
@@ -297,6 +342,10 @@ class DecoderClass(Protocol):
 FAMILIES: Mapping[str, DecoderClass] = {
     "yolox": YoloxDecoder,
     "yolov8": YoloV8Decoder,
+    "yolov5": YoloV5Decoder,
+    "yolo-end-to-end": YoloEndToEndDecoder,
+    "rtdetr": RtDetrDecoder,
+    "detr-deploy": DetrDeployDecoder,
     "nanodet": NanoDetDecoder,
     "fastestdet": FastestDetDecoder,
     "yolov2": YoloV2Decoder,
@@ -315,4 +364,7 @@ def make_decoder(layout: NetworkLayout, family: str | None = None) -> Decoder:
     for name in wanted:
         if FAMILIES[name].fits(layout):
             return FAMILIES[name](layout)
-    raise ValueError(f"not a detector of the family {' or '.join(wanted)}: {layout}")
+    known = "; ".join(f"{name} {FAMILIES[name].layout}" for name in wanted)
+    raise ValueError(
+        f"not a detector of the family {' or '.join(wanted)}: {layout}; what is read: {known}"
+    )

@@ -20,7 +20,7 @@ from follower_vision.device import CPU
 from follower_vision.geometry.box import Box, keep_best
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import ModelError, Network, Tensor
+from follower_vision.onnx_network import Integers, ModelError, Network, Tensor
 
 _USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5
@@ -40,17 +40,19 @@ def choose_class_names(
 ) -> tuple[str, ...]:
     """Return the names: those given, else those in the file, else the usual for their number.
 
+    A `count` of 0 is not known: any number of names is taken then, and COCO's if there are none.
+
     Raises:
         ValueError: there are more or fewer names given than classes.
     """
     if given is not None:
-        if len(given) != count:
+        if count not in (0, len(given)):
             raise ValueError(f"{len(given)} class names were given for {count} classes")
         return tuple(given)
     written = _written_names(metadata.get("names", ""))
-    if len(written) == count:
+    if written and count in (0, len(written)):
         return written
-    usual = {80: COCO_CLASSES, 20: VOC_CLASSES}
+    usual = {0: COCO_CLASSES, 80: COCO_CLASSES, 20: VOC_CLASSES}
     return usual.get(count) or tuple(f"class {number}" for number in range(count))
 
 
@@ -68,7 +70,7 @@ def _written_names(text: str) -> tuple[str, ...]:
 
 
 class OnnxDetector:
-    """Finds objects with YOLOX, YOLOv8/11, NanoDet, FastestDet or YOLO v2.
+    """Finds objects with a network of any of the families of `families.FAMILIES`.
 
     One thread at a time may call `detect`: the input's memory is used again and again.
 
@@ -101,8 +103,10 @@ class OnnxDetector:
         self._settings = settings or DetectorSettings()
         self._network = Network(path, device)
         self._tensor = np.zeros(_input_shape(self._network), np.float32)
+        self._size = _size_input(self._network, self._tensor)
         try:
-            self._decoder = make_decoder(_layout(self._network, self._tensor), family)
+            layout = _layout(self._network, self._tensor, self._size)
+            self._decoder = make_decoder(layout, family)
         except ValueError as error:
             raise ModelError(f"{path}: {error}") from error
         self.class_names = choose_class_names(
@@ -121,7 +125,8 @@ class OnnxDetector:
         height, width = self._tensor.shape[2:]
         view = self._decoder.input_format.view(region or whole, width, height)
         self._show(image, view)
-        found = self._decoder.decode(self._network.run(self._tensor), self._settings.min_score)
+        outputs = self._network.run(self._tensor, *self._size)
+        found = self._decoder.decode(outputs, self._settings.min_score)
         detections = self._detections(self._thinned(found.valid()), view, whole)
         return [one for one in detections if region is None or _centre_within(one.box, region)]
 
@@ -155,8 +160,12 @@ class OnnxDetector:
         ):
             if not (is_cut and self._settings.drop_cut):
                 box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
-                made.append(Detection(box, number, self.class_names[number], score, is_cut))
+                made.append(Detection(box, number, self._name(number), score, is_cut))
         return made
+
+    def _name(self, number: int) -> str:
+        known = 0 <= number < len(self.class_names)
+        return self.class_names[number] if known else f"class {number}"
 
     def _cut(self, corners: Tensor, view: Box, whole: Box) -> list[bool]:
         """Return for each box whether it ends where the view ends and the image does not."""
@@ -187,15 +196,22 @@ def _centre_within(box: Box, region: Box) -> bool:
 def _input_shape(network: Network) -> tuple[int, int, int, int]:
     """Return the input's shape, with the usual side where the network takes any."""
     shapes = list(network.inputs.values())
-    if len(shapes) != 1 or len(shapes[0]) != 4 or shapes[0][1] not in (0, 3):
+    with_size = len(shapes) == 2 and shapes[1][1:] == (2,) and network.kinds[1] is not np.float32
+    if not (len(shapes) == 1 or with_size) or len(shapes[0]) != 4 or shapes[0][1] not in (0, 3):
         raise ModelError(f"{network.path}: not a detector of images: its inputs are {shapes}")
     height, width = shapes[0][2:]
     return 1, 3, height or _USUAL_SIDE, width or _USUAL_SIDE
 
 
-def _layout(network: Network, blank: Tensor) -> NetworkLayout:
+def _size_input(network: Network, tensor: Tensor) -> list[Integers]:
+    """Return what a second input takes: the size in which boxes are wanted, the input's own."""
+    height, width = tensor.shape[2:]
+    return [np.array([[width, height]], kind) for kind in network.kinds[1:]]
+
+
+def _layout(network: Network, blank: Tensor, size: list[Integers]) -> NetworkLayout:
     """Try a network on a blank image, because not every file states its outputs' shapes."""
-    shapes = [output.shape for output in network.run(blank)]
+    shapes = [output.shape for output in network.run(blank, *size)]
     outputs = tuple(zip(network.outputs, shapes, strict=True))
     anchors = _written_anchors(network)
     return NetworkLayout(blank.shape[2], blank.shape[3], outputs, anchors)
