@@ -1,0 +1,397 @@
+"""Packages that add trackers, detectors and sources; and what they cannot break."""
+
+import csv
+import logging
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from plugin_packages import TRACKER, Site, installed
+from rich.console import Console
+
+from follower.apps.command_settings import command_settings
+from follower.apps.evaluate.run import evaluate
+from follower.apps.main import UNUSABLE, main
+from follower.apps.preflight.session import model_states
+from follower.apps.video_input import VideoInput
+from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.settings.settings import Settings, load_settings
+from follower_control.common.strict_config import SettingsError
+from follower_vision.clock import MonotonicClock
+from follower_vision.detection import Detector, detector_names, make_detector
+from follower_vision.fusion import FusionTracker
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Frame
+from follower_vision.models import ModelStore
+from follower_vision.plugins import PluginError
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.live_source import LiveSettings
+from follower_vision.sources.open import open_source
+from follower_vision.trackers.registry import is_tracker, make_tracker, tracker_names
+from follower_vision.trackers.target_tracker import TargetTracker
+from follower_vision.trackers.track import TrackState
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "follower-template-tracker"
+FRAMES, BOX = 12, Box.from_xywh(60, 80, 40, 40)
+MAKE = "def make(find_file, device):\n    return Follows()\n"
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    with installed(tmp_path / "site") as site:
+        yield site
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """A patch that moves 5 px a frame to the right, as a data set's sequence."""
+    folder = tmp_path / "clip"
+    (folder / "img").mkdir(parents=True)
+    for number in range(FRAMES):
+        cv2.imwrite(str(folder / "img" / f"{number:03}.png"), frame(number).image)
+    lines = [f"{60 + 5 * number},80,40,40" for number in range(FRAMES)]
+    (folder / "groundtruth.txt").write_text("\n".join(lines), "utf-8")
+    return folder
+
+
+def frame(number: int, left: int | None = None) -> Frame:
+    """An image with the patch at this column, or 5 px on from frame to frame; -1 is without it."""
+    patch = cv2.resize(np.random.default_rng(6).integers(0, 256, (5, 5, 3), np.uint8), (40, 40))
+    image = np.random.default_rng(number).integers(80, 100, (240, 320, 3), np.uint8)
+    left = 60 + 5 * number if left is None else left
+    if left >= 0:
+        image[80:120, left : left + 40] = patch
+    return Frame(image, number / 30, number)
+
+
+def no_file(name: str) -> Path:
+    raise AssertionError(f"{name} was asked for")
+
+
+def warnings_in(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [record.message for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+class Installed:
+    """The example package as pip installs it, and the command line that finds it."""
+
+    def __init__(self, folder: Path) -> None:
+        source, self.site = folder / "source", folder / "site"
+        shutil.copytree(EXAMPLE, source)  # a build leaves its files there
+        options = ["--no-deps", "--no-index", "--no-build-isolation", "--quiet"]
+        pip = [sys.executable, "-m", "pip", "install", *options, "--target", str(self.site)]
+        subprocess.run([*pip, str(source)], check=True, capture_output=True, timeout=200)
+        self.folder = folder
+
+    def follower(self, *arguments: str, code: int = 0) -> str:
+        places = [self.site, *(ROOT / name for name in (".", "vision", "control", "sim"))]
+        ran = subprocess.run(
+            [sys.executable, "-c", "from follower.apps.main import main; main()", *arguments],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "COLUMNS": "200"},
+            capture_output=True,
+            text=True,
+            timeout=200,
+            check=False,
+        )
+        assert ran.returncode == code, ran.stdout + ran.stderr
+        return ran.stdout + ran.stderr
+
+
+@pytest.mark.slow
+def test_the_example_is_installed_and_everything_knows_its_tracker(
+    tmp_path: Path, clip: Path
+) -> None:
+    pytest.importorskip("setuptools", reason="pip builds the example with setuptools")
+    example = Installed(tmp_path)
+    assert "mine" in example.follower("trackers").splitlines()
+    assert "tracker: mine" in example.follower("settings", "--set", "tracker=mine")
+    assert "mine" in example.follower("settings", "--set", "tracker=none", code=UNUSABLE)
+    boxes = tmp_path / "boxes.csv"
+    track = ("track", str(clip), "--target", "60,80,40,40", "--tracker", "mine", "--no-video")
+    example.follower(*track, "--boxes", str(boxes))
+    assert boxes.read_text("utf-8").splitlines()[-1].startswith("11,0.366667,115.000,80.000")
+    example.follower(*track, "--detector", "embedded")
+    names = ("--trackers", "mine,longterm:mine,fusion:mine", "--detector", "embedded")
+    example.follower("evaluate", str(clip), *names)
+    with (tmp_path / "runs" / "evaluate" / "results.csv").open(encoding="utf-8") as file:
+        success = {row["tracker"]: float(row["success@0.5"]) for row in csv.DictReader(file)}
+    assert success == {"mine": 1.0, "longterm:mine": 1.0, "fusion:mine": 1.0}
+
+
+def test_lists_and_settings_import_nothing_of_a_package(site: Site) -> None:
+    site.add("follower-one", "trackers", "one", TRACKER + MAKE)
+    site.add("follower-eye", "detectors", "eye", "raise RuntimeError('not asked for')\n")
+    assert tracker_names()[-1] == "one"
+    assert detector_names(ModelStore(site.folder))[-1] == "eye"
+    assert is_tracker("one")
+    assert Settings(tracker="one", detector="eye").tracker == "one"
+    assert command_settings(tracker="one").tracker == "one"
+    assert site.imported() == []
+    assert make_tracker("one", no_file).name == "one"
+    assert site.imported() == ["follower_one"]
+
+
+def test_a_name_of_nobody_is_refused_with_those_of_packages(site: Site) -> None:
+    site.add("follower-one", "trackers", "one", TRACKER + MAKE)
+    site.add("follower-eye", "detectors", "eye", "")
+    with pytest.raises(SettingsError, match=r"tracker: there is no 'two'; there are .*, one$"):
+        load_settings(overrides=["tracker=two"])
+    with pytest.raises(ValueError, match=r"there is no network 'ear'; there are .*, eye$"):
+        make_detector("ear", ModelStore(site.folder))
+
+
+BROKEN = {
+    "raise ImportError('no such\\nthing')": "imported: ImportError: no such thing",
+    "make = 3": "is none: follower_bad:make cannot be called",
+    "": "imported: AttributeError",
+    "def make(find_file, device): raise KeyError('x')": "made: KeyError: 'x'",
+    "def make(): pass": "made: TypeError",
+    "def make(find_file, device): return print": "is none: it has no start, no update",
+}
+
+
+@pytest.mark.parametrize(("code", "why"), BROKEN.items(), ids=map(str, range(len(BROKEN))))
+def test_one_that_cannot_be_used_is_named_in_one_line(site: Site, code: str, why: str) -> None:
+    site.add("follower-bad", "trackers", "bad", f"{code}\n")
+    with pytest.raises(PluginError) as caught:
+        make_tracker("bad", no_file)
+    said = str(caught.value)
+    assert said.startswith("the tracker 'bad' of follower-bad 1.0 ")
+    assert why in said
+    assert "\n" not in said
+
+
+def test_one_that_is_asked_for_and_cannot_be_used_ends_the_command_in_one_line(
+    site: Site, clip: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site.add("follower-bad", "trackers", "bad", "import no_such_module\n")
+    track = ("track", str(clip), "--target", "60,80,40,40", "--tracker", "bad")
+    monkeypatch.setattr(sys, "argv", ["follower", *track])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == UNUSABLE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("follower: the tracker 'bad' of follower-bad 1.0 cannot be imported: ")
+
+
+def test_an_evaluation_leaves_it_out_and_goes_on(site: Site, clip: Path, tmp_path: Path) -> None:
+    site.add("follower-bad", "trackers", "bad", "import no_such_module\n")
+    said = StringIO()
+    names = ["bad", "identity", "longterm:bad"]
+    assert evaluate([clip], names, out=tmp_path, console=Console(file=said, width=200)) == 0
+    lines = [line for line in said.getvalue().splitlines() if "left out" in line]
+    assert [line.split()[0] for line in lines] == ["bad", "longterm:bad"]
+    assert "of follower-bad 1.0 cannot be imported" in lines[0]
+    results = (tmp_path / "evaluate" / "results.csv").read_text("utf-8")
+    assert "identity" in results
+    assert "bad" not in results
+
+
+def test_two_packages_with_one_name_are_both_named_and_neither_is_taken(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    for package in ("follower-one", "follower-two"):
+        site.add(package, "trackers", "twice", TRACKER + MAKE)
+    site.add("follower-three", "trackers", "once", TRACKER + MAKE)
+    both = "follower-.* 1.0 and follower-.* 1.0 each have a tracker 'twice': neither is taken"
+    with pytest.raises(SettingsError, match=both):
+        load_settings(overrides=["tracker=twice"])
+    with pytest.raises(PluginError, match=both):
+        make_tracker("twice", no_file)
+    names = [*tracker_names(), *tracker_names()]
+    assert "twice" not in names
+    assert "once" in names
+    (line,) = warnings_in(caplog)
+    assert "follower-one 1.0" in line
+    assert "follower-two 1.0" in line
+
+
+def test_a_built_in_name_stays_the_built_in_one(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    site.add("follower-late", "trackers", "correlation", TRACKER + MAKE)
+    tracker = make_tracker("correlation", no_file)
+    assert type(tracker).__name__ == "CorrelationTracker"
+    assert warnings_in(caplog) == []
+    assert tracker_names().count("correlation") == 1
+    (line,) = warnings_in(caplog)
+    assert line.startswith("drone-target-follower and follower-late 1.0 each have a tracker")
+
+
+FAULTS = {
+    "raises": "raise RuntimeError('no more')",
+    "box of NaN": "return MotionEstimate(Box(np.nan, 0, 1, 1), 1.0)",
+    "confidence of NaN": "return MotionEstimate(self.box, np.nan)",
+    "None": "return None",
+}
+FAILS_LATE = """
+class Fails(Follows):
+    calls = 0
+    def update(self, image):
+        self.calls += 1
+        if self.calls > 10:
+            {fault}
+        return MotionEstimate(self.box, 1.0)
+
+def make(find_file, device):
+    return Fails()
+"""
+MAP = """
+from follower_vision.trackers.motion_tracker import ResponseMap
+
+class Searches(Follows):
+    calls = 0
+    def search(self, image, box):
+        self.calls += 1
+        score = np.full(1, np.nan if self.calls > 10 else 1.0)
+        b = self.box
+        corners = np.array([[b.left, b.top, b.right, b.bottom]])
+        return ResponseMap(corners, score, score, np.ones(1), box.scaled(4.0))
+    def learn(self, image, box, probability):
+        if self.calls > 10:
+            raise ZeroDivisionError
+    def update(self, image):
+        self.calls += 1
+        return MotionEstimate(self.box, 1.0 if self.calls <= 10 else np.inf)
+
+def make(find_file, device):
+    return Searches()
+"""
+
+
+@pytest.fixture(params=["longterm", "fusion"])
+def frail(request: pytest.FixtureRequest, site: Site) -> Callable[[str], TargetTracker]:
+    """Make a target tracker of a package's motion tracker that fails from its eleventh frame on."""
+
+    def make(code: str) -> TargetTracker:
+        site.add("follower-frail", "trackers", "frail", TRACKER + code)
+        if request.param == "fusion":
+            return FusionTracker(make_tracker("frail", no_file))
+        return make_target_tracker(Settings(tracker="frail"))
+
+    return make
+
+
+FAILING = [FAILS_LATE.format(fault=fault) for fault in FAULTS.values()]
+
+
+@pytest.mark.parametrize("code", [*FAILING, MAP], ids=[*FAULTS, "map of NaN"])
+def test_a_tracker_that_fails_in_flight_is_named_once_and_the_track_coasts(
+    frail: Callable[[str], TargetTracker], caplog: pytest.LogCaptureFixture, code: str
+) -> None:
+    tracker = frail(code)
+    tracker.start(frame(0, 60), BOX)
+    tracks = [tracker.step(frame(number, 60 if number < 10 else -1)) for number in range(1, 50)]
+    states = [one.state for one in tracks]
+    assert set(states[:9]) == {TrackState.TRACKING}
+    assert list(dict.fromkeys(states)) == list(TrackState), "tracking, coasting, lost"
+    assert all(math.isfinite(one.confidence) for one in tracks)
+    (line,) = warnings_in(caplog)
+    assert line.startswith("the tracker 'frail' of follower-frail 1.0 fails, and counts as")
+
+
+def test_what_a_failed_tracker_said_last_is_no_observation(
+    frail: Callable[[str], TargetTracker],
+) -> None:
+    tracker = frail(FAILING[0])
+    tracker.start(frame(0, 60), BOX)
+    for number in range(1, 45):
+        left = 60 + 5 * max(number - 10, 0)
+        track = tracker.step(frame(number, left))
+        near = track.box.iou(Box.from_xywh(left, 80, 40, 40)) > 0.0
+        assert near or track.state is not TrackState.TRACKING
+
+
+EYE = """
+from follower_vision.detection.detection import Detection
+from follower_vision.geometry.box import Box
+
+class Eye:
+    class_names = ("thing",)
+    calls = 0
+    def detect(self, image, region=None):
+        self.calls += 1
+        if self.calls > 1:
+            raise OSError("the accelerator is gone")
+        return [Detection(Box(80, 100, 40, 40), 0, "thing", 0.9)]
+
+def make(find_file, device):
+    return Eye()
+"""
+
+
+def test_a_detector_of_a_package_detects_and_its_failure_detects_nothing(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    site.add("follower-eye", "detectors", "eye", EYE)
+    detector: Detector = make_detector("eye", ModelStore(site.folder))
+    assert detector.class_names == ("thing",)
+    (found,) = detector.detect(frame(0).image)
+    assert found.box == Box(80, 100, 40, 40)
+    assert [detector.detect(frame(0).image) for _ in range(3)] == [[], [], []]
+    (line,) = warnings_in(caplog)
+    assert "the detector 'eye' of follower-eye 1.0 fails" in line
+    assert "OSError: the accelerator is gone" in line
+    tracker = make_target_tracker(Settings(detector="eye"))
+    tracker.start(frame(0), BOX)
+    assert tracker.step(frame(1)).state is TrackState.TRACKING
+    assert model_states(Settings(detector="eye")) == {}, "preflight wants no file of it"
+
+
+CAMERA = """
+import numpy as np
+
+class Camera:
+    rate_hz = 25.0
+    def __init__(self, address, clock):
+        self.colour, self.clock = int(address), clock
+    def images(self):
+        for _ in range(3):
+            yield np.full((48, 64, 3), self.colour, np.uint8), self.clock.now()
+        raise RuntimeError("unplugged")
+    def close(self):
+        pass
+
+make = Camera
+"""
+QUICK = LiveSettings(first_frame_s=20, retry_s=0.01, longest_retry_s=0.02)
+
+
+def test_a_source_of_a_package_is_a_camera_that_is_connected_anew(site: Site) -> None:
+    site.add("follower-lens", "sources", "lens", CAMERA)
+    assert VideoInput("lens:7").is_live
+    assert site.imported() == []
+    clock = MonotonicClock()
+    with open_source("lens:7", clock=clock, live=QUICK) as source:
+        frames = []
+        while source.connections < 3:
+            newest = source.read()
+            assert newest is not None
+            frames.append(newest)
+        assert source.nominal_rate_hz == 25.0
+    assert all(one.image.shape == (48, 64, 3) and one.image.max() == 7 for one in frames)
+    assert all(a.captured_s < b.captured_s for a, b in pairwise(frames))
+
+
+def test_a_source_that_cannot_be_used_is_refused_at_once_and_files_are_files(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site.add("follower-lens", "sources", "lens", "import no_such_module\n")
+    with pytest.raises(SourceError, match=r"^the source 'lens' of follower-lens 1.0 cannot be im"):
+        open_source("lens:7")
+    with pytest.raises(SourceError, match="mirror:7"):
+        open_source("mirror:7")
+    monkeypatch.chdir(tmp_path)
+    Path("lens:7").write_bytes(b"no video")
+    assert not VideoInput("lens:7").is_live
