@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from follower.settings.link import LINK_KINDS
+from follower.settings.link import is_link, link_kinds
 from follower.settings.settings import Settings, load_settings, settings_data
 from follower_control.common.strict_config import SettingsError
 from follower_vision.models import MODELS, Purpose
@@ -41,8 +41,8 @@ def command_settings(
     if tracker is not None and not is_tracker(tracker):
         names = ", ".join(tracker_names())
         raise SettingsError(f"--tracker {tracker}: no such tracker; there are {names}")
-    if link is not None and link not in LINK_KINDS:
-        raise SettingsError(f"--link {link}: choose {' or '.join(LINK_KINDS)}")
+    if link is not None and not is_link(link):
+        raise SettingsError(f"--link {link}: choose {' or '.join(link_kinds())}")
     named = {"tracker": tracker, "detector": detector, "link.kind": link}
     given = [f"{key}={json.dumps(value)}" for key, value in named.items() if value is not None]
     return load_settings(config, overrides=(*implied, *given, *(overrides or ())))

@@ -4,7 +4,7 @@ from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
 from follower.links.pymavlink_link import MavlinkLink
 from follower.links.signing import Signer, SigningKey
-from follower.settings.link import LinkSettings
+from follower.settings.link import LINK_PLUGINS, LinkSettings
 from follower_control.common.transport import Transport
 from follower_vision.clock import Clock
 
@@ -20,12 +20,16 @@ def open_link(transport: Transport, settings: LinkSettings, clock: Clock, epoch_
 
     Raises:
         ConnectionFailedError: the signing key or the library cannot be used.
+        PluginError: another package's link cannot be used.
     """
     signer = None
     if settings.signing_key_file is not None:
         signer = Signer(SigningKey.from_file(settings.signing_key_file), epoch_ns)
     if settings.kind == "pymavlink":
         return MavlinkLink(transport, settings, signer)
+    if settings.kind != "mavsdk" and (plugin := LINK_PLUGINS.find(settings.kind)) is not None:
+        added: Link = plugin.make(transport, settings, signer)
+        return added
     try:
         from follower.links.mavsdk_link import MavsdkLink
     except ImportError as error:

@@ -4,12 +4,29 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 from follower_control.common.strict_config import StrictFields, check_ranges
+from follower_vision.plugins import PluginGroup
 
 _OFTEN_HZ = 4.0
 
 
 LinkKind: TypeAlias = Literal["pymavlink", "mavsdk"]
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
+LINK_PLUGINS = PluginGroup("follower.links", "link", ("poll", "send", "take_notes", "close"))
+"""Each makes a `Link` when it is called like `pymavlink_link.MavlinkLink`."""
+
+
+def link_kinds() -> list[str]:
+    """Return the kinds of links that there are; those of other packages come last."""
+    return [*LINK_KINDS, *LINK_PLUGINS.names(LINK_KINDS)]
+
+
+def is_link(kind: str) -> bool:
+    """Return whether there is a kind of links.
+
+    Raises:
+        PluginError: two packages have it.
+    """
+    return kind in LINK_KINDS or LINK_PLUGINS.find(kind) is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +34,8 @@ class LinkSettings(StrictFields):
     """The link to the autopilot.
 
     Attributes:
-        kind: "pymavlink" (our own stream) or "mavsdk" (its library's, watched by ours).
+        kind: "pymavlink" (our own stream), "mavsdk" (its library's, watched by ours), or another
+            package's.
         vehicle_id: MAVLink system id of the vehicle; None takes the only one that is received.
         listen_s: how long to listen for others before the only one is taken.
         attitude_rate_hz: how often ATTITUDE is asked for.
@@ -32,7 +50,7 @@ class LinkSettings(StrictFields):
             mavsdk's stream is set to zero; it is ended 0.1 s later.
     """
 
-    kind: LinkKind = "pymavlink"
+    kind: str = "pymavlink"
     vehicle_id: int | None = None
     listen_s: float = 2.5
     attitude_rate_hz: float = 100.0
@@ -50,6 +68,10 @@ class LinkSettings(StrictFields):
         return max(self.mode_rate_hz, self.timesync_rate_hz) >= _OFTEN_HZ
 
     def __post_init__(self) -> None:
+        if not is_link(self.kind):
+            raise ValueError(
+                f"kind: there is no {self.kind!r}; there are {', '.join(link_kinds())}"
+            )
         check_ranges(
             self,
             vehicle_id=(1, 255),

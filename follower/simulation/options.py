@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from follower.settings.bundled import find_scenario
-from follower.settings.link import LINK_KINDS
+from follower.settings.link import is_link, link_kinds
 from follower.settings.settings import Settings, load_settings
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
@@ -72,8 +72,8 @@ def simulation_settings(
     Raises:
         SettingsError: one of them cannot be used.
     """
-    if link is not None and link not in LINK_KINDS:
-        raise SettingsError(f"--link {link}: choose {' or '.join(LINK_KINDS)}")
+    if link is not None and not is_link(link):
+        raise SettingsError(f"--link {link}: choose {' or '.join(link_kinds())}")
     kind = () if link is None else (f"link.kind={link}",)
     return load_settings(config, base_settings(scenario), (*overrides, *kind))
 

@@ -92,9 +92,9 @@ class PluginGroup:
         kept = []
         for name, entries in sorted(self._entries().items()):
             if name in built_in:
-                _warn_once(self._clash(name, [_OURS, *map(_package, entries)]))
+                warn_once(self._clash(name, [_OURS, *map(_package, entries)]))
             elif len(entries) > 1:
-                _warn_once(self._clash(name, [*map(_package, entries)]))
+                warn_once(self._clash(name, [*map(_package, entries)]))
             else:
                 kept.append(name)
         return kept
@@ -127,10 +127,12 @@ class PluginGuard:
 
     Args:
         plugin: the part, for the warning.
+        instead: what it means for the flight, for the same.
     """
 
-    def __init__(self, plugin: Plugin) -> None:
+    def __init__(self, plugin: Plugin, instead: str = "counts as seeing nothing") -> None:
         self._plugin = plugin
+        self._instead = instead
         self._told = False
 
     def run(
@@ -146,12 +148,13 @@ class PluginGuard:
             fault = said(error)
         if not self._told:
             self._told = True
-            _LOGGER.warning("the %s fails, and counts as seeing nothing: %s", self._plugin, fault)
+            _LOGGER.warning("the %s fails, and %s: %s", self._plugin, self._instead, fault)
         return otherwise
 
 
 @cache
-def _warn_once(text: str) -> None:
+def warn_once(text: str) -> None:
+    """Log a warning, unless it was logged before."""
     _LOGGER.warning("%s", text)
 
 

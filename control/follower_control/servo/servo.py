@@ -11,7 +11,7 @@ from follower_control.servo.lateral import LateralControl, OverheadControl
 from follower_control.servo.output_blend import OutputBlend, StickOffset, fastest_closing_m_s
 from follower_control.servo.pid import Pid
 from follower_control.servo.pursuit_state import PursuitState, Reference, ServoErrors
-from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.servo.settings import FollowMode, ServoSettings, added_mode
 from follower_control.target.estimate import (
     OLD_S,
     TargetEstimate,
@@ -39,7 +39,7 @@ _AROUND = (FollowMode.SIDE, FollowMode.ORBIT)
 
 
 @dataclass(frozen=True, slots=True)
-class _Step:
+class ServoStep:
     """What one update of the servo works with.
 
     Attributes:
@@ -189,10 +189,14 @@ class VisualServo:
         if interval_s > 0:
             self._last_s = estimate.time_s
             flown = None if vehicle.position is None else heading_velocity(vehicle)
-            step = _Step(self.errors, estimate, yaw, allowed, interval_s, flown)
-            steered = self._LAWS[self.mode](self, step)
+            step = ServoStep(self.errors, estimate, yaw, allowed, interval_s, flown)
+            steered = self._steered(step)
             self._asked = self._fade.update(steered, interval_s)
         return self._asked
+
+    def _steered(self, step: ServoStep) -> VelocitySetpoint:
+        law = self._LAWS.get(self.mode) or added_mode(self.mode.value).law
+        return law(self, step)
 
     def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
@@ -212,7 +216,7 @@ class VisualServo:
         self._elevation_pid.start(rise)
         self._range_pid.start(ahead / distance_m)
 
-    def _chase(self, step: _Step) -> VelocitySetpoint:
+    def chase(self, step: ServoStep) -> VelocitySetpoint:
         """Turn to the target, keep its distance and height; go round it where the mode says so."""
         yaw_rate = self._turn(step)
         # Chasing is along the nose; what goes round the target is along the line of sight.
@@ -242,11 +246,11 @@ class VisualServo:
             yaw_rate_rad_s=yaw_rate,
         )
 
-    def _watch(self, step: _Step) -> VelocitySetpoint:
+    def watch(self, step: ServoStep) -> VelocitySetpoint:
         """Only turn to the target."""
         return VelocitySetpoint(yaw_rate_rad_s=self._turn(step))
 
-    def _stay_above(self, step: _Step) -> VelocitySetpoint:
+    def stay_above(self, step: ServoStep) -> VelocitySetpoint:
         """Go with the target, keep the height above it, turn the nose if that is wanted."""
         heading = cmath.rect(1.0, step.yaw_rad)
         place = offset(step.estimate, step.errors.range_m)
@@ -270,15 +274,15 @@ class VisualServo:
         )
 
     _LAWS: ClassVar[dict[FollowMode, Callable[..., VelocitySetpoint]]] = {
-        FollowMode.CHASE: _chase,
-        FollowMode.WATCH: _watch,
-        FollowMode.SIDE: _chase,
-        FollowMode.ORBIT: _chase,
-        FollowMode.OVERHEAD: _stay_above,
+        FollowMode.CHASE: chase,
+        FollowMode.WATCH: watch,
+        FollowMode.SIDE: chase,
+        FollowMode.ORBIT: chase,
+        FollowMode.OVERHEAD: stay_above,
     }
     """What each mode does with a step."""
 
-    def _turn(self, step: _Step) -> float:
+    def _turn(self, step: ServoStep) -> float:
         """Yaw rate; the target's own angular rate is known only in the world's frame."""
         in_world = step.estimate.frame is BearingFrame.WORLD
         error = step.errors.azimuth_rad - self._reference.azimuth_rad
@@ -290,7 +294,7 @@ class VisualServo:
             saturation=self._asked.yaw_rate_rad_s - step.allowed.yaw_rate_rad_s,
         )
 
-    def _sink(self, step: _Step) -> float:
+    def _sink(self, step: ServoStep) -> float:
         """Downward velocity: the loop's output is the climb over the range.
 
         Closing in on a target that lies below, it would sink in the image by itself. Fed forward
@@ -311,7 +315,7 @@ class VisualServo:
         self._climb = climb
         return -clip(climb, self._settings.max_vertical_m_s)
 
-    def _leaving(self, step: _Step) -> float:
+    def _leaving(self, step: ServoStep) -> float:
         """Return how fast the level distance will grow when the vehicle flies as was sent.
 
         It rises and sinks as late as it speeds up: by its present speed it would climb after a
@@ -329,7 +333,9 @@ class VisualServo:
         self._in_vain_m_s += share * (behind - self._in_vain_m_s)
         return present - (behind - self._in_vain_m_s)
 
-    def _close_in(self, step: _Step, allowed_m_s: float, flown_m_s: float | None = None) -> float:
+    def _close_in(
+        self, step: ServoStep, allowed_m_s: float, flown_m_s: float | None = None
+    ) -> float:
         """Velocity towards the target, before it is slowed for one off-axis."""
         distance = self._settings.distance_m
         speed_m_s = step.errors.target_speed_m_s
@@ -355,7 +361,7 @@ class VisualServo:
         self._short_m_s += share * (allowed_m_s - flown_m_s - self._short_m_s)
         return min(max(self._short_m_s, 0.0), _MOST_SHORT * max(allowed_m_s, 0.0))
 
-    def _slow_enough(self, step: _Step) -> float:
+    def _slow_enough(self, step: ServoStep) -> float:
         """Return the wanted velocity towards the target, so slow that sinking keeps pace with it.
 
         What was flown faster than that at the start fades away.

@@ -1,17 +1,25 @@
 """What is wanted of a pursuit, and the gains."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache, partial
 
 from follower_control.common.strict_config import check_ranges
 from follower_control.servo.pid import PidSettings
+from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
+from follower_vision.plugins import PluginError, PluginGroup, PluginGuard, warn_once
 
 _TINY = 1e-6
 """A share of the largest value: of what is smaller, logarithm and inverse are no numbers."""
 
 
+MODE_PLUGINS = PluginGroup("follower.follow_modes", "follow mode")
+"""Each returns a setpoint when it is called with a `VisualServo` and a `ServoStep`."""
+
+
 class FollowMode(StrEnum):
-    """What the servo does about the target."""
+    """What the servo does about the target; another package's mode is a member, but not listed."""
 
     CHASE = "chase"
     """Turn towards it, go up or down with it, and keep its distance."""
@@ -23,6 +31,52 @@ class FollowMode(StrEnum):
     """Like `chase`, and go round it."""
     OVERHEAD = "overhead"
     """Stay above it, with a camera that looks down."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> "FollowMode | None":
+        try:
+            added = isinstance(value, str) and MODE_PLUGINS.find(value) is not None
+            return added_mode(str(value)).mode if added else None
+        except PluginError as error:  # what checks settings would not pass it on
+            warn_once(str(error))
+            return None
+
+
+@dataclass(frozen=True, slots=True)
+class AddedMode:
+    """A follow mode of another package.
+
+    Attributes:
+        mode: its name.
+        law: returns a setpoint for a `VisualServo` and a `ServoStep`; a hold where it fails.
+    """
+
+    mode: FollowMode
+    law: Callable[..., VelocitySetpoint]
+
+
+@cache  # modes are compared by identity, and a change in flight must not wait for an import
+def added_mode(name: str) -> AddedMode:
+    """Return the mode that another package adds.
+
+    Raises:
+        PluginError: none does, or it cannot be used.
+    """
+    plugin = MODE_PLUGINS.find(name)
+    if plugin is None:
+        raise PluginError(f"there is no follow mode {name!r}")
+    law, guard = plugin.load(), PluginGuard(plugin, "the vehicle holds")
+    mode = str.__new__(FollowMode, name)
+    mode._name_ = mode._value_ = name
+
+    def guarded(*step: object) -> VelocitySetpoint:
+        return guard.run(partial(law, *step), HOLD, _is_setpoint)
+
+    return AddedMode(mode, guarded)
+
+
+def _is_setpoint(answer: VelocitySetpoint) -> bool:
+    return isinstance(answer, VelocitySetpoint) and answer.is_finite
 
 
 class RangeFrom(StrEnum):

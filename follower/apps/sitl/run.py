@@ -18,7 +18,7 @@ from follower.report.flight_page import REPORT, SCORE
 from follower.report.html import Cell, Html
 from follower.report.series import ReportMeta
 from follower.settings.bundled import find_scenario, scenario_files
-from follower.settings.link import LINK_KINDS
+from follower.settings.link import LINK_KINDS, is_link, link_kinds
 from follower.simulation.campaign.config import load_campaign, planned
 from follower.simulation.options import EXTERNAL, SimulationOptions, VisionSource
 from follower.simulation.run import simulate
@@ -73,8 +73,8 @@ class SitlMatrix:
         Raises:
             SettingsError: an option, a scenario or a parameter file cannot be used.
         """
-        if self.link not in (*LINK_KINDS, "both"):
-            raise SettingsError(f"--link {self.link}: choose {', '.join(LINK_KINDS)} or both")
+        if self.link != "both" and not is_link(self.link):
+            raise SettingsError(f"--link {self.link}: choose {', '.join(link_kinds())} or both")
         if bool(self.scenarios) == bool(self.random):
             raise SettingsError("name scenarios, or give --random with their number")
         for program in self.programs:

@@ -133,7 +133,7 @@ def _described(one: LiveKey, settings: Settings) -> Message:
         "about": setting_meaning(settings, one.key),
     }
     if issubclass(one.kind, Enum):
-        entry["choices"] = [_plain(choice) for choice in one.kind]
+        entry["choices"] = list(dict.fromkeys([*map(_plain, one.kind), value]))
     elif isinstance(value, int | float) and one.kind is not bool:
         entry["low"], entry["high"] = _range(one.key, float(value))
     return entry

@@ -98,9 +98,9 @@ class GroundStationParameter:
     def number(self, settings: Settings) -> float:
         """Return its value in these settings, in their unit, as the nearest 32-bit number."""
         value = value_at(settings, self.live.key)
-        if value is None:
-            return NONE
         members = self.members
+        if value is None or (members and value not in members):  # a follow mode of a package
+            return NONE
         return float32(members.index(value) if members else value)
 
     def value(self, number: float) -> Any:
