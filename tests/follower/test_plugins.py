@@ -34,6 +34,8 @@ from follower.settings.link import LinkSettings
 from follower.settings.settings import Settings, load_settings
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.run import simulate
+from follower.ui.cockpit.publisher import setting_list
+from follower.ui.ground_station.parameters import NONE, by_name
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_control.servo.settings import FollowMode
@@ -359,7 +361,8 @@ def test_a_detector_of_a_package_detects_and_its_failure_detects_nothing(
     tracker = make_target_tracker(Settings(detector="eye"))
     tracker.start(frame(0), BOX)
     assert tracker.step(frame(1)).state is TrackState.TRACKING
-    assert model_states(Settings(detector="eye")) == {}, "preflight wants no file of it"
+    for name in ("eye", "embedded"):
+        assert model_states(Settings(detector=name)) == {}, "preflight wants no file of it"
 
 
 CAMERA = """
@@ -518,6 +521,14 @@ def test_a_follow_mode_that_fails_in_flight_holds(
         "the follow mode 'frayed' of follower-frayed 1.0 fails, and the vehicle holds: "
         "ZeroDivisionError: the leash broke"
     )
+
+
+def test_a_follow_mode_of_a_package_is_shown_to_operators(site: Site) -> None:
+    site.add("follower-rope", "follow_modes", "rope", LEASH)
+    settings = load_settings(overrides=["servo.mode=rope"])
+    (mode,) = [one for one in setting_list(settings) if one["key"] == "servo.mode"]
+    assert (mode["value"], mode["choices"]) == ("rope", [*FollowMode, "rope"])
+    assert by_name()["SRV_MODE"].number(settings) == NONE, "it stands for no number"
 
 
 def test_a_follow_mode_that_cannot_be_used_is_named_and_refused(

@@ -133,7 +133,9 @@ def _described(one: LiveKey, settings: Settings) -> Message:
         "about": setting_meaning(settings, one.key),
     }
     if issubclass(one.kind, Enum):
-        entry["choices"] = list(dict.fromkeys([*map(_plain, one.kind), value]))
+        choices = [_plain(choice) for choice in one.kind]
+        added = value not in (None, *choices)  # a follow mode of a package
+        entry["choices"] = [*choices, value] if added else choices
     elif isinstance(value, int | float) and one.kind is not bool:
         entry["low"], entry["high"] = _range(one.key, float(value))
     return entry
