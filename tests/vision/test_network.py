@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
@@ -148,11 +150,20 @@ class OtherSession:
     def __init__(self, inner: Any, error: float) -> None:
         self._inner, self._error = inner, error
         self.broken = False
+        self.runs = 0
 
     def run(self, names: None, feeds: dict[str, Tensor]) -> list[Tensor]:
+        self.runs += 1
         if self.broken:
             raise ort_errors.RuntimeException("the device is gone")
         return [tensor + self._error for tensor in self._inner.run(names, feeds)]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the verdicts, empty and this test's alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "follower" / "devices"
 
 
 @pytest.fixture
@@ -201,6 +212,86 @@ def test_a_device_that_answers_otherwise_is_not_used(
     network = Network(averaging_file, OTHER)
     assert network.device == device.CPU
     assert "other answers than the processor's (quarter)" in caplog.text
+
+
+@pytest.fixture
+def auto_tries_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `auto` find the other device, and no real one."""
+    monkeypatch.setattr(onnx_network, "accelerators", lambda _: (OTHER,))
+
+
+def test_what_answered_alike_is_not_compared_again(
+    averaging_file: Path, other_device: Callable[[float], list[OtherSession]], cache: Path
+) -> None:
+    opened = other_device(1e-4)
+    assert [Network(averaging_file, OTHER).device for _ in range(2)] == [OTHER, OTHER]
+    assert [session.runs for session in opened] == [1, 0]
+    (kept,) = cache.iterdir()
+    assert kept.name.startswith(hashlib.sha256(averaging_file.read_bytes()).hexdigest())
+    assert kept.name.endswith(f"-{onnxruntime.__version__}-{OTHER}.txt")
+    averaging_file.write_bytes(averaging_network(64))  # another network under the same name
+    Network(averaging_file, OTHER)
+    assert opened[-1].runs == 1
+
+
+@pytest.mark.usefixtures("auto_tries_it")
+def test_auto_does_not_try_again_what_was_refused_but_its_name_does(
+    averaging_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO")
+    opened = other_device(0.1)
+    for _ in range(2):
+        network = Network(averaging_file, device.AUTO)
+        assert network.device == device.CPU
+        assert network.refusals == {OTHER: "other answers than the processor's (quarter)"}
+    assert len(opened) == 1
+    assert len(caplog.messages) == 2
+    mended = other_device(1e-4)  # say, by a new driver
+    assert Network(averaging_file, device.AUTO).device == device.CPU
+    assert Network(averaging_file, OTHER).device == OTHER
+    assert Network(averaging_file, device.AUTO).device == OTHER
+    assert [session.runs for session in mended] == [1, 0]
+
+
+@pytest.mark.usefixtures("auto_tries_it")
+def test_a_device_that_does_not_start_is_tried_each_time(averaging_file: Path, cache: Path) -> None:
+    if device.provider_of(OTHER):
+        pytest.skip("it starts here")
+    assert Network(averaging_file, device.AUTO).device == device.CPU
+    assert not cache.exists()
+
+
+@pytest.mark.parametrize("kept", [b"", b"same", b"\xff\xfe", b"same answers or not"])
+def test_a_verdict_that_cannot_be_read_is_made_anew(
+    averaging_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    cache: Path,
+    kept: bytes,
+) -> None:
+    opened = other_device(1e-4)
+    Network(averaging_file, OTHER)
+    (file,) = cache.iterdir()
+    file.write_bytes(kept)
+    assert Network(averaging_file, OTHER).device == OTHER
+    assert [session.runs for session in opened] == [1, 1]
+    assert file.read_text("utf-8") == "same answers"
+
+
+def test_a_cache_that_cannot_be_written_changes_nothing(
+    averaging_file: Path,
+    other_device: Callable[[float], list[OtherSession]],
+    cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cache.parents[1].write_text("a file is where the folder should be")
+    opened = other_device(1e-4)
+    assert [Network(averaging_file, OTHER).device for _ in range(2)] == [OTHER, OTHER]
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(averaging_file))
+    assert Network(averaging_file, OTHER).device == OTHER
+    assert [session.runs for session in opened] == [1, 1, 1]
 
 
 def test_a_device_that_is_not_here_gives_way_to_the_processor_with_a_warning(

@@ -17,6 +17,7 @@ import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from follower_vision.device import AUTO, CPU, accelerators, provider_of, provider_options
+from follower_vision.user_cache import DeviceVerdict
 
 Tensor: TypeAlias = npt.NDArray[np.float32]
 Integers: TypeAlias = npt.NDArray[np.integer]
@@ -113,7 +114,9 @@ class Network:
 
     Where another device than the processor is asked for, it has to give the processor's answers
     when the network is loaded; if it does not, or fails later, the processor takes over at once,
-    with one warning in the log.
+    with one warning in the log. The verdict is kept (`DeviceVerdict`): what gave the same answers
+    is not compared again, and `auto` does not try again what was refused. A device that is asked
+    for by its name is.
 
     Attributes:
         path: the file that it came from.
@@ -122,6 +125,7 @@ class Network:
         outputs: name to shape of every output.
         metadata: what the exporter wrote into the file.
         device: where it runs now; see `device`.
+        refusals: why it does not run on the devices that were to be tried before.
     """
 
     def __init__(self, path: Path, device: str = CPU, content: bytes | None = None) -> None:
@@ -149,13 +153,13 @@ class Network:
         self.outputs = {node.name: _shape(node) for node in self._session.get_outputs()}
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self.device, self._accelerated = CPU, None
+        self.refusals: dict[str, str] = {}
         for name in accelerators(device):
             try:
-                session = onnx_session(path, content, name)
-                self._compare(session)
+                session = self._accelerator(name, content, tries_again=device != AUTO)
             except _REFUSALS as error:
                 level = logging.INFO if device == AUTO else logging.WARNING
-                why = _first_line(error).removeprefix(f"{path}: ")
+                why = self.refusals[name] = _first_line(error).removeprefix(f"{path}: ")
                 _LOGGER.log(level, "%s runs on the processor: %s", path.name, why)
             else:
                 self.device, self._accelerated = name, session
@@ -184,12 +188,24 @@ class Network:
                 f"({_first_line(error)})"
             ) from error
 
-    def _compare(self, session: Any) -> None:
-        """Make sure that a session gives the processor's answers to the same random input.
+    def _accelerator(self, device: str, content: bytes, tries_again: bool) -> Any:
+        """Open a session on a device that gives the processor's answers.
 
         Raises:
-            ModelError: it does not.
+            ModelError: it does not, or not start; or it did not once and is not tried again.
         """
+        verdict = DeviceVerdict(content, device)
+        refusal = verdict.read()
+        if not refusal or tries_again:
+            session = onnx_session(self.path, content, device)
+            if refusal != "":
+                verdict.write(refusal := self._difference(session))
+        if refusal:
+            raise ModelError(f"{self.path}: {refusal}")
+        return session
+
+    def _difference(self, session: Any) -> str:
+        """Return in which output a session differs from the processor, "" if in none."""
         rng = np.random.default_rng(0)
         sizes = {name: [size or 1 for size in of] for name, of in self.inputs.items()}
         feeds = {
@@ -199,7 +215,8 @@ class Network:
         wanted, got = self._session.run(None, feeds), session.run(None, feeds)
         for name, a, b in zip(self.outputs, wanted, got, strict=True):
             if not np.allclose(a, b, rtol=0, atol=_SAME * float(np.abs(a).max(initial=0))):
-                raise ModelError(f"{self.path}: other answers than the processor's ({name})")
+                return f"other answers than the processor's ({name})"
+        return ""
 
 
 def _shape(node: Any) -> tuple[int, ...]:

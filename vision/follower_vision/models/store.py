@@ -7,6 +7,7 @@ from pathlib import Path
 from follower_vision.models.download import DownloadError, Progress, fetch, sha256_of
 from follower_vision.models.table import MODELS, ModelFile, VisionModel
 from follower_vision.onnx_network import ModelError
+from follower_vision.user_cache import cache_folder
 
 EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
 """Where the networks lie that are part of this package."""
@@ -25,10 +26,7 @@ def default_folder(environment: Mapping[str, str]) -> Path:
     own = environment.get("FOLLOWER_MODELS")
     if own:
         return Path(own).expanduser()
-    cache = environment.get("XDG_CACHE_HOME")
-    # The XDG specification says to ignore a path that is not absolute.
-    base = Path(cache) if cache and Path(cache).is_absolute() else Path.home() / ".cache"
-    return base / "follower" / "models"
+    return cache_folder(environment) / "models"
 
 
 class ModelStore:

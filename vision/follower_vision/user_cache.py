@@ -1,0 +1,61 @@
+"""The user's cache: its folder, and on which devices networks gave the processor's answers."""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import onnxruntime
+
+from follower_vision.atomic_file import write_whole
+
+_SAME, _REFUSED = "same answers", "refused: "
+
+
+def cache_folder(environment: Mapping[str, str]) -> Path:
+    """Return follower's folder in the user's cache, which need not exist.
+
+    Raises:
+        RuntimeError: the user has no home.
+    """
+    cache = environment.get("XDG_CACHE_HOME")
+    # The XDG specification says to ignore a path that is not absolute.
+    base = Path(cache) if cache and Path(cache).is_absolute() else Path.home() / ".cache"
+    return base / "follower"
+
+
+class DeviceVerdict:
+    """What came of comparing a network on a device with the processor, kept in a file of its own.
+
+    It holds for one network's bytes, version of onnxruntime and device. Only a comparison that was
+    made is kept: a device that does not start may do so after its driver is installed. Where the
+    file cannot be read or written, networks are compared each time.
+
+    Args:
+        network: the bytes of its file.
+        device: by its name.
+    """
+
+    def __init__(self, network: bytes, device: str) -> None:
+        name = f"{hashlib.sha256(network).hexdigest()}-{onnxruntime.__version__}-{device}.txt"
+        self._path: Path | None = None
+        with suppress(RuntimeError):
+            self._path = cache_folder(os.environ) / "devices" / name
+
+    def read(self) -> str | None:
+        """Return why the device was refused, "" if it was not, None if nobody knows."""
+        text = ""
+        if self._path is not None:
+            with suppress(OSError, UnicodeDecodeError):
+                text = self._path.read_text("utf-8")
+        if text.startswith(_REFUSED):
+            return text.removeprefix(_REFUSED)
+        return "" if text == _SAME else None
+
+    def write(self, refusal: str) -> None:
+        """Keep why the device was refused, "" if it was not."""
+        if self._path is not None:
+            with suppress(OSError):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(self._path, _REFUSED + refusal if refusal else _SAME)
