@@ -287,7 +287,7 @@ def _open_serial(device: str, baud: int) -> Transport:
 def _serial_failure(device: str, error: OSError) -> str:
     advice = {
         errno.ENOENT: "is it plugged in? `ls -l /dev/serial/by-id` names those that are",
-        errno.EACCES: f"you may not use it; {_permission_advice(device)}",
+        errno.EACCES: f"you may not use it; {permission_advice(device)}",
         errno.EBUSY: "another program uses it (ModemManager, mavlink-router, a ground station)",
         errno.ENOTTY: "it is no serial port",
     }
@@ -299,7 +299,8 @@ def _failure(named: str, error: OSError, advice: Mapping[int, str]) -> str:
     return f"cannot open {named}: {error.strerror or error}" + (f"; {also}" if also else "")
 
 
-def _permission_advice(device: str) -> str:
+def permission_advice(device: str) -> str:
+    """Return how to get the right to use a device's file."""
     group = "dialout"
     with contextlib.suppress(OSError, KeyError):
         owner = grp.getgrgid(Path(device).stat().st_gid).gr_name

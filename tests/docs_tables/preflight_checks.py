@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from marked_part import with_part
 
@@ -27,12 +28,12 @@ def checks_markdown() -> str:
     return "\n".join(lines[1:])
 
 
-def _title(check: PreflightCheck) -> str:
+def _title(check: PreflightCheck[Any]) -> str:
     only = "" if check.autopilots == BOTH else f" ({', '.join(check.autopilots)})"
     return f"{check.group}{only}"
 
 
-def _item(check: PreflightCheck) -> str:
+def _item(check: PreflightCheck[Any]) -> str:
     return f"- `{check.name}`{'' if check.needed else ' (optional)'}: {check.rule}"
 
 

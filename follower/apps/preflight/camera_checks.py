@@ -11,8 +11,8 @@ import numpy as np
 from follower.apps.preflight.check import (
     CameraReading,
     CheckGroup,
+    CompanionSnapshot,
     PreflightFinding,
-    Snapshot,
     failed,
     passed,
     unknown,
@@ -25,7 +25,7 @@ from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
 from follower_vision.sources.frame_source import ClosesItself, FrameSource
 
-CAMERA = CheckGroup("Camera")
+CAMERA = CheckGroup[CompanionSnapshot]("Camera")
 _SLOW_HZ, _TOO_SLOW_HZ = 15.0, 5.0
 _UNSTEADY = 0.5
 _OLD_S = 0.15
@@ -40,7 +40,7 @@ LENS_ADVICE = (
 
 
 @CAMERA.check("camera", "frames come")
-def _camera(s: Snapshot) -> PreflightFinding:
+def _camera(s: CompanionSnapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.frames:
         return failed(
@@ -55,7 +55,7 @@ def _camera(s: Snapshot) -> PreflightFinding:
     "15 Hz with jitter below half an interval; never below 5 Hz, no gap longer than "
     "supervisor.frame_timeout_s",
 )
-def _frame_rate(s: Snapshot) -> PreflightFinding:
+def _frame_rate(s: CompanionSnapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.interval_s > 0:
         return unknown("too few frames to tell")
@@ -75,7 +75,7 @@ def _frame_rate(s: Snapshot) -> PreflightFinding:
     "frame-age",
     "a frame is at most 150 ms old when it is taken; never older than supervisor.frame_timeout_s",
 )
-def _frame_age(s: Snapshot) -> PreflightFinding:
+def _frame_age(s: CompanionSnapshot) -> PreflightFinding:
     age_s = s.camera.age_s
     if not math.isfinite(age_s):
         return unknown("no frame came")
@@ -89,7 +89,7 @@ def _frame_age(s: Snapshot) -> PreflightFinding:
 
 
 @CAMERA.check("picture", "the picture is not of one colour and does not stand still")
-def _picture(s: Snapshot) -> PreflightFinding:
+def _picture(s: CompanionSnapshot) -> PreflightFinding:
     reading = s.camera
     if not reading.frames:
         return unknown("no frame came")
@@ -107,7 +107,7 @@ def _picture(s: Snapshot) -> PreflightFinding:
 
 
 @CAMERA.check("frame-size", "frames have the size camera.frame_size, if that is set")
-def _frame_size(s: Snapshot) -> PreflightFinding:
+def _frame_size(s: CompanionSnapshot) -> PreflightFinding:
     size, wanted = s.camera.size, s.settings.camera.frame_size
     if size is None:
         return unknown("no frame came")
@@ -129,7 +129,7 @@ def _frame_size(s: Snapshot) -> PreflightFinding:
     "a field of view of 15 to 130 deg or a focal length is set; the distortion does not fold "
     "the image",
 )
-def _lens(s: Snapshot) -> PreflightFinding:
+def _lens(s: CompanionSnapshot) -> PreflightFinding:
     if not s.lens_given:
         return failed("neither a field of view nor a focal length is set", LENS_ADVICE)
     if s.camera.size is None:
@@ -160,7 +160,7 @@ def folds(model: CameraModel) -> bool:
 
 
 @CAMERA.check("mount", "the camera does not look into the sky", needed=False)
-def _mount(s: Snapshot) -> PreflightFinding:
+def _mount(s: CompanionSnapshot) -> PreflightFinding:
     c = s.settings.camera
     if s.settings.gimbal.enabled:
         return warned("held by a gimbal, which is not checked", "look whether it turns freely")
@@ -180,7 +180,7 @@ def _mount(s: Snapshot) -> PreflightFinding:
     "size changes with the side that is seen",
     needed=False,
 )
-def _circling(s: Snapshot) -> PreflightFinding:
+def _circling(s: CompanionSnapshot) -> PreflightFinding:
     servo = s.settings.servo
     if servo.mode not in (FollowMode.SIDE, FollowMode.ORBIT):
         return passed("it does not go round the target")
@@ -194,7 +194,7 @@ def _circling(s: Snapshot) -> PreflightFinding:
 
 
 @CAMERA.check("models", "the networks that the settings name are there, with the right SHA-256")
-def _models(s: Snapshot) -> PreflightFinding:
+def _models(s: CompanionSnapshot) -> PreflightFinding:
     if not s.models:
         return passed("no network is needed")
     bad = {name: state for name, state in s.models.items() if state != "good"}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from follower.links.status import LinkStatus
 from follower.links.vehicle_health import VehicleHealth
@@ -111,45 +111,56 @@ class ComputerReading:
     load: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """All that is known at one time before a flight.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompanionSnapshot:
+    """All that is known at one time of the companion computer, without a vehicle.
 
     Attributes:
-        now_s: on the system's clock.
         settings: that would be flown with.
-        link: how it is.
-        vehicle: its newest telemetry.
-        health: what it reports about itself.
-        attitude_age_s: of the oldest attitude that control would have used, on our clock.
-        attitude_repeats: its numbers did not change although they came with new times.
-        parameters: of the autopilot, by name.
         camera: see there.
         models: networks' files and whether each is "good", "missing" or "wrong".
         lens_given: the settings name a field of view or a focal length.
         computer: see there.
     """
 
-    now_s: float
     settings: Settings
-    link: LinkStatus
-    vehicle: VehicleState = field(default_factory=VehicleState)
-    health: VehicleHealth = field(default_factory=VehicleHealth)
-    attitude_age_s: float = math.inf
-    attitude_repeats: bool = False
-    parameters: Mapping[str, float] = field(default_factory=dict)
     camera: CameraReading = CameraReading()
     models: Mapping[str, str] = field(default_factory=dict)
     lens_given: bool = True
     computer: ComputerReading = ComputerReading()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot(CompanionSnapshot):
+    """All that is known at one time before a flight.
+
+    Attributes:
+        now_s: on the system's clock.
+        link: how it is.
+        vehicle: its newest telemetry.
+        health: what it reports about itself.
+        attitude_age_s: of the oldest attitude that control would have used, on our clock.
+        attitude_repeats: its numbers did not change although they came with new times.
+        parameters: of the autopilot, by name.
+    """
+
+    now_s: float
+    link: LinkStatus
+    vehicle: VehicleState = field(default_factory=VehicleState)
+    health: VehicleHealth = field(default_factory=VehicleHealth)
+    attitude_age_s: float = math.inf
+    attitude_repeats: bool = False
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
 BOTH = ("px4", "ardupilot")
-Judge: TypeAlias = Callable[[Snapshot], PreflightFinding]
+Known = TypeVar("Known", contravariant=True)
+"""What a check looks at: a snapshot with a vehicle, or without."""
+Judge: TypeAlias = Callable[[Known], PreflightFinding]
 
 
 @dataclass(frozen=True, slots=True)
-class PreflightCheck:
+class PreflightCheck(Generic[Known]):
     """One check.
 
     Attributes:
@@ -165,13 +176,13 @@ class PreflightCheck:
     name: str
     group: str
     rule: str
-    judge: Judge
+    judge: Judge[Known]
     needed: bool = True
     autopilots: tuple[str, ...] = BOTH
     parameters: tuple[str, ...] = ()
 
 
-class CheckGroup:
+class CheckGroup(Generic[Known]):
     """Checks under one heading, in the order in which they are defined.
 
     Args:
@@ -180,7 +191,7 @@ class CheckGroup:
 
     def __init__(self, title: str) -> None:
         self._title = title
-        self.checks: list[PreflightCheck] = []
+        self.checks: list[PreflightCheck[Known]] = []
 
     def check(
         self,
@@ -190,10 +201,10 @@ class CheckGroup:
         needed: bool = True,
         autopilots: tuple[str, ...] = BOTH,
         parameters: tuple[str, ...] = (),
-    ) -> Callable[[Judge], Judge]:
+    ) -> Callable[[Judge[Known]], Judge[Known]]:
         """Return a decorator that makes a function the judge of a check; see `PreflightCheck`."""
 
-        def add(judge: Judge) -> Judge:
+        def add(judge: Judge[Known]) -> Judge[Known]:
             one = PreflightCheck(name, self._title, rule, judge, needed, autopilots, parameters)
             self.checks.append(one)
             return judge
@@ -211,7 +222,7 @@ class PreflightResult:
         skipped: the user takes the responsibility.
     """
 
-    check: PreflightCheck
+    check: PreflightCheck[Any]
     finding: PreflightFinding
     skipped: bool = False
 

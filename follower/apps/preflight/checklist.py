@@ -1,6 +1,7 @@
 """All checks, in their order, and what comes of them."""
 
 from collections.abc import Collection, Iterable, Sequence
+from typing import Any
 
 import pydantic_core
 from rich.console import Console
@@ -9,7 +10,13 @@ from rich.table import Table
 from rich.text import Text
 
 from follower.apps.preflight.camera_checks import CAMERA
-from follower.apps.preflight.check import BOTH, PreflightResult, PreflightVerdict, Snapshot
+from follower.apps.preflight.check import (
+    BOTH,
+    PreflightCheck,
+    PreflightResult,
+    PreflightVerdict,
+    Snapshot,
+)
 from follower.apps.preflight.computer_checks import COMPUTER
 from follower.apps.preflight.health_checks import AUTOPILOT, LINK
 from follower.apps.preflight.parameter_checks import PARAMETERS
@@ -17,7 +24,7 @@ from follower.ui.ipc.messages import Message
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
 
-CHECKS = (
+CHECKS: tuple[PreflightCheck[Snapshot], ...] = (
     *LINK.checks,
     *AUTOPILOT.checks,
     *PARAMETERS.checks,
@@ -87,26 +94,43 @@ def _mark(result: PreflightResult) -> Text:
     return Text(str(verdict), "bold red" if result.refuses else _STYLES[verdict])
 
 
-def print_checklist(console: Console, results: Sequence[PreflightResult]) -> None:
-    """Write the table and the verdict; the one line that counts comes last."""
+def print_checklist(
+    console: Console,
+    results: Sequence[PreflightResult],
+    good: str = "Ready",
+    bad: str = "Do not fly",
+) -> None:
+    """Write the table and the verdict; the one line that counts comes last.
+
+    Args:
+        console: where to.
+        results: of all checks.
+        good: the verdict if nothing refuses.
+        bad: the verdict if something does.
+    """
     console.print(checklist(results))
     console.print()
     refused = [result for result in results if result.refuses]
     doubtful = (PreflightVerdict.WARN, PreflightVerdict.FAIL)
     warnings = sum(result.finding.verdict in doubtful for result in results)
     if refused:
-        console.print(Text(f"Do not fly: {_count(len(refused), 'check')} failed", "bold red"))
+        console.print(Text(f"{bad}: {_count(len(refused), 'check')} failed", "bold red"))
         for result in refused:
             parts = (result.finding.why, result.finding.todo)
             print_line(console, f"  {result.check.name}: {'; '.join(filter(None, parts))}")
     else:
         also = f", {_count(warnings, 'warning')}" if warnings else ""
-        console.print(Text(f"Ready{also}", "bold green"))
+        console.print(Text(f"{good}{also}", "bold green"))
 
 
-def to_json(results: Sequence[PreflightResult], snapshot: Snapshot) -> str:
-    """Return everything for machines; a number that is not finite is null."""
-    content = {
+def to_json(results: Sequence[PreflightResult], snapshot: Snapshot | None = None) -> str:
+    """Return everything for machines; a number that is not finite is null.
+
+    Args:
+        results: of all checks.
+        snapshot: that they judged, if there is a vehicle.
+    """
+    content: dict[str, Any] = {
         "ready": not any(result.refuses for result in results),
         "checks": [
             {
@@ -122,12 +146,15 @@ def to_json(results: Sequence[PreflightResult], snapshot: Snapshot) -> str:
             }
             for result in results
         ],
-        "vehicle_id": snapshot.link.vehicle_id,
-        "autopilot": snapshot.link.autopilot,
-        "parameters": dict(snapshot.parameters),
-        "camera": snapshot.camera,
-        "computer": snapshot.computer,
     }
+    if snapshot is not None:
+        content |= {
+            "vehicle_id": snapshot.link.vehicle_id,
+            "autopilot": snapshot.link.autopilot,
+            "parameters": dict(snapshot.parameters),
+            "camera": snapshot.camera,
+            "computer": snapshot.computer,
+        }
     return pydantic_core.to_json(content, indent=2, inf_nan_mode="null").decode()
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from follower.apps.preflight.check import (
     CheckGroup,
+    CompanionSnapshot,
     ComputerReading,
     PreflightFinding,
-    Snapshot,
     failed,
     graded,
     passed,
@@ -19,7 +19,7 @@ from follower.apps.preflight.check import (
 from follower.settings.recorder import VideoKind
 from follower_vision.full_disk import free_bytes
 
-COMPUTER = CheckGroup("Computer")
+COMPUTER = CheckGroup[CompanionSnapshot]("Computer")
 _GB = 1e9
 _H264, _LOSSLESS = 0.12, 2.0
 """Bytes of video a pixel: the most of seven real sequences, of 0.02 to 0.12 and 0.4 to 1.9."""
@@ -40,7 +40,7 @@ _HOTTEST_SENSIBLE_C = 150.0
 @COMPUTER.check(
     "disk", "room for the recording of recorder.flight_min; never too little for its log alone"
 )
-def _disk(s: Snapshot) -> PreflightFinding:
+def _disk(s: CompanionSnapshot) -> PreflightFinding:
     free = s.computer.free_bytes
     if free is None:
         return unknown(f"the room in {s.computer.folder} cannot be read")
@@ -56,7 +56,7 @@ def _disk(s: Snapshot) -> PreflightFinding:
     return graded(text, todo, good=free >= needed, usable=free >= log)
 
 
-def _video_bytes_s(s: Snapshot) -> float:
+def _video_bytes_s(s: CompanionSnapshot) -> float:
     """Return how much the video grows in a second, at most."""
     share = {VideoKind.H264: _H264, VideoKind.LOSSLESS: _LOSSLESS, VideoKind.NONE: 0.0}
     size, interval_s = s.camera.size, s.camera.interval_s
@@ -65,7 +65,7 @@ def _video_bytes_s(s: Snapshot) -> float:
 
 
 @COMPUTER.check("temperature", "below 75 °C; never above 85 °C", needed=False)
-def _temperature(s: Snapshot) -> PreflightFinding:
+def _temperature(s: CompanionSnapshot) -> PreflightFinding:
     degrees = s.computer.temperature_c
     if degrees is None:
         return unknown("this computer does not report it")
@@ -75,7 +75,7 @@ def _temperature(s: Snapshot) -> PreflightFinding:
 
 
 @COMPUTER.check("throttling", "not slowed down, no voltage too low (Raspberry Pi)", needed=False)
-def _throttling(s: Snapshot) -> PreflightFinding:
+def _throttling(s: CompanionSnapshot) -> PreflightFinding:
     flags = s.computer.throttled
     if flags is None:
         return unknown("this computer does not report it")
@@ -92,7 +92,7 @@ def _throttling(s: Snapshot) -> PreflightFinding:
 
 
 @COMPUTER.check("load", "less than 0.7 running processes a core", needed=False)
-def _load(s: Snapshot) -> PreflightFinding:
+def _load(s: CompanionSnapshot) -> PreflightFinding:
     share = s.computer.load
     if share is None:
         return unknown("this computer does not report it")

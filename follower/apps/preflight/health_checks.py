@@ -13,7 +13,7 @@ from follower.apps.preflight.check import (
     warned,
 )
 
-LINK, AUTOPILOT = CheckGroup("Link"), CheckGroup("Autopilot")
+LINK, AUTOPILOT = CheckGroup[Snapshot]("Link"), CheckGroup[Snapshot]("Autopilot")
 _HEARTBEAT_S = 3.0
 _TESTED = {"px4": (1, 18), "ardupilot": (4, 6)}
 _OLDEST = {"px4": (1, 14), "ardupilot": (4, 2)}

@@ -17,7 +17,7 @@ from follower.apps.preflight.check import (
     warned,
 )
 
-PARAMETERS = CheckGroup("Parameters")
+PARAMETERS = CheckGroup[Snapshot]("Parameters")
 _MISSED_STEPS = 10
 """A stream may pause for so many of its intervals without the autopilot acting."""
 _PATIENT_S, _TOO_PATIENT_S = 1.0, 5.0
