@@ -10,6 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from follower.apps.calibrate import command as calibrate
+from follower.apps.doctor import command as doctor
 from follower.apps.evaluate import command as evaluate
 from follower.apps.fly import command as fly
 from follower.apps.import_flight import command as import_flight
@@ -115,6 +116,7 @@ def _start(
 for name, epilog, command in (
     ("fly", fly.EPILOG, fly.fly_command),
     ("preflight", preflight.EPILOG, preflight.preflight_command),
+    ("doctor", doctor.EPILOG, doctor.doctor_command),
     ("track", track.EPILOG, track.track_command),
     ("replay", replay.EPILOG, replay.replay_command),
     ("sitl", sitl.EPILOG, sitl.sitl_command),

@@ -69,7 +69,7 @@ class ModelStore:
         """
         path = self._path(name)
         if not path.is_file():
-            raise ModelError(f"{path}: no such network; {self._advice(name)}")
+            raise ModelError(f"{path}: no such network; {self.advice(name)}")
         return path
 
     def paths(self, model: VisionModel) -> list[Path]:
@@ -119,6 +119,17 @@ class ModelStore:
             before += file.size_bytes
         return self.paths(model)
 
+    def advice(self, file_name: str) -> str:
+        """Return how to get a file."""
+        for model in self.models:
+            if file_name in [file.name for file in model.files]:
+                if model.embedded:
+                    return f"{model.name} is part of this package: install it again"
+                if model.can_be_fetched:
+                    return f"`follower models pull {model.name}` fetches it"
+                return f"{model.name} cannot be fetched: put your own copy there"
+        return "it is none of ours: put your own copy there"
+
     def _path(self, name: str) -> Path:
         ours = [file.name for model in self.models if model.embedded for file in model.files]
         return (self._embedded if name in ours else self.folder) / name
@@ -129,16 +140,6 @@ class ModelStore:
             return FileState.MISSING
         right = path.stat().st_size == file.size_bytes and sha256_of(path) == file.sha256
         return FileState.GOOD if right else FileState.WRONG
-
-    def _advice(self, file_name: str) -> str:
-        for model in self.models:
-            if file_name in [file.name for file in model.files]:
-                if model.embedded:
-                    return f"{model.name} is part of this package: install it again"
-                if model.can_be_fetched:
-                    return f"`follower models pull {model.name}` fetches it"
-                return f"{model.name} cannot be fetched: put your own copy there"
-        return "it is none of ours: put your own copy there"
 
 
 def _shifted(progress: Progress | None, before: int, wanted: int) -> Progress:
