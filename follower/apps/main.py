@@ -83,7 +83,6 @@ Units stand in the names: `_m` metres, `_s` seconds, `_m_s` metres a second, `_d
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help=(

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import signal
 import socket
@@ -216,3 +217,19 @@ def count_frames(path: Path) -> int:
             count += 1
         assert source.problem is None
         return count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("typed", "offered"), [("doc", "doctor"), ("prefl", "preflight")])
+def test_a_shell_completes_commands(typed: str, offered: str, tmp_path: Path) -> None:
+    asked = {"_FOLLOWER_COMPLETE": "complete_bash", "COMP_WORDS": f"follower {typed}"}
+    code = "import sys; sys.argv = ['follower']; from follower.apps.main import main; main()"
+    completed = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **asked, "COMP_CWORD": "1", "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert completed.stdout.split() == [offered]
