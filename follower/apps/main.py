@@ -17,6 +17,7 @@ from follower.apps.import_flight import command as import_flight
 from follower.apps.models import models_app
 from follower.apps.preflight import command as preflight
 from follower.apps.replay import command as replay
+from follower.apps.service import service_app
 from follower.apps.sitl import command as sitl
 from follower.apps.track import command as track
 from follower.settings.bundled import scenario_files
@@ -130,6 +131,7 @@ for name, epilog, command in (
 ):
     app.command(name, epilog=epilog)(command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
+app.add_typer(service_app, name="service", help="Start the follower with the computer.")
 app.add_typer(train_app, name="train")
 app.command("export", epilog=EXPORT_EPILOG)(export_command)
 

@@ -115,8 +115,7 @@ class Network:
     Where another device than the processor is asked for, it has to give the processor's answers
     when the network is loaded; if it does not, or fails later, the processor takes over at once,
     with one warning in the log. The verdict is kept (`DeviceVerdict`): what gave the same answers
-    is not compared again, and `auto` does not try again what was refused. A device that is asked
-    for by its name is.
+    is not compared again, and what was refused is tried again only if it is asked for by its name.
 
     Attributes:
         path: the file that it came from.

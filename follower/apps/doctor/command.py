@@ -45,7 +45,7 @@ def doctor_command(
     settings = command_settings(config, overrides)
     logging.disable(logging.WARNING)  # why a network does not run on its device is in the table
     found = read_installation(settings, out, lens_is_given(config, overrides))
-    results = examine(found, own_settings=bool(config or overrides))
+    results = examine(found, own_settings=config is not None)
     if as_json:
         typer.echo(to_json(results))
     else:

@@ -1,0 +1,117 @@
+"""`follower service`: the files with which systemd starts the follower when the computer starts."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import re
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from follower.settings.bundled import configs_folder
+from follower.ui.terminal.cli_options import Camera, Connect
+from follower_control.common.strict_config import SettingsError
+from follower_vision.atomic_file import write_whole
+from follower_vision.models import default_folder
+
+service_app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+_UNIT, _ENVIRONMENT = Path("etc/systemd/system/follower.service"), Path("etc/follower/follower.env")
+_RULES = Path("etc/udev/rules.d/60-follower.rules")
+_PLAIN = re.compile(r"/[\w./@+-]+")
+_HOMES = ("/home/", "/root/", "/run/user/")
+_SERIAL = re.compile(r"(?:serial:)?(/[^:,\s]+)")
+_EPILOG = """
+**Example**
+
+`sudo /opt/follower/bin/follower service install --connect /dev/ttyAMA0:921600 --camera 0 --select
+person -c drone.yaml --dry-run` – show it; without --dry-run write it
+
+The service follows from when the computer starts: docs/tutorials/raspberry-pi.md, step 9. systemd
+starts it anew after an error and its journal keeps what it says. It has no watchdog: the program
+does not report to one.
+"""
+
+
+@service_app.command(epilog=_EPILOG)
+def install(
+    connect: Connect,
+    camera: Camera,
+    select: Annotated[str, typer.Option(metavar="CLASS[:N]", help="What to follow.")],
+    config: Annotated[Path, typer.Option("--config", "-c", help="Settings (YAML).")],
+    user: Annotated[
+        str | None, typer.Option(help="Who runs it; by default who calls this, also by sudo.")
+    ] = None,
+    root: Annotated[Path, typer.Option(help="Write below another folder than /.")] = Path("/"),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the files alone.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+) -> None:
+    """Write a systemd unit for this environment, its settings, and a udev rule for the port."""
+    name = user or os.environ.get("SUDO_USER") or pwd.getpwuid(os.getuid()).pw_name
+    files = {
+        _UNIT: _unit(name, config),
+        _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera}\nSELECT={select}\n",
+        _RULES: _rules(connect),
+    }
+    files = {root / path: text for path, text in files.items() if text}
+    if dry_run:
+        for path, text in files.items():
+            typer.echo(f"# {path}\n{text}")
+        return
+    if there := [path for path in files if path.exists() and not force]:
+        raise SettingsError(f"{there[0]} exists already: compare it with --dry-run, or --force")
+    for path, text in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        typer.echo(write_whole(path, text))
+    typer.echo("Now type: sudo udevadm control --reload && sudo udevadm trigger")
+    typer.echo("          sudo systemctl daemon-reload && sudo systemctl enable --now follower")
+
+
+def _unit(user: str, config: Path) -> str:
+    """Return the unit that comes along, for a user, this environment and a settings file.
+
+    Raises:
+        SettingsError: there is no such user or file, or a path that systemd would read otherwise.
+    """
+    try:
+        home = pwd.getpwnam(user).pw_dir
+    except KeyError:
+        raise SettingsError(f"--user {user}: there is no such user") from None
+    program, settings = Path(sys.executable).parent / "follower", config.resolve()
+    models = default_folder({"XDG_CACHE_HOME": f"{home}/.cache", **os.environ})
+    for path in (program, settings):
+        if not path.is_file():
+            raise SettingsError(f"{path}: there is no such file")
+    for path in (program, settings, models):
+        if not _PLAIN.fullmatch(str(path)):
+            raise SettingsError(f"{path}: move it to a path of letters, digits and ._-+@ alone")
+    text = (configs_folder() / "systemd" / _UNIT.name).read_text("utf-8")
+    for before, after in {
+        "User=follower": f"User={user}",
+        "/opt/follower/bin/follower": str(program),
+        "/etc/follower/drone.yaml": str(settings),
+        "/var/lib/follower/models": str(models),
+    }.items():
+        text = text.replace(before, after)
+    if any(str(path).startswith(_HOMES) for path in (program, settings, models)):
+        text = text.replace("ProtectHome=yes", "ProtectHome=read-only")
+    return text
+
+
+def _rules(connect: str, sysfs: Path = Path("/sys")) -> str:
+    """Return a udev rule that gives a serial port to dialout and keeps ModemManager off; or ""."""
+    match = _SERIAL.match(connect)
+    if match is None:
+        return ""
+    port = Path(match[1]).resolve().name
+    which = f'KERNEL=="{port}"'
+    for usb in (sysfs / "class/tty" / port / "device").resolve().parents:
+        if (usb / "idVendor").is_file():  # ttyACM0 may be another port's name tomorrow
+            of = {key: (usb / key).read_text("utf-8").strip() for key in ("idVendor", "idProduct")}
+            which = ", ".join(f'ATTRS{{{key}}}=="{value}"' for key, value in of.items())
+            break
+    return (
+        f'SUBSYSTEM=="tty", {which}, GROUP="dialout", MODE="0660", ENV{{ID_MM_DEVICE_IGNORE}}="1"\n'
+    )
