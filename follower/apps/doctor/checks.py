@@ -93,7 +93,10 @@ def _accelerator(s: Installation) -> PreflightFinding:
 @SOFTWARE.check("networks", "those that come along or were fetched have the right SHA-256")
 def _networks(s: Installation) -> PreflightFinding:
     if s.broken:
-        return failed(f"missing or damaged: {', '.join(s.broken)}", "; ".join({*s.broken.values()}))
+        return failed(
+            f"missing or damaged: {', '.join(s.broken)}",
+            "; ".join(dict.fromkeys(s.broken.values())),
+        )
     if s.unfetched:
         return warned(f"not here: {', '.join(s.unfetched)}", "follower models pull")
     return passed("all are intact")

@@ -35,6 +35,7 @@ _ROOT = Path("/")
 _POLL_S = 0.02
 _TRIED = "follower-detector.onnx"
 _SERIAL = ("ttyACM*", "ttyUSB*", "ttyAMA*", "ttyTHS*")
+_OWN_GOVERNORS = ("intel_pstate", "amd-pstate-epp")
 _QUERYCAP, _CAPABILITIES_BYTES, _DEVICE_CAPS_AT, _VIDEO_CAPTURE = 0x80685600, 104, 88, 0x1
 _TIMEX_BYTES, _TIME_ERROR = 256, 5
 """struct timex has 208 bytes; adjtimex returns 5 while the clock is not synchronised."""
@@ -202,8 +203,12 @@ def clock_is_set() -> bool | None:
 
 def governors(root: Path = _ROOT) -> frozenset[str]:
     """Return how the processor's cores choose their frequency; none where nothing is said."""
-    files = root.glob("sys/devices/system/cpu/cpu*/cpufreq/scaling_governor")
-    return frozenset(filter(None, map(_text, files)))
+    found = set()
+    for file in root.glob("sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"):
+        name, driver = _text(file), _text(file.with_name("scaling_driver"))
+        # These drivers raise the frequency under load with either of their two governors.
+        found.add(f"{name} of {driver}" if driver in _OWN_GOVERNORS else name)
+    return frozenset(filter(None, found))
 
 
 def heard(ports: Sequence[int], seconds: float, root: Path = _ROOT) -> tuple[str, ...]:
