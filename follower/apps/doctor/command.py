@@ -33,8 +33,6 @@ def doctor_command(
 
     Each check says pass, warn, fail or unknown, why, and what to type.
     """
-    import logging
-
     from rich.console import Console
 
     from follower.apps.command_settings import command_settings, lens_is_given
@@ -43,7 +41,6 @@ def doctor_command(
     from follower.apps.preflight.checklist import print_checklist, to_json
 
     settings = command_settings(config, overrides)
-    logging.disable(logging.WARNING)  # why a network does not run on its device is in the table
     found = read_installation(settings, out, lens_is_given(config, overrides))
     results = examine(found, own_settings=config is not None)
     if as_json:

@@ -3,6 +3,7 @@
 import ctypes
 import fcntl
 import grp
+import logging
 import os
 import pwd
 import struct
@@ -137,10 +138,13 @@ def read_installation(
 
 def tried_device(store: ModelStore, device: str) -> tuple[str, Mapping[str, str]]:
     """Return where a network that comes along runs, and why not on the devices before that."""
+    logging.disable(logging.WARNING)  # the table says it
     try:
         network = Network(store.file(_TRIED), device)
     except ModelError:  # `broken_files` says so
         return "cpu", {}
+    finally:
+        logging.disable(logging.NOTSET)
     return network.device, network.refusals
 
 

@@ -301,12 +301,15 @@ def test_a_user_outside_the_groups_is_told_apart_from_root() -> None:
         assert set(reading.memberships(("dialout",)).values()) <= {False}
 
 
-def test_where_networks_run_is_tried_with_one(tmp_path: Path) -> None:
+def test_where_networks_run_is_tried_with_one(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     store = ModelStore(tmp_path)
     assert reading.tried_device(store, "cpu") == ("cpu", {})
     device, refusals = reading.tried_device(store, "cann")
     assert device == "cpu"
     assert "has no cann" in refusals["cann"]
+    assert caplog.messages == [], "the table says it"
     lost = ModelStore(tmp_path, embedded=tmp_path)
     assert reading.tried_device(lost, "cpu") == ("cpu", {})
     assert "install it again" in reading.broken_files(lost)["follower-detector.onnx"]
