@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from follower.apps.bench import command as bench
 from follower.apps.calibrate import command as calibrate
 from follower.apps.doctor import command as doctor
 from follower.apps.evaluate import command as evaluate
@@ -121,6 +122,7 @@ for name, epilog, command in (
     ("replay", replay.EPILOG, replay.replay_command),
     ("sitl", sitl.EPILOG, sitl.sitl_command),
     ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
+    ("bench", bench.EPILOG, bench.bench_command),
     ("campaign", campaign.EPILOG, campaign.campaign_command),
     ("faults", fault_tests.EPILOG, fault_tests.faults_command),
     ("calibrate", calibrate.EPILOG, calibrate.calibrate_command),
