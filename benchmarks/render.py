@@ -5,7 +5,6 @@ Run: python benchmarks/render.py [SCENARIO.yaml]
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from pathlib import Path
@@ -13,40 +12,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from follower.apps.bench.scene import Chaser
 from follower_sim.camera import SimCamera
-from follower_sim.kinematics import BodyState
 from follower_sim.scenario.scenario_file import load_scenario
 from follower_sim.world.world import World
 
 WINDING = Path(__file__).parent.parent / "configs" / "scenarios" / "winding.yaml"
 FRAMES = 600
-BEHIND_M, ABOVE_M = 12.6, 8.0
-
-
-class Chaser:
-    """Flies behind the followed target where it was half a second ago, and yaws with it."""
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def __call__(self, time_s: float) -> BodyState:
-        """Return the state at a time."""
-        pose = self._world.target_pose(self._world.scenario.followed, time_s)
-        before, after = (self._heading(time_s + dt) for dt in (-0.05, 0.05))
-        yaw = self._heading(time_s)
-        north, east, down = pose.position_m
-        position = (
-            north - BEHIND_M * math.cos(yaw),
-            east - BEHIND_M * math.sin(yaw),
-            down - ABOVE_M,
-        )
-        yaw_rate = math.remainder(after - before, math.tau) / 0.1
-        roll, pitch = 0.05 * math.sin(2.1 * time_s), -0.08 + 0.05 * math.sin(1.4 * time_s)
-        rates = (0.105 * math.cos(2.1 * time_s), 0.07 * math.cos(1.4 * time_s), yaw_rate)
-        return BodyState(time_s, position, pose.velocity_m_s, (roll, pitch, yaw), rates)
-
-    def _heading(self, time_s: float) -> float:
-        return self._world.target_pose(self._world.scenario.followed, time_s - 0.5).heading_rad
 
 
 def frame_times(path: Path) -> tuple[list[float], list[float]]:
