@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 from rich.console import Console
 
+from follower.apps.bench.last import last_bench, more_than_held
 from follower.apps.command_settings import command_line
 from follower.apps.fly.flight import RealFlight
 from follower.apps.preflight.camera_checks import CameraWatch
@@ -181,6 +182,7 @@ class FlySession:
                         return FAILED
                     source = self.camera.restarted(source, self._clock)
                     steady = SteadySource(source, size)
+                    self._warn_of_rate(size, source.nominal_rate_hz)
                     end = self._fly(link, steady, size, tracker, selector, recorder, after)
             self._report(recorder)
             self._say(end.sentence)
@@ -234,6 +236,12 @@ class FlySession:
         said = to_json(results, snapshot) + "\n"
         RunFiles(self.folder).write(PREFLIGHT, lambda path: write_whole(path, said))
         return snapshot.camera.size
+
+    def _warn_of_rate(self, size: tuple[int, int], rate_hz: float) -> None:
+        """Say if vision will not keep up with the camera, as far as a bench has shown."""
+        said = more_than_held(self.settings, size, rate_hz, last_bench())
+        if said is not None:
+            self._say(said)
 
     def _open_station(self, stack: ExitStack) -> UiProcessClient | None:
         """Open what shows the flight to others, if anybody wants to see it."""

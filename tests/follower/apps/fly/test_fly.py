@@ -238,6 +238,24 @@ def test_full_autonomy_takes_off_follows_and_hands_back(vehicle: MakeVehicle, la
 
 
 @pytest.mark.slow
+def test_a_camera_that_gives_more_than_the_last_bench_held_is_told_of_and_flown_with(
+    vehicle: MakeVehicle, launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = {"tracker": "correlation", "detector": None, "device": "cpu", "camera_hz": None}
+    row = {**setup, "width": 320, "height": 240, "video": True, "rate_hz": 12.0}
+    (tmp_path / "cache" / "follower").mkdir(parents=True)
+    (tmp_path / "cache" / "follower" / "bench.json").write_text(json.dumps({"rows": [row]}))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    there = vehicle("px4", HEIGHT_M)
+    program = launch("--colour", "#d02020")
+    program.wait_for(f"pilot: switch to {there.setpoint_mode}, and it follows")
+    assert program.end(signal.SIGINT) == READY, program.said
+    (told,) = re.findall(r"^Vision will leave.*$", program.said, re.MULTILINE)
+    assert "correlation held 12 frames/s at 320x240" in told
+    assert "the camera gives 30 at 320x240" in told
+
+
+@pytest.mark.slow
 def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: Path) -> None:
     program = launch("--colour", "#d02020")
     until(lambda: (tmp_path / "runs" / "fly" / "mavlink.tlog").exists())
