@@ -1,6 +1,7 @@
 """Measures one set-up with the threads of a flight."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -39,9 +40,10 @@ from follower_vision.trackers.track import TrackState
 
 WARM_S = 0.5
 """Left out at the beginning: the target is chosen, memory is taken, caches are cold."""
-_LEAST_FRAMES = 4
-_PATIENCE = 8.0
-"""A slow set-up may take so many times as long to come to its first few frames."""
+_LONGEST_WARM_S = 4.0
+"""And until it follows, but no longer than this."""
+_LEAST_FRAMES, _PATIENCE_S = 4, 15.0
+"""So many are waited for, for so long."""
 _OVERLAP = 0.3
 _HEIGHT_M = 20.0
 
@@ -66,7 +68,7 @@ def measure(
     Args:
         setup: is flown.
         clip: of its size.
-        seconds: to measure, after `WARM_S`.
+        seconds: to measure, after `WARM_S` and from when it follows.
         folder: in which it is recorded, for as long as it takes.
         go_on: is asked ten times a second.
         camera_type: shows the clip.
@@ -119,18 +121,23 @@ class _Window:
     autopilot: SimAutopilot
     camera: BenchCamera
     ended: bool = False
+    began_s: float = math.inf
     _cpu: list[tuple[float, float]] = field(default_factory=list)
 
     def goes_on(self) -> bool:
         """Say whether there is more to measure; be the pilot, note the processor time spent."""
         now_s = self.clock.now()
-        if self.log.controls and self.log.controls[-1].state is SupervisorState.READY:
+        state = self.log.controls[-1].state if self.log.controls else SupervisorState.IDLE
+        if state is SupervisorState.READY:
             self.autopilot.switch_mode("GUIDED")
-        self.ended = not self.go_on()
-        if now_s >= WARM_S:
+        follows = state is SupervisorState.FOLLOWING or now_s >= _LONGEST_WARM_S
+        if follows and now_s >= WARM_S:
+            self.began_s = min(self.began_s, now_s)
             self._cpu.append((now_s, time.process_time()))
-        enough = now_s >= WARM_S + self.seconds and len(self.tracks) >= _LEAST_FRAMES
-        if self.ended or enough or now_s >= WARM_S + _PATIENCE * self.seconds:
+        self.ended = not self.go_on()
+        since_s = now_s - self.began_s
+        enough = since_s >= self.seconds and len(self.tracks) >= _LEAST_FRAMES
+        if self.ended or enough or since_s >= self.seconds + _PATIENCE_S:
             self.camera.close()
             return False
         return True
@@ -138,12 +145,12 @@ class _Window:
     @property
     def tracks(self) -> list[TrackRecord]:
         """Vision's answers in the window."""
-        return [record for record in list(self.log.tracks) if record.done_s >= WARM_S]
+        return [record for record in list(self.log.tracks) if record.done_s >= self.began_s]
 
     @property
     def controls(self) -> list[ControlRecord]:
         """The control steps in the window."""
-        return [record for record in self.log.controls if record.time_s >= WARM_S]
+        return [record for record in self.log.controls if record.time_s >= self.began_s]
 
     @property
     def cores(self) -> float:
