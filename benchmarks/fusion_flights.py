@@ -2,9 +2,9 @@
 
     python benchmarks/fusion_flights.py OUT [--first 300] [--count 24] [--jobs 2]
 
-Flies runs of the standard campaign with pixels. Fusion is put back on its target 20 frames after a
-loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth, control's
-predictions among them. A target of which less than 0.3 is to be seen counts as absent. The first
+Flies runs of the standard campaign with pixels. Fusion is put back on its target some time after
+a loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth,
+control's predictions among them. A target of which less than 0.3 is to be seen counts as absent. The first
 300 runs are left to measure on.
 """
 

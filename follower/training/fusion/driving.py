@@ -32,8 +32,12 @@ from follower_vision.trackers.track import Track
 
 Floats = npt.NDArray[np.floating]
 
-RESET_FRAMES = 20
-"""After so many frames in a row beside the target a run is put back on it (100 were no better)."""
+RESET_FRAMES = (20, 100)
+"""After so many frames in a row beside the target a run is put back on it, in turn.
+
+If it were 20 each time, no track would go astray for long, and a model that was fitted to such runs
+would believe one that does.
+"""
 _LOST_IOU = 0.1
 
 
@@ -181,6 +185,8 @@ class CachedDetector:
 class Teacher:
     """Writes a Fusion tracker's choices down, and puts it back on its target after each loss.
 
+    Losses of `RESET_FRAMES` in turn: short ones keep to the target, long ones teach doubt.
+
     Args:
         tracker: follows; its listener is taken.
     """
@@ -189,7 +195,7 @@ class Teacher:
         self._tracker = tracker
         self._log = ChoiceLog()
         self._choice: Choice | None = None
-        self._lost = 0
+        self._lost = self._losses = 0
         tracker.listener = self._listen
 
     def _listen(self, choice: Choice) -> None:
@@ -202,9 +208,10 @@ class Teacher:
             self._choice = None
         if truth is not None:
             self._lost = self._lost + 1 if track.box.iou(truth) < _LOST_IOU else 0
-            if self._lost >= RESET_FRAMES:
+            if self._lost >= RESET_FRAMES[self._losses % len(RESET_FRAMES)]:
                 self._tracker.put_back(truth)
                 self._lost = 0
+                self._losses += 1
 
     def examples(self) -> Examples:
         """Return all choices so far."""

@@ -59,8 +59,8 @@ class FusionTrainer:
 
     Every round runs all sequences, each by the model of the round before that was fitted without
     it, and fits anew to the runs of the last rounds. A track that has lost its target is put back
-    on it 20 frames later. Fitted on runs that the annotation drives, a model fails (success 0.64
-    instead of 0.83): it never sees the situations that its own mistakes lead to.
+    on it after `RESET_FRAMES`. Fitted on runs that the annotation drives, a model fails (success
+    0.64 instead of 0.83): it never sees the situations that its own mistakes lead to.
 
     Args:
         config: the recipe.

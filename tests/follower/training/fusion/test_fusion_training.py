@@ -21,6 +21,7 @@ from follower.training.fusion.driving import (
     CachedDetector,
     ChoiceLog,
     Examples,
+    Teacher,
     drive,
     read_sequence,
 )
@@ -42,7 +43,7 @@ from follower_vision.fusion.features import FEATURES
 from follower_vision.fusion.model import model_for
 from follower_vision.fusion.tracker import Choice, FusionTracker
 from follower_vision.geometry.box import Box
-from follower_vision.images.frame import Image
+from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionEstimate
 
 FRAMES = 30
@@ -150,9 +151,23 @@ def test_a_run_is_put_back_on_its_target_after_a_loss(tmp_path: Path) -> None:
     tracker.put_back = watched  # type: ignore[method-assign]
     examples = drive(tracker, images, sequence, Start("forwards", 0, 1, sequence.initial))
     assert len(put) == 1
-    assert put[0] in sequence.truth[RESET_FRAMES:]
+    assert put[0] in sequence.truth[RESET_FRAMES[0] :]
     assert len(examples.features) == len(examples.overlaps) == len(examples.sources)
     assert len(np.unique(examples.frames)) == FRAMES - 1
+
+
+def test_tracks_go_astray_for_a_short_and_a_long_time_in_turn() -> None:
+    tracker = FusionTracker(StillTracker(), model=FirstPeak())
+    image = np.random.default_rng(1).integers(0, 255, (120, 160, 3), np.uint8)
+    track = tracker.start(Frame(image, 0.0, 0), Box(30, 30, 20, 20))
+    frames: list[int] = []
+    teacher, count = Teacher(tracker), 0
+    tracker.put_back = lambda _: frames.append(count)  # type: ignore[method-assign]
+    while count < 2 * sum(RESET_FRAMES):
+        count += 1
+        teacher.correct(track, Box(120, 90, 20, 20))
+    short, long = RESET_FRAMES
+    assert frames == [short, short + long, 2 * short + long, 2 * (short + long)]
 
 
 def a_choice(corners: list[list[float]]) -> Choice:
