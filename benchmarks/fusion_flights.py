@@ -4,8 +4,8 @@
 
 Flies runs of the standard campaign with pixels. Fusion is put back on its target some time after
 a loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth,
-control's predictions among them. A target of which less than 0.3 is to be seen counts as absent. The first
-300 runs are left to measure on.
+control's predictions among them. A target of which less than 0.3 is to be seen counts as absent.
+The first 300 runs are left to measure on.
 """
 
 from __future__ import annotations
