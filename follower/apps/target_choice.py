@@ -63,6 +63,19 @@ class TargetChoice:
         """
         return cls(tuple(map(parse_box, targets)), tuple(select), colour)
 
+    @classmethod
+    def one(cls, target: Box | str) -> TargetChoice:
+        """Return the choice of one target: a box in pixels, "#rrggbb", or an object's class.
+
+        Raises:
+            SettingsError: the text is empty.
+        """
+        if isinstance(target, Box):
+            return cls(boxes=(target,))
+        if not target.strip():
+            raise SettingsError("which target? give a box, a colour '#rrggbb' or a class")
+        return cls(colour=target) if target.startswith("#") else cls(select=(target,))
+
     @property
     def given(self) -> bool:
         """Whether there is a choice."""

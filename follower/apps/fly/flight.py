@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 
 from follower.apps.video_input import SteadySource
 from follower.flight.control.loop import ControlLoop
 from follower.flight.control.stage import ControlStage
 from follower.flight.control.takeoff_monitor import AutopilotWait
-from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
@@ -24,6 +25,7 @@ from follower.links.link import Link
 from follower.settings.settings import Settings
 from follower.settings.supervisor import ReleaseAction
 from follower_vision.clock import Clock
+from follower_vision.mailbox import Mailbox
 from follower_vision.trackers.target_tracker import TargetTracker
 
 _TROUBLES = {
@@ -116,6 +118,7 @@ class RealFlight:
 
     Attributes:
         requests: where front ends put what their operators want.
+        size: width and height of the frames, in pixels.
     """
 
     def __init__(
@@ -132,6 +135,7 @@ class RealFlight:
     ) -> None:
         self.settings = settings
         self.log = log
+        self.size = size
         self._source = source
         self._link = link
         self._clock = clock
@@ -148,25 +152,34 @@ class RealFlight:
         if settings.autonomy == "full":
             self._autonomy = Autonomy(link, settings.takeoff_height_m)
         self._wait = AutopilotWait(link, log)
+        self._selecting = threading.Lock()
         self._selector: Selector | None = None
-        tracks = self._vision.tracks
+        tracks = self.tracks
         self._control = ControlLoop(
             link, self.stage, lambda: tracks.newest, log, self._autonomy, clock=clock
         )
 
+    @property
+    def tracks(self) -> Mailbox[TrackRecord]:
+        """Vision's newest answer; control reads it without taking it."""
+        return self._vision.tracks
+
     def select(self, selector: Selector) -> None:
         """Follow what this finds in the coming frames; with full autonomy, once in the air.
 
-        ArduCopter takes off in GUIDED: a target chosen before would be followed from the ground on.
+        From any thread. ArduCopter takes off in GUIDED: a target chosen before would be followed
+        from the ground on.
         """
-        self._selector = selector
+        with self._selecting:
+            self._selector = selector
         self._select_in_time()
 
     def _select_in_time(self) -> None:
         climbing = self._autonomy is not None and self._autonomy.phase is not AutonomyPhase.AIRBORNE
-        if self._selector is not None and not climbing:
-            self._vision_stage.select(self._selector)
-            self._selector = None
+        with self._selecting:
+            if self._selector is not None and not climbing:
+                self._vision_stage.select(self._selector)
+                self._selector = None
 
     def run(self, watch: Callable[[RealFlight], None]) -> None:
         """Fly until `stop` and what follows on it; `watch` is called ten times a second."""

@@ -1,9 +1,8 @@
 """`follower fly`: preflight, wait for the pilot, follow, release, report."""
 
 import sys
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -12,18 +11,17 @@ from rich.console import Console
 from follower.apps.bench.last import last_bench, more_than_held
 from follower.apps.command_settings import command_line
 from follower.apps.fly.flight import RealFlight
-from follower.apps.preflight.camera_checks import CameraWatch
-from follower.apps.preflight.check import PreflightResult
+from follower.apps.fly.opened import FlightPlan, OpenedFlight, opened_flight
+from follower.apps.preflight.check import PreflightError, PreflightResult
 from follower.apps.preflight.checklist import (
     check_list,
     checklist,
     live_checklist,
     print_checklist,
-    to_json,
 )
-from follower.apps.preflight.session import CheckScope, LinkObserver
+from follower.apps.preflight.session import CheckScope
 from follower.apps.target_choice import TargetChoice
-from follower.apps.video_input import SteadySource, VideoInput
+from follower.apps.video_input import VideoInput
 from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, FlightEnd
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.target.selectors import Selector, first_selected
@@ -34,8 +32,7 @@ from follower.flight.vision.tracker_factory import (
 )
 from follower.links.connections import open_connection
 from follower.links.link import Link
-from follower.links.open import open_link
-from follower.recording import FlightConfig, Recorder, epoch_now_ns
+from follower.recording import Recorder
 from follower.recording.recorded_flight import open_flight
 from follower.recording.run_folder import (
     RunFiles,
@@ -47,23 +44,16 @@ from follower.recording.run_folder import (
 from follower.settings.settings import Settings
 from follower.ui.cockpit.publisher import FlightPublisher, PeriodicPublisher, initial_state
 from follower.ui.cockpit.start import open_station
-from follower.ui.ground_station.flight_view import FlightView
-from follower.ui.ground_station.server import open_ground_station, operators_finder
+from follower.ui.ground_station.server import operators_finder
 from follower.ui.ipc.server_client import UiProcessClient
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import InterruptFlag, Keyboard, StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import Transport
-from follower_vision.atomic_file import write_whole
 from follower_vision.clock import MonotonicClock
 from follower_vision.fusion import BackgroundDetection
-from follower_vision.sources.frame_source import FrameSource, SourceError
 from follower_vision.trackers.target_tracker import TargetTracker
-
-_KEPT = 3000
-"""A minute of control steps stays in memory, for the terminal; the recording has them all."""
-PREFLIGHT = "preflight.json"
 
 
 def fly(
@@ -165,77 +155,48 @@ class FlySession:
             selector: finds the target; None leaves that to the operators.
             pressed: whether Ctrl-C was.
         """
+        plan = FlightPlan(
+            self.settings,
+            self.target,
+            self._target,
+            self.camera,
+            connect,
+            self.checks,
+            self.config,
+            command_line(),
+        )
         with ExitStack() as after:
             self._station = self._open_station(after)
-            epoch_ns, settings = epoch_now_ns(self._clock), self.settings
-            with (
-                self._recorder(connect, epoch_ns) as recorder,
-                closing(
-                    open_link(recorder.transport(transport), settings.link, self._clock, epoch_ns)
-                ) as link,
-            ):
-                source = self.camera.open_or_dead(self._clock)
-                with ExitStack() as stack:
-                    stack.callback(lambda: source.close())
-                    size = self._check(link, source, pressed)
-                    if size is None:
-                        return FAILED
-                    source = self.camera.restarted(source, self._clock)
-                    steady = SteadySource(source, size)
-                    self._warn_of_rate(size, source.nominal_rate_hz)
-                    end = self._fly(link, steady, size, tracker, selector, recorder, after)
-            self._report(recorder)
+            with opened_flight(plan, self.folder, transport, self._clock) as opened:
+                results = self._check(opened, pressed)
+                finder = operators_finder(self.settings, self.cockpit)
+                try:
+                    flight = opened.ready(tracker, finder, self._station)
+                except PreflightError:
+                    names = " ".join(
+                        f"--skip-preflight {r.check.name}" for r in results if r.refuses
+                    )
+                    self._say(f"Mend it, or fly on your own responsibility with {names}")
+                    return FAILED
+                self._warn_of_rate(flight.size, opened.rate_hz)
+                end = self._fly(opened, flight, selector, after)
+            self._report(opened.recorder)
             self._say(end.sentence)
         return end.exit_code
 
-    def _recorder(self, connect: str, epoch_ns: int) -> Recorder:
-        config = FlightConfig.of(
-            "real",
-            self.settings,
-            run={
-                "source": self.camera.shown,
-                "connect": connect,
-                "target": self._target,
-                "detection": "background",
-                "command": command_line(),
-            },
-            epoch_ns=epoch_ns,
-        )
-        return Recorder(self.folder, config, self._clock, self.settings.recorder, kept=_KEPT)
-
-    def _check(
-        self, link: Link, source: FrameSource, pressed: InterruptFlag
-    ) -> tuple[int, int] | None:
-        """Run the checks; return the size of the frames, None if somebody has to mend something.
-
-        Raises:
-            SourceError: the target lies outside the image.
-        """
-        with (
-            CameraWatch(source, self.camera.shown, self._clock) as camera,
-            live_checklist(self._console) as live,
-        ):
-            observer = LinkObserver(link, camera, self._clock, self.settings, self.checks)
+    def _check(self, opened: OpenedFlight, pressed: InterruptFlag) -> list[PreflightResult]:
+        """Run the checks and show them; Ctrl-C ends them."""
+        with live_checklist(self._console) as live:
 
             def show(results: list[PreflightResult]) -> None:
                 pressed.check()
                 live.update(checklist(results), refresh=True)
                 self._show_checks(results)
 
-            results = observer.run(show)
-            snapshot = observer.snapshot(self._clock.now())
+            results = opened.check(show)
         print_checklist(self._console, results)
         self._show_checks(results)
-        if any(result.refuses for result in results) or snapshot.camera.size is None:
-            names = " ".join(f"--skip-preflight {r.check.name}" for r in results if r.refuses)
-            self._say(f"Mend it, or fly on your own responsibility with {names}")
-            return None
-        width, height = snapshot.camera.size
-        if any(box.visible_share(width, height) <= 0 for box in self.target.boxes):
-            raise SourceError(f"--target lies outside the image, which is {width}x{height}")
-        said = to_json(results, snapshot) + "\n"
-        RunFiles(self.folder).write(PREFLIGHT, lambda path: write_whole(path, said))
-        return snapshot.camera.size
+        return results
 
     def _warn_of_rate(self, size: tuple[int, int], rate_hz: float) -> None:
         """Say if vision will not keep up with the camera, as far as a bench has shown."""
@@ -256,48 +217,30 @@ class FlySession:
 
     def _fly(
         self,
-        link: Link,
-        source: SteadySource,
-        size: tuple[int, int],
-        tracker: TargetTracker,
+        opened: OpenedFlight,
+        flight: RealFlight,
         selector: Selector | None,
-        recorder: Recorder,
         after: ExitStack,
     ) -> FlightEnd:
         """Fly to the end, or until Ctrl-C; the next one, until `after` is closed, is let pass."""
-        flight = RealFlight(
-            self.settings,
-            source,
-            size,
-            link,
-            tracker,
-            self._clock,
-            recorder.log,
-            operators_finder(self.settings, self.cockpit),
-            video=self._station,
-        )
-        view = FlightView(recorder.log, link, flight.requests, size)
-        save = partial(flight.requests.save, self.config)
-        rate_hz = source.nominal_rate_hz
-        ground = open_ground_station(self.settings, view, rate_hz, self._clock, save)
         if selector is not None:
             flight.select(selector)
         self.flown = True
         keyboard = Keyboard(sys.stdin)
         terminal = FlightDisplay(self._console, f"Following {self._target}")
-        with ground, self._page(flight), terminal:
+        with opened.ground_station(flight), self._page(flight), terminal:
 
             def watch(flight: RealFlight) -> None:
-                if recorder.must_stop:
+                if opened.recorder.must_stop:
                     flight.stop(NOT_RECORDED)
-                self._tell(recorder)
+                self._tell(opened.recorder)
                 terminal.show(flight.status(self._target))
                 self._take_order(flight, keyboard.order())
 
             after.enter_context(StopOnInterrupt(flight.stop))
             flight.run(watch)
             after.enter_context(StopOnInterrupt())
-        self._say_goodbye(link)
+        self._say_goodbye(opened.link)
         return flight.end
 
     def _page(self, flight: RealFlight) -> AbstractContextManager[object]:

@@ -1,7 +1,7 @@
 """One check of the table, and what came of it."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -231,3 +231,34 @@ class PreflightResult:
         """Whether nobody may fly because of it."""
         bad = self.finding.verdict in (PreflightVerdict.FAIL, PreflightVerdict.UNKNOWN)
         return bad and self.check.needed and not self.skipped
+
+    @property
+    def line(self) -> str:
+        """What was found and what to do, under the check's name."""
+        parts = (self.finding.why, self.finding.todo)
+        return f"{self.check.name}: {'; '.join(filter(None, parts))}"
+
+
+class PreflightError(ValueError):
+    """Preflight checks refuse the flight; the message says what to mend.
+
+    Args:
+        results: of all checks.
+
+    Attributes:
+        failed: those that refuse it.
+
+    Examples:
+        >>> import follower
+        >>> try:  # the lens is not described, and nobody has done the sign test
+        ...     with follower.Pursuit("udpin:0.0.0.0:14540", camera=0) as pursuit:
+        ...         pursuit.wait()
+        ... except follower.PreflightError as error:
+        ...     print([result.check.name for result in error.failed])
+        [...]
+    """
+
+    def __init__(self, results: Iterable[PreflightResult]) -> None:
+        self.failed = tuple(result for result in results if result.refuses)
+        said = "; ".join(result.line for result in self.failed)
+        super().__init__(f"preflight: {said or 'the camera gave no frame'}")

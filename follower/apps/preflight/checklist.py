@@ -116,8 +116,7 @@ def print_checklist(
     if refused:
         console.print(Text(f"{bad}: {_count(len(refused), 'check')} failed", "bold red"))
         for result in refused:
-            parts = (result.finding.why, result.finding.todo)
-            print_line(console, f"  {result.check.name}: {'; '.join(filter(None, parts))}")
+            print_line(console, f"  {result.line}")
     else:
         also = f", {_count(warnings, 'warning')}" if warnings else ""
         console.print(Text(f"{good}{also}", "bold green"))

@@ -33,17 +33,26 @@ def box_selector(target: Box) -> Selector:
     """
 
     def select(frame: Frame) -> Box:
-        share = target.visible_share(frame.width, frame.height)
-        if share < _LEAST_IN_IMAGE:
-            where = "outside" if share == 0 else f"with {share:.0%} of it only in"
-            x, y, width, height = target.xywh
-            raise SourceError(
-                f"the target {x:g},{y:g},{width:g},{height:g} lies {where} the image, which is "
-                f"{frame.width}x{frame.height}: give x,y,w,h of a box in the first frame"
-            )
+        check_in_image(target, frame.width, frame.height)
         return target
 
     return select
+
+
+def check_in_image(target: Box, width: int, height: int) -> None:
+    """Refuse a target that an image of this size, in pixels, does not show.
+
+    Raises:
+        SourceError: less than half of the box lies in the image.
+    """
+    share = target.visible_share(width, height)
+    if share < _LEAST_IN_IMAGE:
+        where = "outside" if share == 0 else f"with {share:.0%} of it only in"
+        x, y, across, down = target.xywh
+        raise SourceError(
+            f"the target {x:g},{y:g},{across:g},{down:g} lies {where} the image, which is "
+            f"{width}x{height}: give x,y,w,h of a box in the first frame"
+        )
 
 
 def colour_selector(

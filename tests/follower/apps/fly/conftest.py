@@ -1,11 +1,9 @@
-"""A simulated autopilot behind a real UDP port, and a video that stands for a camera."""
+"""A simulated autopilot behind a real UDP port, and cameras."""
 
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,86 +11,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
-
-from follower.links.packet_parser import PacketReader
-from follower_control.common.transport import Transport, UdpTransport
-from follower_sim.autopilot.autopilot import SimAutopilot
-from follower_sim.kinematics import BodyState
-from follower_vision.clock import MonotonicClock
-
-SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-WIDTH, HEIGHT, RATE_HZ = 320, 240, 30
-RED = "#d02020"
-
-
-class ListeningTransport:
-    """Passes bytes on and notes which messages the follower sent, and when."""
-
-    def __init__(self, inner: Transport, clock: MonotonicClock) -> None:
-        self._inner = inner
-        self._clock = clock
-        self._reader = PacketReader()
-        self.heard: list[tuple[float, int, bytes]] = []
-
-    def send(self, data: bytes) -> None:
-        self._inner.send(data)
-
-    def receive(self) -> bytes:
-        data = self._inner.receive()
-        now_s = self._clock.now()
-        self.heard += [(now_s, p.message_id, p.data) for p in self._reader.feed(data)]
-        return data
-
-    def close(self) -> None:
-        self._inner.close()
-
-
-class Vehicle:
-    """A simulated autopilot that runs by itself and speaks to a port of this computer."""
-
-    def __init__(self, flavour: str, port: int, height_m: float = 0.0) -> None:
-        self.clock = MonotonicClock()
-        self.wire = ListeningTransport(UdpTransport.connect("127.0.0.1", port), self.clock)
-        start = BodyState(self.clock.now(), (0.0, 0.0, -height_m))
-        self.autopilot = SimAutopilot(flavour, self.wire, start)
-        self.setpoint_mode = "OFFBOARD" if flavour == "px4" else "GUIDED"
-        self.each_step: Callable[[float], None] = lambda _: None
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            now_s = self.clock.now()
-            self.each_step(now_s)
-            self.autopilot.step(now_s)
-            time.sleep(0.004)
-
-    @property
-    def setpoints(self) -> list[tuple[float, mavlink.MAVLink_message]]:
-        codec = mavlink.MAVLink(None)
-        found = [(at, data) for at, number, data in list(self.wire.heard) if number == SETPOINT]
-        return [(at, codec.decode(bytearray(data))) for at, data in found]
-
-    @property
-    def message_ids(self) -> set[int]:
-        return {number for _, number, _ in list(self.wire.heard)}
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.wire.close()
-
-
-@contextmanager
-def flying_vehicle(flavour: str, port: int, height_m: float = 0.0) -> Iterator[Vehicle]:
-    vehicle = Vehicle(flavour, port, height_m)
-    try:
-        yield vehicle
-    finally:
-        vehicle.close()
-
+from flying_vehicle import HEIGHT, WIDTH, Vehicle, write_square
 
 MakeVehicle = Callable[..., Vehicle]
 
@@ -118,26 +37,8 @@ def vehicle(port: int) -> Iterator[MakeVehicle]:
 
 @pytest.fixture(scope="session")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Twenty seconds of a red square, right of the centre, on a ground that trembles."""
-    path = tmp_path_factory.mktemp("video") / "square.mp4"
-    rng = np.random.default_rng(5)
-    coarse = rng.integers(60, 180, (24, 32), dtype=np.uint8)
-    grey = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-    ground = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=RATE_HZ, options={"preset": "ultrafast"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        for number in range(20 * RATE_HZ):
-            image = ground.copy()
-            x = 190 + round(6 * np.sin(number / 20))
-            cv2.rectangle(image, (x, 100), (x + 39, 139), (32, 32, 208), -1)
-            cv2.rectangle(image, (x + 8, 108), (x + 24, 120), (200, 200, 40), -1)
-            image = cv2.add(image, rng.integers(0, 6, image.shape, dtype=np.uint8))
-            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
-            frame.pts, frame.time_base = number, Fraction(1, RATE_HZ)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+    """Twenty seconds of the square."""
+    return write_square(tmp_path_factory.mktemp("video") / "square.mp4", 20)
 
 
 class Stream:
