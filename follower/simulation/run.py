@@ -47,6 +47,7 @@ from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
 from follower_control.common.transport import Transport
 from follower_sim.autopilot.autopilot import SYSTEM_ID
+from follower_sim.scoring.score import PursuitScore
 from follower_sim.world.world import World
 from follower_vision.clock import MonotonicClock, SimulatedClock
 
@@ -58,22 +59,41 @@ _LEAST_PACE = 0.97
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """What came of a flight, and where its files are."""
+    """What came of a flight, and where its files are.
+
+    Attributes:
+        exit_code: 0 if it was flown as wanted; see `follower sim --help`.
+        folder: the report, and the recording if there is one.
+        end: how it ended.
+        score: held against the truth; units stand in the names, shares go from 0 to 1.
+        violations: what went over the wire that never may, of a program's flight.
+
+    Examples:
+        >>> import follower
+        >>> result = follower.simulate("winding", vision="truth+noise", scene=["duration_s=30"])
+        >>> print(result.folder, result.end.sentence, result.score.line_of_sight_rms_deg < 5)
+        runs/winding The pursuit succeeded True
+    """
 
     exit_code: int
     folder: Path
+    end: FlightEnd
+    score: PursuitScore
     violations: tuple[str, ...] = ()
-    """What went over the wire that never may, of a program's flight."""
 
 
-def simulate(options: SimulationOptions) -> SimulationResult:
+def simulate(options: SimulationOptions, console: Console | None = None) -> SimulationResult:
     """Fly and write the report.
+
+    Args:
+        options: what to fly.
+        console: is told how it goes; the terminal by default.
 
     Raises:
         SettingsError: an option, the scenario or a setting cannot be used.
         ConnectionFailedError: no autopilot answers.
     """
-    return _Simulation(options).run()
+    return _Simulation(options).run(console or Console())
 
 
 class _Simulation:
@@ -90,11 +110,10 @@ class _Simulation:
         self.death: FlightEnd | None = None
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
-    def run(self) -> SimulationResult:
+    def run(self, console: Console) -> SimulationResult:
         """Fly and write the report."""
         if self.faults:
             self.connection.check_simulated("--fault")
-        console = Console()
         # Autopilot, camera, vision and control share few cores: OpenCV's threads would take them.
         cv2.setNumThreads(1)
         with self.connection.open(console) as ends:
@@ -120,9 +139,10 @@ class _Simulation:
         for violation in violations:
             print_line(console, f"Never to be sent: {violation}", "bold red")
         if end is BY_CTRL_C or (passed is None and not violations):
-            return SimulationResult(end.exit_code, folder, violations)
-        code = SUCCESS if passed and not violations else FAILED
-        return SimulationResult(code, folder, violations)
+            code = end.exit_code
+        else:
+            code = SUCCESS if passed and not violations else FAILED
+        return SimulationResult(code, folder, end, flight.score(), violations)
 
     def _fly(
         self,

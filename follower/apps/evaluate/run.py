@@ -1,6 +1,7 @@
 """Runs an evaluation: every tracker on every sequence from every start."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -8,6 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from follower.apps.evaluate.contender import Contender, EvaluationResult, ResultStore, RunStart, run
 from follower.apps.evaluate.output_files import (
+    ResultRow,
     ScoredRun,
     attribute_rows,
     rows,
@@ -19,7 +21,7 @@ from follower.apps.evaluate.output_files import (
 )
 from follower.apps.evaluate.report import render
 from follower.recording.run_folder import new_run_folder
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import print_line, quiet_console
 from follower_control.common.strict_config import SettingsError
 from follower_vision.atomic_file import write_whole
 from follower_vision.clock import MonotonicClock
@@ -29,6 +31,33 @@ from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.plugins import PluginError
 
 _SUCCESS, _INTERRUPTED = 0, 130
+_FILES = ("results.csv", "results.json", "report.html")
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What trackers are worth on data sets.
+
+    Attributes:
+        folder: holds report.html, results.csv, results.json and the boxes.
+        means: each tracker's means over the sequences, best first: `score.auc`,
+            `score.precision` and others from 0 to 1, `frames_s` in frames a second.
+        runs: the same of each run.
+        remarks: what was left out, in sentences.
+
+    Examples:
+        >>> import follower
+        >>> found = follower.evaluate("otb", ["correlation", "identity"])
+        >>> for row in found.means:
+        ...     print(row.tracker, row.score.auc > 0.5)
+        correlation True
+        identity False
+    """
+
+    folder: Path
+    means: list[ResultRow]
+    runs: list[ScoredRun]
+    remarks: list[str]
 
 
 def evaluate(
@@ -65,6 +94,62 @@ def evaluate(
     """
     console = console or Console()
     try:
+        found = measure(
+            folders,
+            trackers,
+            detector=detector,
+            boxes=boxes,
+            tre=tre,
+            sre=sre,
+            out=out,
+            resume=resume,
+            fps=fps,
+            console=console,
+        )
+    except EvaluationInterrupted as interrupted:
+        print_line(console, f"interrupted; go on with --resume {interrupted.folder}")
+        return _INTERRUPTED
+    for remark in found.remarks:
+        print_line(console, remark, style="yellow")
+    for table in terminal_tables(found.means):
+        console.print(table)
+    if stateless(found.means):
+        print_line(console, f"no states: {', '.join(stateless(found.means))}", style="dim")
+    for name in _FILES:
+        print_line(console, f"  {found.folder / name}")
+    return _SUCCESS
+
+
+class EvaluationInterrupted(KeyboardInterrupt):
+    """Ctrl-C; what was measured is in `folder`, from which the same evaluation goes on."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(f"{folder} holds what was measured: resume from there")
+        self.folder = folder
+
+
+def measure(
+    folders: Iterable[Path],
+    trackers: Iterable[str],
+    *,
+    detector: str = "yolox-nano",
+    boxes: Iterable[str] = (),
+    tre: int = 0,
+    sre: bool = False,
+    out: Path = Path("runs"),
+    resume: Path | None = None,
+    fps: float = 30.0,
+    console: Console | None = None,
+) -> Evaluation:
+    """Measure, write the files, and return the figures; arguments and errors as of `evaluate`.
+
+    The console shows the progress; without one nothing is printed.
+
+    Raises:
+        EvaluationInterrupted: Ctrl-C.
+    """
+    console = console or quiet_console()
+    try:
         sequences, remarks = _sequences(folders)
         others = _others(boxes, fps, sequences, remarks)
     except DatasetError as error:
@@ -74,30 +159,29 @@ def evaluate(
     contenders = [
         contender
         for contender in (Contender(name, detector) for name in dict.fromkeys(trackers))
-        if _can_be_made(contender, console)
+        if _can_be_made(contender, remarks)
     ]
     if not (contenders or others):
-        raise SettingsError("nothing to measure: give --trackers a,b or --boxes name=folder")
+        why = "; ".join(remarks) or "give --trackers a,b or --boxes name=folder"
+        raise SettingsError(f"nothing to measure: {why}")
     folder = resume or new_run_folder(out, "evaluate")
     jobs = [(c, s, start) for c in contenders for s in sequences for start in _starts(s, tre, sre)]
     try:
         runs, broken = _run_all(jobs, fps, ResultStore(folder / "boxes"), console)
     except KeyboardInterrupt:
-        print_line(console, f"interrupted; go on with --resume {folder}")
-        return _INTERRUPTED
+        raise EvaluationInterrupted(folder) from None
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]
     kept = [one for one in [*runs, *others] if one.sequence not in broken]
     if not kept:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
-    for remark in remarks:
-        print_line(console, remark, style="yellow")
     whole = [sequence for sequence in sequences if sequence.name not in broken]
-    _write(folder, kept, whole, remarks, console)
-    return _SUCCESS
+    found = Evaluation(folder, rows(kept), kept, remarks)
+    _write(found, whole)
+    return found
 
 
-def _can_be_made(contender: Contender, console: Console) -> bool:
-    """Return whether a contender can run, or say which plug-in is left out.
+def _can_be_made(contender: Contender, remarks: list[str]) -> bool:
+    """Return whether a contender can run, or remark which plug-in is left out.
 
     Raises:
         ModelError: a network is missing: that is said before hours of work.
@@ -105,7 +189,7 @@ def _can_be_made(contender: Contender, console: Console) -> bool:
     try:
         contender.make()
     except PluginError as error:
-        print_line(console, f"{contender.name} is left out: {error}", style="yellow")
+        remarks.append(f"{contender.name} is left out: {error}")
         return False
     return True
 
@@ -197,22 +281,10 @@ def _others(
     return runs
 
 
-def _write(
-    folder: Path,
-    runs: list[ScoredRun],
-    sequences: list[Sequence],
-    remarks: list[str],
-    console: Console,
-) -> None:
-    means, attributes = rows(runs), attribute_rows(runs)
-    files = [
-        write_csv(folder / "results.csv", runs),
-        write_json(folder / "results.json", means, attributes, runs, remarks),
-        write_whole(folder / "report.html", render(means, attributes, runs, sequences, remarks)),
-    ]
-    for table in terminal_tables(means):
-        console.print(table)
-    if stateless(means):
-        print_line(console, f"no states: {', '.join(stateless(means))}", style="dim")
-    for file in files:
-        print_line(console, f"  {file}")
+def _write(found: Evaluation, sequences: list[Sequence]) -> None:
+    means, runs, remarks = found.means, found.runs, found.remarks
+    attributes = attribute_rows(runs)
+    table, figures, page = (found.folder / name for name in _FILES)
+    write_csv(table, runs)
+    write_json(figures, means, attributes, runs, remarks)
+    write_whole(page, render(means, attributes, runs, sequences, remarks))

@@ -24,6 +24,7 @@ from follower.apps.replay.comparison import (
 from follower.apps.replay.replay import Replay, ReplaySaver, replay_settings
 from follower.flight.log import FlightLog
 from follower.recording import FlightFileError, RecordedFlight, open_flight
+from follower.recording.arrays import Table, arrays
 from follower.recording.machine import changed_versions
 from follower.recording.run_folder import new_run_folder, write_boxes, write_setpoints
 from follower.recording.video_reader import video_problem
@@ -102,8 +103,21 @@ def _draw_differences(ax: Axes, comparison: Comparison) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Outcome:
-    """A replay, beside the flight that it is of."""
+class ReplayResult:
+    """A replay, beside the flight that it is of.
+
+    Attributes:
+        replay: `log` is what came of it, `missed` how many frames vision did not get.
+        comparison: how that differs from the recording.
+        strictness: what the recording allows to tell.
+
+    Examples:
+        >>> import follower
+        >>> replayed = follower.replay("runs/demo", vision=False)
+        >>> replayed.agrees, replayed.comparison.identical
+        (True, True)
+        >>> yaw_rate_rad_s = replayed.arrays()["controls"]["allowed_yaw_rate_rad_s"]
+    """
 
     replay: Replay
     comparison: Comparison
@@ -111,7 +125,42 @@ class _Outcome:
 
     @property
     def agrees(self) -> bool:
+        """Whether nothing differs beyond what the machines' kinds explain."""
         return self.comparison.agrees(self.strictness.tolerance)
+
+    def arrays(self) -> dict[str, Table]:
+        """Return the replay's log; see `RecordedFlight.arrays`."""
+        return arrays(self.replay.log)
+
+
+def replayed(
+    flight: RecordedFlight,
+    overrides: Sequence[str] = (),
+    *,
+    vision: bool = True,
+    saver: ReplaySaver | None = None,
+) -> ReplayResult:
+    """Replay a flight and compare.
+
+    Args:
+        flight: to replay.
+        overrides: settings to replay with, as `key=value`.
+        vision: from the recorded frames; else control alone, from the recorded tracks.
+        saver: keeps the replay.
+
+    Raises:
+        FlightFileError: the video cannot be read, or the recording contradicts itself.
+        SettingsError: an override cannot be used.
+    """
+    replay = Replay(
+        flight,
+        replay_settings(flight, overrides),
+        own_camera=not any(text.startswith("camera.") for text in overrides),
+        tracks_recorded=not vision,
+        on_message=saver,
+        sink=saver,
+    )
+    return ReplayResult(replay, compare(flight.log, replay.run()), Strictness.of(flight))
 
 
 def replay_flight(
@@ -133,15 +182,11 @@ def replay_flight(
     # As in the flight; and the number of threads must not decide about the last bit.
     cv2.setNumThreads(1)
     flight = open_flight(folder)
-    settings = replay_settings(flight, overrides)
-    own_camera = not any(text.startswith("camera.") for text in overrides)
     if overrides:
         print_line(console, f"With {', '.join(overrides)}. {OPEN_LOOP}")
-    strictness = Strictness.of(flight)
     with console.status("Replaying control"):
-        replay = Replay(flight, settings, own_camera=own_camera, tracks_recorded=True)
-        control = _Outcome(replay, compare(flight.log, replay.run()), strictness)
-    allowed = strictness.tolerance
+        control = replayed(flight, overrides, vision=False)
+    allowed = control.strictness.tolerance
     print_comparison(
         console, "Control from the recorded tracks", control.comparison.control, allowed
     )
@@ -150,11 +195,10 @@ def replay_flight(
     if unread is None:
         if save:
             copy = new_run_folder(out, f"{flight.folder.resolve().name}-replayed")
-            saver = ReplaySaver(flight, copy, settings, overrides)
+            saver = ReplaySaver(flight, copy, replay_settings(flight, overrides), overrides)
             print_line(console, f"It is saved as a flight of its own: {copy}")
         with console.status("Replaying vision and control"), saver or nullcontext():
-            replay = Replay(flight, settings, own_camera=own_camera, on_message=saver, sink=saver)
-            whole = _Outcome(replay, compare(flight.log, replay.run()), strictness)
+            whole = replayed(flight, overrides, saver=saver)
         print_comparison(
             console, "Vision from the recorded frames", whole.comparison.tracks, allowed
         )
@@ -174,8 +218,8 @@ def replay_flight(
 
 def _conclude(
     flight: RecordedFlight,
-    control: _Outcome,
-    whole: _Outcome | None,
+    control: ReplayResult,
+    whole: ReplayResult | None,
     overrides: Sequence[str],
     out: Path,
     console: Console,
@@ -205,7 +249,7 @@ def _conclude(
     return DIFFERENT
 
 
-def _caveat(flight: RecordedFlight, whole: _Outcome | None) -> str:
+def _caveat(flight: RecordedFlight, whole: ReplayResult | None) -> str:
     """Say why vision's answers need not be the recorded ones, "" if they have to be."""
     if whole is None:
         return " Vision was not replayed."
@@ -229,7 +273,7 @@ def _caveat(flight: RecordedFlight, whole: _Outcome | None) -> str:
 
 
 def _write(
-    flight: RecordedFlight, outcome: _Outcome, how: str, out: Path, console: Console
+    flight: RecordedFlight, outcome: ReplayResult, how: str, out: Path, console: Console
 ) -> None:
     name, log = flight.folder.resolve().name, outcome.replay.log
     folder = new_run_folder(out, f"replay-{name}")

@@ -14,6 +14,11 @@ def print_line(console: Console, text: str, style: str | None = None) -> None:
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
+def quiet_console() -> Console:
+    """Return a console that prints nothing and leaves the terminal to others."""
+    return Console(quiet=True, force_terminal=False)
+
+
 def needed(module: str) -> Any:
     """Import a package of the extra `campaign`.
 
