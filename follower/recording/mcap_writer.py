@@ -106,7 +106,16 @@ _OTHER_FILES = "config.yaml, mavlink.tlog and video.mkv can be read by other pro
 
 
 class FlightFileError(SourceError):
-    """A flight cannot be read; the message says which file, why, and what could be read."""
+    """A flight cannot be read; the message says which file, why, and what could be read.
+
+    Examples:
+        >>> import follower
+        >>> try:
+        ...     follower.open_flight("runs/gone")
+        ... except follower.FlightFileError as error:
+        ...     print(error)
+        runs/gone: there is no such folder; a flight is a folder with flight.mcap in it
+    """
 
 
 @dataclass(slots=True)

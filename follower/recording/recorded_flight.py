@@ -15,6 +15,7 @@ from follower.flight.log import (
 )
 from follower.flight.supervision.inputs import SupervisorInputs
 from follower.links.vehicle_health import VehicleHealth
+from follower.recording.arrays import Table, arrays
 from follower.recording.config import FlightConfig
 from follower.recording.mcap_writer import FlightFileError, LogContent, read_log
 from follower.recording.messages import FrameRecord, SetpointRecord, StepRecord, shared_fields
@@ -51,6 +52,14 @@ class RecordedFlight:
         observations: what control made of the tracks.
         truth: the simulator's, empty for real flights.
         remarks: what is missing or damaged, in sentences.
+
+    Examples:
+        >>> import follower
+        >>> flight = follower.open_flight("runs/demo")
+        >>> controls = flight.arrays()["controls"]  # pandas.DataFrame(controls) works too
+        >>> following = controls[controls["state"] == "following"]
+        >>> print(following["allowed_forward_m_s"].max() > 0.5)
+        True
     """
 
     folder: Path
@@ -75,6 +84,14 @@ class RecordedFlight:
         """
         return read_pictures(self.folder / VIDEO, self.frames, self.remarks)
 
+    def arrays(self) -> dict[str, Table]:
+        """Return the log as NumPy structured arrays "tracks", "controls" and "events".
+
+        The unit stands in a column's name; times are seconds on the flight's clock; unknown is NaN
+        or "". `pandas.DataFrame` takes each of them.
+        """
+        return arrays(self.log)
+
     def packets(self) -> Iterator[TlogPacket]:
         """Return the MAVLink packets, none if they were not recorded; damage becomes a remark."""
         path = self.folder / TLOG
@@ -86,6 +103,14 @@ def open_flight(folder: str | Path) -> RecordedFlight:
 
     Raises:
         FlightFileError: it is none, or its log cannot be read; the message says what could be.
+
+    Examples:
+        >>> import follower
+        >>> flight = follower.open_flight("runs/demo")
+        >>> print(flight.config.kind, len(flight.log.tracks) > 100, flight.remarks)
+        simulated True []
+        >>> for frame in flight.pictures():
+        ...     image = frame.image
     """
     path = Path(folder)
     if path.name == LOG and path.is_file():
