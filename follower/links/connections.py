@@ -33,7 +33,17 @@ _SERIAL = re.compile(r"(?:serial:)?(/[^:,\s]+)(?:[:,](\d+))?")
 
 
 class ConnectionFailedError(ValueError):
-    """The connection cannot be opened; the message says which, why and what to do."""
+    """The connection cannot be opened; the message says which, why and what to do.
+
+    Examples:
+        >>> import follower
+        >>> try:
+        ...     with follower.Pursuit("udpin:0.0.0.0:1x", camera=0):
+        ...         pass
+        ... except follower.ConnectionFailedError as error:
+        ...     print(error)
+        'udpin:0.0.0.0:1x' is no connection: ...
+    """
 
 
 class _StreamTransport:

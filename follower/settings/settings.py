@@ -234,6 +234,12 @@ def load_settings(
 
     Raises:
         SettingsError: a file, key or value cannot be used; one line says which and why.
+
+    Examples:
+        >>> import follower
+        >>> settings = follower.load_settings(overrides=["servo.distance_m=12"])
+        >>> settings.servo.distance_m, settings.envelope.max_speed_m_s > 0
+        (12.0, True)
     """
     data, source = settings_data(path, base, overrides)
     refuse_retired(data, source)

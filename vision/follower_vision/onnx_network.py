@@ -37,7 +37,16 @@ _KINDS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)
 
 
 class ModelError(ValueError):
-    """A network's file is missing, broken or of another kind; the message is one line."""
+    """A network's file is missing, broken or of another kind; the message is one line.
+
+    Examples:
+        >>> import follower
+        >>> try:
+        ...     follower.Fusion("car", overrides=["detector=gone.onnx"])
+        ... except follower.ModelError as error:
+        ...     print(error)
+        gone.onnx: no such network; ...
+    """
 
 
 _REFUSALS: tuple[type[Exception], ...] = (ModelError, *_ERRORS)

@@ -28,7 +28,16 @@ _UNITS = {
 
 
 class SettingsError(ValueError):
-    """Settings cannot be used; the message is one line that says where and why."""
+    """Settings cannot be used; the message is one line that says where and why.
+
+    Examples:
+        >>> import follower
+        >>> try:
+        ...     follower.load_settings(overrides=["servo.distance=12"])
+        ... except follower.SettingsError as error:
+        ...     print(error)
+        --set servo.distance=12: unknown key 'servo.distance'; did you mean 'distance_m'?
+    """
 
 
 class StrictFields:

@@ -84,6 +84,14 @@ def draw_tracks(image: Image, tracks: Sequence[Track], lines: Sequence[str] = ()
         tracks: one shows its state and producer. Several are numbered from 1 and have a colour of
             their own each; of a box that is not tracking only the corners are drawn.
         lines: text for the top-left corner.
+
+    Examples:
+        >>> import cv2, follower
+        >>> frame = next(follower.frames("clip.mp4"))
+        >>> with follower.Fusion(follower.Box.from_xywh(190, 100, 40, 40)) as tracker:
+        ...     picture = follower.draw_tracks(frame.image, [tracker.step(frame)], ["frame 0"])
+        >>> cv2.imwrite("track.png", picture)
+        True
     """
     canvas = image.copy()
     unit = _unit(canvas)

@@ -21,6 +21,12 @@ class Box:
 
     Raises:
         ValueError: a value is not finite, or a side is not positive.
+
+    Examples:
+        >>> import follower
+        >>> box = follower.Box.from_xywh(300, 200, 40, 20)
+        >>> box.cx, box.cy, box.iou(follower.Box(320, 210, 40, 20))
+        (320.0, 210.0, 1.0)
     """
 
     cx: float

@@ -18,6 +18,16 @@ class Frame:
         image: (H, W, 3) uint8 BGR.
         captured_s: time of the middle of the exposure, on the system's clock.
         sequence: the source's frame number from 0; a gap means dropped frames.
+
+    Raises:
+        ValueError: the image has another shape or type.
+
+    Examples:
+        >>> import follower, numpy
+        >>> image = numpy.zeros((480, 640, 3), numpy.uint8)  # from a camera of your own
+        >>> frame = follower.Frame(image, captured_s=12.5, sequence=375)
+        >>> frame.width, frame.height
+        (640, 480)
     """
 
     image: Image

@@ -8,7 +8,16 @@ from follower_vision.images.frame import Frame
 
 
 class SourceError(ValueError):
-    """A source gives no frames; the message says in one line what, where and what to do."""
+    """A source gives no frames; the message says in one line what, where and what to do.
+
+    Examples:
+        >>> import follower
+        >>> try:
+        ...     follower.frames("gone.mp4")
+        ... except follower.SourceError as error:
+        ...     print(error)
+        gone.mp4: there is no such file; check the path
+    """
 
 
 class FrameSource(Protocol):

@@ -7,7 +7,13 @@ from follower_vision.geometry.box import Box
 
 
 class TrackState(StrEnum):
-    """How much a track's box can be trusted."""
+    """How much a track's box can be trusted.
+
+    Examples:
+        >>> import follower
+        >>> follower.TrackState.TRACKING == "tracking"
+        True
+    """
 
     TRACKING = "tracking"
     """The target was seen in this frame."""
@@ -28,6 +34,13 @@ class Track:
         produced_by: what made this box, e.g. "correlation", "detector", "reacquired".
         captured_s: capture time of the frame, on the system's clock.
         sequence: the frame's number.
+
+    Examples:
+        >>> import follower
+        >>> with follower.Fusion(follower.Box.from_xywh(190, 100, 40, 40)) as tracker:
+        ...     track = tracker.step(next(follower.frames("clip.mp4")))
+        >>> print(track.box.cx, track.box.cy, track.state, track.sequence)
+        210.0 120.0 tracking 0
     """
 
     box: Box
