@@ -164,13 +164,14 @@ def test_however_the_program_ends_the_vehicle_holds_and_is_released(
 def test_a_check_that_fails_refuses_the_flight_and_leaves_nothing_behind(
     there: Vehicle, pursuit: follower.Pursuit, tmp_path: Path
 ) -> None:
+    before = signal.getsignal(signal.SIGINT)
     there.autopilot.parameters["COM_OBL_RC_ACT"] = 6.0
     with pytest.raises(follower.PreflightError, match="COM_OBL_RC_ACT: 6: termination") as refused:
         pursuit.__enter__()
     assert [one.check.name for one in refused.value.failed] == ["COM_OBL_RC_ACT"]
     assert not (tmp_path / "runs").exists()
     assert there.setpoints == []
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 @pytest.mark.usefixtures("there")
