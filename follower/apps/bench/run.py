@@ -3,7 +3,7 @@
 import os
 import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,10 +31,11 @@ from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt
 from follower_control.common.strict_config import SettingsError
 from follower_vision.atomic_file import write_whole
-from follower_vision.detection.detectors import detector_names
+from follower_vision.detection.detectors import detector_names, make_detector
 from follower_vision.device import AUTO, CPU, accelerators
-from follower_vision.models import ModelStore, Purpose, default_folder
+from follower_vision.models import ModelStore, default_folder
 from follower_vision.onnx_network import ModelError
+from follower_vision.plugins import PluginError
 from follower_vision.trackers.registry import make_tracker, tracker_names
 
 SIZES: tuple[Size, ...] = ((640, 480), (1280, 720), (1920, 1080))
@@ -220,30 +221,33 @@ class _Session:
         return not self._asked.interrupted
 
     def _trackers(self) -> list[str]:
-        """Return the trackers that do something and whose networks are there."""
-        store, found, missing = ModelStore(default_folder(os.environ)), [], []
-        for name in self._options.trackers or tracker_names():
+        """Return the trackers that do something and can be made here."""
+        store = ModelStore(default_folder(os.environ))
+        names = self._options.trackers or tracker_names()
+        wanted = [name for name in names if name != _NO_WORK]
+        return self._usable(wanted, lambda name: make_tracker(name, store.file))
+
+    def _detectors(self) -> list[str]:
+        """Return the detectors that can be made here."""
+        store, named = ModelStore(default_folder(os.environ)), self._options.detectors
+        names = detector_names(store) if named is None else named
+        return self._usable(names, lambda name: make_detector(name, store))
+
+    def _usable(self, names: Sequence[str], make: Callable[[str], object]) -> list[str]:
+        """Return those that `make` makes, and remark on the others."""
+        found, missing = [], []
+        for name in names:
             try:
-                make_tracker(name, store.file)
+                make(name)
+            except PluginError as error:
+                self.remarks.append(f"{name} is left out: {error}")
             except ModelError:
                 missing.append(name)
             else:
-                found += [] if name == _NO_WORK else [name]
-        self._note_missing(missing)
+                found.append(name)
+        if missing:
+            self.remarks.append(f"without {', '.join(missing)}: see `follower models list`")
         return found
-
-    def _detectors(self) -> list[str]:
-        store = ModelStore(default_folder(os.environ))
-        known = {one.name: one for one in store.models if one.purpose is Purpose.DETECTOR}
-        named = self._options.detectors
-        names = detector_names(store) if named is None else named
-        found = [name for name in names if store.is_present(known[name])]
-        self._note_missing([name for name in names if name not in found])
-        return found
-
-    def _note_missing(self, names: Sequence[str]) -> None:
-        if names:
-            self.remarks.append(f"without {', '.join(names)}: see `follower models list`")
 
 
 def _result(

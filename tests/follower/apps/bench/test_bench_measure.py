@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from plugin_packages import installed
 from rich.console import Console
 
 from follower.apps.bench.measure import NotMeasuredError, measure
@@ -185,3 +186,38 @@ def test_ctrl_c_ends_in_order_and_keeps_what_was_measured(tmp_path: Path) -> Non
     assert "Traceback" not in said
     assert len(read_bench(recordings / "bench.json").rows) >= 1
     assert "frames/s here" in said
+
+
+SEES_NOTHING = """
+class SeesNothing:
+    class_names = ("thing",)
+
+    def detect(self, image, region=None):
+        return []
+
+
+def make(find_file, device):
+    return SeesNothing()
+"""
+
+
+@pytest.mark.slow
+def test_parts_of_other_packages_are_measured_and_broken_ones_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with installed(tmp_path / "site") as site:
+        site.add("follower-eye", "detectors", "eye", SEES_NOTHING)
+        site.add("follower-bad", "trackers", "bad", "import no_such_module\n")
+        names = ("correlation", "bad", "nanotrack-v3")
+        monkeypatch.setenv("FOLLOWER_MODELS", str(tmp_path / "no-models"))
+        options = BenchOptions(
+            sizes=(SMALL,), pictures=3, trackers=names, detectors=("eye",), budget_s=8.0
+        )
+        assert bench(options, tmp_path / "runs", Console(quiet=True)) == 0
+    result = read_bench(tmp_path / "runs" / "bench" / "bench.json")
+    assert {row.tracker for row in result.rows} == {"correlation"}
+    assert result.rows[0].detector == "eye"
+    left_out, missing = result.remarks[:2]
+    assert left_out.startswith("bad is left out: the tracker 'bad' of follower-bad 1.0 cannot be")
+    assert missing == "without nanotrack-v3: see `follower models list`"
