@@ -23,7 +23,7 @@ from plugin_packages import TRACKER, Site, installed
 from rich.console import Console
 
 from follower.apps.command_settings import command_settings
-from follower.apps.evaluate.run import evaluate
+from follower.apps.evaluate.run import EvaluationPlan, evaluate
 from follower.apps.main import UNUSABLE, main
 from follower.apps.preflight.session import model_states
 from follower.apps.video_input import VideoInput
@@ -204,7 +204,7 @@ def test_an_evaluation_leaves_it_out_and_goes_on(site: Site, clip: Path, tmp_pat
     site.add("follower-bad", "trackers", "bad", "import no_such_module\n")
     said = StringIO()
     names = ["bad", "identity", "longterm:bad"]
-    assert evaluate([clip], names, out=tmp_path, console=Console(file=said, width=200)) == 0
+    assert evaluate(EvaluationPlan([clip], names, out=tmp_path), Console(file=said, width=200)) == 0
     lines = [line for line in said.getvalue().splitlines() if "left out" in line]
     assert [line.split()[0] for line in lines] == ["bad", "longterm:bad"]
     assert "of follower-bad 1.0 cannot be imported" in lines[0]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from follower.apps.api.opencv import one_opencv_thread
-from follower.apps.evaluate.run import Evaluation, measure
+from follower.apps.evaluate.run import Evaluation, EvaluationPlan, measure
 from follower.apps.inspect import inspect_recorded
 from follower.apps.replay.run import ReplayResult, replayed
 from follower.flight.supervision.flight_end import INTERRUPTED
@@ -110,17 +110,18 @@ def evaluate(
         True True
     """
     folders = (folder,) if isinstance(folder, str | Path) else folder
+    plan = EvaluationPlan(
+        tuple(map(Path, folders)),
+        tuple(trackers),
+        detector,
+        tre=tre,
+        sre=sre,
+        out=Path(out),
+        resume=None if resume is None else Path(resume),
+        fps=rate_hz,
+    )
     with one_opencv_thread():
-        return measure(
-            map(Path, folders),
-            trackers,
-            detector=detector,
-            tre=tre,
-            sre=sre,
-            fps=rate_hz,
-            out=Path(out),
-            resume=None if resume is None else Path(resume),
-        )
+        return measure(plan)
 
 
 def replay(

@@ -60,10 +60,10 @@ def evaluate_command(
     """Measure trackers on data sets: success, precision, speed; a table and an HTML report."""
     import cv2
 
-    from follower.apps.evaluate.run import evaluate
+    from follower.apps.evaluate.run import EvaluationPlan, evaluate
 
     cv2.setNumThreads(threads)
-    code = evaluate(
+    plan = EvaluationPlan(
         folders,
         [name.strip() for name in trackers.split(",") if name.strip()],
         detector=detector,
@@ -74,4 +74,4 @@ def evaluate_command(
         resume=resume,
         fps=fps,
     )
-    raise typer.Exit(code)
+    raise typer.Exit(evaluate(plan))

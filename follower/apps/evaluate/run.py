@@ -60,22 +60,11 @@ class Evaluation:
     remarks: list[str]
 
 
-def evaluate(
-    folders: Iterable[Path],
-    trackers: Iterable[str],
-    *,
-    detector: str = "yolox-nano",
-    boxes: Iterable[str] = (),
-    tre: int = 0,
-    sre: bool = False,
-    out: Path = Path("runs"),
-    resume: Path | None = None,
-    fps: float = 30.0,
-    console: Console | None = None,
-) -> int:
-    """Run the command and return its exit code; see `follower evaluate --help`.
+@dataclass(frozen=True, slots=True)
+class EvaluationPlan:
+    """What is measured on what; see `follower evaluate --help`.
 
-    Args:
+    Attributes:
         folders: sequences, or folders of them.
         trackers: names of contenders.
         detector: of the contenders that need one and name none.
@@ -85,27 +74,28 @@ def evaluate(
         out: takes the run's folder.
         resume: the folder of a run to continue.
         fps: frames a second where the data set does not say.
-        console: takes the tables.
+    """
+
+    folders: Iterable[Path]
+    trackers: Iterable[str]
+    detector: str = "yolox-nano"
+    boxes: Iterable[str] = ()
+    tre: int = 0
+    sre: bool = False
+    out: Path = Path("runs")
+    resume: Path | None = None
+    fps: float = 30.0
+
+
+def evaluate(plan: EvaluationPlan, console: Console | None = None) -> int:
+    """Measure, print the tables to the console, and return the command's exit code.
 
     Raises:
-        SettingsError: a tracker or folder is not there; one line says what to do.
-        ModelError: a network is missing.
-        OSError: an image cannot be read or a result cannot be written.
+        SettingsError, ModelError, OSError: see `measure`.
     """
     console = console or Console()
     try:
-        found = measure(
-            folders,
-            trackers,
-            detector=detector,
-            boxes=boxes,
-            tre=tre,
-            sre=sre,
-            out=out,
-            resume=resume,
-            fps=fps,
-            console=console,
-        )
+        found = measure(plan, console)
     except EvaluationInterrupted as interrupted:
         print_line(console, f"interrupted; go on with --resume {interrupted.folder}")
         return _INTERRUPTED
@@ -128,46 +118,42 @@ class EvaluationInterrupted(KeyboardInterrupt):
         self.folder = folder
 
 
-def measure(
-    folders: Iterable[Path],
-    trackers: Iterable[str],
-    *,
-    detector: str = "yolox-nano",
-    boxes: Iterable[str] = (),
-    tre: int = 0,
-    sre: bool = False,
-    out: Path = Path("runs"),
-    resume: Path | None = None,
-    fps: float = 30.0,
-    console: Console | None = None,
-) -> Evaluation:
-    """Measure, write the files, and return the figures; arguments and errors as of `evaluate`.
+def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
+    """Measure, write the files, and return the figures.
 
     The console shows the progress; without one nothing is printed.
 
     Raises:
+        SettingsError: a tracker or folder is not there; one line says what to do.
+        ModelError: a network is missing.
+        OSError: an image cannot be read or a result cannot be written.
         EvaluationInterrupted: Ctrl-C.
     """
     console = console or quiet_console()
     try:
-        sequences, remarks = _sequences(folders)
-        others = _others(boxes, fps, sequences, remarks)
+        sequences, remarks = _sequences(plan.folders)
+        others = _others(plan.boxes, plan.fps, sequences, remarks)
     except DatasetError as error:
         raise SettingsError(str(error)) from None
-    if resume is not None and not resume.is_dir():
-        raise SettingsError(f"--resume {resume}: there is no such folder")
+    if plan.resume is not None and not plan.resume.is_dir():
+        raise SettingsError(f"--resume {plan.resume}: there is no such folder")
     contenders = [
         contender
-        for contender in (Contender(name, detector) for name in dict.fromkeys(trackers))
+        for contender in (Contender(name, plan.detector) for name in dict.fromkeys(plan.trackers))
         if _can_be_made(contender, remarks)
     ]
     if not (contenders or others):
         why = "; ".join(remarks) or "give --trackers a,b or --boxes name=folder"
         raise SettingsError(f"nothing to measure: {why}")
-    folder = resume or new_run_folder(out, "evaluate")
-    jobs = [(c, s, start) for c in contenders for s in sequences for start in _starts(s, tre, sre)]
+    folder = plan.resume or new_run_folder(plan.out, "evaluate")
+    jobs = [
+        (contender, sequence, start)
+        for contender in contenders
+        for sequence in sequences
+        for start in _starts(sequence, plan.tre, plan.sre)
+    ]
     try:
-        runs, broken = _run_all(jobs, fps, ResultStore(folder / "boxes"), console)
+        runs, broken = _run_all(jobs, plan.fps, ResultStore(folder / "boxes"), console)
     except KeyboardInterrupt:
         raise EvaluationInterrupted(folder) from None
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
 from follower.apps.evaluate.contender import Contender
-from follower.apps.evaluate.run import evaluate
+from follower.apps.evaluate.run import EvaluationPlan, evaluate
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 
@@ -57,13 +57,15 @@ def test_correlation_beats_identity_and_everything_is_written(data: Path, tmp_pa
     (others / "patch.txt").write_text(truth)
     assert (
         evaluate(
-            (data,),
-            ("identity", "correlation"),
-            boxes=(f"oracle={others}",),
-            tre=2,
-            sre=True,
-            out=tmp_path / "runs",
-            console=quiet(),
+            EvaluationPlan(
+                (data,),
+                ("identity", "correlation"),
+                boxes=(f"oracle={others}",),
+                tre=2,
+                sre=True,
+                out=tmp_path / "runs",
+            ),
+            quiet(),
         )
         == 0
     )
@@ -96,7 +98,7 @@ def test_what_is_written_agrees_with_the_independent_reference(data: Path, tmp_p
     lines = (data / "patch" / "groundtruth.txt").read_text().splitlines()
     lines[5] = "0,0,0,0"
     (data / "patch" / "groundtruth.txt").write_text("\n".join(lines))
-    evaluate((data,), ("correlation", "identity"), out=tmp_path / "r", console=quiet())
+    evaluate(EvaluationPlan((data,), ("correlation", "identity"), out=tmp_path / "r"), quiet())
     folder = tmp_path / "r" / "evaluate"
     stored = json.loads((folder / "results.json").read_text())
     truth = [tuple(map(float, line.split(","))) for line in lines]
@@ -112,7 +114,7 @@ def test_what_is_written_agrees_with_the_independent_reference(data: Path, tmp_p
 def test_attributes_are_scored_over_their_frames(data: Path, tmp_path: Path) -> None:
     (data / "patch" / "fast_motion.tag").write_text("0\n" * 8 + "1\n" * 8)
     (data / "patch" / "attrs.txt").write_text("SV, nowhere")
-    evaluate((data,), ("identity",), out=tmp_path / "r", console=quiet())
+    evaluate(EvaluationPlan((data,), ("identity",), out=tmp_path / "r"), quiet())
     folder = tmp_path / "r" / "evaluate"
     stored = json.loads((folder / "results.json").read_text())
     found = {row["attribute"]: row for row in stored["attributes"]}
@@ -125,7 +127,10 @@ def test_attributes_are_scored_over_their_frames(data: Path, tmp_path: Path) -> 
 
 def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) -> None:
     console = Console(record=True, width=160, quiet=False, file=StringIO())
-    evaluate((data,), ("longterm:correlation", "correlation"), out=tmp_path / "r", console=console)
+    evaluate(
+        EvaluationPlan((data,), ("longterm:correlation", "correlation"), out=tmp_path / "r"),
+        console,
+    )
     folder = tmp_path / "r" / "evaluate"
     stored = json.loads((folder / "results.json").read_text())
     states = {row["tracker"]: row["states"] for row in stored["means"]}
@@ -152,7 +157,7 @@ def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
     (data / "other" / "groundtruth.txt").write_text("\n".join([first, *lines[1:]]))
     console = Console(record=True, width=160, file=StringIO())
     names = ("correlation", "longterm:correlation")
-    assert evaluate((data,), names, out=tmp_path / "r", console=console) == 0
+    assert evaluate(EvaluationPlan((data,), names, out=tmp_path / "r"), console) == 0
     assert said in console.export_text()
     results = json.loads((tmp_path / "r" / "evaluate" / "results.json").read_text())
     sequences = {run["sequence"] for run in results["runs"]}
@@ -166,7 +171,7 @@ def test_a_tracker_is_told_the_data_sets_own_frame_rate(
     rates = []
     real = evaluation.run
     monkeypatch.setattr(evaluation, "run", lambda *given: rates.append(given[3]) or real(*given))
-    evaluate((data,), ("identity",), out=tmp_path / "r", console=quiet())
+    evaluate(EvaluationPlan((data,), ("identity",), out=tmp_path / "r"), quiet())
     assert rates == [12.0]
 
 
@@ -199,7 +204,10 @@ def test_fusion_is_measured_with_its_states(
     monkeypatch.setenv("FOLLOWER_MODELS", str(DATA / "weights"))
     sequence = DATA / "sequences" / "uav123_wakeboard7"
     assert (
-        evaluate((sequence,), ("fusion", "fusion-paper"), out=tmp_path / "r", console=quiet()) == 0
+        evaluate(
+            EvaluationPlan((sequence,), ("fusion", "fusion-paper"), out=tmp_path / "r"), quiet()
+        )
+        == 0
     )
     stored = json.loads((tmp_path / "r/evaluate/results.json").read_text())
     runs = {run["tracker"]: run for run in stored["runs"]}
@@ -222,11 +230,10 @@ def test_another_programs_boxes_are_found(data: Path, tmp_path: Path, file: str)
     boxes.write_text((data / "patch" / "groundtruth.txt").read_text())
     assert (
         evaluate(
-            (data,),
-            (),
-            boxes=(f"oracle={tmp_path / 'others'}",),
-            out=tmp_path / "runs",
-            console=quiet(),
+            EvaluationPlan(
+                (data,), (), boxes=(f"oracle={tmp_path / 'others'}",), out=tmp_path / "runs"
+            ),
+            quiet(),
         )
         == 0
     )
@@ -237,13 +244,13 @@ def test_another_programs_boxes_are_found(data: Path, tmp_path: Path, file: str)
 def test_resuming_runs_only_what_is_missing(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    evaluate((data,), ("identity", "correlation"), out=tmp_path / "runs", console=quiet())
+    evaluate(EvaluationPlan((data,), ("identity", "correlation"), out=tmp_path / "runs"), quiet())
     folder = tmp_path / "runs" / "evaluate"
     (folder / "boxes" / "identity" / "patch" / "ope-0.json").unlink()
     ran = []
     real = evaluation.run
     monkeypatch.setattr(evaluation, "run", lambda *given: ran.append(given[0].name) or real(*given))
-    code = evaluate((data,), ("identity", "correlation"), resume=folder, console=quiet())
+    code = evaluate(EvaluationPlan((data,), ("identity", "correlation"), resume=folder), quiet())
     assert code == 0
     assert ran == ["identity"]
 
@@ -260,7 +267,9 @@ def test_an_interrupt_leaves_what_was_finished(
 
     monkeypatch.setattr(evaluation, "run", interrupted)
     assert (
-        evaluate((data,), ("identity", "correlation"), out=tmp_path / "runs", console=quiet())
+        evaluate(
+            EvaluationPlan((data,), ("identity", "correlation"), out=tmp_path / "runs"), quiet()
+        )
         == 130
     )
     done = list((tmp_path / "runs" / "evaluate" / "boxes").rglob("*.json"))
@@ -270,7 +279,7 @@ def test_an_interrupt_leaves_what_was_finished(
 def test_an_unreadable_image_skips_its_sequence_by_name(data: Path, tmp_path: Path) -> None:
     (data / "patch" / "img" / "0005.png").write_bytes(b"no image")
     with pytest.raises(SettingsError, match="patch"):
-        evaluate((data,), ("identity",), out=tmp_path / "runs", console=quiet())
+        evaluate(EvaluationPlan((data,), ("identity",), out=tmp_path / "runs"), quiet())
 
 
 @pytest.mark.slow
