@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plugin_packages import Site, installed
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
@@ -240,3 +241,10 @@ def keep_terminal() -> KeepTerminal:
             (Path(wanted) / f"{name}.svg").write_text(svg, "utf-8")
 
     return keep
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    """A folder of installed packages that Python finds."""
+    with installed(tmp_path / "site") as site:
+        yield site

@@ -1,25 +1,20 @@
 """Packages that add trackers, detectors and sources; and what they cannot break."""
 
 import csv
-import logging
 import math
 import os
-import pickle
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import yaml
-from plugin_packages import TRACKER, Site, installed
+from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
 from rich.console import Console
 
 from follower.apps.command_settings import command_settings
@@ -28,17 +23,8 @@ from follower.apps.main import UNUSABLE, main
 from follower.apps.preflight.session import model_states
 from follower.apps.video_input import VideoInput
 from follower.flight.vision.tracker_factory import make_target_tracker
-from follower.links.link import Link
-from follower.links.open import open_link
-from follower.settings.link import LinkSettings
 from follower.settings.settings import Settings, load_settings
-from follower.simulation.options import SimulationOptions, VisionSource
-from follower.simulation.run import simulate
-from follower.ui.cockpit.publisher import setting_list
-from follower.ui.ground_station.parameters import NONE, by_name
 from follower_control.common.strict_config import SettingsError
-from follower_control.common.transport import MemoryTransport
-from follower_control.servo.settings import FollowMode
 from follower_vision.clock import MonotonicClock
 from follower_vision.detection import Detector, detector_names, make_detector
 from follower_vision.fusion import FusionTracker
@@ -57,12 +43,6 @@ ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "follower-template-tracker"
 FRAMES, BOX = 12, Box.from_xywh(60, 80, 40, 40)
 MAKE = "def make(find_file, device):\n    return Follows()\n"
-
-
-@pytest.fixture
-def site(tmp_path: Path) -> Iterator[Site]:
-    with installed(tmp_path / "site") as site:
-        yield site
 
 
 @pytest.fixture
@@ -89,10 +69,6 @@ def frame(number: int, left: int | None = None) -> Frame:
 
 def no_file(name: str) -> Path:
     raise AssertionError(f"{name} was asked for")
-
-
-def warnings_in(caplog: pytest.LogCaptureFixture) -> list[str]:
-    return [record.message for record in caplog.records if record.levelno >= logging.WARNING]
 
 
 class Installed:
@@ -250,18 +226,6 @@ FAULTS = {
     "confidence of NaN": "return MotionEstimate(self.box, np.nan)",
     "None": "return None",
 }
-FAILS_LATE = """
-class Fails(Follows):
-    calls = 0
-    def update(self, image):
-        self.calls += 1
-        if self.calls > 10:
-            {fault}
-        return MotionEstimate(self.box, 1.0)
-
-def make(find_file, device):
-    return Fails()
-"""
 MAP = """
 from follower_vision.trackers.motion_tracker import ResponseMap
 
@@ -411,147 +375,3 @@ def test_a_source_that_cannot_be_used_is_refused_at_once_and_files_are_files(
     monkeypatch.chdir(tmp_path)
     Path("lens:7").write_bytes(b"no video")
     assert not VideoInput("lens:7").is_live
-
-
-LINK = """
-from follower.links.pymavlink_link import MavlinkLink
-
-class Twice(MavlinkLink):
-    kind = "twice"
-    def _send_setpoint(self, setpoint, vehicle):
-        for _ in range(2):
-            super()._send_setpoint(setpoint, vehicle)
-
-make = Twice
-"""
-
-
-def test_a_link_of_a_package_is_opened_by_its_name(site: Site) -> None:
-    site.add("follower-radio", "links", "radio", LINK)
-    settings = command_settings(link="radio")
-    assert site.imported() == []
-    wire, autopilot = MemoryTransport.pair()
-    with (
-        closing(open_link(wire, settings.link, MonotonicClock(), 0)) as link,
-        closing(autopilot),
-    ):
-        assert isinstance(link, Link)
-        assert link.kind == "twice"
-    with pytest.raises(SettingsError, match=r"--link morse: choose pymavlink or mavsdk or radio"):
-        command_settings(link="morse")
-    with pytest.raises(SettingsError, match=r"link: kind: there is no 'morse'; there are .*radio"):
-        load_settings(overrides=["link.kind=morse"])
-
-
-def test_a_link_that_cannot_be_used_is_named(site: Site) -> None:
-    site.add("follower-mute", "links", "mute", "def make(*parts): return 3\n")
-    settings = LinkSettings(kind="mute")
-    with pytest.raises(PluginError, match=r"the link 'mute' of follower-mute 1.0 is none: it has"):
-        open_link(MemoryTransport.pair()[0], settings, MonotonicClock(), 0)
-
-
-LEASH = """
-from dataclasses import replace
-
-def make(servo, step):
-    chased = servo.chase(step)
-    if step.estimate.time_s > FAILS_S:
-        raise ZeroDivisionError("the leash broke")
-    return replace(chased, forward_m_s=max(chased.forward_m_s, 0.0))
-"""
-NEAR_CAR = {
-    "name": "near",
-    "title": "A car is nearer than the wanted distance.",
-    "duration_s": 14,
-    "targets": [{"kind": "car", "colour": "#e0401c", "path": {"points": [[12, 0], [13, 0]]}}],
-    "camera": {"width": 320, "height": 240},
-    "start": {"at": [0, 0]},
-    "select": {"colour": "#e0401c"},
-    "follow": {"servo": {"distance_m": 20, "target_size_m": 2.2, "hold_height": True}},
-}
-
-
-def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]:
-    """Fly beside the car; return the setpoints, a row a control step."""
-    scenario = folder / "near.yaml"
-    scenario.write_text(yaml.safe_dump(NEAR_CAR), "utf-8")
-    simulate(
-        SimulationOptions(
-            str(scenario),
-            lockstep=True,
-            overrides=overrides,
-            out=folder / "runs",
-            video=False,
-            record=False,
-            **options,
-        )
-    )
-    (written,) = (folder / "runs").glob("*/setpoints.csv")
-    with written.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-@pytest.mark.slow
-def test_a_follow_mode_of_a_package_flies(
-    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    site.add("follower-leash", "follow_modes", "leash", LEASH.replace("FAILS_S", "1e9"))
-    rows = flown(tmp_path, "servo.mode=leash", vision=VisionSource.TRUTH)
-    forward = [float(row["forward_m_s"]) for row in rows if row["state"] == "following"]
-    assert len(forward) > 100
-    assert min(forward) == 0.0
-    assert warnings_in(caplog) == []
-    mode = FollowMode("leash")
-    assert mode not in list(FollowMode)
-    assert load_settings(overrides=["servo.mode=leash"]).servo.mode is mode
-    assert "mode: leash\n" in load_settings(overrides=["servo.mode=leash"]).to_yaml()
-    assert pickle.loads(pickle.dumps(mode)) is mode
-
-
-@pytest.mark.slow
-def test_a_follow_mode_that_fails_in_flight_holds(
-    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    site.add("follower-frayed", "follow_modes", "frayed", LEASH.replace("FAILS_S", "10.0"))
-    rows = flown(tmp_path, "servo.mode=frayed", vision=VisionSource.TRUTH)
-    last = [row for row in rows if row["state"] == "following"][-1]
-    assert [float(last[name]) for name in ("forward_m_s", "right_m_s", "down_m_s")] == [0, 0, 0]
-    (line,) = warnings_in(caplog)
-    assert line == (
-        "the follow mode 'frayed' of follower-frayed 1.0 fails, and the vehicle holds: "
-        "ZeroDivisionError: the leash broke"
-    )
-
-
-def test_a_follow_mode_of_a_package_is_shown_to_operators(site: Site) -> None:
-    site.add("follower-rope", "follow_modes", "rope", LEASH)
-    settings = load_settings(overrides=["servo.mode=rope"])
-    (mode,) = [one for one in setting_list(settings) if one["key"] == "servo.mode"]
-    assert (mode["value"], mode["choices"]) == ("rope", [*FollowMode, "rope"])
-    assert by_name()["SRV_MODE"].number(settings) == NONE, "it stands for no number"
-
-
-def test_a_follow_mode_that_cannot_be_used_is_named_and_refused(
-    site: Site, caplog: pytest.LogCaptureFixture
-) -> None:
-    site.add("follower-torn", "follow_modes", "torn", "import no_such_module\n")
-    with pytest.raises(SettingsError, match=r"servo.mode: Input should be 'chase', "):
-        load_settings(overrides=["servo.mode=torn"])
-    (line,) = warnings_in(caplog)
-    assert line.startswith("the follow mode 'torn' of follower-torn 1.0 cannot be imported: ")
-
-
-@pytest.mark.slow
-def test_a_flight_whose_tracker_fails_goes_on_to_its_end(
-    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    code = FAILS_LATE.format(fault="raise OSError").replace("> 10", "> 250")
-    site.add("follower-tired", "trackers", "tired", TRACKER + code)
-    rows = flown(tmp_path, "tracker=tired", "detector=null")
-    assert float(rows[-1]["time"]) > 13.0
-    assert rows[-1]["state"] == "released"
-    speeds = [float(row["forward_m_s"]) for row in rows]
-    assert all(map(math.isfinite, speeds))
-    assert max(map(abs, speeds)) < 4.0
-    (line,) = warnings_in(caplog)
-    assert line.startswith("the tracker 'tired' of follower-tired 1.0 fails")

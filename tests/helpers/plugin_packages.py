@@ -1,9 +1,12 @@
 """Packages with entry points, as pip leaves them, made by hand."""
 
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 TRACKER = """
 import numpy as np
@@ -16,6 +19,19 @@ class Follows:
         self.box = box
     def update(self, image):
         return MotionEstimate(self.box, 1.0)
+"""
+
+FAILS_LATE = """
+class Fails(Follows):
+    calls = 0
+    def update(self, image):
+        self.calls += 1
+        if self.calls > 10:
+            {fault}
+        return MotionEstimate(self.box, 1.0)
+
+def make(find_file, device):
+    return Fails()
 """
 
 
@@ -53,3 +69,8 @@ def installed(folder: Path) -> Iterator[Site]:
         sys.path.remove(str(folder))
         for module in site.imported():
             del sys.modules[module]
+
+
+def warnings_in(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """Return the warnings that were logged."""
+    return [record.message for record in caplog.records if record.levelno >= logging.WARNING]
