@@ -20,9 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
-from follower.simulation.campaign.dask_engine import DaskEngine
-from follower.simulation.campaign.fly_run import RunEngine
-from follower.simulation.campaign.process_engine import LocalEngine
+from follower.simulation.campaign.engine import DaskEngine, LocalEngine, RunEngine
 
 WANTED = 1.8
 

@@ -32,7 +32,7 @@ import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.apps.sitl.run import programs
-from follower.links.modes import set_mode_params
+from follower.links.vehicle_monitor import set_mode_params
 from follower.settings.settings import load_settings
 from follower.simulation.fault_tests.run_fault import write_scene
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures

@@ -31,8 +31,7 @@ from follower.report.track_losses import (
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.flight_display import STATE_STYLES
 from follower_sim.scoring.score import PursuitGoal
-from follower_vision.atomic_file import write_whole
-from follower_vision.full_disk import failure_said, is_unwritable
+from follower_vision.disk import failure_said, is_unwritable, write_whole
 from follower_vision.trackers.track import TrackState
 
 REPORT = "inspection.html"

@@ -328,7 +328,7 @@ def main() -> NoReturn:
 
 def _said(error: Exception) -> str:
     """Return an error in one line; if there is no room, with the file and what is still free."""
-    from follower_vision.full_disk import failure_said, is_no_room
+    from follower_vision.disk import failure_said, is_no_room
 
     if isinstance(error, OSError) and is_no_room(error) and error.filename:
         return failure_said(error, Path(error.filename))

@@ -14,7 +14,7 @@ import typer
 from follower.settings.bundled import configs_folder
 from follower.ui.terminal.cli_options import Camera, Connect
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 from follower_vision.models import default_folder
 
 service_app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")

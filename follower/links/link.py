@@ -9,7 +9,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.links.clock_sync import AutopilotClock, TimeSync, time_ns
 from follower.links.gimbal_manager import GimbalManager
-from follower.links.modes import hold_mode, set_mode_params, setpoint_mode
 from follower.links.operator_commands import OperatorCommand, OperatorCommands
 from follower.links.packet_channel import PacketChannel, PacketPort, SequenceCounter
 from follower.links.packet_parser import MavlinkPacket, Unpacker
@@ -19,7 +18,7 @@ from follower.links.signing import Signer
 from follower.links.status import LinkStatus
 from follower.links.vehicle_finder import FoundVehicle, VehicleFinder
 from follower.links.vehicle_health import HealthMonitor, VehicleHealth
-from follower.links.vehicle_monitor import VehicleMonitor
+from follower.links.vehicle_monitor import VehicleMonitor, hold_mode, set_mode_params, setpoint_mode
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import Transport
 from follower_control.vehicle.gimbal import GimbalRates

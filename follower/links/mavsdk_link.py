@@ -18,10 +18,10 @@ from mavsdk.system import System
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.links.link import AUTOPILOT_ID, COMPONENT_ID, Link
-from follower.links.modes import mode_name, setpoint_mode
 from follower.links.packet_parser import MavlinkPacket, Unpacker, message_id_of
 from follower.links.signing import Signer
 from follower.links.vehicle_finder import FoundVehicle
+from follower.links.vehicle_monitor import mode_name, setpoint_mode
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import Transport
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint

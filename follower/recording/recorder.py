@@ -23,7 +23,7 @@ from follower.settings.recorder import RecorderSettings, WhenFull
 from follower_control.common.transport import Transport
 from follower_sim.kinematics import TruthSample
 from follower_vision.clock import Clock
-from follower_vision.full_disk import failure_said
+from follower_vision.disk import failure_said
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
 

@@ -9,8 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from follower.flight.log import ControlRecord, TrackRecord
-from follower_vision.atomic_file import write_whole
-from follower_vision.full_disk import is_no_room, room_said
+from follower_vision.disk import is_no_room, room_said, write_whole
 
 
 def new_run_folder(base: Path, name: str) -> Path:

@@ -17,7 +17,7 @@ import numpy as np
 
 from follower.flight.log import Stopwatch
 from follower.settings.recorder import RecorderSettings, VideoKind
-from follower_vision.full_disk import failure_said, free_bytes, is_no_room, room_said
+from follower_vision.disk import failure_said, free_bytes, is_no_room, room_said
 from follower_vision.images.frame import Frame, Image
 from follower_vision.sources.frame_source import ClosesItself
 

@@ -19,7 +19,7 @@ from follower_sim.kinematics import TruthSample
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.criteria import CriterionResult, checks, verdict
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 from follower_vision.trackers.track import TrackState
 
 FigureOf = Callable[[LoggedFlight], Figure | None]

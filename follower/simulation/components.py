@@ -7,7 +7,7 @@ from typing import Any
 
 from follower.flight.control.loop import ControlLoop
 from follower.flight.supervision.supervisor import SupervisorState
-from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.request import TargetFinder
 from follower.flight.threads import VisionLoop
 from follower.flight.vision.video_sink import FlightVideo
 from follower.recording import Recorder

@@ -27,7 +27,7 @@ from follower_sim.noisy_tracker import LABEL
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.criteria import checks, verdict
 from follower_sim.scoring.score import PursuitScore
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 _STYLES = {SUCCESS: "bold green", HANDED_OVER: "bold yellow", INTERRUPTED: "bold yellow"}
 NO_PIXELS = LABEL[0].upper() + LABEL[1:]

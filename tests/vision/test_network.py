@@ -14,7 +14,7 @@ import onnxruntime
 import pytest
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
-from follower_vision import device, onnx_network
+from follower_vision import onnx_network
 from follower_vision.models import ModelStore
 from follower_vision.onnx_network import (
     ModelError,
@@ -171,9 +171,11 @@ def other_device(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], list[Othe
     def have(error: float) -> list[OtherSession]:
         opened: list[OtherSession] = []
 
-        def open_session(path: Path, content: bytes | None = None, name: str = device.CPU) -> Any:
+        def open_session(
+            path: Path, content: bytes | None = None, name: str = onnx_network.CPU
+        ) -> Any:
             session = onnx_session(path, content)
-            if name == device.CPU:
+            if name == onnx_network.CPU:
                 return session
             opened.append(OtherSession(session, error))
             return opened[-1]
@@ -196,7 +198,7 @@ def test_a_device_that_answers_alike_is_used_until_it_fails(
     np.testing.assert_array_equal(network.run(pixels)[0], np.float32(1) + np.float32(1e-4))
     opened[0].broken = True
     np.testing.assert_array_equal(network.run(pixels)[0], 1.0)  # the same frame, by the processor
-    assert network.device == device.CPU
+    assert network.device == onnx_network.CPU
     network.run(pixels)
     (said,) = caplog.messages
     assert "average.onnx failed on openvino" in said
@@ -210,7 +212,7 @@ def test_a_device_that_answers_otherwise_is_not_used(
 ) -> None:
     other_device(0.1)
     network = Network(averaging_file, OTHER)
-    assert network.device == device.CPU
+    assert network.device == onnx_network.CPU
     assert "other answers than the processor's (quarter)" in caplog.text
 
 
@@ -243,23 +245,23 @@ def test_auto_does_not_try_again_what_was_refused_but_its_name_does(
     caplog.set_level("INFO")
     opened = other_device(0.1)
     for _ in range(2):
-        network = Network(averaging_file, device.AUTO)
-        assert network.device == device.CPU
+        network = Network(averaging_file, onnx_network.AUTO)
+        assert network.device == onnx_network.CPU
         assert network.refusals == {OTHER: "other answers than the processor's (quarter)"}
     assert len(opened) == 1
     assert len(caplog.messages) == 2
     mended = other_device(1e-4)  # say, by a new driver
-    assert Network(averaging_file, device.AUTO).device == device.CPU
+    assert Network(averaging_file, onnx_network.AUTO).device == onnx_network.CPU
     assert Network(averaging_file, OTHER).device == OTHER
-    assert Network(averaging_file, device.AUTO).device == OTHER
+    assert Network(averaging_file, onnx_network.AUTO).device == OTHER
     assert [session.runs for session in mended] == [1, 0]
 
 
 @pytest.mark.usefixtures("auto_tries_it")
 def test_a_device_that_does_not_start_is_tried_each_time(averaging_file: Path, cache: Path) -> None:
-    if device.provider_of(OTHER):
+    if onnx_network.provider_of(OTHER):
         pytest.skip("it starts here")
-    assert Network(averaging_file, device.AUTO).device == device.CPU
+    assert Network(averaging_file, onnx_network.AUTO).device == onnx_network.CPU
     assert not cache.exists()
 
 
@@ -297,8 +299,8 @@ def test_a_cache_that_cannot_be_written_changes_nothing(
 def test_a_device_that_is_not_here_gives_way_to_the_processor_with_a_warning(
     averaging_file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (absent, *_) = (name for name in device.DEVICES[2:] if not device.provider_of(name))
-    assert Network(averaging_file, absent).device == device.CPU
+    (absent, *_) = (name for name in onnx_network.DEVICES[2:] if not onnx_network.provider_of(name))
+    assert Network(averaging_file, absent).device == onnx_network.CPU
     assert caplog.messages == [
         "average.onnx runs on the processor: the onnxruntime that is installed has no " + absent
     ]
@@ -310,12 +312,12 @@ def test_a_device_that_nobody_knows_is_refused(averaging_file: Path) -> None:
 
 
 def test_tensorrt_keeps_its_engines_beside_the_network(tmp_path: Path) -> None:
-    kept = device.provider_options("tensorrt", tmp_path)["trt_engine_cache_path"]
+    kept = onnx_network.provider_options("tensorrt", tmp_path)["trt_engine_cache_path"]
     assert Path(kept).parent == tmp_path
-    assert device.provider_options("cuda", tmp_path) == {}
+    assert onnx_network.provider_options("cuda", tmp_path) == {}
 
 
-@pytest.mark.skipif(not device.provider_of("openvino"), reason="needs onnxruntime-openvino")
+@pytest.mark.skipif(not onnx_network.provider_of("openvino"), reason="needs onnxruntime-openvino")
 def test_openvino_runs_the_networks_that_come_along() -> None:
     for name in ("follower-detector.onnx", "follower-re3.onnx"):
         assert Network(ModelStore(Path("none")).file(name), "openvino").device == "openvino"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import onnxruntime
 
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 _SAME, _REFUSED = "same answers", "refused: "
 

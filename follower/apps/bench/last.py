@@ -12,8 +12,8 @@ from typing import Any
 from follower.settings.recorder import VideoKind
 from follower.settings.settings import Settings
 from follower_vision.detection.detectors import EMBEDDED
-from follower_vision.device import AUTO
 from follower_vision.models import MODELS, Purpose
+from follower_vision.onnx_network import AUTO
 from follower_vision.user_cache import cache_folder
 
 

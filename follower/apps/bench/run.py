@@ -30,11 +30,10 @@ from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole
 from follower_vision.detection.detectors import detector_names, make_detector
-from follower_vision.device import AUTO, CPU, accelerators
+from follower_vision.disk import write_whole
 from follower_vision.models import ModelStore, default_folder
-from follower_vision.onnx_network import ModelError
+from follower_vision.onnx_network import AUTO, CPU, ModelError, accelerators
 from follower_vision.plugins import PluginError
 from follower_vision.trackers.registry import make_tracker, tracker_names
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import PIL.Image
 
-from follower_vision.atomic_file import write_whole_bytes
+from follower_vision.disk import write_whole_bytes
 from follower_vision.images.frame import Image
 
 Kind: TypeAlias = Literal["charuco", "chessboard"]

@@ -27,7 +27,7 @@ from follower.settings.settings import load_settings, settings_data
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt
 from follower_control.common.strict_config import SettingsError, merged
-from follower_vision.atomic_file import write_whole, write_whole_bytes
+from follower_vision.disk import write_whole, write_whole_bytes
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.images.frame import Frame, Image
 from follower_vision.sources.camera_connection import without_password

@@ -26,7 +26,7 @@ from follower.apps.preflight.check import (
 from follower.apps.preflight.computer_checks import COMPUTER
 from follower.links.connections import permission_advice
 from follower.links.signing import SigningKey, SigningKeyError
-from follower_vision.device import AUTO
+from follower_vision.onnx_network import AUTO
 
 SOFTWARE = CheckGroup[Installation]("Software")
 DEVICES = CheckGroup[Installation]("Devices")

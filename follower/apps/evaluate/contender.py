@@ -9,9 +9,9 @@ from pydantic import TypeAdapter
 
 from follower.flight.vision.tracker_factory import make_fusion
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole
 from follower_vision.clock import Clock
 from follower_vision.detection import make_detector
+from follower_vision.disk import write_whole
 from follower_vision.evaluation.one_pass import Sequence, read_image, start_box
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.box import Box

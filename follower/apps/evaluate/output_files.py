@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.table import Table
 
 from follower.apps.evaluate.contender import EvaluationResult, RunStart
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 from follower_vision.evaluation import one_pass
 from follower_vision.evaluation.metrics import (
     OpeCurves,

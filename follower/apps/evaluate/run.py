@@ -23,8 +23,8 @@ from follower.apps.evaluate.report import render
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole
 from follower_vision.clock import MonotonicClock
+from follower_vision.disk import write_whole
 from follower_vision.evaluation.datasets import DatasetError, load_dataset, read_boxes
 from follower_vision.evaluation.metrics import spatial_starts, temporal_starts
 from follower_vision.evaluation.one_pass import Sequence

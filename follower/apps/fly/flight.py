@@ -16,7 +16,7 @@ from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
 from follower.flight.supervision.flight_end import NO_FRAMES, SUCCESS, FlightEnd
 from follower.flight.supervision.release import is_resting
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
-from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.request import TargetFinder
 from follower.flight.target.selectors import Selector
 from follower.flight.threads import RealtimeRun, VisionLoop
 from follower.flight.vision.stage import VisionStage

@@ -13,7 +13,7 @@ from follower.apps.preflight.checklist import to_json
 from follower.apps.preflight.session import CheckScope, LinkObserver
 from follower.apps.target_choice import TargetChoice
 from follower.apps.video_input import SteadySource, VideoInput
-from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.request import TargetFinder
 from follower.flight.vision.video_sink import FlightVideo
 from follower.links.link import Link
 from follower.links.open import open_link
@@ -23,8 +23,8 @@ from follower.settings.settings import Settings
 from follower.ui.ground_station.flight_view import FlightView
 from follower.ui.ground_station.server import open_ground_station
 from follower_control.common.transport import Transport
-from follower_vision.atomic_file import write_whole
 from follower_vision.clock import MonotonicClock
+from follower_vision.disk import write_whole
 from follower_vision.sources.frame_source import FrameSource, SourceError
 from follower_vision.trackers.target_tracker import TargetTracker
 

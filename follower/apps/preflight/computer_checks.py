@@ -17,7 +17,7 @@ from follower.apps.preflight.check import (
     warned,
 )
 from follower.settings.recorder import VideoKind
-from follower_vision.full_disk import free_bytes
+from follower_vision.disk import free_bytes
 
 COMPUTER = CheckGroup[CompanionSnapshot]("Computer")
 _GB = 1e9

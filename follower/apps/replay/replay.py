@@ -25,8 +25,7 @@ from follower.recording.messages import FrameRecord, StepRecord, messages_of
 from follower.recording.recorder import CONFIG, LOG, TLOG
 from follower.recording.video_reader import FrameFinder
 from follower.recording.video_writer import VIDEO
-from follower.settings.retired import as_recorded
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import Settings, as_recorded, load_settings
 from follower.tuning.excite.pattern import recorded_pattern
 from follower.tuning.excite.stage import ExcitationStage
 from follower_sim.kinematics import TruthSample

@@ -34,7 +34,7 @@ from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario_file import load_scenario
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 RESULTS = "results.json"
 ALL = "all"

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower_vision.atomic_file import write_whole_bytes
 from follower_vision.detection import Detection
+from follower_vision.disk import write_whole_bytes
 from follower_vision.drawing.overlay import draw_labelled
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image

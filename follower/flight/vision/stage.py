@@ -10,9 +10,9 @@ from follower.flight.target.request import (
     ClearSelection,
     ObjectSelection,
     RequestOutcome,
+    TargetFinder,
     TargetRequest,
 )
-from follower.flight.target.resolver import TargetFinder
 from follower.flight.target.selectors import Selector
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame

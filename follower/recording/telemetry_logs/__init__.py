@@ -7,16 +7,18 @@ Start at: `read_telemetry`, then `samples.TelemetryLog`.
 from collections.abc import Callable
 from pathlib import Path
 
-from follower.recording.telemetry_logs.csv_log import read_csv
-from follower.recording.telemetry_logs.dataflash import read_dataflash
+from follower.recording.telemetry_logs.readers import (
+    read_csv,
+    read_dataflash,
+    read_mavlink,
+    read_ulog,
+)
 from follower.recording.telemetry_logs.samples import (
     TelemetryError,
     TelemetryLog,
     TelemetryPlayback,
     TelemetrySamples,
 )
-from follower.recording.telemetry_logs.tlog import read_mavlink
-from follower.recording.telemetry_logs.ulog import read_ulog
 
 __all__ = ["TelemetryError", "TelemetryLog", "TelemetryPlayback", "read_telemetry"]
 

@@ -59,8 +59,7 @@ def campaign_command(
 ) -> None:
     """Fly many simulated flights, count what came of them, and report on it."""
     from follower.simulation.campaign.config import load_campaign
-    from follower.simulation.campaign.dask_engine import DaskEngine
-    from follower.simulation.campaign.process_engine import LocalEngine
+    from follower.simulation.campaign.engine import DaskEngine, LocalEngine
     from follower.simulation.campaign.run import run_campaign
     from follower.ui.terminal.console import needed
 

@@ -17,14 +17,13 @@ from follower.simulation.campaign.config import (
     RunSpec,
     significant,
 )
-from follower.simulation.campaign.fly_run import RunEngine
+from follower.simulation.campaign.engine import RunEngine, campaign_progress
 from follower.simulation.campaign.metrics import RunMetrics
-from follower.simulation.campaign.process_engine import campaign_progress
 from follower.simulation.campaign.store import RunStore
 from follower.simulation.campaign.summary import cost
 from follower.ui.terminal.console import needed, print_line
 from follower_control.common.strict_config import SettingsError, merged, read_mapping
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 BEST = "best.yaml"
 TRIALS = "trials.json"

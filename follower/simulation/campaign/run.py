@@ -15,14 +15,13 @@ from follower.simulation.campaign.config import (
     RunSpec,
     planned,
 )
-from follower.simulation.campaign.fly_run import RunEngine
+from follower.simulation.campaign.engine import RunEngine, campaign_progress
 from follower.simulation.campaign.metrics import RunMetrics
-from follower.simulation.campaign.process_engine import campaign_progress
 from follower.simulation.campaign.store import RESULTS, RunStore, write_parquet
 from follower.simulation.campaign.summary import CampaignSummary, summary_of
 from follower.simulation.run import simulate
 from follower.ui.terminal.console import print_line
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 WORST = "worst"
 CONFIG = "campaign.yaml"

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from follower.flight.supervision.supervisor import SupervisorState
-from follower.simulation.faults.catalogue import fault_named
-from follower.simulation.faults.fault import Fault, FaultAction, FaultKind
+from follower.simulation.faults.fault import Fault, FaultAction, FaultKind, fault_named
 from follower_control.common.strict_config import SettingsError
 
 _TEXT = re.compile(r"([^@:\s]+)(?:@(\d+(?:\.\d*)?))?(?::(\d+(?:\.\d*)?))?")

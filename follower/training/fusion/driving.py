@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from follower.training.fusion.settings import FusionSetup
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole_bytes
 from follower_vision.detection import Detection, Detector, make_detector
+from follower_vision.disk import write_whole_bytes
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run, starts
 from follower_vision.evaluation.one_pass import DatasetError, Sequence, start_box

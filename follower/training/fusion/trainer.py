@@ -24,7 +24,7 @@ from follower.training.fusion.fitting import FirstPeak, fit_model, fit_noise
 from follower.training.fusion.settings import FusionConfig, FusionSetup
 from follower.training.trainer import CONFIG
 from follower_control.common.strict_config import SettingsError
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 from follower_vision.evaluation.multi_start import Run, sequence_figures
 from follower_vision.fusion.model import CandidateModel, ProbabilityModel, family_of
 from follower_vision.geometry.box import Box

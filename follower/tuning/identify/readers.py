@@ -11,8 +11,8 @@ import numpy as np
 
 from follower.flight.log import ControlRecord
 from follower.recording import RecordedFlight, open_flight
+from follower.recording.telemetry_logs.readers import read_ulog
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
-from follower.recording.telemetry_logs.ulog import read_ulog
 from follower.tuning.excite.pattern import RUN_KEY
 from follower.tuning.identify.recording import (
     Recording,

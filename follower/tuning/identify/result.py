@@ -22,7 +22,7 @@ from follower_control.common.strict_config import SettingsError, parse, read_map
 from follower_control.tuning.axis_loop import LoopDelays
 from follower_control.tuning.fit import Interval, ResponseFit, SizeFit
 from follower_control.tuning.response_model import ResponseData, ResponseModel, VehicleModel
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 _SURE_Z = 1.96
 

@@ -17,7 +17,7 @@ from follower.tuning.tune.analysis import AxisAnalysis
 from follower_control.servo.pid import PidSettings
 from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.rational import frequencies
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 _GRID = frequencies(0.03, 30.0)
 _OTHERS = (RED, PURPLE, GREEN, SKY)

@@ -17,7 +17,7 @@ from typer.exceptions import TyperException
 from follower.apps.main import app
 from follower.settings.bundled import find_scenario
 from follower.settings.settings import load_settings
-from follower.simulation.faults.catalogue import fault_named
+from follower.simulation.faults.fault import fault_named
 from follower_control.common.strict_config import SettingsError
 
 ROOT = Path(__file__).parents[3]

@@ -14,8 +14,12 @@ from follower.flight.log import FlightLog
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorState
-from follower.flight.target.request import BoxSelection, PointSelection, RequestRefusedError
-from follower.flight.target.resolver import TargetFinder
+from follower.flight.target.request import (
+    BoxSelection,
+    PointSelection,
+    RequestRefusedError,
+    TargetFinder,
+)
 from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import VisionStage
 from follower.settings.live import SettingChange, changed, live_keys, value_at

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.connections import ConnectionFailedError, open_connection
-from follower.links.modes import mode_name, set_mode_params
 from follower.links.pymavlink_link import MavlinkLink
+from follower.links.vehicle_monitor import mode_name, set_mode_params
 from follower.settings.link import LinkSettings
 from follower.simulation.autopilot_connection import other_end
 from follower.simulation.options import SimulationOptions

@@ -10,7 +10,7 @@ import pytest
 
 from follower.flight.log import FlightLog, TrackRecord
 from follower.recording import RecordedFlight, open_flight
-from follower.recording.arrays import arrays
+from follower.recording.recorded_flight import arrays
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "chase"
 

@@ -32,7 +32,7 @@ from follower.simulation.ground_truth import score_flight, stopped_s
 from follower_control.vehicle.setpoint import HOLD
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.score import PursuitScore
-from follower_vision.atomic_file import write_whole
+from follower_vision.disk import write_whole
 
 META = ReportMeta(
     title="A car <on> a winding road",

@@ -13,13 +13,6 @@ from typer.testing import CliRunner
 
 from follower.apps.main import app
 from follower.training.detector.average_precision import average_precision, mean_average_precision
-from follower.training.detector.export import (
-    MeasuredDetector,
-    export_detector,
-    is_worth_it,
-    measure_files,
-    write_eight_bit,
-)
 from follower.training.detector.labelled_image import IGNORED, LabelledImage, mirrored
 from follower.training.detector.loss import (
     RegionLoss,
@@ -30,6 +23,13 @@ from follower.training.detector.loss import (
 )
 from follower.training.detector.network import state_of_onnx
 from follower.training.detector.random_scene import RenderedPictures, cut_view, whole_view
+from follower.training.detector.run import (
+    MeasuredDetector,
+    export_detector,
+    is_worth_it,
+    measure_files,
+    write_eight_bit,
+)
 from follower.training.detector.settings import DetectorTraining
 from follower.training.detector.trainer import DetectorTrainer, as_tensor
 from follower.training.onnx_export import AGREEMENT

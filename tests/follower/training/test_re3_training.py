@@ -13,9 +13,8 @@ from onnx import helper, save
 
 from follower.training.onnx_export import AGREEMENT
 from follower.training.re3.examples import Batch, Tracked, answered, looked, pair, remembered
-from follower.training.re3.export import UNCALIBRATED, calibrated, export_re3, folded
 from follower.training.re3.network import Re3Module
-from follower.training.re3.run import sample_sheet
+from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3, folded, sample_sheet
 from follower.training.re3.settings import (
     Re3NetworkSettings,
     Re3TrainingSettings,

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from follower_vision.detection.detection import Detection, Detector, DetectorSettings
 from follower_vision.detection.onnx_detector import OnnxDetector
-from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
 from follower_vision.models.table import Purpose, VisionModel
-from follower_vision.onnx_network import ModelError
+from follower_vision.onnx_network import CPU, ModelError
 from follower_vision.plugins import Plugin, PluginGroup, PluginGuard
 
 EMBEDDED = "embedded"

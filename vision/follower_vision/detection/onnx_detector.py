@@ -16,11 +16,10 @@ from follower_vision.detection.detection import (
     NetworkLayout,
 )
 from follower_vision.detection.families import make_decoder
-from follower_vision.device import CPU
 from follower_vision.geometry.box import Box, keep_best
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import Integers, ModelError, Network, Tensor
+from follower_vision.onnx_network import CPU, Integers, ModelError, Network, Tensor
 
 _USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5

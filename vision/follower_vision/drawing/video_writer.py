@@ -10,7 +10,7 @@ import av.error
 import cv2
 import numpy as np
 
-from follower_vision.full_disk import room_said
+from follower_vision.disk import room_said
 from follower_vision.images.frame import Image
 from follower_vision.sources.frame_source import ClosesItself
 

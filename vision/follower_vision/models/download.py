@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeAlias
 from urllib.parse import urlsplit
 
-from follower_vision.full_disk import is_no_room
+from follower_vision.disk import is_no_room
 from follower_vision.models.table import ModelFile
 from follower_vision.onnx_network import ModelError
 

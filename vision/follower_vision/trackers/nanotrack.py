@@ -8,11 +8,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import ModelError, Network, Tensor, read_model, with_input_size
+from follower_vision.onnx_network import (
+    CPU,
+    ModelError,
+    Network,
+    Tensor,
+    read_model,
+    with_input_size,
+)
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
 TEMPLATE_SIDE = 127

@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.device import CPU
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import ModelError, Network, Tensor
+from follower_vision.onnx_network import CPU, ModelError, Network, Tensor
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
 TARGET_PX = 40

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from follower_vision.device import CPU
+from follower_vision.onnx_network import CPU
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
 from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork

@@ -21,10 +21,9 @@ from follower.simulation.campaign.config import (
     load_campaign,
     planned,
 )
-from follower.simulation.campaign.fly_run import row_of
+from follower.simulation.campaign.engine import campaign_progress, row_of
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.optimise import present
-from follower.simulation.campaign.process_engine import campaign_progress
 from follower.simulation.campaign.report import _groups
 from follower.simulation.campaign.run import check, in_its_place, judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
@@ -333,7 +332,7 @@ def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
 def test_progress_is_a_line_now_and_then_where_there_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("follower.simulation.campaign.process_engine._LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("follower.simulation.campaign.engine._LINE_EVERY_S", 0.0)
     console = Console(file=io.StringIO(), force_terminal=False)
     with campaign_progress(console, "x", 100, 40) as count_one:
         count_one()

@@ -17,10 +17,8 @@ import yaml
 from rich.console import Console
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
-from follower.simulation.campaign.dask_engine import DaskEngine
-from follower.simulation.campaign.fly_run import fly_run
+from follower.simulation.campaign.engine import DaskEngine, LocalEngine, fly_run
 from follower.simulation.campaign.optimise import optimise
-from follower.simulation.campaign.process_engine import LocalEngine
 from follower.simulation.campaign.run import fly_missing, run_campaign
 from follower.simulation.campaign.store import RunStore, read_rows
 from follower.simulation.run import simulate
@@ -106,7 +104,7 @@ def test_dask_gives_the_same_rows(specs: list[RunSpec], rows: dict[str, Any]) ->
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("follower.simulation.campaign.dask_engine._CONNECT_S", 0.3)
+    monkeypatch.setattr("follower.simulation.campaign.engine._CONNECT_S", 0.3)
     with pytest.raises(SettingsError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler"):
         DaskEngine("tcp://127.0.0.1:9")
 

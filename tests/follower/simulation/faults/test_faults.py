@@ -16,11 +16,17 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.settings import load_settings
 from follower.settings.supervisor import ReleaseAction
+from follower.simulation.fault_tests.command import FaultResult, Results, Tally
 from follower.simulation.fault_tests.random_flight import fly_random
-from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.fault_tests.run_fault import fly_fault
-from follower.simulation.faults.catalogue import catalogue, fault_named
-from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind, FaultSetup
+from follower.simulation.faults.fault import (
+    ExpectedOutcome,
+    Fault,
+    FaultKind,
+    FaultSetup,
+    catalogue,
+    fault_named,
+)
 from follower.simulation.faults.in_simulation import describe_verdict
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
 from follower.simulation.faults.schedule import FaultSchedule, PlannedFault

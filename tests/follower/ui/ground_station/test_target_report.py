@@ -17,7 +17,7 @@ from follower.simulation.options import VisionSource
 from follower.simulation.runners import fly_lockstep
 from follower.ui.ground_station.endpoint import Endpoint
 from follower.ui.ground_station.flight_view import target_place
-from follower.ui.ground_station.follow_target import TargetReport
+from follower.ui.ground_station.server import TargetReport
 from follower_control.common.transport import MemoryTransport
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings

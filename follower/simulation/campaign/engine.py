@@ -1,4 +1,4 @@
-"""Flies runs in processes on this machine, and goes on when one of them is killed."""
+"""Flies the runs of a campaign: in processes here, or on the workers of a Dask scheduler."""
 
 import multiprocessing
 import os
@@ -9,16 +9,128 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from importlib.metadata import version
 from multiprocessing.context import SpawnContext, SpawnProcess
-from typing import Any
+from typing import Any, Protocol
 
+import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.simulation.campaign.config import RunSpec
-from follower.simulation.campaign.fly_run import fly_run, row_of
-from follower.ui.terminal.console import print_line
+from follower.simulation.campaign.metrics import figures_of
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.ui.terminal.console import needed, print_line
+from follower_control.common.strict_config import SettingsError
+from follower_control.common.transport import MemoryTransport
+from follower_sim.world.world import World
+from follower_vision.clock import SimulatedClock
+
+
+def fly_run(spec: RunSpec) -> dict[str, Any]:
+    """Fly a run on this thread alone, and return its row: what it was, what came of it.
+
+    Raises:
+        SettingsError: the scenario or a setting cannot be used.
+    """
+    cv2.setNumThreads(1)
+    begin_s = time.perf_counter()
+    options = spec.options()
+    scenario, settings = options.resolve()
+    clock, ends = SimulatedClock(), MemoryTransport.pair()
+    world, extras = World(scenario, spec.seed), FlightOptions(vision=options.vision)
+    flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, extras)
+    with closing(flight):
+        fly_lockstep(flight, clock, lambda: None)
+    figures = figures_of(flight).to_dict()
+    return {**row_of(spec), **figures, "wall_s": time.perf_counter() - begin_s}
+
+
+def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
+    """Return what is known of a run before it is flown."""
+    return {
+        "key": spec.key,
+        "number": spec.number,
+        "scenario": spec.scenario,
+        "autopilot": spec.autopilot,
+        "seed": spec.seed,
+        "vision": spec.vision,
+        "values": dict(spec.values),
+        "command": spec.options().command,
+        "version": version("drone-target-follower"),
+        "error": error,
+    }
+
+
+class RunEngine(Protocol):
+    """Flies runs, several at a time."""
+
+    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+        """Yield a row for each run as it is finished, in whatever order.
+
+        A run that fails has a row that says why; it stops no other.
+        """
+        ...
+
+    def close(self) -> None:
+        """End what it has begun."""
+        ...
+
+
+_CONNECT_S = 10
+_RETRIES = 3
+
+
+class DaskEngine:
+    """A client of a running scheduler.
+
+    Start `dask scheduler` on one machine and `dask worker ADDRESS --nthreads 1` on each, as often
+    as it has cores; `follower` of the same version has to be installed there.
+
+    Args:
+        address: of the scheduler, e.g. "tcp://10.0.0.1:8786".
+
+    Raises:
+        SettingsError: no scheduler answers there, or no worker is there.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._dask = needed("distributed")
+        try:
+            self._client = self._dask.Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise SettingsError(
+                f"--scheduler {address}: no scheduler answers ({describe_error(error)}); start one "
+                "with `dask scheduler`"
+            ) from None
+        if not self._client.nthreads():
+            self._client.close()
+            raise SettingsError(
+                f"--scheduler {address}: it has no workers; start some with "
+                f"`dask worker {address} --nthreads 1`"
+            )
+
+    def fly(self, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+        """Yield a row for each run as it is finished.
+
+        Dask flies what a dead worker had in hand on another one.
+        """
+        flying = {
+            self._client.submit(fly_run, spec, pure=False, retries=_RETRIES): spec for spec in specs
+        }
+        for future in self._dask.as_completed(list(flying), loop=self._client.loop):
+            spec = flying.pop(future)
+            error = future.exception()
+            yield row_of(spec, describe_error(error)) if error else future.result()
+            future.release()
+
+    def close(self) -> None:
+        """Leave the scheduler; what was not finished is not flown."""
+        self._client.close()
+
 
 _TRIES = 3
 _LINE_EVERY_S, _PACE_OVER_S = 20.0, 3600.0
