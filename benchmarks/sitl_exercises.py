@@ -34,7 +34,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from follower.apps.sitl.run import programs
 from follower.links.vehicle_monitor import set_mode_params
 from follower.settings.settings import load_settings
-from follower.simulation.fault_tests.run_fault import write_scene
+from follower.simulation.fault_tests.run_fault import SCENE
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
 from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTap
 from follower.simulation.sitl.process import AutopilotProcess
@@ -370,8 +370,8 @@ def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
     """Fly one exercise; return what was wrong."""
     with tempfile.TemporaryDirectory() as text, closing(program.listen()) as autopilot:
         folder = Path(text)
-        path = write_scene(folder)
-        keys = {**yaml.safe_load(path.read_text("utf-8")), **exercise.scene}
+        path = folder / "fault.yaml"
+        keys = {**yaml.safe_load(SCENE.read_text("utf-8")), **exercise.scene}
         path.write_text(yaml.safe_dump(keys), "utf-8")
         parameters = program.for_scenario(load_scenario(path), program.usual_parameters())
         parameters |= exercise.starts.get(program.flavour, {})

@@ -11,9 +11,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from follower.recording import FlightConfig, Recorder
 from follower.settings.settings import Settings, load_settings
@@ -36,13 +33,11 @@ from follower.simulation.runners import fly_lockstep, fly_realtime
 from follower_control.common.transport import MemoryTransport, UdpTransport
 from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.scenario.scenario import Scenario
-from follower_sim.scenario.scenario_file import base_settings
+from follower_sim.scenario.scenario_file import base_settings, load_scenario
 from follower_sim.vehicle.vehicle import STEP_S
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 
-TARGET_SPEED_M_S = 3.5
-DISTANCE_M = 14.0
 _PATIENCE_S = 60.0
 _FAST_M_S, _STEADY_S = 2.0, 3.0
 _AFTERWARDS_S = 12.0
@@ -50,45 +45,15 @@ _SILENT_WITHIN_S = 0.1
 _STANDS_WITHIN_S = 9.0
 _START = "from follower.apps.main import main; main()"
 
-_SCENE: dict[str, Any] = {
-    "name": "fault",
-    "title": "A car drives along a meadow, and something goes wrong.",
-    "duration_s": 30,
-    "seed": 3,
-    "targets": [
-        {
-            "kind": "car",
-            "colour": "#e0401c",
-            "path": {
-                "points": [[0, 0], [60, 5], [160, 0]],
-                "speeds": [{"at_s": 8, "speed_m_s": TARGET_SPEED_M_S, "acceleration_m_s2": 1.5}],
-            },
-        }
-    ],
-    "camera": {"width": 320, "height": 240, "fov_deg": 90, "pitch_deg": -14, "rate_hz": 15},
-    "start": {"at": [-18, 0]},
-    "takeoff_height_m": 6,
-    "select": {"colour": "#e0401c", "search": {"max_growth_ratio": 0.1}},
-    "follow": {
-        "servo": {"distance_m": DISTANCE_M, "target_size_m": 2.2, "elevation_deg": -25},
-        "supervisor": {"search_s": 2.0},
-    },
-}
-
-
-def write_scene(folder: Path) -> Path:
-    """Write the scenario into a file, for another process, and return its path."""
-    path = folder / "fault.yaml"
-    path.write_text(yaml.safe_dump(_SCENE), "utf-8")
-    return path
+SCENE = Path(__file__).with_name("scene.yaml")
 
 
 def scene() -> Scenario:
-    """Return the scenario: follows after 6 s, ends after 30 s."""
-    return Scenario.model_validate(_SCENE)
+    """Return the scenario."""
+    return load_scenario(SCENE)
 
 
-def fly_fault(fault: Fault, setup: FaultSetup, seed: int = 0) -> FaultVerdict:
+def fly_fault(fault: Fault, setup: FaultSetup) -> FaultVerdict:
     """Fly the scene with one fault in it and return what came of it."""
     if fault.signal is not None:
         return fly_process(fault, setup)
@@ -101,7 +66,7 @@ def fly_fault(fault: Fault, setup: FaultSetup, seed: int = 0) -> FaultVerdict:
         settings = load_settings(base={**base_settings(scene()), "link": {"kind": setup.link}})
         wanted = as_faults_want([planned], settings, (ours, theirs), clock)
         settings, ends = stack.enter_context(wanted)
-        injector = FaultInjector([planned], clock, setup.flavour, seed, ends_flight=True)
+        injector = FaultInjector([planned], clock, setup.flavour, ends_flight=True)
         stack.enter_context(injector)
         recorder = None
         if fault.needs_recorder:
@@ -186,7 +151,7 @@ def fly_process(fault: Fault, setup: FaultSetup) -> FaultVerdict:
 def _command(folder: Path, link: str, connection: str) -> list[str]:
     where = ["--out", str(folder), "--connect", connection]
     how = ["--autopilot", "external", "--link", link, "--no-video", "--no-record"]
-    return [sys.executable, "-c", _START, "sim", str(write_scene(folder)), *where, *how]
+    return [sys.executable, "-c", _START, "sim", str(SCENE), *where, *how]
 
 
 def _watch(
