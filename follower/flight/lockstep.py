@@ -20,8 +20,8 @@ class Lockstep:
         due_s = max(time_s, self._clock.now())
         heapq.heappush(self._events, (due_s, next(self._order), action))
 
-    def every(self, period_s: float, action: Callable[[], None], start_s: float = 0.0) -> None:
-        """Run `action` at start + n · period, in seconds, without drift.
+    def every(self, period_s: float, action: Callable[[], None]) -> None:
+        """Run `action` at n · period, in seconds, without drift.
 
         Raises:
             ValueError: the period is not positive.
@@ -29,7 +29,7 @@ class Lockstep:
         if not period_s > 0:
             raise ValueError(f"a period is positive, not {period_s}")
 
-        times = (start_s + number * period_s for number in itertools.count())
+        times = (number * period_s for number in itertools.count())
 
         def run() -> None:
             action()

@@ -9,6 +9,8 @@ _SLACK_S = 0.002
 _BACK_S = 1.0
 """Messages overtake each other by less."""
 _JUMP_S = 1.0
+_PATIENCE = 5
+"""So many contradictions in a row are believed."""
 _PACED_S = 10.0
 _DRIFT, _LARGEST_DRIFT = 1e-4, 0.02
 """Crystals are right to 1e-5; simulated autopilots were seen to lose a second in a hundred."""
@@ -31,16 +33,12 @@ class AutopilotClock:
     loses time. That a message is late contradicts nothing, however late it is: a link that has
     become slow must not make old telemetry look new. A time since boot that goes back does.
 
-    Args:
-        patience: so many contradictions in a row are believed.
-
     Attributes:
         restarts: how often the clock jumped by a second or more.
     """
 
-    def __init__(self, patience: int = 5) -> None:
+    def __init__(self) -> None:
         self._drift = _DRIFT
-        self._patience = patience
         self._low_s, self._high_s = -math.inf, math.inf
         self._at_s = self._newest_boot_s = -math.inf
         self._strikes = {"message": 0, "answer": 0}
@@ -87,7 +85,7 @@ class AutopilotClock:
         low_s, high_s = asked_s - boot_s, now_s - boot_s
         if self._contradicts(low_s, high_s) or boot_s < self._newest_boot_s - _BACK_S:
             self._strikes[source] += 1
-            if self._strikes[source] >= self._patience:
+            if self._strikes[source] >= _PATIENCE:
                 self._newest_boot_s = boot_s
                 self._begin_anew(low_s, high_s)
             return

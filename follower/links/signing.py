@@ -115,13 +115,11 @@ class Signer:
     Args:
         key: the secret.
         epoch_ns: the clock's time 0 in nanoseconds since 1970, UTC.
-        link_id: distinguishes several links of one sender.
     """
 
-    def __init__(self, key: SigningKey, epoch_ns: int, link_id: int = 0) -> None:
+    def __init__(self, key: SigningKey, epoch_ns: int) -> None:
         self._key = key
         self._epoch_s = epoch_ns / 1e9 - _EPOCH_S
-        self._link_id = link_id
         self._stamp = 0
         self._newest: dict[tuple[int, int, int], int] = {}
 
@@ -137,7 +135,7 @@ class Signer:
         self._stamp = min(max(self._stamp + 1, self._present(now_s)), _LAST_STAMP)
         body = packet[:2] + bytes((packet[2] | SIGNED_FLAG,)) + packet[3:-2]
         body += checksum(body, crc_extra)
-        body += bytes((self._link_id,)) + self._stamp.to_bytes(6, "little")
+        body += bytes(1) + self._stamp.to_bytes(6, "little")
         return body + self._signature(body)
 
     def refusal(self, packet: MavlinkPacket, now_s: float) -> SignatureRefusal | None:

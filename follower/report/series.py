@@ -19,6 +19,7 @@ from follower_vision.geometry.line_of_sight import wrap_angle
 Array = npt.NDArray[np.float64]
 
 _NAN = math.nan
+_OLDEST_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +82,14 @@ def estimated_ranges(controls: Sequence[ControlRecord], target_size_m: float | N
     )
 
 
-def estimated_target(
-    controls: Sequence[ControlRecord], target_size_m: float | None, most_age_s: float = 0.3
-) -> Array:
+def estimated_target(controls: Sequence[ControlRecord], target_size_m: float | None) -> Array:
     """Return where the target stood by the estimate and the vehicle's position, (N, 2).
 
     North and east in metres on the autopilot's local origin. It is as good as the belief about the
-    target's size. NaN where nothing is known or the target has not been seen for `most_age_s`.
+    target's size. NaN where nothing is known or the target has not been seen for 0.3 s.
     """
     ranges = estimated_ranges(controls, target_size_m)
-    rows = [_target_place(record, most_age_s) for record in controls]
+    rows = [_target_place(record) for record in controls]
     table = _table(rows, 4)
     return table[:, :2] + ranges[:, None] * table[:, 2:]
 
@@ -193,11 +192,11 @@ def _direction(record: ControlRecord) -> tuple[float, float]:
     return wrap_angle(estimate.azimuth_rad - attitude.yaw_rad), estimate.elevation_rad
 
 
-def _target_place(record: ControlRecord, most_age_s: float) -> tuple[float, ...]:
+def _target_place(record: ControlRecord) -> tuple[float, ...]:
     """Return the vehicle's place and the horizontal direction to the target."""
     estimate, position = record.estimate, record.vehicle.position
     known = estimate is not None and estimate.frame is BearingFrame.WORLD
-    if estimate is None or not known or position is None or estimate.age_s > most_age_s:
+    if estimate is None or not known or position is None or estimate.age_s > _OLDEST_S:
         return (_NAN,) * 4
     level = math.cos(estimate.elevation_rad)
     north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)

@@ -172,9 +172,9 @@ def shade(axes: Axes, spans: Sequence[Span], colours: dict[str, Colour]) -> None
             )
 
 
-def save_png(figure: Figure, path: Path, dots_per_inch: int = 110) -> None:
+def save_png(figure: Figure, path: Path) -> None:
     """Write a figure on light paper."""
-    figure.savefig(path, format="png", dpi=dots_per_inch, facecolor=PAPER.light)
+    figure.savefig(path, format="png", dpi=110, facecolor=PAPER.light)
 
 
 def to_svg(figure: Figure, name: str, description: str) -> str:

@@ -63,7 +63,7 @@ class Advice:
         return camera + yaml.safe_dump(settings, sort_keys=False)
 
 
-def advise(result: BenchResult, margin: float = MARGIN) -> Advice:
+def advise(result: BenchResult) -> Advice:
     """Choose among what was measured with the video recorded and frames that never run out.
 
     Of the set-ups that hold the camera's rate with a margin: Fusion before a tracker alone, then
@@ -72,17 +72,16 @@ def advise(result: BenchResult, margin: float = MARGIN) -> Advice:
 
     Args:
         result: the figures, and the camera's rate.
-        margin: by which the rate has to be exceeded, as a share of it.
     """
     free = [row for row in result.rows if row.camera_hz is None]
     recorded = [row for row in free if row.video] or free or list(result.rows)
     rows = [row for row in recorded if not row.lost] or recorded
-    wanted_hz = result.rate_hz * (1 + margin)
+    wanted_hz = result.rate_hz * (1 + MARGIN)
     holding = [row for row in rows if row.rate_hz >= wanted_hz]
     best = max(holding or rows, key=_preference if holding else lambda row: row.rate_hz)
-    camera_hz = result.rate_hz if holding else max(1.0, best.rate_hz / (1 + margin) // 1)
+    camera_hz = result.rate_hz if holding else max(1.0, best.rate_hz / (1 + MARGIN) // 1)
     head = f"{_said(best, result.validate_every)} holds {best.rate_hz:.0f} frames/s here"
-    spare = f"{margin:.0%} to spare"
+    spare = f"{MARGIN:.0%} to spare"
     if holding:
         first = f"{head}: use it with a camera of {camera_hz:g} frames/s, which leaves {spare}."
     else:

@@ -160,13 +160,13 @@ class UiProcessClient(ClosesItself):
     Args:
         begin: what to offer; see `follower.ui.cockpit.process`.
         say: is shown each line that the child has for the user, on a thread of ours.
-        operator: carries out requests; None refuses them. May be set later.
+
+    Attributes:
+        operator: carries out requests; None refuses them.
     """
 
-    def __init__(
-        self, begin: Message, say: Callable[[str], None], operator: Operator | None = None
-    ) -> None:
-        self.operator = operator
+    def __init__(self, begin: Message, say: Callable[[str], None]) -> None:
+        self.operator: Operator | None = None
         self.remark: str | None = None
         self._say = say
         self._closing = False

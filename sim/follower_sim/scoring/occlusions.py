@@ -11,6 +11,7 @@ HIDDEN = 0.5
 
 SHORTEST_S, LONGEST_GAP_S = 0.1, 0.3
 """What is shorter is no occlusion; what lies closer together is one."""
+_PATIENCE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +53,19 @@ def occlusions(
     observed: Sequence[ObservedFrame],
     from_s: float,
     until_s: float,
-    patience_s: float = 1.0,
 ) -> list[Occlusion]:
-    """Return the occlusions that began within a time and left `patience_s` of it to see again.
+    """Return the occlusions that began within a time and left a second of it to see again.
 
     Args:
         truth: samples in the order of time.
         observed: the frames with the target seen, in the order of time.
         from_s: what began earlier does not count.
         until_s: the end of the time that is looked at.
-        patience_s: an occlusion that ends later than so long before it does not count.
     """
     spans = [
         (start, end)
         for start, end in hidden_spans(truth)
-        if start >= from_s and end <= until_s - patience_s
+        if start >= from_s and end <= until_s - _PATIENCE_S
     ]
     nexts = [*(start for start, _ in spans[1:]), math.inf][: len(spans)]
     return [

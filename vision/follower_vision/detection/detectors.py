@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from follower_vision.detection.detection import Detection, Detector, DetectorSettings
+from follower_vision.detection.detection import Detection, Detector
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
@@ -31,38 +31,27 @@ def detector_names(store: ModelStore) -> list[str]:
     return [*ours, *DETECTOR_PLUGINS.names(taken)]
 
 
-def make_detector(
-    name: str,
-    store: ModelStore,
-    settings: DetectorSettings | None = None,
-    *,
-    family: str | None = None,
-    class_names: Sequence[str] | None = None,
-    device: str = CPU,
-) -> Detector:
+def make_detector(name: str, store: ModelStore, device: str = CPU) -> Detector:
     """Return a detector from the table, another package's, or one in the user's own ONNX file.
 
     Args:
         name: one of `detector_names`, "embedded", or a path that ends in .onnx.
         store: where the networks lie.
-        settings: which answers count.
-        family: how the answer is read; None asks the table, or the shapes of the answer.
-        class_names: None takes those in the file, or COCO's or VOC's.
         device: where it runs; see `device`.
 
     Raises:
         ModelError: there is no such detector, or its file is missing or broken.
         PluginError: another package's detector cannot be used.
     """
-    path = Path(name).expanduser()
+    path, family = Path(name).expanduser(), None
     if path.suffix != ".onnx":
         if name != EMBEDDED and all(model.name != name for model in store.models):
             return _added(name, store, device)
         model = _embedded(store) if name == EMBEDDED else store.model(name)
         if model.purpose is not Purpose.DETECTOR:
             raise ModelError(f"{name} is no detector; there are {', '.join(detector_names(store))}")
-        path, family = store.paths(model)[0], family or model.family
-    return OnnxDetector(path, settings, family=family, class_names=class_names, device=device)
+        path, family = store.paths(model)[0], model.family
+    return OnnxDetector(path, family=family, device=device)
 
 
 class GuardedDetector:

@@ -33,7 +33,6 @@ class VideoWriter(ClosesItself):
     Args:
         path: where to write; its folder has to exist.
         rate_hz: about how many frames a second there will be.
-        quality: x264's constant rate factor, 0 (no loss) to 51 (worst).
 
     Attributes:
         path: where the video is.
@@ -42,14 +41,11 @@ class VideoWriter(ClosesItself):
         VideoWriteError: by `write` and `close`, if the file cannot be made or written.
     """
 
-    def __init__(self, path: str | Path, rate_hz: float = 30.0, quality: int = 23) -> None:
+    def __init__(self, path: str | Path, rate_hz: float = 30.0) -> None:
         if not 0 < rate_hz < float("inf"):
             raise ValueError(f"a video needs a positive rate, not {rate_hz:g}")
-        if not 0 <= quality <= 51:
-            raise ValueError(f"a video's quality is 0 (best) to 51, not {quality}")
         self.path = Path(path)
         self._rate = Fraction(rate_hz).limit_denominator(1000)
-        self._quality = quality
         self._container: av.container.OutputContainer | None = None
         self._stream: av.VideoStream | None = None
         self._origin_s = 0.0
@@ -105,7 +101,7 @@ class VideoWriter(ClosesItself):
         # No frames out of order and a short look-ahead: a killed process loses little.
         options = {
             "preset": "veryfast",
-            "crf": str(self._quality),
+            "crf": "23",
             "bf": "0",
             "g": str(max(1, round(self._rate))),
             "rc-lookahead": "5",

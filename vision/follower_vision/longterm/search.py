@@ -10,6 +10,7 @@ from follower_vision.images.frame import Image
 _NEAR_SCALES = ((1.0, 0.8), (1.0, 1.25))
 _FAR_SCALES = (1.0, 0.75, 1.33)
 _SAME_IOU = 0.5
+_MOST = 6
 
 
 class TargetSearch:
@@ -19,8 +20,7 @@ class TargetSearch:
     image, one piece a frame; and the target's colours in the whole image, where they stand out.
     """
 
-    def __init__(self, max_candidates: int = 6) -> None:
-        self._max_candidates = max_candidates
+    def __init__(self) -> None:
         self._template = TemplateSearch()
         self._colour = ColourSearch()
         self._turn = 0
@@ -55,7 +55,7 @@ class TargetSearch:
         for box in boxes:
             if all(box.iou(other) < _SAME_IOU for other in chosen):
                 chosen.append(box)
-            if len(chosen) == self._max_candidates:
+            if len(chosen) == _MOST:
                 break
         return chosen
 

@@ -19,6 +19,8 @@ from follower_vision.images.frame import Image
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.video_file import upright
 
+_OPEN_S, _SILENCE_S = 5.0, 2.0
+"""For a stream to be reached and recognised; without data for so long it is broken."""
 _LOW_DELAY = {
     "fflags": "nobuffer",
     "flags": "low_delay",
@@ -54,16 +56,12 @@ class NetworkStream:
     Args:
         address: e.g. "rtsp://192.168.1.10/live" or "udp://0.0.0.0:5600".
         clock: times the arrival of packets, before they are decoded.
-        open_timeout_s: for the connection to be made and the stream to be recognised.
-        silence_s: without data for this long, the stream is broken.
 
     Raises:
         SourceError: no connection, or no video in it.
     """
 
-    def __init__(
-        self, address: str, clock: Clock, open_timeout_s: float = 5.0, silence_s: float = 2.0
-    ) -> None:
+    def __init__(self, address: str, clock: Clock) -> None:
         self._shown = without_password(address)
         self._clock = clock
         options = dict(_LOW_DELAY)
@@ -72,7 +70,7 @@ class NetworkStream:
         if address.startswith("rtsp"):
             options["rtsp_transport"] = "tcp"
         try:
-            self._container = av.open(address, options=options, timeout=(open_timeout_s, silence_s))
+            self._container = av.open(address, options=options, timeout=(_OPEN_S, _SILENCE_S))
         except (av.error.FFmpegError, OSError) as error:
             raise SourceError(
                 f"{self._shown}: no stream ({_reason(error)}); is it sending?"
