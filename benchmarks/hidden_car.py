@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import load_settings
+from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
 from follower_control.common.transport import MemoryTransport

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import load_settings
+from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.components import FlightOptions
 from follower.simulation.fault_tests.random_flight import STEP_S, fly_random
 from follower.simulation.flight import SimulatedFlight

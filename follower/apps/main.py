@@ -21,7 +21,7 @@ from follower.apps.replay import command as replay
 from follower.apps.service import service_app
 from follower.apps.sitl import command as sitl
 from follower.apps.track import command as track
-from follower.settings.bundled import scenario_files
+from follower.settings.settings import scenario_files
 from follower.simulation.campaign import command as campaign
 from follower.simulation.fault_tests import command as fault_tests
 from follower.training.command import EXPORT_EPILOG, export_command, train_app

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from follower.settings.bundled import configs_folder
+from follower.settings.settings import configs_folder
 from follower.ui.terminal.cli_options import Camera, Connect
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole

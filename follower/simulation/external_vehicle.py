@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Self, TypeAlias
 
 from follower.links.link import Link
-from follower_control.vehicle.attitude_history import turned_on
+from follower_control.vehicle.history import turned_on
 from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_sim.kinematics import BodyState, Triple
 from follower_vision.geometry.line_of_sight import wrap_angle

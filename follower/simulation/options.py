@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from follower.settings.bundled import find_scenario
 from follower.settings.link import is_link, link_kinds
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import Settings, find_scenario, load_settings
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import Scenario

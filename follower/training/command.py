@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from follower.settings.bundled import configs_folder
-from follower.settings.settings import settings_data
+from follower.settings.settings import configs_folder, settings_data
 from follower.training.settings import RUNS, TrainingConfig, find_device
 from follower.ui.terminal.cli_options import Overrides
 from follower.ui.terminal.console import check_extra

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from follower_control.vehicle.attitude_history import AttitudeHistory, turned_on
+from follower_control.vehicle.history import AttitudeHistory, turned_on
 from follower_control.vehicle.state import Attitude
 from follower_vision.geometry.line_of_sight import rotation, wrap_angle
 

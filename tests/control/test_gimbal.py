@@ -10,8 +10,8 @@ from hypothesis import given
 from follower_control.servo.gimbal_servo import GimbalServo, GimbalSettings
 from follower_control.target.estimate import TargetEstimate
 from follower_control.target.observation import BearingFrame, BearingObserver
-from follower_control.vehicle.attitude_history import AttitudeHistory
 from follower_control.vehicle.gimbal import STILL, GimbalHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.state import Attitude, GimbalState
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.target.estimate import TargetEstimate
-from follower_control.target.ground_range import range_to_ground, ranged_by_ground
+from follower_control.target.estimate import TargetEstimate, range_to_ground, ranged_by_ground
 from follower_control.target.observation import BearingFrame
 
 

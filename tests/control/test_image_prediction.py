@@ -14,8 +14,8 @@ from follower_control.target.estimator import EstimatorSettings, TargetEstimator
 from follower_control.target.image_prediction import PredictedRegion, prospect
 from follower_control.target.observation import BearingFrame, BearingObservation, BearingObserver
 from follower_control.target.world_filter import TargetWorldFilter, place_noise
-from follower_control.vehicle.attitude_history import AttitudeHistory
 from follower_control.vehicle.gimbal import GimbalHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, GimbalState, LocalPosition, VehicleState
 from follower_vision.geometry.box import Box

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 
 from follower_control.target.observation import BearingFrame, BearingObserver
-from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.state import Attitude
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel

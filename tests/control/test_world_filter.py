@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from follower_control.target.world_filter import TargetWorldFilter, place_noise
-from follower_control.vehicle.position_history import PositionHistory
+from follower_control.vehicle.history import PositionHistory
 from follower_control.vehicle.state import LocalPosition
 
 NOISE = place_noise(np.array([1.0, 0.0, 0.0]), along_m=2.0, across_m=0.1)

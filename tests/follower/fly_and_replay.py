@@ -14,9 +14,8 @@ from pathlib import Path
 from follower.apps.replay.replay import Replay, replay_settings
 from follower.flight.log import ControlRecord
 from follower.recording import open_flight
-from follower.recording.machine import running_processor
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import load_settings
+from follower.recording.config import running_processor
+from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.options import VisionSource

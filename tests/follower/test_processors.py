@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from follower.recording.machine import processor_features
+from follower.recording.config import processor_features
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,8 @@ from follower_control.common.small_matrix import clip
 from follower_control.common.strict_config import check_positive, check_ranges
 from follower_control.target.estimate import TargetEstimate
 from follower_control.target.observation import BearingFrame
-from follower_control.vehicle.attitude_history import turned_on
 from follower_control.vehicle.gimbal import STILL, GimbalRates, camera_to_world
+from follower_control.vehicle.history import turned_on
 from follower_control.vehicle.state import Attitude, GimbalState
 from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 

@@ -13,14 +13,14 @@ from follower_control.target.estimate import (
     OLD_S,
     TargetEstimate,
     azimuth_of,
+    ranged_by_ground,
     reproject,
     seen_again,
 )
-from follower_control.target.ground_range import ranged_by_ground
 from follower_control.target.image_prediction import PredictedRegion
 from follower_control.target.observation import BearingFrame, SizeMemory
 from follower_control.target.world_filter import TargetMotion, TargetWorldFilter, place_noise
-from follower_control.vehicle.position_history import PositionHistory
+from follower_control.vehicle.history import PositionHistory
 from follower_control.vehicle.state import LocalPosition, VehicleState
 from follower_vision.geometry.camera_model import Vector
 from follower_vision.geometry.line_of_sight import wrap_angle

@@ -8,8 +8,8 @@ import numpy as np
 
 from follower_control.common.small_matrix import length
 from follower_control.target.observation import BearingObserver
-from follower_control.vehicle.attitude_history import AttitudeHistory
 from follower_control.vehicle.gimbal import GimbalHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import Vector
 from follower_vision.trackers.target_tracker import MotionForecast, TargetPrediction

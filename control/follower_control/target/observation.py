@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 
 from follower_control.common.small_matrix import product, transformed
-from follower_control.vehicle.attitude_history import AttitudeHistory
 from follower_control.vehicle.gimbal import GimbalHistory, camera_to_world
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.state import Attitude, GimbalState
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel, Vector

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from follower_control.common.small_matrix import product
-from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.state import Attitude, GimbalState
 from follower_vision.geometry.camera_model import Vector
 from follower_vision.geometry.line_of_sight import along_camera_axes, rotation

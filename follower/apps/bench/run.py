@@ -24,7 +24,7 @@ from follower.apps.bench.report import (
 from follower.apps.bench.result import BenchResult, BenchRow, BenchSetup, read_bench
 from follower.apps.bench.scene import BenchClip, Size, render_clips
 from follower.apps.preflight.computer_checks import load_per_core
-from follower.recording.machine import running_processor, running_versions
+from follower.recording.config import running_processor, running_versions
 from follower.recording.run_folder import new_run_folder, remove_run_folder
 from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from follower.flight.log import TrackRecord
-from follower.settings.bundled import find_scenario
+from follower.settings.settings import find_scenario
 from follower_sim.camera import SimCamera
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario.scenario_file import load_scenario

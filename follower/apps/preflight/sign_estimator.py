@@ -20,7 +20,7 @@ from follower_control.servo.servo import VisualServo
 from follower_control.servo.settings import FollowMode, ServoSettings
 from follower_control.target.estimator import TargetEstimator
 from follower_control.target.observation import BearingObserver
-from follower_control.vehicle.attitude_history import AttitudeHistory
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_control.vehicle.state import Attitude, VehicleState
 from follower_vision.geometry.camera_model import CameraModel, Vector

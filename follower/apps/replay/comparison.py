@@ -13,7 +13,7 @@ from rich.table import Table
 
 from follower.flight.log import FlightLog
 from follower.recording import RecordedFlight, VideoKind
-from follower.recording.machine import machine_differences
+from follower.recording.config import machine_differences
 from follower.report.series import Array
 from follower.ui.terminal.console import print_line
 

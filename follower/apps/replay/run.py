@@ -24,7 +24,7 @@ from follower.apps.replay.comparison import (
 from follower.apps.replay.replay import Replay, ReplaySaver, replay_settings
 from follower.flight.log import FlightLog
 from follower.recording import FlightFileError, RecordedFlight, open_flight
-from follower.recording.machine import changed_versions
+from follower.recording.config import changed_versions
 from follower.recording.recorded_flight import Table, arrays
 from follower.recording.run_folder import new_run_folder, write_boxes, write_setpoints
 from follower.recording.video_reader import video_problem

@@ -17,8 +17,8 @@ from follower.report import flight_page, html
 from follower.report.flight_page import REPORT, SCORE
 from follower.report.html import Cell, Html
 from follower.report.series import ReportMeta
-from follower.settings.bundled import find_scenario, scenario_files
 from follower.settings.link import LINK_KINDS, is_link, link_kinds
+from follower.settings.settings import find_scenario, scenario_files
 from follower.simulation.campaign.config import load_campaign, planned
 from follower.simulation.options import EXTERNAL, SimulationOptions, VisionSource
 from follower.simulation.run import simulate

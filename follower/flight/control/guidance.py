@@ -10,9 +10,8 @@ from follower_control.envelope.flight_context import FlightContext
 from follower_control.servo.output_blend import slowed
 from follower_control.servo.search import Search
 from follower_control.servo.servo import VisualServo
-from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimate import TargetEstimate, range_to_ground
 from follower_control.target.estimator import trust_in
-from follower_control.target.ground_range import range_to_ground
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle.state import PresentMotion, VehicleState

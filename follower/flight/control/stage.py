@@ -25,8 +25,8 @@ from follower_control.target.estimate import TargetEstimate
 from follower_control.target.estimator import TargetEstimator
 from follower_control.target.image_prediction import prospect
 from follower_control.target.observation import BearingObserver
-from follower_control.vehicle.attitude_history import AttitudeHistory
 from follower_control.vehicle.gimbal import GimbalHistory, GimbalRates
+from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.stale_data import (
     FiniteTelemetryFilter,
     StuckPositionDetector,

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from follower.settings.bundled import configs_folder, find_scenario
+from follower.settings.settings import configs_folder, find_scenario
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower_control.common.strict_config import SettingsError, parse, read_mapping

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from follower.links.connections import ConnectionFailedError
-from follower.settings.bundled import configs_folder
+from follower.settings.settings import configs_folder
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import UdpTransport
 from follower_sim.scenario.scenario import Scenario, WindSettings

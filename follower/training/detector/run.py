@@ -16,7 +16,6 @@ import typer
 from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
-from follower.training.detector.average_precision import Precision, mean_average_precision
 from follower.training.detector.dataset import FolderPictures
 from follower.training.detector.labelled_image import (
     IGNORED,
@@ -26,7 +25,12 @@ from follower.training.detector.labelled_image import (
 from follower.training.detector.loss import find_anchors
 from follower.training.detector.network import state_of_onnx
 from follower.training.detector.settings import DetectorConfig
-from follower.training.detector.trainer import DetectorTrainer, as_tensor
+from follower.training.detector.trainer import (
+    DetectorTrainer,
+    Precision,
+    as_tensor,
+    mean_average_precision,
+)
 from follower.training.onnx_export import ExportedNetwork, export_network, write_card
 from follower.training.trainer import SAMPLES, load_checkpoint, open_folder, train
 from follower_vision.detection.families import YOLOV2_STRIDE

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import yaml
 from rich.progress import track
 
-from follower.settings.bundled import configs_folder
+from follower.settings.settings import configs_folder
 from follower.training.detector.labelled_image import read_picture
 from follower.training.detector.random_scene import MOUNT, Studio, looking, random_stage
 from follower.training.scenes.image_source import Cutout, ImageSource, procedural

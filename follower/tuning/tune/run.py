@@ -9,8 +9,13 @@ import yaml
 from rich.console import Console
 
 from follower.recording.run_folder import new_run_folder
-from follower.settings.bundled import configs_folder, find_scenario
-from follower.settings.settings import Settings, load_settings, settings_data
+from follower.settings.settings import (
+    Settings,
+    configs_folder,
+    find_scenario,
+    load_settings,
+    settings_data,
+)
 from follower.tuning.identify.result import VehicleFile, load_vehicle
 from follower.tuning.tune.analysis import (
     AxisAnalysis,

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.flight.target.request import BoxSelection, RequestRefusedError, TargetRequest
 from follower.settings.ui import GroundStationSettings
 from follower.ui.ground_station import camera_messages as say
-from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.camera_messages import Endpoint
 from follower.ui.ground_station.flight_view import CameraOptics, FlightView, target_place
 
 _SAME_WITHIN_S = 1.0

@@ -21,7 +21,7 @@ from follower.flight.operator_requests import OperatorRequests
 from follower.flight.target.request import RequestRefusedError
 from follower.settings.live import LiveKey, live_keys, value_at
 from follower.settings.settings import Settings
-from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.camera_messages import Endpoint
 from follower_control.common.strict_config import SettingsError
 
 NONE = -1000.0

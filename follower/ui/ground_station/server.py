@@ -16,7 +16,7 @@ from follower.links.packet_parser import MavlinkPacket
 from follower.settings.settings import Settings
 from follower.settings.ui import GroundStationSettings, TargetMessage, fitted_size
 from follower.ui.ground_station.camera import Camera
-from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.camera_messages import Endpoint
 from follower.ui.ground_station.flight_view import (
     CameraOptics,
     FlightView,

@@ -15,8 +15,7 @@ import yaml
 from typer.exceptions import TyperException
 
 from follower.apps.main import app
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import load_settings
+from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.faults.fault import fault_named
 from follower_control.common.strict_config import SettingsError
 

@@ -21,8 +21,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower.recording.codec import decode, encode, json_schema
-from follower.recording.config import without_secrets
-from follower.recording.machine import processor_features
+from follower.recording.config import processor_features, without_secrets
 from follower.recording.messages import MESSAGES, StepRecord
 from follower.recording.tlog import Direction, PacketSplitter, TlogWriter, read_tlog
 from follower.settings.settings import Settings

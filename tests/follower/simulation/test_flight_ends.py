@@ -9,8 +9,7 @@ from rich.console import Console
 
 from follower.flight.supervision.flight_end import HANDED_OVER, FlightEnd
 from follower.flight.supervision.supervisor import SupervisorState
-from follower.settings.bundled import scenario_files
-from follower.settings.settings import load_settings
+from follower.settings.settings import load_settings, scenario_files
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.options import VisionSource

@@ -12,7 +12,7 @@ from follower.apps.replay.replay import Replay, replay_settings
 from follower.flight.log import TrackRecord
 from follower.flight.vision.stage import VisionStage
 from follower.recording import open_flight
-from follower.settings.bundled import find_scenario
+from follower.settings.settings import find_scenario
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.options import SimulationOptions, VisionSource, simulation_settings

@@ -12,7 +12,6 @@ import torch
 from typer.testing import CliRunner
 
 from follower.apps.main import app
-from follower.training.detector.average_precision import average_precision, mean_average_precision
 from follower.training.detector.labelled_image import IGNORED, LabelledImage, mirrored
 from follower.training.detector.loss import (
     RegionLoss,
@@ -31,7 +30,12 @@ from follower.training.detector.run import (
     write_eight_bit,
 )
 from follower.training.detector.settings import DetectorTraining
-from follower.training.detector.trainer import DetectorTrainer, as_tensor
+from follower.training.detector.trainer import (
+    DetectorTrainer,
+    as_tensor,
+    average_precision,
+    mean_average_precision,
+)
 from follower.training.onnx_export import AGREEMENT
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import OnnxDetector

@@ -8,8 +8,7 @@ import pytest
 import yaml
 from matplotlib.patches import Circle
 
-from follower.settings.bundled import configs_folder
-from follower.settings.settings import load_settings
+from follower.settings.settings import configs_folder, load_settings
 from follower.tuning.identify.result import load_vehicle
 from follower.tuning.tune.analysis import analyse, conditions_of, parse_what_ifs
 from follower.tuning.tune.report import nyquist, responses, worth

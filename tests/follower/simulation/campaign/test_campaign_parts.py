@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import load_settings
+from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.campaign.config import (
     Goals,
     RunSpec,

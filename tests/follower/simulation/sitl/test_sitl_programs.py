@@ -13,7 +13,7 @@ import pytest
 
 from follower.apps.sitl.run import programs
 from follower.links.connections import ConnectionFailedError
-from follower.settings.bundled import find_scenario
+from follower.settings.settings import find_scenario
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import (
     ArduCopterProgram,

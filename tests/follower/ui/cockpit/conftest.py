@@ -23,8 +23,7 @@ from follower.flight.supervision.supervisor import SupervisorState
 from follower.flight.target.selectors import colour_selector
 from follower.flight.vision.video_sink import SeveralVideos
 from follower.recording import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder
-from follower.settings.bundled import find_scenario
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import Settings, find_scenario, load_settings
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep

@@ -15,7 +15,7 @@ from follower.flight.target.request import (
     PointSelection,
     RequestOutcome,
 )
-from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.camera_messages import Endpoint
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.track import TrackState
 

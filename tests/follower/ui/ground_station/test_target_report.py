@@ -15,7 +15,7 @@ from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.options import VisionSource
 from follower.simulation.runners import fly_lockstep
-from follower.ui.ground_station.endpoint import Endpoint
+from follower.ui.ground_station.camera_messages import Endpoint
 from follower.ui.ground_station.flight_view import target_place
 from follower.ui.ground_station.server import TargetReport
 from follower_control.common.transport import MemoryTransport
