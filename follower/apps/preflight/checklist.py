@@ -21,7 +21,7 @@ from follower.apps.preflight.computer_checks import COMPUTER
 from follower.apps.preflight.health_checks import AUTOPILOT, LINK
 from follower.apps.preflight.parameter_checks import PARAMETERS
 from follower.ui.ipc.messages import Message
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import counted, print_line
 from follower_control.common.strict_config import SettingsError
 
 CHECKS: tuple[PreflightCheck[Snapshot], ...] = (
@@ -114,11 +114,11 @@ def print_checklist(
     doubtful = (PreflightVerdict.WARN, PreflightVerdict.FAIL)
     warnings = sum(result.finding.verdict in doubtful for result in results)
     if refused:
-        console.print(Text(f"{bad}: {_count(len(refused), 'check')} failed", "bold red"))
+        console.print(Text(f"{bad}: {counted(len(refused), 'check')} failed", "bold red"))
         for result in refused:
             print_line(console, f"  {result.line}")
     else:
-        also = f", {_count(warnings, 'warning')}" if warnings else ""
+        also = f", {counted(warnings, 'warning')}" if warnings else ""
         console.print(Text(f"{good}{also}", "bold green"))
 
 
@@ -155,10 +155,6 @@ def to_json(results: Sequence[PreflightResult], snapshot: Snapshot | None = None
             "computer": snapshot.computer,
         }
     return pydantic_core.to_json(content, indent=2, inf_nan_mode="null").decode()
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def live_checklist(console: Console) -> Live:

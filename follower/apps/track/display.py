@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from follower.apps.track.run import TrackRun
+from follower.ui.terminal.console import counted
 from follower.ui.terminal.flight_display import LiveDisplay
 from follower_vision.clock import Clock
 from follower_vision.sources.frame_source import RealtimePlayback
@@ -83,11 +84,6 @@ def status_line(status: TrackStatus, waiting_for: str, rate_hz: float | None) ->
     if status.reconnects:
         parts.append(counted(status.reconnects, "reconnect"))
     return "  ".join(parts)
-
-
-def counted(number: int, thing: str) -> str:
-    """Return a number of things: "1 frame", "2 frames"."""
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def _targets(tracks: tuple[Track, ...]) -> str:

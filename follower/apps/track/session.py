@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from follower.apps.target_choice import LIST, TargetChoice, needed
-from follower.apps.track.display import TrackDisplay, TrackStatus, counted
+from follower.apps.track.display import TrackDisplay, TrackStatus
 from follower.apps.track.run import TrackFiles, TrackRun, track_recorder
 from follower.apps.video_input import VideoInput
 from follower.flight.control.offline import RecordedControl
@@ -31,7 +31,7 @@ from follower.flight.vision.tracker_factory import make_multi_tracker, make_sett
 from follower.flight.vision.video_sink import BackgroundVideo
 from follower.recording.run_folder import new_run_folder
 from follower.settings.settings import Settings
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import counted, print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt, run_watched, stop_signals
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock

@@ -49,3 +49,8 @@ def check_extra(what: str, extra: str, *modules: str) -> None:
         raise SettingsError(
             f"{what} needs {', '.join(missing)}; in the clone: pip install -e '.[{extra}]'"
         )
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a number of things: "1 frame", "2 frames"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -9,18 +9,18 @@ import pytest
 from follower.apps.sitl.run import SitlMatrix, fly_matrix
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
-from follower.simulation.fault_tests.run_fault import write_scene
+from follower.simulation.fault_tests.run_fault import SCENE
 from follower.simulation.options import VisionSource
 from follower.simulation.sitl.programs import ProgramStart, SimulatedProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 
 
 @pytest.fixture
-def matrix(tmp_path: Path) -> SitlMatrix:
+def matrix() -> SitlMatrix:
     scene = "duration_s=6", "wind.mean_m_s=3", "targets.0.path.speeds.0.at_s=2"
     program = SimulatedProgram("ardupilot")
     return SitlMatrix(
-        (str(write_scene(tmp_path)),),
+        (str(SCENE),),
         (program,),
         vision=VisionSource.TRUTH,
         scene=scene,
