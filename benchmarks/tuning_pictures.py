@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from follower.report import style
 from follower.settings.settings import load_settings
-from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.readers import VehicleAxis
 from follower.tuning.identify.result import axis_figure
 from follower.tuning.identify.run import read_recording
 from follower.tuning.tune.analysis import AxisAnalysis, analyse, conditions_of, parse_what_ifs

@@ -20,6 +20,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from step_metrics import tilt_rad
 from step_replay import fly_again
 
 from follower_sim.kinematics import Triple
@@ -69,7 +70,7 @@ class FlightDifference:
         return cls(
             *(rms(a, b) for a, b in velocities),
             math.degrees(rms(real.yaw_rate_rad_s, flown.yaw_rate_rad_s)),
-            math.degrees(rms(real.tilt_rad, flown.tilt_rad)),
+            math.degrees(rms(tilt_rad(real), tilt_rad(flown))),
             _miss(real, real, from_s),
             _miss(flown, real, from_s),
         )
@@ -156,7 +157,7 @@ def _plot(real: RecordedStep, flown: RecordedStep, path: Path) -> None:
         ("right (m/s)", true[1], ours[1], 1),
         ("down (m/s)", true[2], ours[2], 2),
         ("yaw rate (deg/s)", np.degrees(real.yaw_rate_rad_s), np.degrees(flown.yaw_rate_rad_s), 3),
-        ("tilt (deg)", np.degrees(real.tilt_rad), np.degrees(flown.tilt_rad), None),
+        ("tilt (deg)", np.degrees(tilt_rad(real)), np.degrees(tilt_rad(flown)), None),
     )
     figures = (off.forward_m_s, off.right_m_s, off.down_m_s, off.yaw_rate_deg_s, off.tilt_deg)
     figure, grid = plt.subplots(len(rows), 1, figsize=(13, 10), sharex=True, layout="constrained")

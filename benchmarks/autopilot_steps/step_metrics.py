@@ -53,9 +53,15 @@ def stepped_signals(step: RecordedStep) -> list[SteppedSignal]:
     return [SteppedSignal(*row) for row in rows if row[2] != 0]
 
 
+def tilt_rad(step: RecordedStep) -> Series:
+    """Return the angle between the body's down axis and gravity, shape (N,)."""
+    roll, pitch, _ = step.attitude_rad
+    return np.asarray(np.arccos(np.cos(roll) * np.cos(pitch)), np.float64)
+
+
 def max_tilt_deg(step: RecordedStep) -> float:
     """Return the largest angle between the body's down axis and gravity."""
-    return math.degrees(step.tilt_rad.max())
+    return math.degrees(tilt_rad(step).max())
 
 
 def _rms(values: Series) -> float:

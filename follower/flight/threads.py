@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import contextmanager
 
+import cv2
+
 from follower.flight.control.loop import ControlLoop
 from follower.flight.log import FlightLog, SelectionRecord, Stopwatch, TrackRecord
 from follower.flight.vision.stage import VisionStage
@@ -15,6 +17,18 @@ from follower_vision.clock import Clock
 from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
 from follower_vision.sources.frame_source import FrameSource
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """Have OpenCV use one thread while entered, as every flight and replay does."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
 
 _SWITCH_INTERVAL_S = 0.0005
 """Python hands the interpreter from thread to thread this often; its own 5 ms would show as

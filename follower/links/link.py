@@ -12,8 +12,7 @@ from follower.links.gimbal_manager import GimbalManager
 from follower.links.operator_commands import OperatorCommand, OperatorCommands
 from follower.links.packet_channel import PacketChannel, PacketPort, SequenceCounter
 from follower.links.packet_parser import MavlinkPacket, Unpacker
-from follower.links.parameters import ParameterReader
-from follower.links.request_scheduler import RequestScheduler
+from follower.links.request_scheduler import ParameterReader, RequestScheduler
 from follower.links.signing import Signer
 from follower.links.status import LinkStatus
 from follower.links.vehicle_finder import FoundVehicle, VehicleFinder

@@ -27,9 +27,9 @@ from follower.recording.run_folder import new_run_folder, remove_run_folder
 from follower.settings.settings import Settings
 from follower.simulation.autopilot_connection import AutopilotConnection
 from follower.simulation.components import FlightOptions
+from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.faults.in_simulation import as_faults_want, describe_verdict, verdicts
 from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
-from follower.simulation.faults.schedule import PlannedFault
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
 from follower.simulation.faults.wire_tap import FlightEvidence, WireTap
 from follower.simulation.flight import SimulatedFlight, epoch_ns

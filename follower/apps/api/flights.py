@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from follower.apps.api.opencv import one_opencv_thread
 from follower.apps.evaluate.run import Evaluation, EvaluationPlan, measure
 from follower.apps.inspect import inspect_recorded
 from follower.apps.replay.run import ReplayResult, replayed
 from follower.flight.supervision.flight_end import INTERRUPTED
+from follower.flight.threads import one_opencv_thread
 from follower.recording import RecordedFlight, open_flight
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.run import SimulationResult

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from follower.apps.api.opencv import one_opencv_thread
 from follower.apps.command_settings import command_settings, lens_is_given, with_detector
 from follower.apps.fly.flight import RealFlight
 from follower.apps.fly.opened import FlightPlan, OpenedFlight, opened_flight
@@ -20,6 +19,7 @@ from follower.apps.video_input import VideoInput
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.flight_end import NOT_RECORDED, FlightEnd
 from follower.flight.target.selectors import Selector, check_in_image, first_selected
+from follower.flight.threads import one_opencv_thread
 from follower.flight.vision.tracker_factory import (
     close_tracker,
     make_settings_detector,

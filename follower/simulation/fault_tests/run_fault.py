@@ -15,7 +15,7 @@ from pathlib import Path
 from follower.recording import FlightConfig, Recorder
 from follower.settings.settings import Settings, load_settings
 from follower.simulation.components import FlightOptions, start_state
-from follower.simulation.faults.fault import Fault, FaultSetup
+from follower.simulation.faults.fault import Fault, FaultSetup, PlannedFault
 from follower.simulation.faults.in_simulation import as_faults_want, verdicts
 from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
 from follower.simulation.faults.judge import (
@@ -25,7 +25,6 @@ from follower.simulation.faults.judge import (
     standing_from,
     too_late,
 )
-from follower.simulation.faults.schedule import PlannedFault
 from follower.simulation.faults.setpoint_rules import envelope_failures, left_mode, pilot_failures
 from follower.simulation.faults.wire_tap import FlightEvidence, WireSetpoint, WireTap
 from follower.simulation.flight import SimulatedFlight, epoch_ns

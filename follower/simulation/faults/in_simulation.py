@@ -8,9 +8,9 @@ from pathlib import Path
 from follower.links.packet_parser import PacketReader
 from follower.links.signing import Signer, SigningKey
 from follower.settings.settings import Settings, load_settings
+from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.faults.injector import FaultInjector
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
-from follower.simulation.faults.schedule import PlannedFault
 from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower_control.common.transport import Transport
 from follower_vision.clock import Clock

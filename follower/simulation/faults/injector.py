@@ -18,9 +18,8 @@ from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import VisionStage
 from follower.recording import append_file
 from follower.simulation.components import Action, FlightComponents
-from follower.simulation.faults.fault import FaultKind
+from follower.simulation.faults.fault import FaultKind, FaultSchedule, PlannedFault
 from follower.simulation.faults.faulty_transport import FaultyTransport
-from follower.simulation.faults.schedule import FaultSchedule, PlannedFault
 from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTap
 from follower_control.common.transport import Transport
 from follower_sim.autopilot.autopilot import SimAutopilot

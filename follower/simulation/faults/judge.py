@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
-from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind
-from follower.simulation.faults.schedule import PlannedFault
+from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind, PlannedFault
 from follower.simulation.faults.setpoint_rules import (
     age_failures,
     envelope_failures,

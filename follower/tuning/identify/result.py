@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from follower.report import flight_page, html, style
 from follower.report.series import Array, ReportMeta
 from follower.report.style import BLUE, INK, PALE, YELLOW
-from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.readers import VehicleAxis
 from follower_control.common.strict_config import SettingsError, parse, read_mapping
 from follower_control.tuning.axis_loop import LoopDelays
 from follower_control.tuning.fit import Interval, ResponseFit, SizeFit

@@ -8,8 +8,13 @@ from rich.console import Console
 from rich.table import Table
 
 from follower.recording.run_folder import new_run_folder
-from follower.tuning.identify.readers import read_flight, read_px4_log, read_steps
-from follower.tuning.identify.recording import Recording, VehicleAxis
+from follower.tuning.identify.readers import (
+    Recording,
+    VehicleAxis,
+    read_flight,
+    read_px4_log,
+    read_steps,
+)
 from follower.tuning.identify.result import (
     Identification,
     Spread,

@@ -142,9 +142,7 @@ _ROWS = (
         "commanded.vertical_acceleration_m_s2",
         _acceleration,
     ),
-    _Row(
-        "Peak commanded yaw acceleration", "commanded.yaw_acceleration_deg_s2", "{:.1f}°/s²".format
-    ),
+    _Row("Peak commanded yaw acceleration", "commanded.yaw_acceleration_deg_s2", _yaw_acceleration),
     _Row("Peak commanded jerk, horizontal", "commanded.horizontal_jerk_m_s3", _jerk),
     _Row("Peak commanded jerk, vertical", "commanded.vertical_jerk_m_s3", _jerk),
     _Row("Peak commanded yaw jerk", "commanded.yaw_jerk_deg_s3", _yaw_jerk),

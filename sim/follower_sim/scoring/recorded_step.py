@@ -73,12 +73,6 @@ class RecordedStep:
         )
 
     @property
-    def tilt_rad(self) -> Series:
-        """The angle between the body's down axis and gravity, shape (N,)."""
-        roll, pitch, _ = self.attitude_rad
-        return np.asarray(np.arccos(np.cos(roll) * np.cos(pitch)), np.float64)
-
-    @property
     def heading_velocity_m_s(self) -> Series:
         """Forward, right, down: shape (3, N)."""
         north, east, down = self.velocity_m_s

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.links.packet_parser import PacketReader, Unpacker
-from follower.links.parameters import ParameterReader
+from follower.links.request_scheduler import ParameterReader
 from follower.links.vehicle_health import HealthMonitor
 
 PX4, ARDUPILOT = True, False

@@ -17,7 +17,7 @@ from follower.settings.settings import load_settings
 from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
 from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
 from follower.tuning.excite.stage import ExcitationStage, excitation_settings
-from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.readers import VehicleAxis
 from follower.tuning.identify.run import identification, read_recording
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState

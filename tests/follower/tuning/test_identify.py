@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from follower.tuning.identify.recording import VehicleAxis
+from follower.tuning.identify.readers import VehicleAxis
 from follower.tuning.identify.result import Spread, load_vehicle, write_identification
 from follower.tuning.identify.run import identification, identify, read_recording
 from follower_control.common.strict_config import SettingsError

@@ -23,7 +23,6 @@ from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
 TEMPLATE_SIDE = 127
 STRIDE = 16
-_SAME_SIZE = 1.5
 _SURE = 0.8
 _TEMPLATE_FRAMES = 12
 

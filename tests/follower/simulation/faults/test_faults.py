@@ -23,13 +23,14 @@ from follower.simulation.faults.fault import (
     ExpectedOutcome,
     Fault,
     FaultKind,
+    FaultSchedule,
     FaultSetup,
+    PlannedFault,
     catalogue,
     fault_named,
 )
 from follower.simulation.faults.in_simulation import describe_verdict
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
-from follower.simulation.faults.schedule import FaultSchedule, PlannedFault
 from follower.simulation.faults.setpoint_rules import (
     envelope_failures,
     heartbeat_failures,

@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links.clock_sync import AutopilotClock, TimeSync
 from follower.links.packet_channel import PacketChannel
 from follower.links.packet_parser import PacketReader, checksum
-from follower.links.parameters import ParameterReader
 from follower.links.pymavlink_link import MavlinkLink
+from follower.links.request_scheduler import ParameterReader
 from follower.links.signing import Signer, SigningKey
 from follower.links.vehicle_finder import VehicleFinder
 from follower.settings.link import LinkSettings
