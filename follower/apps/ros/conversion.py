@@ -36,7 +36,7 @@ _TO_BGR = {
 
 def stamp_s(stamp: Any) -> float:
     """Return a builtin_interfaces/Time in seconds."""
-    return float(stamp.sec) + stamp.nanosec * 1e-9
+    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def set_stamp(stamp: Any, time_s: float) -> None:
@@ -154,7 +154,8 @@ def camera_overrides(info: Any) -> list[str]:
     return [
         f"camera.focal_px={fx}",
         f"camera.focal_width_px={info.width}",
-        f"camera.center_px=[{cx}, {cy}]",
+        # ROS counts from the middle of the first pixel, we from its corner.
+        f"camera.center_px=[{cx + 0.5}, {cy + 0.5}]",
         *([f"camera.distortion={given}"] if fits else []),
     ]
 

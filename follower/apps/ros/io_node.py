@@ -1,5 +1,6 @@
 """A node that only takes messages in, on a thread of its own, and the clock of its time."""
 
+import contextlib
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -111,10 +112,8 @@ class IoNode(ClosesItself):
         self._thread.start()
 
     def _spin(self) -> None:
-        try:
+        with contextlib.suppress(ExternalShutdownException):
             self._executor.spin()
-        except ExternalShutdownException:
-            pass
 
     def close(self) -> None:
         """Take no more, and destroy the node."""

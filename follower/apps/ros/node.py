@@ -10,7 +10,6 @@ import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_srvs.srv import Trigger
@@ -286,7 +285,7 @@ class FollowerNode(LifecycleNode):
             return False, " ".join(str(error).split())
         return True, ""
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _on_parameters(self, parameters: list[Any]) -> SetParametersResult:
         """Change settings in flight where they may be, and select a new target."""
         if self._pursuit is None:
             return SetParametersResult(successful=True)

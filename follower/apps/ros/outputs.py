@@ -1,7 +1,7 @@
 """What a flight shows as topics: track, target, setpoint, overlay image, diagnostics."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -192,6 +192,6 @@ def _optional(node: Any) -> tuple[tuple[type, type, Any] | None, tuple[type, Any
     return detection, tf
 
 
-def _pairs(values: dict[str, object]) -> list[KeyValue]:
+def _pairs(values: Mapping[str, object]) -> list[KeyValue]:
     shown = {key: f"{v:.4g}" if isinstance(v, float) else str(v) for key, v in values.items()}
     return [KeyValue(key=key, value=text) for key, text in shown.items() if text != "None"]

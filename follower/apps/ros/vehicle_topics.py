@@ -34,7 +34,7 @@ _MOST_WAITING = 2000
 _HEARTBEAT_S = 1.0
 _SILENT_S = 3.0
 _CUSTOM, _ARMED = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PX4 = mavlink.MAV_AUTOPILOT_PX4
 _UNKNOWN_MODE = 0xFFFF
 _ESTIMATES = (
@@ -187,17 +187,17 @@ class MavrosTopics(VehicleTopics):
             "altitude": (msg.Altitude, self._take_altitude, SENSOR),
             "rc/in": (msg.RCIn, self._take_rc, RELIABLE),
             "statustext/recv": (msg.StatusText, self._take_text, RELIABLE),
-            "state": (msg.State, self._take_state, _LATCHED),
+            "state": (msg.State, self._take_state, LATCHED),
         }
         for topic, (kind, callback, qos) in take.items():
             io.subscribe(kind, f"{prefix}/{topic}", callback, qos)
         node, name = io.node, io.name_of
         target = name(f"{prefix}/setpoint_raw/local")
         self._setpoints = node.create_publisher(msg.PositionTarget, target, SENSOR)
-        self._commands = node.create_client(srv.CommandLong, name(f"{prefix}/cmd/command"))
-        self._info = node.create_client(srv.VehicleInfoGet, name(f"{prefix}/vehicle_info_get"))
+        self._commands: Any = node.create_client(srv.CommandLong, name(f"{prefix}/cmd/command"))
+        self._info: Any = node.create_client(srv.VehicleInfoGet, name(f"{prefix}/vehicle_info_get"))
         parameters = name(f"{prefix}/param/get_parameters")
-        self._parameters = node.create_client(GetParameters, parameters)
+        self._parameters: Any = node.create_client(GetParameters, parameters)
 
     def _beat(self) -> None:
         """MAVROS' state comes as the autopilot's heartbeats do."""
@@ -310,7 +310,7 @@ class MavrosTopics(VehicleTopics):
         self._call(self._parameters, GetParameters.Request(names=[name]), take)
 
     def _call(self, client: Any, request: Any, take: Callable[[Any], None]) -> None:
-        """Call a service, if it is there; its answer is taken on the node's thread, if one comes."""
+        """Call a service, if it is there; its answer is taken on the node's thread."""
         if client.service_is_ready():
             client.call_async(request).add_done_callback(
                 lambda done: None if done.exception() else take(done.result())
@@ -326,3 +326,15 @@ def mode_number(autopilot: int, name: str) -> int:
         return _UNKNOWN_MODE if known is None else known[1] << 16 | known[2] << 24
     numbers = {mode: number for number, mode in mavutil.mode_mapping_acm.items()}
     return int(numbers.get(name, _UNKNOWN_MODE))
+
+
+def mode_name_of(autopilot: int, number: int) -> str:
+    """Return MAVROS' name of an autopilot's `custom_mode`; "CMODE(number)" for one unknown."""
+    other = f"CMODE({number})"
+    if autopilot != _PX4:
+        return str(mavutil.mode_mapping_acm.get(number, other))
+    main, sub = number >> 16 & 0xFF, number >> 24 & 0xFF
+    for name, (_, its_main, its_sub) in mavutil.px4_map.items():
+        if (main, sub) == (its_main, its_sub):
+            return f"AUTO.{name}" if sub else str(name)
+    return other
