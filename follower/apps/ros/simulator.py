@@ -52,6 +52,7 @@ _RATES_HZ = {
     "ESTIMATOR_STATUS": 2.0,
     "EKF_STATUS_REPORT": 2.0,
     "RC_CHANNELS": 10.0,
+    "GLOBAL_POSITION_INT": 2.0,
 }
 
 
@@ -169,6 +170,7 @@ class SimulatedMavros:
             "sys_status": (msg.SysStatus, RELIABLE),
             "estimator_status": (msg.EstimatorStatus, RELIABLE),
             "gpsstatus/gps1/raw": (msg.GPSRAW, SENSOR),
+            "altitude": (msg.Altitude, SENSOR),
             "rc/in": (msg.RCIn, RELIABLE),
             "imu/data": (Imu, SENSOR),
             "local_position/odom": (Odometry, SENSOR),
@@ -277,6 +279,11 @@ class SimulatedMavros:
         gps.fix_type, gps.eph, gps.epv = m.fix_type, m.eph, m.epv
         gps.satellites_visible = m.satellites_visible
         self.publish("gpsstatus/gps1/raw", gps)
+
+    def _on_global_position_int(self, m: Any) -> None:
+        altitude = self._new("altitude")
+        altitude.amsl, altitude.relative = m.alt * 1e-3, m.relative_alt * 1e-3
+        self.publish("altitude", altitude)
 
     def _on_rc_channels(self, m: Any) -> None:
         rc = self._new("rc/in")
