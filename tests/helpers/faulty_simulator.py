@@ -2,7 +2,8 @@
 
 Parameters: `image` and `pose`: "", "missing", "nan" (pose alone), "ahead" or "back" (of their
 stamps); `mode`: the pilot's. What the vehicle is asked to fly is told on `taken`, its own motion
-on `truth`, both with the mode as frame. It hovers in the air from the beginning.
+on `truth`, both with the mode as frame. It hovers in the air from the beginning, and
+the target stands still.
 """
 
 import sys
@@ -77,6 +78,9 @@ class Vehicle(simulator.SimulatedVehicle):
         if frame_id == "camera":
             fault = self.node.get_parameter("image").value
             set_stamp(header.stamp, stamp_s(header.stamp) + JUMPS_S.get(fault, 0.0))
+
+    def fly(self):
+        self.autopilot.step(self.clock.now())  # the world's time does not begin: the car stands
 
     def show(self, frame):
         if self.node.get_parameter("image").value != "missing":

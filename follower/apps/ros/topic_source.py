@@ -44,6 +44,11 @@ class TopicSource(ClosesItself):
         self._io.node.create_subscription(kind, name, self._take, NEWEST)
         self._io.start()
 
+    @property
+    def clock(self) -> RosClock:
+        """The clock by which frames are stamped."""
+        return self._clock
+
     def use_clock(self, clock: RosClock) -> None:
         """Stamp frames by the flight's clock."""
         self._clock = clock

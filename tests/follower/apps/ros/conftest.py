@@ -25,8 +25,9 @@ FLIGHT = (
     *("--set", "camera.pitch_deg=-14", "--set", "detector=null", "--set", "tracker=correlation"),
     # A shared computer: what is tested is that the stale counts as stale, not how soon.
     *("--set", "supervisor.frame_timeout_s=1.0", "--set", "supervisor.telemetry_timeout_s=1.0"),
-    *("--set", "supervisor.alone_s=1.0", "--skip-preflight", "frame-rate"),
-    *("--skip-preflight", "computer", "--skip-preflight", "temperature"),
+    *("--set", "consent.again=mode", "--set", "supervisor.alone_s=1.0"),
+    *("--skip-preflight", "frame-rate"),
+    *("--skip-preflight", "frame-age", "--skip-preflight", "attitude-rate"),
 )
 
 
@@ -69,6 +70,7 @@ class Rig:
         self.node = rclpy.create_node("tester", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self.far = False
         self.seen: dict[str, list[Any]] = {}
         self._clients: dict[str, Any] = {}
         self._stack = ExitStack()

@@ -34,7 +34,7 @@ def flying(make_rig) -> Iterator:
 
 
 def follow(rig) -> None:
-    """Have the pilot consent, and wait until it follows."""
+    """Have the pilot consent, and wait until it follows and moves."""
     if "follow" not in rig.state:
         rig.set("simulator", mode="LOITER")
         rig.spin(1.5)
@@ -43,6 +43,9 @@ def follow(rig) -> None:
         rig.spin(1.5)
         rig.set("simulator", mode="OFFBOARD")
     rig.wait_for("following")
+    rig.far = not rig.far
+    assert rig.set("follower", servo__distance_m=19.0 if rig.far else 12.0).successful
+    rig.wait(lambda: speed(rig) > STILL_M_S)
 
 
 def speed(rig) -> float:
@@ -54,7 +57,6 @@ def test_nothing_moves_before_the_pilot_consents_and_then_it_follows(flying) -> 
     flying.spin(2.0)
     assert not flying.state.startswith("following")
     follow(flying)
-    flying.wait(lambda: speed(flying) > STILL_M_S)
     assert flying.seen["/truth"][-1].header.frame_id == "OFFBOARD"
     taken = flying.seen["/taken"][-1].twist.linear
     assert math.hypot(taken.x, taken.y, taken.z) > 0
