@@ -12,7 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/follower_ros"]),
         (SHARE, ["package.xml"]),
         (f"{SHARE}/launch", ["launch/follower.launch.py"]),
-        (f"{SHARE}/config", ["config/follower.yaml"]),
+        (f"{SHARE}/config", ["config/follower.yaml", "config/large_images.xml"]),
     ],
     install_requires=["setuptools"],
     license="Apache-2.0",

@@ -44,6 +44,7 @@ class Operator:
     Attributes:
         states: of the supervisor, as /diagnostics tells them, each once.
         overlay: the newest picture that shows a target followed.
+        over: the flight is being ended: no picture is taken any more.
     """
 
     def __init__(self) -> None:
@@ -52,6 +53,7 @@ class Operator:
         self._client: Any = self._node.create_client(ChangeState, "/follower/change_state")
         self.states: list[str] = []
         self.overlay: Any = None
+        self.over = False
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, RELIABLE)
         self._node.create_subscription(Image, "/follower/overlay", self._seen, NEWEST)
 
@@ -83,7 +85,7 @@ class Operator:
                 self.states.append(state)
 
     def _seen(self, message: Image) -> None:
-        if self.states[-1:] == ["following"]:
+        if self.states[-1:] == ["following"] and not self.over:
             self.overlay = message
 
 
@@ -134,6 +136,7 @@ def _fly(operator: Operator, seconds: float, console: Console) -> None:
     if operator.wait(lambda: "following" in operator.states, _FOLLOW_S):
         print_line(console, "Following")
         operator.wait(lambda: "released" in operator.states, seconds)
+    operator.over = True
     operator.change(Transition.TRANSITION_DEACTIVATE, _END_S)
 
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    scene = ["duration_s=6", "camera.rate_hz=10"]
+    scene = ["duration_s=14", "camera.rate_hz=10"]
     out = tmp_path_factory.mktemp("runs")
     return simulate("winding", scene=scene, overrides=["detector=null"], out=out).folder
 

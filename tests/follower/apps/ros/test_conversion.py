@@ -49,7 +49,7 @@ def test_stamps_keep_their_nanoseconds() -> None:
     assert stamp_s(stamp) == pytest.approx(12.999999999)
 
 
-def raw(encoding: str, depth: int, data: np.ndarray, step: int) -> SimpleNamespace:
+def raw(encoding: str, data: np.ndarray, step: int) -> SimpleNamespace:
     height = data.size // step
     return SimpleNamespace(
         encoding=encoding, height=height, width=4, step=step, data=data.tobytes(), header=None
@@ -58,17 +58,17 @@ def raw(encoding: str, depth: int, data: np.ndarray, step: int) -> SimpleNamespa
 
 def test_images_come_in_the_usual_encodings_also_with_padded_rows() -> None:
     pixels = np.arange(3 * 16, dtype=np.uint8)
-    bgr = image_of(raw("bgr8", 3, pixels, 16))
+    bgr = image_of(raw("bgr8", pixels, 16))
     assert bgr.shape == (3, 4, 3)
     assert bgr[1, 0].tolist() == [16, 17, 18]
-    assert image_of(raw("rgb8", 3, pixels, 16))[1, 0].tolist() == [18, 17, 16]
-    assert image_of(raw("mono8", 1, pixels[:12], 4))[0, 2].tolist() == [2, 2, 2]
+    assert image_of(raw("rgb8", pixels, 16))[1, 0].tolist() == [18, 17, 16]
+    assert image_of(raw("mono8", pixels[:12], 4))[0, 2].tolist() == [2, 2, 2]
 
 
 def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
     with pytest.raises(ValueError, match="16UC1"):
-        image_of(raw("16UC1", 2, np.zeros(24, np.uint8), 8))
-    broken = raw("bgr8", 3, np.zeros(36, np.uint8), 12)
+        image_of(raw("16UC1", np.zeros(24, np.uint8), 8))
+    broken = raw("bgr8", np.zeros(36, np.uint8), 12)
     broken.height = 9
     with pytest.raises(ValueError, match="too little data"):
         image_of(broken)

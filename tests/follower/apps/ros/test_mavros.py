@@ -103,13 +103,6 @@ def test_settings_change_in_flight_as_far_as_they_may(flying) -> None:
     assert told.descriptors[0].description
 
 
-def test_the_release_service_hands_the_vehicle_back(flying) -> None:
-    follow(flying)
-    assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
-    flying.wait_for("released")
-    flying.wait(lambda: speed(flying) < STILL_M_S)
-
-
 def test_an_unusable_target_is_refused_in_words(flying) -> None:
     refused = flying.set("follower", target="#nocolour")
     assert not refused.successful
@@ -126,6 +119,16 @@ def test_deactivated_under_way_it_answers_when_the_vehicle_is_released_and_stand
     flying.spin(1.5)
     assert len(flying.seen["/taken"]) == ended
     assert flying.state == "inactive"
+
+
+def test_the_release_service_hands_the_vehicle_back_and_a_new_flight_is_needed(flying) -> None:
+    flying.set("simulator", mode="LOITER")
+    assert flying.change("activate"), flying.log("follower")
+    follow(flying)
+    assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
+    flying.wait_for("released")
+    flying.wait(lambda: speed(flying) < STILL_M_S)
+    assert flying.change("deactivate")
 
 
 def test_killed_it_sends_nothing_more_and_the_autopilot_stands_by_itself(flying) -> None:
