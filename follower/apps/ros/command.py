@@ -19,7 +19,7 @@ EPILOG = """
 `follower ros --mode direct --connect /dev/ttyAMA0:921600 -c my.yaml` – our own MAVLink link
 
 Then `ros2 lifecycle set /follower configure` and `activate`. Every setting is a parameter:
-`ros2 param set /follower servo.mode orbit`. All topics and services: examples/follower-ros/README.md.
+`ros2 param set /follower servo.mode orbit`. More: examples/follower-ros/README.md.
 """
 DEMO_EPILOG = """
 **Examples**

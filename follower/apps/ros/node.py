@@ -65,7 +65,7 @@ class NodeOptions:
 
 
 class FollowerNode(LifecycleNode):
-    """Follows a target seen in a topic of images; see examples/follower-ros/README.md for all topics.
+    """Follows a target seen in a topic of images; see examples/follower-ros/README.md.
 
     Configure reads the parameters and listens; activate does the preflight checks, which may
     refuse it, and begins the flight; deactivate brakes, holds and releases the vehicle before it
