@@ -18,6 +18,7 @@ from follower.apps.import_flight import command as import_flight
 from follower.apps.models import models_app
 from follower.apps.preflight import command as preflight
 from follower.apps.replay import command as replay
+from follower.apps.ros import command as ros
 from follower.apps.service import service_app
 from follower.apps.sitl import command as sitl
 from follower.apps.track import command as track
@@ -130,8 +131,13 @@ for name, epilog, command in (
     ("identify", identify.EPILOG, identify.identify_command),
     ("tune", tune.EPILOG, tune.tune_command),
     ("import", import_flight.EPILOG, import_flight.import_command),
+    ("ros-demo", ros.DEMO_EPILOG, ros.ros_demo_command),
+    ("ros-bag", ros.BAG_EPILOG, ros.ros_bag_command),
 ):
     app.command(name, epilog=epilog)(command)
+# What it does not know, from --ros-args on, is ROS's.
+_ROS_ARGS = {"allow_extra_args": True, "ignore_unknown_options": True}
+app.command("ros", epilog=ros.EPILOG, context_settings=_ROS_ARGS)(ros.ros_command)
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 app.add_typer(service_app, name="service", help="Start the follower with the computer.")
 app.add_typer(train_app, name="train")

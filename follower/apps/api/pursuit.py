@@ -23,15 +23,18 @@ from follower.flight.threads import one_opencv_thread
 from follower.flight.vision.tracker_factory import (
     close_tracker,
     make_settings_detector,
-    make_target_tracker,
+    make_tracker_with,
 )
 from follower.links.connections import open_connection
 from follower.recording.run_folder import new_run_folder, remove_run_folder
 from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
+from follower_control.common.transport import Transport
 from follower_vision.clock import MonotonicClock
+from follower_vision.detection import Detector
 from follower_vision.fusion import BackgroundDetection
 from follower_vision.geometry.box import Box
+from follower_vision.trackers.target_tracker import TargetTracker
 from follower_vision.trackers.track import Track
 
 _LOOK_EVERY_S = 0.05
@@ -126,19 +129,19 @@ class Pursuit:
     def __enter__(self) -> Self:
         if self._thread is not None:
             raise RuntimeError("a Pursuit flies once: make another one")
-        plan, clock = self._plan, MonotonicClock()
+        plan, clock = self._plan, self._make_clock()
         with ExitStack() as signals, ExitStack() as stack:
             pressed = signals.enter_context(stop_signals())
             stack.enter_context(one_opencv_thread())
-            tracker = make_target_tracker(plan.settings, BackgroundDetection)
+            tracker = make_tracker_with(self._make_detector(), plan.settings, BackgroundDetection)
             stack.callback(close_tracker, tracker)
-            transport = open_connection(plan.connect)
+            transport = self._open_transport()
             stack.callback(transport.close)
             self.folder = new_run_folder(plan.checks.folder, "fly")
             stack.callback(self._leave_nothing)
             opened = stack.enter_context(opened_flight(plan, self.folder, transport, clock))
             opened.check(lambda _: pressed.check())
-            self._ready = opened.ready(tracker)
+            self._ready = self._wire(opened, tracker)
             if self._first is not None:
                 self._ready.select(self._first)
             stack.callback(self._end)
@@ -242,8 +245,20 @@ class Pursuit:
     def _flying(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
+    def _make_detector(self) -> Detector | None:
+        return make_settings_detector(self._plan.settings)
+
+    def _make_clock(self) -> MonotonicClock:
+        return MonotonicClock()
+
+    def _open_transport(self) -> Transport:
+        return open_connection(self._plan.connect)
+
+    def _wire(self, opened: OpenedFlight, tracker: TargetTracker) -> RealFlight:
+        return opened.ready(tracker)
+
     def _selector(self, choice: TargetChoice) -> Selector:
-        detector = make_settings_detector(self._plan.settings) if choice.select else None
+        detector = self._make_detector() if choice.select else None
         return first_selected(choice.selector(detector))
 
     def _fly(self, opened: OpenedFlight) -> None:

@@ -34,7 +34,7 @@ def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetectio
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
     """
-    return _target_tracker(settings, make_settings_detector(settings), mode)
+    return make_tracker_with(make_settings_detector(settings), settings, mode)
 
 
 def make_multi_tracker(
@@ -53,7 +53,7 @@ def make_multi_tracker(
     fusion = settings.fusion
     if count > 1 and detector is not None and fusion.algorithm == "fitted":
         return MultiFusion(partial(_motion_tracker, settings), detector, fusion, mode)
-    trackers = [_target_tracker(settings, detector, mode) for _ in range(count)]
+    trackers = [make_tracker_with(detector, settings, mode) for _ in range(count)]
     return SeparateTrackers(trackers, partial(_close_all, trackers))
 
 
@@ -86,9 +86,10 @@ def close_tracker(tracker: TargetTracker) -> None:
         tracker.close()
 
 
-def _target_tracker(
-    settings: Settings, detector: Detector | None, mode: DetectionMode
+def make_tracker_with(
+    detector: Detector | None, settings: Settings, mode: DetectionMode
 ) -> TargetTracker:
+    """Return what `make_target_tracker` does, with this detector instead of the settings' own."""
     motion = _motion_tracker(settings)
     if detector is None:
         return LongTermTracker(motion, settings.longterm)

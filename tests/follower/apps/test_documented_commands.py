@@ -56,8 +56,8 @@ def words_of(line: str) -> list[str]:
     shell.whitespace_split = True
     words: list[str] = []
     for word in shell:
-        if word and set(word) <= set("|>;&"):
-            break
+        if word == "--ros-args" or (word and set(word) <= set("|>;&")):
+            break  # what follows is another program's, or ROS's
         words.append(word)
     return words[1:]
 

@@ -1,0 +1,1 @@
+"""The follower for `ros2 run follower_ros follower`."""

@@ -1,0 +1,263 @@
+"""A recorded flight as a rosbag2 in MCAP, and a bag as what `follower import` takes."""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from follower.apps.ros.conversion import (
+    attitude_of,
+    fill_attitude,
+    image_of,
+    turned_to_body,
+    turned_to_world,
+)
+from follower.flight.log import ControlRecord, TrackRecord
+from follower.recording import RecordedFlight, open_flight
+from follower.recording.telemetry_logs.csv_log import ANGLES, MODE, PLACE, RATES, TIME
+from follower.recording.video_writer import VIDEO
+from follower_control.vehicle.state import Attitude, LocalPosition
+from follower_vision.drawing.video_writer import VideoWriter
+from follower_vision.sources.frame_source import SourceError
+
+METADATA = "metadata.yaml"
+TABLE, CLIP = "telemetry.csv", "video.mp4"
+_STORE = get_typestore(Stores.ROS2_JAZZY)
+_T: dict[str, Any] = _STORE.types
+_QUALITY = 92
+_COVARIANCE_3, _COVARIANCE_6 = np.zeros(9), np.zeros(36)
+
+
+class _Xyzw:
+    x = y = z = 0.0
+    w = 1.0
+
+
+class _Bag:
+    """A bag that is being written, with a topic for each kind of message."""
+
+    def __init__(self, writer: Writer, epoch_ns: int) -> None:
+        self._writer, self._epoch_ns = writer, epoch_ns
+        self._topics: dict[str, Any] = {}
+
+    def stamp_ns(self, time_s: float) -> int:
+        return max(self._epoch_ns + round(time_s * 1e9), 0)
+
+    def header(self, time_s: float, frame_id: str) -> Any:
+        seconds, rest = divmod(self.stamp_ns(time_s), 1_000_000_000)
+        stamp = _T["builtin_interfaces/msg/Time"](seconds, rest)
+        return _T["std_msgs/msg/Header"](stamp, frame_id)
+
+    def write(self, topic: str, message: Any, time_s: float) -> None:
+        kind = message.__msgtype__
+        if topic not in self._topics:
+            self._topics[topic] = self._writer.add_connection(topic, kind, typestore=_STORE)
+        data = _STORE.serialize_cdr(message, kind)
+        self._writer.write(self._topics[topic], self.stamp_ns(time_s), data)
+
+
+def pack(flight: Path, out: Path) -> Path:
+    """Write a flight as a bag; return its folder.
+
+    Topics as the node has them: image/compressed, imu, odometry, follower/roi,
+    follower/track, follower/setpoint, /diagnostics.
+
+    Args:
+        flight: its folder.
+        out: must not exist yet.
+
+    Raises:
+        FlightFileError: it is no flight.
+        SourceError: `out` exists.
+    """
+    recorded = open_flight(flight)
+    if out.exists():
+        raise SourceError(f"{out}: exists already; give another --out")
+    with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        bag = _Bag(writer, recorded.config.epoch_ns)
+        if (recorded.folder / VIDEO).is_file():
+            _pack_pictures(bag, recorded)
+        position: LocalPosition | None = None
+        for record in recorded.log.controls:
+            for attitude in record.attitudes:
+                _pack_attitude(bag, attitude)
+            if record.vehicle.position not in (None, position) and record.vehicle.attitude:
+                position = record.vehicle.position
+                _pack_position(bag, position, record.vehicle.attitude)
+            _pack_control(bag, record)
+        for track in recorded.log.tracks:
+            _pack_track(bag, track)
+    return out
+
+
+def _pack_pictures(bag: _Bag, recorded: RecordedFlight) -> None:
+    for frame in recorded.pictures():
+        good, data = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        if good:
+            header = bag.header(frame.captured_s, "camera")
+            kind = _T["sensor_msgs/msg/CompressedImage"]
+            bag.write("/image/compressed", kind(header, "jpeg", data.ravel()), frame.captured_s)
+
+
+def _quaternion(attitude: Attitude) -> Any:
+    q = _Xyzw()
+    fill_attitude(q, (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad))
+    return _T["geometry_msgs/msg/Quaternion"](q.x, q.y, q.z, q.w)
+
+
+def _vector(x: float, y: float, z: float) -> Any:
+    return _T["geometry_msgs/msg/Vector3"](float(x), float(y), float(z))
+
+
+def _pack_attitude(bag: _Bag, a: Attitude) -> None:
+    header = bag.header(a.time_s, "base_link")
+    turn = _vector(a.roll_rate_rad_s, -a.pitch_rate_rad_s, -a.yaw_rate_rad_s)
+    none, free = np.array([-1.0, *[0.0] * 8]), _vector(0, 0, 0)
+    kind = _T["sensor_msgs/msg/Imu"]
+    message = kind(header, _quaternion(a), _COVARIANCE_3, turn, _COVARIANCE_3, free, none)
+    bag.write("/imu", message, a.time_s)
+
+
+def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude) -> None:
+    point = _T["geometry_msgs/msg/Point"](p.east_m, p.north_m, -p.down_m)
+    pose = _T["geometry_msgs/msg/Pose"](point, _quaternion(a))
+    body = turned_to_body(pose.orientation, (p.north_m_s, p.east_m_s, p.down_m_s))
+    twist = _T["geometry_msgs/msg/Twist"](_vector(*body), _vector(0, 0, 0))
+    message = _T["nav_msgs/msg/Odometry"](
+        bag.header(p.time_s, "map"),
+        "base_link",
+        _T["geometry_msgs/msg/PoseWithCovariance"](pose, _COVARIANCE_6),
+        _T["geometry_msgs/msg/TwistWithCovariance"](twist, _COVARIANCE_6),
+    )
+    bag.write("/odometry", message, p.time_s)
+
+
+def _pack_control(bag: _Bag, record: ControlRecord) -> None:
+    if record.sent:
+        forward, right, down, yaw_rate = record.allowed.values
+        twist = _T["geometry_msgs/msg/Twist"](
+            _vector(forward, -right, -down), _vector(0, 0, -yaw_rate)
+        )
+        header = bag.header(record.time_s, "base_link")
+        message = _T["geometry_msgs/msg/TwistStamped"](header, twist)
+        bag.write("/follower/setpoint", message, record.time_s)
+    said = f"{record.state}: {record.reason}"
+    _pack_status(bag, "/diagnostics", "follower: supervisor", said, {}, record.time_s)
+
+
+def _pack_track(bag: _Bag, record: TrackRecord) -> None:
+    track = record.track
+    if track is None:
+        return
+    box = dict(zip(("x", "y", "width", "height"), track.box.xywh, strict=True))
+    values = {**box, "probability": track.confidence}
+    time_s = record.captured_s
+    _pack_status(bag, "/follower/track", "track", str(track.state), values, time_s)
+    whole = [max(round(box[name]), 0) for name in ("x", "y", "height", "width")]
+    bag.write("/follower/roi", _T["sensor_msgs/msg/RegionOfInterest"](*whole, False), time_s)
+
+
+def _pack_status(
+    bag: _Bag, topic: str, name: str, said: str, values: dict[str, float], time_s: float
+) -> None:
+    pair = _T["diagnostic_msgs/msg/KeyValue"]
+    pairs = [pair(key, f"{value:.6g}") for key, value in values.items()]
+    status = _T["diagnostic_msgs/msg/DiagnosticStatus"](0, name, said, "follower", pairs)
+    array = _T["diagnostic_msgs/msg/DiagnosticArray"](bag.header(time_s, "camera"), [status])
+    bag.write(topic, array, time_s)
+
+
+def unpack(bag: Path, out: Path) -> str:
+    """Write the images and the telemetry of a bag; return what to do with them.
+
+    The first topic of images counts, raw or compressed, and all Imu and Odometry messages.
+
+    Args:
+        bag: its folder.
+        out: takes video and table.
+
+    Raises:
+        SourceError: it is no bag, or has no images.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with AnyReader([bag], default_typestore=_STORE) as reader:
+            first_s = _unpack_pictures(reader, out / CLIP, bag)
+            first_row_s = _unpack_telemetry(reader, out / TABLE)
+    except Exception as error:  # what rosbags raises of a broken file has many kinds
+        if isinstance(error, SourceError):
+            raise
+        raise SourceError(f"{bag}: cannot be read as a bag: {error}") from error
+    if first_row_s is None:
+        return f"follower import {out / CLIP} --target X,Y,W,H"
+    offset_s = first_s - first_row_s
+    return (
+        f"follower import {out / CLIP} --telemetry {out / TABLE} --offset {offset_s:.6f} "
+        "--target X,Y,W,H"
+    )
+
+
+def _messages(reader: AnyReader, kinds: tuple[str, ...]) -> Iterator[tuple[str, float, Any]]:
+    """Give topic, stamp in seconds and message of all messages of these kinds."""
+    wanted = [one for one in reader.connections if one.msgtype in kinds]
+    for connection, _, data in reader.messages(connections=wanted) if wanted else ():
+        message = reader.deserialize(data, connection.msgtype)
+        stamp = message.header.stamp
+        yield connection.topic, stamp.sec + stamp.nanosec * 1e-9, message
+
+
+def _unpack_pictures(reader: AnyReader, path: Path, bag: Path) -> float:
+    """Write the video; return the first picture's time in seconds."""
+    kinds = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+    first: tuple[str, float] | None = None
+    writer: VideoWriter | None = None
+    try:
+        for topic, time_s, message in _messages(reader, kinds):
+            first = first or (topic, time_s)
+            if topic == first[0]:
+                writer = writer or VideoWriter(path, 30.0)
+                writer.write(image_of(message), time_s - first[1])
+    finally:
+        if writer is not None:
+            writer.close()
+    if first is None:
+        raise SourceError(f"{bag}: there are no images in this bag")
+    return first[1]
+
+
+def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:
+    """Write the table; return the time of its first row in seconds, None if there is none."""
+    rows: list[dict[str, float]] = []
+    for _, time_s, m in _messages(reader, ("sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry")):
+        pose = getattr(m, "pose", None)
+        q = m.orientation if pose is None else pose.pose.orientation
+        angles = attitude_of(q)
+        if angles is None:
+            continue
+        row = {TIME: time_s, **dict(zip(ANGLES, map(math.degrees, angles), strict=True))}
+        if pose is None:
+            turn = m.angular_velocity
+            rates = math.degrees(turn.x), -math.degrees(turn.y), -math.degrees(turn.z)
+            row |= zip(RATES, rates, strict=True)
+        else:
+            place, v = pose.pose.position, turned_to_world(q, m.twist.twist.linear)
+            row |= zip(PLACE, (place.y, place.x, -place.z, *v), strict=True)
+        rows.append(row)
+    if not rows:
+        return None
+    if any(RATES[0] in row for row in rows):  # the Imu knows attitude better
+        rows = [{k: v for k, v in r.items() if RATES[0] in r or k not in ANGLES} for r in rows]
+    rows.sort(key=lambda row: row[TIME])
+    first_s = rows[0][TIME]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [TIME, *ANGLES, *RATES, *PLACE, MODE])
+        table.writeheader()
+        table.writerows({**row, TIME: f"{row[TIME] - first_s:.6f}"} for row in rows)
+    return first_s

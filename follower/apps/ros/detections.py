@@ -1,0 +1,80 @@
+"""What another node detects, as a detector."""
+
+from typing import Any
+
+from follower.apps.ros.conversion import stamp_s
+from follower.apps.ros.io_node import IoNode
+from follower_vision.detection import Detection
+from follower_vision.geometry.box import Box
+from follower_vision.images.frame import Image
+
+_FRESH_S = 0.25
+
+
+class TopicDetector:
+    """Gives the newest vision_msgs/Detection2DArray, while it is younger than 0.25 s.
+
+    Classes are what the other node calls them. See `Detector`.
+
+    Args:
+        io: takes the messages.
+        topic: of the arrays.
+
+    Attributes:
+        class_names: those seen so far.
+
+    Raises:
+        ImportError: vision_msgs is not installed.
+    """
+
+    def __init__(self, io: IoNode, topic: str) -> None:
+        from vision_msgs.msg import Detection2DArray
+
+        self._clock = io.clock
+        self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
+        self.class_names: tuple[str, ...] = ()
+        io.subscribe(Detection2DArray, topic, self._take)
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        """Return what the other node saw last; only centres in `region` count, if it is given."""
+        stamped_s, found = self._newest
+        height, width = image.shape[:2]
+        fresh = self._clock.now() - stamped_s <= _FRESH_S
+        return [
+            one
+            for one in (found if fresh else ())
+            if one.box.visible_share(width, height) > 0
+            and (region is None or _is_inside(one.box, region))
+        ]
+
+    def _take(self, message: Any) -> None:
+        stamped_s = self._clock.of_stamp(stamp_s(message.header.stamp))
+        if stamped_s is not None:
+            found = [one for m in message.detections for one in self._read(m)]
+            self._newest = stamped_s, sorted(found, key=lambda one: -one.score)
+
+    def _read(self, m: Any) -> list[Detection]:
+        box = box_of(m)
+        best = max(m.results, key=lambda one: one.hypothesis.score, default=None)
+        if box is None or best is None or not 0 <= best.hypothesis.score <= 1:
+            return []
+        name = best.hypothesis.class_id
+        if name not in self.class_names:
+            self.class_names = (*self.class_names, name)
+        return [Detection(box, self.class_names.index(name), name, best.hypothesis.score)]
+
+
+def box_of(detection: Any) -> Box | None:
+    """Return the box of a vision_msgs/Detection2D in pixels; None if it is none."""
+    place, box = detection.bbox.center.position, detection.bbox
+    left, top = place.x - box.size_x / 2, place.y - box.size_y / 2
+    try:
+        return Box.from_xywh(left, top, box.size_x, box.size_y)
+    except ValueError:
+        return None
+
+
+def _is_inside(box: Box, region: Box) -> bool:
+    """Whether a box's centre lies in a region."""
+    within = abs(box.cx - region.cx) <= region.width / 2
+    return within and abs(box.cy - region.cy) <= region.height / 2

@@ -1,0 +1,368 @@
+"""The lifecycle node: configure, activate and deactivate are a flight's beginning and end."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
+from std_srvs.srv import Trigger
+
+from follower.apps.ros.conversion import camera_overrides, flat_settings
+from follower.apps.ros.detections import TopicDetector, box_of
+from follower.apps.ros.io_node import RELIABLE, IoNode
+from follower.apps.ros.outputs import Outputs
+from follower.apps.ros.session import PERCEPTION_SKIPS, TopicEnds, TopicPursuit
+from follower.apps.ros.topic_source import TopicSource
+from follower.apps.ros.vehicle_topics import MavrosTopics, VehicleTopics
+from follower.settings.field_docs import setting_meaning
+from follower.settings.live import live_keys
+from follower.settings.settings import Settings
+from follower.ui.terminal.cli_options import parse_box
+from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
+from follower_control.common.strict_config import SettingsError
+from follower_vision.geometry.box import Box
+
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+MODES = ("perception", "mavros", "direct")
+_BY = "ROS"
+_INFO_WAIT_S = 1.0
+_LENS = ("camera.focal_px", "camera.fov_deg")
+_DEFAULTS = flat_settings(Settings())
+
+
+@dataclass(frozen=True, slots=True)
+class NodeOptions:
+    """What the node begins with; each is a parameter, too.
+
+    Attributes:
+        mode: "perception" (others fly), "mavros" (setpoints through MAVROS) or "direct" (MAVLink).
+        target: "car", "#rrggbb" or "x,y,w,h"; "" leaves it to topics and services.
+        connect: where the autopilot speaks MAVLink, in mode direct.
+        mavros: MAVROS' namespace.
+        image_transport: "raw" or "compressed".
+        out: folder of the recordings.
+        skip_preflight: names of checks that do not refuse.
+        config: settings file, "" for none.
+        detections: topic of another node's detections, "" for none.
+    """
+
+    mode: str = "perception"
+    target: str = ""
+    connect: str = "udpin:0.0.0.0:14540"
+    mavros: str = "mavros"
+    image_transport: str = "raw"
+    out: str = "runs"
+    skip_preflight: str = ""
+    config: str = ""
+    detections: str = ""
+
+
+class FollowerNode(LifecycleNode):
+    """Follows a target seen in a topic of images; see examples/follower-ros/README.md.
+
+    Configure reads the parameters and listens; activate does the preflight checks, which may
+    refuse it, and begins the flight; deactivate brakes, holds and releases the vehicle before it
+    answers. Consent stays the pilot's: nothing here arms, takes off, changes the mode or consents.
+
+    Args:
+        options: first values of the parameters.
+        settings: likewise, of all settings.
+    """
+
+    def __init__(self, options: NodeOptions, settings: Settings) -> None:
+        super().__init__("follower")
+        self._options, self._base = options, flat_settings(settings)
+        for name in NodeOptions.__dataclass_fields__:
+            self.declare_parameter(name, getattr(options, name))
+        for key, value in self._base.items():
+            meaning = setting_meaning(settings, key) if "." in key else ""
+            described = ParameterDescriptor(description=meaning, dynamic_typing=True)
+            self.declare_parameter(key, value, described)
+        self._live = {one.key for one in live_keys()}
+        self._io: IoNode | None = None
+        self._info: Any = None
+        self._vehicle: VehicleTopics | None = None
+        self._detector: TopicDetector | None = None
+        self._pursuit: TopicPursuit | None = None
+        self._source: TopicSource | None = None
+        self._failure = ""
+        self._outputs = Outputs(self)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.create_service(Trigger, "~/select", self._on_select)
+        self.create_service(Trigger, "~/release", self._on_release)
+        self.create_timer(0.5, self._diagnose)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the parameters, open the topics that are taken in; nothing can move yet."""
+        return self._tried("configure", self._configure) or super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Check, and begin the flight."""
+        return self._tried("activate", self._activate) or super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Brake, hold, release the vehicle, end the flight."""
+        self.end_flight()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Take nothing in any more."""
+        self._close_io()
+        return SUCCESS
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """End the flight, if there is one, and take nothing in any more."""
+        self.end_flight()
+        self._close_io()
+        return SUCCESS
+
+    def close(self) -> None:
+        """End whatever goes on, in order, and destroy the node."""
+        self.end_flight()
+        self._close_io()
+        self._outputs.close()
+        self.destroy_node()
+
+    def end_flight(self) -> None:
+        """Brake, hold, release, close; returns once that is done."""
+        pursuit, self._pursuit, self._source = self._pursuit, None, None
+        if pursuit is not None:
+            try:
+                pursuit.__exit__(None, None, None)
+            except Exception as error:  # the vehicle is released; a node must live on to say so
+                self._failure = f"the flight failed: {error}"
+                self.get_logger().error(self._failure)
+            self.get_logger().info(f"{pursuit.end.sentence}; recorded in {pursuit.folder}")
+
+    def _tried(self, what: str, do: Callable[[], None]) -> TransitionCallbackReturn | None:
+        try:
+            do()
+        except (ValueError, OSError, ImportError) as error:
+            self._failure = f"cannot {what}: {' '.join(str(error).split())}"
+            self.get_logger().error(self._failure)
+            return FAILURE
+        self._failure = ""
+        return None
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _configure(self) -> None:
+        mode = self._value("mode")
+        if mode not in MODES:
+            raise SettingsError(f"mode {mode!r}: choose one of {', '.join(MODES)}")
+        if self._value("image_transport") not in ("raw", "compressed"):
+            raise SettingsError("image_transport: raw or compressed")
+        self._io = io = IoNode(f"{self.get_name()}_io", self)
+        try:
+            io.subscribe(CameraInfo, "camera_info", self._take_info)
+            io.subscribe(RegionOfInterest, "target_roi", self._take_region, RELIABLE)
+            self._subscribe_detections(io)
+            if mode != "direct":
+                prefix = self._value("mavros")
+                self._vehicle = MavrosTopics(io, prefix) if mode == "mavros" else VehicleTopics(io)
+            io.start()
+        except BaseException:
+            self._close_io()
+            raise
+
+    def _subscribe_detections(self, io: IoNode) -> None:
+        detections = self._value("detections")
+        if detections:
+            self._detector = TopicDetector(io, detections)
+        try:
+            from vision_msgs.msg import Detection2D
+        except ImportError:
+            return
+        io.subscribe(Detection2D, "target_detection", self._take_detection, RELIABLE)
+
+    def _activate(self) -> None:
+        io, vehicle = self._io, self._vehicle
+        if io is None:
+            raise SettingsError("configure first")
+        if self.clock_stands(io):
+            raise SettingsError("use_sim_time is set, and nobody publishes /clock")
+        self._source = source = TopicSource(self, "image", self._value("image_transport"))
+        outputs, mode, target = self._outputs, self._value("mode"), self._value("target")
+        outputs.clock, outputs.image_frame = io.clock, "camera"
+        ends = TopicEnds(source, io.clock, vehicle, self._detector, outputs.show, outputs)
+        steers = mode != "perception"
+        skips = self._value("skip_preflight").split() if steers else PERCEPTION_SKIPS
+        try:
+            pursuit = TopicPursuit(
+                ends,
+                self._value("connect") if mode == "direct" else f"ros:{mode}",
+                f"ros:{self.resolve_topic_name('image')}",
+                steers=steers,
+                target=parse_target(target) if target else None,
+                config=self._value("config") or None,
+                overrides=self._overrides(),
+                skip_preflight=skips,
+                out=self._value("out"),
+            )
+            outputs.settings = pursuit.settings
+            pursuit.__enter__()
+        except BaseException:
+            source.close()
+            raise
+        outputs.image_frame = source.frame_id or "camera"
+        if vehicle is not None:
+            outputs.map_frame = vehicle.frame_id
+        self._pursuit = pursuit
+
+    def clock_stands(self, io: IoNode) -> bool:
+        """Whether simulated time is wanted and does not come."""
+        for _ in range(50):
+            if io.clock.ros_s() > 0.0:
+                return False
+            threading.Event().wait(0.1)
+        return True
+
+    def _overrides(self) -> list[str]:
+        """Return the settings that are not as they began, and the lens of CameraInfo."""
+        given = {
+            key: self._value(key)
+            for key in self._base
+            if not self._value(key) == self._base[key] == _DEFAULTS[key]
+        }
+        lens: list[str] = []
+        if not any(key in given for key in _LENS):
+            if self._info is None:
+                threading.Event().wait(_INFO_WAIT_S)  # it comes on another thread
+            lens = [] if self._info is None else camera_overrides(self._info)
+        plain = {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in given.items()}
+        return [*lens, *(f"{key}={value}" for key, value in plain.items())]
+
+    def _take_info(self, message: CameraInfo) -> None:
+        self._info = message
+
+    def _take_region(self, m: RegionOfInterest) -> None:
+        if m.width and m.height:
+            self._select_box(Box.from_xywh(m.x_offset, m.y_offset, m.width, m.height))
+
+    def _take_detection(self, message: Any) -> None:
+        box = box_of(message)
+        if box is not None:
+            self._select_box(box)
+
+    def _select_box(self, box: Box) -> None:
+        try:
+            if self._pursuit is not None:
+                self._pursuit.select(box)
+        except ValueError as error:
+            self.get_logger().warning(f"no target: {error}")
+
+    def _on_select(self, _request: Any, answer: Any) -> Any:
+        """Choose what the parameter `target` names, anew."""
+        answer.success, answer.message = self._answered(lambda: self._select(self._value("target")))
+        return answer
+
+    def _on_release(self, _request: Any, answer: Any) -> Any:
+        answer.success, answer.message = self._answered(
+            lambda: self._flying().flight.requests.stop(_BY)
+        )
+        return answer
+
+    def _flying(self) -> TopicPursuit:
+        if self._pursuit is None:
+            raise SettingsError("the node is not active")
+        return self._pursuit
+
+    def _select(self, target: str) -> None:
+        self._flying().select(parse_target(target))
+
+    def _answered(self, do: Callable[[], None]) -> tuple[bool, str]:
+        try:
+            do()
+        except ValueError as error:
+            return False, " ".join(str(error).split())
+        return True, ""
+
+    def _on_parameters(self, parameters: list[Any]) -> SetParametersResult:
+        """Change settings in flight where they may be, and select a new target."""
+        if self._pursuit is None:
+            return SetParametersResult(successful=True)
+        live = {one.name: one.value for one in parameters if one.name in self._live}
+        others = [p.name for p in parameters if p.name not in (*self._live, "target")]
+        if others:
+            said = f"{', '.join(others)}: not while active; deactivate first"
+            return SetParametersResult(successful=False, reason=said)
+
+        def change() -> None:
+            for one in parameters:
+                if one.name == "target":
+                    self._select(one.value)
+            if live:
+                values = {key: None if one == "null" else one for key, one in live.items()}
+                changed = self._flying().flight.requests.change_all(values, _BY)
+                self._outputs.settings = changed
+
+        good, said = self._answered(change)
+        return SetParametersResult(successful=good, reason=said)
+
+    def _diagnose(self) -> None:
+        pursuit, problem = self._pursuit, self._failure
+        status = None
+        if pursuit is not None:
+            if not pursuit.flying:
+                problem = problem or "the flight has ended by itself: deactivate, see the log"
+            status = pursuit.status
+            problem = problem or (self._source.problem if self._source else None) or ""
+        self._outputs.diagnose(status, problem, self._value("mode"))
+
+    def _close_io(self) -> None:
+        if self._io is not None:
+            self._io.close()
+        self._io = self._vehicle = self._detector = self._info = None
+
+
+def parse_target(text: str) -> Box | str:
+    """Return a target as `Pursuit` takes it: "x,y,w,h" is a box.
+
+    Raises:
+        SettingsError: the text is no target.
+    """
+    if text.count(",") == 3:
+        return parse_box(text)
+    if not text.strip():
+        raise SettingsError("which target? set the parameter target to a class, #rrggbb or x,y,w,h")
+    return text
+
+
+def run_node(
+    options: NodeOptions, settings: Settings, ros_args: list[str], *, activate: bool = False
+) -> int:
+    """Be the node until Ctrl-C or a polite kill, which end a flight in order; return an exit code.
+
+    Args:
+        options: first values of the node's own parameters.
+        settings: likewise of all settings.
+        ros_args: as `--ros-args` takes them.
+        activate: configure and activate at once.
+    """
+    # ROS's own handlers would close the way by which the vehicle is released.
+    rclpy.init(args=["follower", *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+    node, code = FollowerNode(options, settings), 0
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        with stop_signals():
+            if activate:
+                good = node.trigger_configure() is SUCCESS and node.trigger_activate() is SUCCESS
+                code = 0 if good else 1
+            while code == 0:
+                executor.spin_once(timeout_sec=0.1)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        with StopOnInterrupt():
+            node.close()
+            rclpy.shutdown()
+    return code

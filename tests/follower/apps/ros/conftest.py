@@ -1,0 +1,185 @@
+"""A vehicle in one process, the follower's node in another, and a test between them."""
+
+import importlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import ros_interfaces
+
+HELPERS = Path(ros_interfaces.__file__).parent
+ROOT = HELPERS.parent.parent
+NODE = "from follower.apps.main import main; main()"
+FLIGHT = (
+    *("--set", "servo.distance_m=14", "--set", "servo.range_from=ground"),
+    *("--set", "servo.target_middle_m=0.4", "--set", "servo.elevation_deg=-25"),
+    *("--set", "camera.pitch_deg=-14", "--set", "detector=null", "--set", "tracker=correlation"),
+    # A shared computer: what is tested is that the stale counts as stale, not how soon.
+    *("--set", "supervisor.frame_timeout_s=1.0", "--set", "supervisor.telemetry_timeout_s=1.0"),
+    *("--set", "consent.again=mode", "--set", "supervisor.alone_s=1.0"),
+    *("--skip-preflight", "frame-rate"),
+    *("--skip-preflight", "frame-age", "--skip-preflight", "attitude-rate"),
+)
+
+
+@pytest.fixture(scope="session")
+def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where messages are that no package of PyPI has."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of a parser that it imports
+        importlib.import_module("rosidl_generator_py")
+    return ros_interfaces.build(tmp_path_factory.mktemp("ros_interfaces"))
+
+
+@pytest.fixture(scope="module")
+def domain() -> Iterator[int]:
+    """Return a domain of ROS that no other test of this computer has."""
+    for number in range(1, 100):
+        with socket.socket(socket.AF_UNIX) as claim:
+            try:
+                claim.bind(f"\0follower-test-ros-domain-{number}")
+            except OSError:
+                continue
+            yield number
+            return
+    raise AssertionError("no domain is free")
+
+
+class Rig:
+    """Watches and drives the two processes from the test's own."""
+
+    def __init__(self, domain: int, environment: dict[str, str], folder: Path) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        self.folder, self._environment = folder, environment
+        self._rclpy, self._context = rclpy, rclpy.Context()
+        off = SignalHandlerOptions.NO
+        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=off)
+        self.node = rclpy.create_node("tester", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.far = False
+        self.seen: dict[str, list[Any]] = {}
+        self._clients: dict[str, Any] = {}
+        self._stack = ExitStack()
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def close(self) -> None:
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self.processes.values():
+            try:
+                process.wait(30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        self._stack.close()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._rclpy.shutdown(context=self._context)
+
+    def start(self, name: str, *arguments: str) -> None:
+        log = self._stack.enter_context((self.folder / f"{name}.log").open("wb"))
+        self.processes[name] = subprocess.Popen(
+            [sys.executable, *arguments], env=self._environment, stdout=log, stderr=log
+        )
+
+    def simulator(self, autopilot: str = "px4") -> None:
+        self.start("simulator", str(HELPERS / "faulty_simulator.py"), autopilot)
+
+    def follower(self, *arguments: str) -> None:
+        out = ("--out", str(self.folder / "runs"), "--target", "#e0401c")
+        self.start("follower", "-c", NODE, "ros", *FLIGHT, *out, *arguments)
+
+    def log(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text()
+
+    def watch(self, kind: type, topic: str, qos: Any = 10) -> None:
+        messages = self.seen.setdefault(topic, [])
+        self.node.create_subscription(kind, topic, messages.append, qos)
+
+    def wait(self, done: Callable[[], object], within_s: float = 60.0) -> None:
+        end = time.monotonic() + within_s
+        while not done():
+            assert time.monotonic() < end, self.log("follower")
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def spin(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def call(self, kind: type, service: str, request: Any) -> Any:
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
+        self.wait(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait(future.done)
+        return future.result()
+
+    def change(self, transition: str) -> bool:
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        wanted = Transition(id=getattr(Transition, f"TRANSITION_{transition.upper()}"))
+        request = ChangeState.Request(transition=wanted)
+        return bool(self.call(ChangeState, "/follower/change_state", request).success)
+
+    def set(self, node: str, **values: Any) -> Any:
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        given = [
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        request = SetParameters.Request(parameters=given)
+        return self.call(SetParameters, f"/{node}/set_parameters", request).results[0]
+
+    @property
+    def state(self) -> str:
+        messages = self.seen["/diagnostics"]
+        return messages[-1].status[0].message if messages else ""
+
+    def wait_for(self, state: str, within_s: float = 60.0) -> None:
+        self.wait(lambda: self.state.startswith(state), within_s)
+
+
+@pytest.fixture(scope="module")
+def make_rig(
+    interfaces: Path, domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[], Any]]:
+    paths = {"PYTHONPATH": str(interfaces), "LD_LIBRARY_PATH": str(interfaces)}
+    environment = dict(os.environ)
+    for name, path in paths.items():
+        environment[name] = os.pathsep.join(filter(None, (path, os.environ.get(name))))
+    ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ours.items():
+            patch.setenv(name, value)
+
+        @contextmanager
+        def make() -> Iterator[Rig]:
+            from diagnostic_msgs.msg import DiagnosticArray
+
+            rig = Rig(domain, {**environment, **ours}, tmp_path_factory.mktemp("rig"))
+            rig.watch(DiagnosticArray, "/diagnostics")
+            try:
+                yield rig
+            finally:
+                rig.close()
+
+        yield make

@@ -1,0 +1,105 @@
+"""ROS's frames, times and images are ours, and back."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from follower.apps.ros.conversion import (
+    attitude_of,
+    camera_overrides,
+    fill_attitude,
+    flat_settings,
+    image_of,
+    set_stamp,
+    stamp_s,
+    turned_to_body,
+    turned_to_world,
+)
+from follower.settings.settings import Settings
+
+ROOT = Path(__file__).parents[4]
+
+
+def test_attitudes_go_there_and_back() -> None:
+    for angles in ((0.1, -0.2, 0.3), (-1.0, 0.9, -3.0), (0.0, 0.0, math.pi / 2)):
+        q = SimpleNamespace()
+        fill_attitude(q, angles)
+        assert attitude_of(q) == pytest.approx(angles)
+    assert attitude_of(SimpleNamespace(w=math.nan, x=0, y=0, z=0)) is None
+    assert attitude_of(SimpleNamespace(w=0, x=0, y=0, z=0)) is None
+
+
+def test_a_body_that_looks_north_has_its_forward_axis_there() -> None:
+    q = SimpleNamespace()
+    fill_attitude(q, (0.0, 0.0, 0.0))
+    world = turned_to_world(q, SimpleNamespace(x=2.0, y=0.5, z=-1.0))
+    assert world == pytest.approx((2.0, -0.5, 1.0))
+    assert turned_to_body(q, world) == pytest.approx((2.0, 0.5, -1.0))
+
+
+def test_stamps_keep_their_nanoseconds() -> None:
+    stamp = SimpleNamespace(sec=0, nanosec=0)
+    set_stamp(stamp, 12.999999999)
+    assert (stamp.sec, stamp.nanosec) == (12, 999_999_999)
+    assert stamp_s(stamp) == pytest.approx(12.999999999)
+
+
+def raw(encoding: str, data: np.ndarray, step: int) -> SimpleNamespace:
+    height = data.size // step
+    return SimpleNamespace(
+        encoding=encoding, height=height, width=4, step=step, data=data.tobytes(), header=None
+    )
+
+
+def test_images_come_in_the_usual_encodings_also_with_padded_rows() -> None:
+    pixels = np.arange(3 * 16, dtype=np.uint8)
+    bgr = image_of(raw("bgr8", pixels, 16))
+    assert bgr.shape == (3, 4, 3)
+    assert bgr[1, 0].tolist() == [16, 17, 18]
+    assert image_of(raw("rgb8", pixels, 16))[1, 0].tolist() == [18, 17, 16]
+    assert image_of(raw("mono8", pixels[:12], 4))[0, 2].tolist() == [2, 2, 2]
+
+
+def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
+    with pytest.raises(ValueError, match="16UC1"):
+        image_of(raw("16UC1", np.zeros(24, np.uint8), 8))
+    broken = raw("bgr8", np.zeros(36, np.uint8), 12)
+    broken.height = 9
+    with pytest.raises(ValueError, match="too little data"):
+        image_of(broken)
+
+
+def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> None:
+    k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
+    info = SimpleNamespace(k=k, d=[0.1, 0, 0, 0, 0], width=640, distortion_model="plumb_bob")
+    assert "camera.focal_px=500.0" in camera_overrides(info)
+    assert "camera.center_px=[320.0, 240.0]" in camera_overrides(info)
+    info.k = [0.0] * 9
+    assert camera_overrides(info) == []
+
+
+def test_the_packages_parameters_are_the_settings() -> None:
+    """After a change: python examples/follower-ros/config/make_parameters.py."""
+    import yaml
+
+    text = (ROOT / "examples/follower-ros/config/follower.yaml").read_text("utf-8")
+    assert yaml.safe_load(text)["follower"]["ros__parameters"] == flat_settings(Settings())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["ros", "ros-demo"])
+def test_without_ros_it_says_which_extra_to_install(command: str) -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None; "
+        f"sys.argv = ['follower', {command!r}]; "
+        "from follower.apps.main import main; main()"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 2
+    assert "drone-target-follower[ros]" in result.stderr
+    assert result.stderr.count("\n") == 1

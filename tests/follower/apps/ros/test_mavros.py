@@ -1,0 +1,167 @@
+"""The supervisor's promises through MAVROS' topics, between two processes."""
+
+import math
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+
+from geometry_msgs.msg import TwistStamped
+from rcl_interfaces.srv import DescribeParameters
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import Trigger
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+STILL_M_S = 0.5
+
+
+@pytest.fixture(scope="module")
+def flying(make_rig) -> Iterator:
+    with make_rig() as rig:
+        rig.simulator()
+        rig.follower("--mode", "mavros")
+        rig.watch(TwistStamped, "/taken", 50)
+        rig.watch(TwistStamped, "/truth")
+        rig.watch(TwistStamped, "/follower/setpoint", qos_profile_sensor_data)
+        rig.set("simulator", mode="LOITER")
+        assert rig.change("configure"), rig.log("follower")
+        rig.spin(3.0)
+        assert rig.change("activate"), rig.log("follower")
+        yield rig
+
+
+def follow(rig) -> None:
+    """Have the pilot consent, and wait until it follows and moves."""
+    if "follow" not in rig.state:
+        rig.set("simulator", mode="LOITER")
+        rig.spin(1.5)
+        assert rig.call(Trigger, "/follower/select", Trigger.Request()).success
+        rig.wait(lambda: rig.state.startswith(("ready", "released")) or "target" in rig.state)
+        rig.spin(1.5)
+        rig.set("simulator", mode="OFFBOARD")
+    rig.wait_for("following")
+    rig.far = not rig.far
+    assert rig.set("follower", servo__distance_m=19.0 if rig.far else 12.0).successful
+    rig.wait(lambda: speed(rig) > STILL_M_S)
+
+
+def speed(rig) -> float:
+    v = rig.seen["/truth"][-1].twist.linear
+    return math.hypot(v.x, v.y, v.z)
+
+
+def test_nothing_moves_before_the_pilot_consents_and_then_it_follows(flying) -> None:
+    flying.spin(2.0)
+    assert not flying.state.startswith("following")
+    follow(flying)
+    assert flying.seen["/truth"][-1].header.frame_id == "OFFBOARD"
+    taken = flying.seen["/taken"][-1].twist.linear
+    assert math.hypot(taken.x, taken.y, taken.z) > 0
+    assert flying.seen["/follower/setpoint"]
+
+
+@pytest.mark.parametrize(
+    ("what", "fault"),
+    [
+        ("image", "missing"),
+        ("image", "ahead"),
+        ("image", "back"),
+        ("pose", "missing"),
+        ("pose", "nan"),
+        ("pose", "ahead"),
+        ("pose", "back"),
+    ],
+)
+def test_what_is_missing_not_finite_or_of_another_time_ends_the_following(
+    flying, what: str, fault: str
+) -> None:
+    follow(flying)
+    flying.set("simulator", **{what: fault})
+    flying.wait(lambda: not flying.state.startswith(("following", "coasting")))
+    flying.wait(lambda: speed(flying) < STILL_M_S)
+    assert all(
+        math.isfinite(v)
+        for one in flying.seen["/taken"]
+        for v in (one.twist.linear.x, one.twist.linear.y, one.twist.linear.z)
+    )
+    flying.set("simulator", **{what: ""})
+
+
+def test_settings_change_in_flight_as_far_as_they_may(flying) -> None:
+    assert flying.set("follower", servo__mode="watch").successful
+    refused = flying.set("follower", envelope__max_speed_m_s=50.0)
+    assert not refused.successful
+    assert "tightened" in refused.reason
+    assert not flying.set("follower", tracker="re3").successful
+    assert not flying.set("follower", servo__mode="dance").successful
+    assert flying.set("follower", servo__mode="chase").successful
+    request = DescribeParameters.Request(names=["servo.distance_m"])
+    told = flying.call(DescribeParameters, "/follower/describe_parameters", request)
+    assert told.descriptors[0].description
+
+
+def test_an_unusable_target_is_refused_in_words(flying) -> None:
+    refused = flying.set("follower", target="#nocolour")
+    assert not refused.successful
+    assert refused.reason
+
+
+def test_deactivated_under_way_it_answers_when_the_vehicle_is_released_and_stands(flying) -> None:
+    follow(flying)
+    assert flying.change("deactivate"), flying.log("follower")
+    flying.wait(lambda: speed(flying) < STILL_M_S)
+    last = flying.seen["/taken"][-1].twist.linear
+    assert (last.x, last.y, last.z) == pytest.approx((0, 0, 0), abs=1e-3)
+    ended = len(flying.seen["/taken"])
+    flying.spin(1.5)
+    assert len(flying.seen["/taken"]) == ended
+    assert flying.state == "inactive"
+
+
+def test_the_release_service_hands_the_vehicle_back_and_a_new_flight_is_needed(flying) -> None:
+    flying.set("simulator", mode="LOITER")
+    assert flying.change("activate"), flying.log("follower")
+    follow(flying)
+    assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
+    flying.wait_for("released")
+    flying.wait(lambda: speed(flying) < STILL_M_S)
+    assert flying.change("deactivate")
+
+
+def test_killed_it_sends_nothing_more_and_the_autopilot_stands_by_itself(flying) -> None:
+    flying.set("simulator", mode="LOITER")
+    assert flying.change("activate"), flying.log("follower")
+    follow(flying)
+    killed = flying.processes["follower"]
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    flying.spin(1.0)
+    ended = len(flying.seen["/taken"])
+    flying.wait(lambda: speed(flying) < STILL_M_S)
+    assert flying.seen["/truth"][-1].header.frame_id != "OFFBOARD"
+    assert len(flying.seen["/taken"]) == ended
+
+
+def test_a_polite_kill_brakes_and_releases_first(make_rig) -> None:
+    with make_rig() as rig:
+        rig.simulator("ardupilot")
+        rig.watch(TwistStamped, "/taken", 50)
+        rig.watch(TwistStamped, "/truth")
+        rig.set("simulator", mode="LOITER")
+        rig.spin(3.0)
+        rig.follower("--mode", "mavros", "--activate")
+        rig.wait_for("ready")
+        rig.spin(1.0)
+        rig.set("simulator", mode="GUIDED")
+        rig.wait_for("following")
+        rig.processes["follower"].send_signal(signal.SIGTERM)
+        began = time.monotonic()
+        rig.wait(lambda: rig.processes["follower"].poll() is not None)
+        assert rig.processes["follower"].returncode == 0, rig.log("follower")
+        assert time.monotonic() - began < 30
+        rig.wait(lambda: speed(rig) < STILL_M_S)
+        last = rig.seen["/taken"][-1].twist.linear
+        assert (last.x, last.y, last.z) == pytest.approx((0, 0, 0), abs=1e-3)
