@@ -21,7 +21,7 @@ from follower.apps.ros.conversion import (
 )
 from follower.flight.log import ControlRecord, TrackRecord
 from follower.recording import RecordedFlight, open_flight
-from follower.recording.telemetry_logs.csv_log import ANGLES, MODE, PLACE, RATES, TIME
+from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME
 from follower.recording.video_writer import VIDEO
 from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_vision.drawing.video_writer import VideoWriter

@@ -25,7 +25,7 @@ from follower.apps.ros.conversion import image_of
 from follower.apps.ros.io_node import NEWEST, RELIABLE
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
-from follower.settings.bundled import find_scenario
+from follower.settings.settings import find_scenario
 from follower.simulation.options import simulation_settings
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import stop_signals

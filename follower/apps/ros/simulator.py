@@ -28,7 +28,7 @@ from follower.apps.ros.conversion import (
 from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR
 from follower.apps.ros.vehicle_topics import LATCHED, mode_name_of
 from follower.links.connections import open_connection
-from follower.settings.bundled import find_scenario
+from follower.settings.settings import find_scenario
 from follower.simulation.components import start_state
 from follower.simulation.runners import CameraSource
 from follower.ui.terminal.interrupt import stop_signals
