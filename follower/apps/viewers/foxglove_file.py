@@ -12,7 +12,7 @@ import foxglove
 from foxglove import channels
 from foxglove import messages as fox
 
-from follower.apps.viewers.scene import COLOURS, FlightScene, Point, Pose
+from follower.apps.viewers.scene import COLOURS, FlightScene, Point, Pose, emptied
 from follower.flight.log import ControlRecord, TrackRecord
 from follower.recording import RecordedFlight
 from follower.recording.codec import encode, json_schema, schema_name
@@ -36,8 +36,7 @@ def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
         OSError: the file cannot be written.
     """
     scene, context = FlightScene(recorded), foxglove.Context()
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with foxglove.open_mcap(str(out), allow_overwrite=True, context=context):
+    with foxglove.open_mcap(str(emptied(out)), allow_overwrite=True, context=context):
         writer = _Writer(context, recorded.config.epoch_ns)
         writer.messages(recorded)
         writer.pictures(scene)

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from follower.apps.viewers.scene import COLOURS, FlightScene, Pose
+from follower.apps.viewers.scene import COLOURS, FlightScene, Pose, emptied
 from follower.flight.log import TrackRecord
 from follower.recording import RecordedFlight
 from follower.recording.arrays import Table
@@ -36,10 +36,10 @@ def write_rerun(recorded: RecordedFlight, out: Path) -> Path:
         OSError: the file cannot be written.
     """
     scene = FlightScene(recorded)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.open("wb").close()  # rerun tells of a path that cannot be written by a panic
     stream = rr.RecordingStream("drone-target-follower", send_properties=False)
-    stream.save(out, default_blueprint=_layout())
+    stream.save(emptied(out), default_blueprint=_layout())
+    stream.set_log_time_enabled(False)  # when this was written is of no interest
+    stream.set_log_tick_enabled(False)
     stream.log("world", rr.ViewCoordinates.FRD, static=True)
     _write_still(stream, scene)
     _write_pictures(stream, scene)

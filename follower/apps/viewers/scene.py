@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -100,8 +101,16 @@ class FlightScene:
         return [place for place in places if place is not None]
 
     def true_path(self) -> list[Point]:
-        """Return the target's true places, of a simulated flight."""
-        return [sample.target_position_m for sample in self._recorded.truth[::5]]
+        """Return the target's true places, of a simulated flight.
+
+        The autopilot's origin is where the vehicle stood at first.
+        """
+        truth = self._recorded.truth
+        if not truth:
+            return []
+        north, east, down = truth[0].vehicle.position_m
+        places = (sample.target_position_m for sample in truth[::5])
+        return [(x - north, y - east, z - down) for x, y, z in places]
 
     def pictures(self) -> Iterator[tuple[float, bytes]]:
         """Give each picture's time of capture in seconds, and the picture as JPEG.
@@ -136,3 +145,14 @@ def quaternion(turn: Vector) -> Quaternion:
     own = scale * math.sqrt(squares[largest])
     row = ((own, xy, xz, x), (xy, own, yz, y), (xz, yz, own, z), (x, y, z, own))[largest]
     return row[0] / scale, row[1] / scale, row[2] / scale, row[3] / scale
+
+
+def emptied(out: Path) -> Path:
+    """Make a file empty, and its folder if need be: the libraries' own errors name no file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.open("wb").close()
+    return out
