@@ -45,7 +45,7 @@ class GuardedEmbedder:
 
     def embed(self, image: Image, boxes: Sequence[Box]) -> Floats:
         """Return (N, D) rows of length 1, or of 0; the first answer says D."""
-        nothing = np.zeros((len(boxes), self._width or 0))
+        nothing: Floats = np.zeros((len(boxes), self._width or 0))
 
         def ask() -> Floats:
             return np.asarray(self._embedder.embed(image, boxes), np.float64)
