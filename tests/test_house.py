@@ -62,6 +62,7 @@ def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() ->
     assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
     assert modules.isdisjoint({"dask", "distributed", "optuna", "pyarrow"})
     assert modules.isdisjoint({"aiortc", "aioice", "fastapi", "starlette", "uvicorn", "websockets"})
+    assert modules.isdisjoint({"prometheus_client", "foxglove", "rerun"})
 
 
 @pytest.mark.slow

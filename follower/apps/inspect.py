@@ -28,7 +28,7 @@ from follower.report.track_losses import (
     pick_images,
     wanted_frames,
 )
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import check_extra, print_line
 from follower.ui.terminal.flight_display import STATE_STYLES
 from follower_sim.scoring.score import PursuitGoal
 from follower_vision.disk import failure_said, is_unwritable, write_whole
@@ -204,7 +204,14 @@ def _losses_section(
     return losses_section(found, pictures, flight.start_s, remark)
 
 
-def inspect_flight(folder: Path, out: Path | None = None, console: Console | None = None) -> Path:
+def inspect_flight(
+    folder: Path,
+    out: Path | None = None,
+    console: Console | None = None,
+    *,
+    foxglove: Path | None = None,
+    rerun: Path | None = None,
+) -> Path:
     """Write the report of a flight, print its summary, and return the report's path.
 
     Args:
@@ -212,12 +219,28 @@ def inspect_flight(folder: Path, out: Path | None = None, console: Console | Non
         out: where the report goes; into the flight's folder if not given, or where that has no
             room or must not be written, into the working directory or a new temporary folder.
         console: takes the summary.
+        foxglove: where a file for Foxglove goes.
+        rerun: where a file for rerun.io goes.
 
     Raises:
+        SettingsError: a viewer's file is wanted, and its package is not installed.
         FlightFileError: the flight cannot be read; one line says why and what could be.
-        OSError: the report cannot be written.
+        OSError: the report, or a viewer's file, cannot be written.
     """
-    return inspect_recorded(open_flight(folder), out, console)
+    for name, wanted in (("foxglove", foxglove), ("rerun", rerun)):
+        if wanted is not None:
+            check_extra(f"--{name}", name, name)
+    console, recorded = console or Console(), open_flight(folder)
+    path = inspect_recorded(recorded, out, console)
+    if foxglove is not None:
+        from follower.apps.viewers.foxglove_file import write_foxglove
+
+        print_line(console, f"  {write_foxglove(recorded, foxglove)}")
+    if rerun is not None:
+        from follower.apps.viewers.rerun_file import write_rerun
+
+        print_line(console, f"  {write_rerun(recorded, rerun)}")
+    return path
 
 
 def inspect_recorded(

@@ -72,6 +72,8 @@ _INSPECT_EPILOG = """
 `follower inspect runs/fly` – writes runs/fly/inspection.html
 
 `follower inspect runs/demo --out demo.html` – somewhere else
+
+`follower inspect runs/demo --foxglove demo.mcap --rerun demo.rrd` – and for these viewers
 """
 _SETTINGS_EPILOG = """
 **Examples**
@@ -282,6 +284,20 @@ def inspect(
             help="Where the report goes; inspection.html in the flight's folder by default.",
         ),
     ] = None,
+    foxglove: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.MCAP",
+            help="Also write the flight for Foxglove: its messages, pictures, boxes, a scene. "
+            "The layout is configs/viewers/foxglove.json.",
+        ),
+    ] = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.RRD", help="Also write the flight for rerun.io, with its layout."
+        ),
+    ] = None,
 ) -> None:
     """Report on a recorded flight, real or simulated: one HTML file that needs nothing else.
 
@@ -291,7 +307,7 @@ def inspect(
     """
     from follower.apps.inspect import inspect_flight
 
-    inspect_flight(flight, out)
+    inspect_flight(flight, out, foxglove=foxglove, rerun=rerun)
 
 
 @app.command()

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -375,3 +376,115 @@ def test_a_source_that_cannot_be_used_is_refused_at_once_and_files_are_files(
     monkeypatch.chdir(tmp_path)
     Path("lens:7").write_bytes(b"no video")
     assert not VideoInput("lens:7").is_live
+
+
+SEGMENTER = """
+from types import SimpleNamespace
+import numpy as np
+
+class Segmenter:
+    class_names = ("cat", "dog")
+    answers = []
+    def detect(self, image, region=None):
+        return self.answers.pop(0)
+
+def make(find_file, device):
+    return Segmenter()
+"""
+
+
+def answers(site: Site, monkeypatch: pytest.MonkeyPatch, *given: object) -> Detector:
+    site.add("follower-masks", "detectors", "masks", SEGMENTER)
+    detector = make_detector("masks", ModelStore(site.folder))
+    monkeypatch.setattr(sys.modules["follower_masks"].Segmenter, "answers", list(given))
+    return detector
+
+
+def shaped(kind: str, **fields: object) -> object:
+    """Return detections of the real library, or what is shaped like them."""
+    if kind == "supervision":
+        return pytest.importorskip("supervision").Detections(**fields)
+    return SimpleNamespace(**fields)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["shape", "supervision"])
+def test_masks_and_tracks_of_other_libraries_are_detections(
+    kind: str, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = np.array([[0.0, 0, 40, 20], [10, 10, 30, 40], [5, 5, 9, 9]])
+    masks = np.zeros((3, 60, 80), bool)
+    masks[0, 4:10, 6:20] = True
+    found = shaped(
+        kind,
+        xyxy=corners,
+        mask=masks,
+        confidence=np.array([0.4, 0.9, 0.8]),
+        class_id=np.array([1, 7, 0]),
+        tracker_id=np.array([3, 4, -1]),
+    )
+    bare = shaped(kind, xyxy=corners[:1])
+    detector = answers(site, monkeypatch, found, bare)
+    best, masked = detector.detect(frame(0).image)
+    assert (best.class_name, best.score, best.box) == ("7", 0.9, Box.from_xywh(10, 10, 20, 30))
+    assert (masked.class_name, masked.box) == ("dog", Box.from_xywh(6, 4, 14, 6)), "of the mask"
+    (plain,) = detector.detect(frame(0).image)
+    assert (plain.class_name, plain.score, plain.box) == ("cat", 1.0, Box.from_xywh(0, 0, 40, 20))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"xyxy": [[0, 0, np.nan, 1]]},
+        {"xyxy": [[5, 5, 5, 9]]},
+        {"xyxy": [[0, 0, 1, 1]], "confidence": [0.5, 0.5]},
+        {"xyxy": [[0, 0, 1, 1]], "confidence": [np.inf]},
+    ],
+)
+def test_arrays_that_are_no_detections_are_named_and_detect_nothing(
+    wrong: dict[str, object],
+    site: Site,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    detector = answers(site, monkeypatch, SimpleNamespace(**wrong))
+    assert detector.detect(frame(0).image) == []
+    (line,) = warnings_in(caplog)
+    assert line.startswith("the detector 'masks' of follower-masks 1.0 fails, and counts as seeing")
+
+
+EMBEDDER = """
+import numpy as np
+
+class Eye:
+    asked = 0
+    def embed(self, image, boxes):
+        Eye.asked += 1
+        rows = np.array([[box.cx, 1.0, 0.0] for box in boxes])
+        return FAULT if Eye.asked > 10 else rows
+
+make = Eye
+"""
+EMBEDDED = ["rows", "rows * np.nan", "rows[:, :1]", "rows[:-1]", "1 / 0", "None"]
+
+
+@pytest.mark.parametrize("fault", EMBEDDED)
+def test_an_embedder_says_how_alike_things_look_and_its_failure_ends_nothing(
+    fault: str, site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    site.add("follower-eyes", "embedders", "eyes", EMBEDDER.replace("FAULT", fault))
+    settings = load_settings(overrides=["fusion.embedder=eyes", "detector=embedded"])
+    assert site.imported() == []
+    tracker = make_target_tracker(settings)
+    tracker.start(frame(0), BOX)
+    tracks = [tracker.step(frame(number)) for number in range(1, 20)]
+    assert sys.modules["follower_eyes"].Eye.asked == 20
+    assert all(one.state is TrackState.TRACKING for one in tracks), "by structure and colours"
+    lines = warnings_in(caplog)
+    assert len(lines) == (fault != "rows")
+    assert all(line.startswith("the embedder 'eyes' of follower-eyes 1.0 fails") for line in lines)
+
+
+def test_an_embedder_of_nobody_is_refused() -> None:
+    with pytest.raises(PluginError, match="there is no embedder 'eyes'; there are none"):
+        make_target_tracker(load_settings(overrides=["fusion.embedder=eyes", "detector=embedded"]))

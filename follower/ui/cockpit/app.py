@@ -7,13 +7,15 @@ from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI, Header, HTTPException, Path, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, StreamingResponse
+from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
 from pydantic import BaseModel, ConfigDict, Field
 
 from follower.ui.cockpit.asgi_guard import AsgiGuard, RateLimiter, address_of, client_identity
 from follower.ui.cockpit.auth import COOKIE, AccessControl
 from follower.ui.cockpit.detections import Objects
 from follower.ui.cockpit.hub import Hub
+from follower.ui.cockpit.metrics import FlightMetrics
 from follower.ui.cockpit.mjpeg import BOUNDARY, JpegStream, MjpegResponse
 from follower.ui.cockpit.recordings_api import RecordingFolder, RecordingSummary
 from follower.ui.cockpit.requests import OperatorRequest, is_release
@@ -93,6 +95,7 @@ def make_app(
     _add_requests(app, hub, writes)
     _add_video(app, jpegs, peers)
     _add_flights(app, flights)
+    _add_metrics(app, FlightMetrics(hub))
 
     @app.websocket("/ws")
     async def converse(socket: WebSocket) -> None:
@@ -200,3 +203,10 @@ def _add_flights(app: FastAPI, recordings: RecordingFolder) -> None:
             raise HTTPException(404, "there is no such report")
         headers = {"content-security-policy": _REPORT_POLICY}
         return FileResponse(path, media_type="text/html", headers=headers)
+
+
+def _add_metrics(app: FastAPI, metrics: FlightMetrics) -> None:
+    @app.get("/metrics", response_class=PlainTextResponse)
+    async def show_metrics() -> Response:
+        """Return the flight's newest state as Prometheus metrics."""
+        return Response(metrics.text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)

@@ -80,9 +80,19 @@ class Hub:
         self._most_clients = most_clients
         self._clients: dict[str, Client] = {}
         self._controller: Client | None = None
-        self._stopped_s = -math.inf
+        self._told_s = self._stopped_s = -math.inf
         self._numbers = itertools.count(1)
         self._open: dict[int, asyncio.Future[Message]] = {}
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    @property
+    def state_age_s(self) -> float:
+        """How long ago the newest state came, seconds; infinite before the first."""
+        return self._clock.now() - self._told_s
 
     def join(self) -> Client | None:
         """Let a client in; None if there are too many. The first one has control."""
@@ -171,7 +181,7 @@ class Hub:
         """Take a message from the flight."""
         match message["kind"]:
             case "state":
-                self.state = message["state"]
+                self.state, self._told_s = message["state"], self._clock.now()
                 self.tell("state", at=self._clock.now(), **self.state)
             case "page":
                 self.page = {**self.page, **message["page"]}

@@ -45,7 +45,8 @@ def open_station(
         "cockpit": None,
     }
     if cockpit:
-        check_extra("--cockpit", "cockpit", "aiortc", "fastapi", "uvicorn", "websockets")
+        modules = "aiortc", "fastapi", "prometheus_client", "uvicorn", "websockets"
+        check_extra("--cockpit", "cockpit", *modules)
         _check_certificate(settings.cockpit)
         wanted = TypeAdapter(CockpitSettings).dump_python(settings.cockpit, mode="json")
         begin |= {"cockpit": wanted, "token": token_for(settings.cockpit)}

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 
 from follower_vision.detection.detection import Detection, Detector
+from follower_vision.detection.foreign import as_detections
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
@@ -72,7 +72,10 @@ class GuardedDetector:
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """See `Detector`."""
-        ask = partial(self._detector.detect, image, region)
+
+        def ask() -> list[Detection]:
+            return as_detections(self._detector.detect(image, region), self.class_names)
+
         return self._guard.run(ask, [], lambda found: all(map(_is_detection, found)))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from follower_vision.appearance.appearance import colour_histogram
+from follower_vision.fusion.embedder import Embedder
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
@@ -30,7 +31,7 @@ class Descriptors:
         patterns: (N, 576) grey pictures with mean 0 and length 1: products are normalised
             cross-correlations.
         colours: (N, 56) shares of colours, sum 1; see `colour_histogram`.
-        features: (N, D) the motion tracker's own features, length 1; D = 0 if it has none.
+        features: (N, D) the motion tracker's or an embedder's, length 1; D = 0 if it has none.
     """
 
     patterns: Floats
@@ -38,14 +39,26 @@ class Descriptors:
     features: Floats
 
 
-def describe(image: Image, boxes: list[Box], response: ResponseMap | None) -> Descriptors:
-    """Describe boxes in an image, (H, W, 3) uint8 BGR, in pixels; at least one."""
+def describe(
+    image: Image,
+    boxes: list[Box],
+    response: ResponseMap | None,
+    embedder: Embedder | None = None,
+) -> Descriptors:
+    """Describe boxes in an image, (H, W, 3) uint8 BGR, in pixels; at least one.
+
+    An embedder gives the features in place of the motion tracker.
+    """
     patches = [crop(image, box, _SIDE, _SIDE, _FILL) for box in boxes]
     greys = np.stack([cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY) for patch in patches])
     patterns = greys.reshape(len(boxes), -1).astype(np.float32)
     patterns -= patterns.mean(axis=1, keepdims=True)
     colours = np.stack([colour_histogram(patch) for patch in patches])
-    return Descriptors(_unit_rows(patterns), colours, _network_features(boxes, response))
+    if embedder is None:
+        features = _network_features(boxes, response)
+    else:
+        features = embedder.embed(image, boxes)
+    return Descriptors(_unit_rows(patterns), colours, features)
 
 
 def _network_features(boxes: list[Box], response: ResponseMap | None) -> Floats:

@@ -22,6 +22,7 @@ class FusionSettings:
         crop_least_px: its smallest side, in pixels.
         target_prediction: use what control knows of the target's way through the world.
         model: file of `follower train fusion`; None is the model that comes along.
+        embedder: name of another package's, which then says how alike things look.
     """
 
     algorithm: Algorithm = "fitted"
@@ -31,6 +32,7 @@ class FusionSettings:
     crop_least_px: float = 128.0
     target_prediction: bool = True
     model: str | None = None
+    embedder: str | None = None
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

@@ -29,6 +29,7 @@ from follower_vision.detection.detection_service import (
 from follower_vision.fusion.box_filter import BoxFilter
 from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
 from follower_vision.fusion.descriptor import AppearanceMemory, describe
+from follower_vision.fusion.embedder import make_embedder
 from follower_vision.fusion.features import Situation, measure
 from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings
@@ -106,6 +107,7 @@ class FusionTracker:
 
     Raises:
         ModelError: the settings' model cannot be used.
+        PluginError: their embedder cannot be used.
     """
 
     def __init__(
@@ -120,6 +122,7 @@ class FusionTracker:
         self._response = motion if isinstance(motion, ResponseTracker) else OnePlaceResponse(motion)
         self._settings = settings or FusionSettings()
         self._model = model or model_for(motion.name, self._settings.model)
+        self._embedder = make_embedder(self._settings.embedder)
         self._service: DetectionService | None = None if detector is None else mode(detector)
         self._target: Target | None = None
         self._search: _Search | None = None
@@ -159,7 +162,7 @@ class FusionTracker:
         self._health.update(frame)
         self._motion.start(frame.image, box)
         memory = AppearanceMemory(
-            describe(frame.image, [box], self._response.search(frame.image, box))
+            describe(frame.image, [box], self._response.search(frame.image, box), self._embedder)
         )
         size, now_s = log_sides(box), frame.captured_s
         filter_ = BoxFilter(self._model.noise, box)
@@ -267,7 +270,7 @@ class FusionTracker:
         every = propose(search.response, detections, target.detector, target.filter.box)
         candidates = self._possible(every, target)
         boxes = [one.box for one in candidates]
-        seen = describe(frame.image, boxes, search.response)
+        seen = describe(frame.image, boxes, search.response, self._embedder)
         situation = Situation(
             target, search.response, bool(answers), detections, frame.width, frame.height
         )
