@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from follower.apps.evaluate.output_files import (
     HEAD,
     STATES_HEAD,
-    AttributeRow,
-    ResultRow,
-    ScoredRun,
     stateless,
     states_texts,
     texts,
 )
+from follower.apps.evaluate.scores import AttributeRow, ResultRow, ScoredRun
 from follower.report import html, style, track_losses
 from follower.report.html import Cell, Html
 from follower.report.style import Colour

@@ -9,17 +9,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from follower.apps.evaluate.contender import Contender, EvaluationResult, ResultStore, RunStart, run
 from follower.apps.evaluate.output_files import (
-    ResultRow,
-    ScoredRun,
-    attribute_rows,
-    rows,
-    scored,
     stateless,
     terminal_tables,
     write_csv,
     write_json,
 )
 from follower.apps.evaluate.report import render
+from follower.apps.evaluate.scores import ResultRow, ScoredRun, attribute_rows, rows, scored
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
 from follower_control.common.strict_config import SettingsError
