@@ -134,14 +134,20 @@ class EvaluationResult:
     Attributes:
         boxes: one a frame; None where it gave none.
         states: one a frame; None for a tracker that knows no states.
-        busy_s: time of all updates by the clock.
-        processor_s: the same by the processor, all threads together.
+        frame_s: time of the start and of each update by the clock, one a frame; none for the
+            boxes of another program.
+        processor_s: time of all updates by the processor, all threads together.
     """
 
     boxes: tuple[Box | None, ...]
     states: tuple[TrackState, ...] | None = None
-    busy_s: float = 0.0
+    frame_s: tuple[float, ...] = ()
     processor_s: float = 0.0
+
+    @property
+    def busy_s(self) -> float:
+        """Time of all updates by the clock, without the start."""
+        return sum(self.frame_s[1:])
 
 
 def run(
@@ -165,17 +171,18 @@ def run(
     tracker = contender.make()
     image = read_image(images[0])
     box = start_box(start.box, image)
+    begin_s = clock.now()
     tracks = [tracker.start(Frame(image, 0.0, 0), box)]
-    busy_s = processor_s = 0.0
+    frame_s, processor_s = [clock.now() - begin_s], 0.0
     for number, path in enumerate(images[1:], 1):
         frame = Frame(read_image(path), number / rate_hz, number)
         begin_s, processor_begin_s = clock.now(), time.process_time()
         tracks.append(tracker.step(frame))
-        busy_s += clock.now() - begin_s
+        frame_s.append(clock.now() - begin_s)
         processor_s += time.process_time() - processor_begin_s
     boxes = (box, *(track.box for track in tracks[1:]))
     states = tuple(track.state for track in tracks) if contender.kind else None
-    return EvaluationResult(boxes, states, busy_s, processor_s)
+    return EvaluationResult(boxes, states, tuple(frame_s), processor_s)
 
 
 _STORED = TypeAdapter(tuple[tuple[str, float, int, Box], EvaluationResult])

@@ -8,9 +8,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from rich.markup import escape
 from rich.table import Table
 
-from follower.apps.evaluate.scores import AttributeRow, ResultRow, ScoredRun
+from follower.apps.evaluate.scores import (
+    COMPARED,
+    AttributeRow,
+    Difference,
+    Evaluation,
+    MeanRow,
+    ResultRow,
+    ScoredRun,
+    ToolkitRow,
+)
 from follower_vision.atomic_file import write_whole
 from follower_vision.evaluation.metrics import StateAccuracy, median_s, share_soon
 
@@ -19,6 +29,12 @@ STATES_HEAD = (
     "tracking at iou 0", "tracking while absent", "right but doubted",
     "returns", "return median s", "return under 0.5 s",
     "losses", "loss median s", "loss under 0.5 s",
+)  # fmt: skip
+_NAMES = dict(zip(COMPARED, HEAD[2:5], strict=True))
+DIFFERENCES_HEAD = ("tracker", "against", "start", "figure", "difference", "95 % interval", "p")
+TOOLKITS_HEAD = (
+    "tracker", "OTB success", "OTB precision", "OTB success rate",
+    "GOT-10k AO", "GOT-10k SR 0.5", "VOT accuracy",
 )  # fmt: skip
 NEVER = "never"
 _SHORT = ("AUC", "S@0.5", "P@20", "NP", "fps", "CPU ms")
@@ -46,6 +62,28 @@ def texts(one: ResultRow | ScoredRun) -> list[str]:
         "" if rate is None else f"{rate:.0f}",
         "" if milliseconds is None else f"{milliseconds:.1f}",
     ]
+
+
+def interval_text(low: float, high: float, sign: str = "") -> str:
+    """Return an interval as shown, without signs or, with "+", with them."""
+    return f"[{low:{sign}.3f}, {high:{sign}.3f}]"
+
+
+def difference_texts(one: Difference) -> list[str]:
+    """Return a difference as shown, in the columns of DIFFERENCES_HEAD."""
+    paired = one.paired
+    return [
+        *(one.tracker, one.reference, one.kind, _NAMES[one.figure]),
+        *(f"{paired.mean:+.3f}", interval_text(paired.low, paired.high, "+"), f"{paired.p:.3f}"),
+    ]
+
+
+def toolkit_texts(row: ToolkitRow) -> list[str]:
+    """Return a tracker's figures as shown, in the columns of TOOLKITS_HEAD."""
+    one = row.score
+    values = (one.otb_success, one.otb_precision, one.otb_rate, one.got10k_ao, one.got10k_sr)
+    accuracy = "–" if one.vot_accuracy is None else f"{one.vot_accuracy:.3f}"
+    return [row.tracker, *(f"{value:.3f}" for value in values), accuracy]
 
 
 def states_figures(states: StateAccuracy | None) -> list[Figure]:
@@ -82,9 +120,16 @@ def stateless(rows: Sequence[ResultRow]) -> list[str]:
     return list(dict.fromkeys(row.tracker for row in rows if row.states is None))
 
 
-def terminal_tables(rows: Sequence[ResultRow]) -> Iterable[Table]:
-    """Yield the means, and what the states are worth where a tracker has some."""
+def terminal_tables(rows: Sequence[MeanRow], differences: Sequence[Difference]) -> Iterable[Table]:
+    """Yield the means, differences, and what the states are worth where a tracker has some."""
     yield _table(_SHORT, [(row, texts(row)) for row in rows])
+    if differences:
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        for number, name in enumerate(DIFFERENCES_HEAD):
+            table.add_column(name, justify="left" if number < 4 else "right")
+        for one in differences:
+            table.add_row(*map(escape, difference_texts(one)))
+        yield table
     said = [(row, states_texts(row.states)) for row in rows if row.states]
     if said:
         yield _table(_SHORT_STATES, said)
@@ -118,25 +163,34 @@ def write_csv(path: Path, runs: Sequence[ScoredRun]) -> Path:
     return write_whole(path, text.getvalue())
 
 
-def write_json(
-    path: Path,
-    rows: Sequence[ResultRow],
-    attributes: Sequence[AttributeRow],
-    runs: Sequence[ScoredRun],
-    remarks: Sequence[str],
-) -> Path:
-    """Write the means with their curves, the means by attribute, and each run's figures.
+def write_json(path: Path, found: Evaluation) -> Path:
+    """Write the means with curves and intervals, differences, and each run's figures.
 
     Raises:
         OSError: it cannot be written.
     """
     stored = {
-        "means": [{**_entry(row), "curves": asdict(row.curves)} for row in rows],
-        "attributes": [_attribute_entry(row) for row in attributes],
-        "runs": [{"sequence": one.sequence, **_entry(one)} for one in runs],
-        "remarks": list(remarks),
+        "means": [
+            {**_entry(row), "intervals": _intervals(row), "curves": asdict(row.curves)}
+            for row in found.means
+        ],
+        "differences": [_difference_entry(one) for one in found.differences],
+        "toolkits": [{"tracker": row.tracker, **asdict(row.score)} for row in found.toolkits],
+        "attributes": [_attribute_entry(row) for row in found.attributes],
+        "runs": [{"sequence": one.sequence, **_entry(one)} for one in found.runs],
+        "remarks": found.remarks,
     }
     return write_whole(path, json.dumps(stored, indent=1, allow_nan=False))
+
+
+def _intervals(row: MeanRow) -> dict[str, tuple[float, float]]:
+    return {_NAMES[figure]: bounds for figure, bounds in row.intervals.items()}
+
+
+def _difference_entry(one: Difference) -> dict[str, object]:
+    entry = {**asdict(one), **asdict(one.paired), "figure": _NAMES[one.figure]}
+    del entry["paired"]
+    return entry
 
 
 def _attribute_entry(row: AttributeRow) -> dict[str, object]:

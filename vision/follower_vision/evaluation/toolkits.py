@@ -116,7 +116,7 @@ def _overlaps(boxes: _Floats, true: _Floats) -> _Floats:
     high = np.minimum(boxes[:, :2] + boxes[:, 2:], true[:, :2] + true[:, 2:])
     common = np.prod(np.maximum(high - low, 0), axis=1)
     union = np.prod(boxes[:, 2:], axis=1) + np.prod(true[:, 2:], axis=1) - common
-    return np.nan_to_num(np.clip(common / (union + np.finfo(float).eps), 0, 1))
+    return np.asarray(np.nan_to_num(np.clip(common / (union + np.finfo(float).eps), 0, 1)))
 
 
 def _distances(boxes: _Floats, true: _Floats) -> _Floats:
@@ -149,7 +149,7 @@ def _rasterised_overlaps(boxes: _Floats, true: _Floats, image_size: tuple[int, i
     overlaps = np.divide(areas[2], union, out=np.zeros(len(boxes)), where=union > 0)
     overlaps[np.any(seen_low >= seen_high, axis=1)] = 0
     overlaps[np.any(low >= high, axis=1)] = 1
-    return overlaps
+    return np.asarray(overlaps)
 
 
 def _pixels(boxes: _Floats) -> tuple[_Floats, _Floats]:
