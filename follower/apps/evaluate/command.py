@@ -20,7 +20,7 @@ starts
 `follower evaluate otb/ --resume runs/evaluate` – go on where a run was stopped, or killed
 """
 TRAX_EPILOG = """
-**Example**, in `trackers.ini` of a workspace of vot-toolkit, where `vot evaluate Fusion` then runs it
+**Example**, in `trackers.ini` of a workspace of vot-toolkit; then `vot evaluate Fusion` runs it
 
 `[Fusion]` `label = Fusion` `protocol = trax` `command = follower trax fusion:nanotrack-v3`
 """
