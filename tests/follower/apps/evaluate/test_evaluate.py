@@ -172,6 +172,7 @@ def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
     assert sequences == ({"patch"} if "skipped" in said else {"patch", "other"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["-23.8,40,24,24", "159.9,119.9,24,24", "-500,-500,1200,1200"])
 def test_a_sliver_of_a_first_box_is_enough_or_skips_its_sequence_in_one_line(
     data: Path, tmp_path: Path, first: str
@@ -203,6 +204,7 @@ def copies(data: Path, number: int) -> list[str]:
     return sorted(path.name for path in data.iterdir())
 
 
+@pytest.mark.slow
 def test_means_have_intervals_and_trackers_are_compared_in_pairs(
     data: Path, tmp_path: Path
 ) -> None:
