@@ -19,6 +19,7 @@ $(VENV)/core.stamp: $(DEPS)
 
 $(VENV)/dev.stamp: $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-deps vot-toolkit
 	@touch $@
 
 demo: $(VENV)/core.stamp ## Fly a pursuit in the simulator and write a report

@@ -33,14 +33,12 @@ from follower.apps.evaluate.contender import Contender
 from follower.training.fusion.driving import run_fusion
 from follower.training.fusion.settings import FusionSetup
 from follower_vision.clock import MonotonicClock
+from follower_vision.evaluation.intervals import interval, paired_difference, pooled_interval
 from follower_vision.evaluation.multi_start import (
     Run,
     calibration_error,
     expected_overlap,
     from_rows,
-    interval,
-    paired_p,
-    pooled_interval,
     run_all,
     sequence_figures,
     to_rows,
@@ -125,11 +123,10 @@ def _print(measured: list[tuple[str, Results]]) -> None:
     for name, results in measured[1:]:
         shared = sorted(set(first) & set(results))
         for what in ("success", "precision", "auc"):
-            gain = _values(results, shared, what) - _values(first, shared, what)
-            low, high = interval(gain)
-            test = f"p {paired_p(gain):.3f}"
+            gain = paired_difference(_values(results, shared, what), _values(first, shared, what))
             print(
-                f"{name} - {first_name}: {what} {gain.mean():+.3f} [{low:+.3f}, {high:+.3f}] {test}"
+                f"{name} - {first_name}: {what} {gain.mean:+.3f} "
+                f"[{gain.low:+.3f}, {gain.high:+.3f}] p {gain.p:.3f}"
             )
     if len(measured) > 1:
         print(f"chosen on the other folds: success {_chosen(measured):.3f} out of fold")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from follower.apps.api.flights import evaluate, replay, simulate, write_report
     from follower.apps.api.pursuit import Pursuit
     from follower.apps.api.tracking import Fusion, frames
-    from follower.apps.evaluate.run import Evaluation
+    from follower.apps.evaluate.scores import Evaluation
     from follower.apps.preflight.check import PreflightError
     from follower.apps.replay.run import ReplayResult
     from follower.links.connections import ConnectionFailedError
@@ -69,7 +69,7 @@ _HOMES = {
     "follower.apps.api.flights": ("evaluate", "replay", "simulate", "write_report"),
     "follower.apps.api.pursuit": ("Pursuit",),
     "follower.apps.api.tracking": ("Fusion", "frames"),
-    "follower.apps.evaluate.run": ("Evaluation",),
+    "follower.apps.evaluate.scores": ("Evaluation",),
     "follower.apps.preflight.check": ("PreflightError",),
     "follower.apps.replay.run": ("ReplayResult",),
     "follower.links.connections": ("ConnectionFailedError",),

@@ -125,6 +125,7 @@ for name, epilog, command in (
     ("replay", replay.EPILOG, replay.replay_command),
     ("sitl", sitl.EPILOG, sitl.sitl_command),
     ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
+    ("trax", evaluate.TRAX_EPILOG, evaluate.trax_command),
     ("bench", bench.EPILOG, bench.bench_command),
     ("campaign", campaign.EPILOG, campaign.campaign_command),
     ("faults", fault_tests.EPILOG, fault_tests.faults_command),

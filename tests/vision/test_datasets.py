@@ -215,3 +215,117 @@ def test_a_broken_attribute_file_is_named(tmp_path: Path, text: str) -> None:
     sequences, (remark,) = load_dataset(tmp_path)
     assert sequences == []
     assert "occlusion.tag" in remark
+
+
+def test_uavdt_pairs_its_two_archives_and_reads_nine_flags(tmp_path: Path) -> None:
+    anno = tmp_path / "UAV-benchmark-SOT_v1.0" / "anno"
+    (anno / "att").mkdir(parents=True)
+    for name, size in (("S0101", 3), ("S1702", 4)):
+        numbered(tmp_path / "UAV-benchmark-S" / name, size)
+        (anno / f"{name}_gt.txt").write_text("1,2,3,4\n" * size)
+    (anno / "att" / "S0101_att.txt").write_text("1,0,0,1,0,0,0,1,1\n")
+    sequences, remarks = load_dataset(tmp_path)
+    assert remarks == []
+    assert [(s.name, len(s.images), s.rate_hz) for s in sequences] == [
+        ("S0101", 3, 30.0),
+        ("S1702", 4, 30.0),
+    ]
+    assert set(sequences[0].attributes) == {
+        "background clutter", "small object", "long-term tracking", "large occlusion",
+    }  # fmt: skip
+    assert sequences[1].attributes == {}
+
+
+def test_visdrone_pairs_sequences_with_annotations_and_reads_twelve_flags(tmp_path: Path) -> None:
+    root = tmp_path / "VisDrone2018-SOT-test-dev"
+    name = "uav0000011_00000_s"
+    numbered(root / "sequences" / name, 3)
+    for folder, file, text in (
+        ("annotations", f"{name}.txt", "1,2,3,4\n0,0,0,0\n1,2,3,4\n"),
+        ("attributes", f"{name}_attr.txt", "1,0,0,1,0,0,0,0,0,1,0,1"),
+    ):
+        (root / folder).mkdir()
+        (root / folder / file).write_text(text)
+    for folder in (tmp_path, root):
+        (sequence,), remarks = load_dataset(folder)
+        assert (sequence.name, remarks) == (name, [])
+        assert [box is None for box in sequence.truth] == [False, True, False]
+        assert set(sequence.attributes) == {
+            "aspect ratio change", "fast motion", "similar object", "viewpoint change",
+        }  # fmt: skip
+
+
+def test_lasot_has_categories_absent_frames_and_its_toolkits_attributes(tmp_path: Path) -> None:
+    for name in ("airplane-1", "bear-2"):
+        folder = tmp_path / name.partition("-")[0] / name
+        numbered(folder / "img", 4)
+        (folder / "groundtruth.txt").write_text("1,2,3,4\n" * 4)
+        (folder / "full_occlusion.txt").write_text("0,0,0,0")
+        (folder / "out_of_view.txt").write_text("0,0,1,0" if name == "bear-2" else "0,0,0,0")
+    (tmp_path / "att").mkdir()
+    (tmp_path / "att" / "airplane-1.txt").write_text("0,1,0,0,0,1,0,0,1,0,0,0,1,0\n")
+    sequences, remarks = load_dataset(tmp_path)
+    assert remarks == []
+    assert [s.name for s in sequences] == ["airplane-1", "bear-2"]
+    assert set(sequences[0].attributes) == {
+        "partial occlusion", "rotation", "scale variation", "low resolution",
+    }  # fmt: skip
+    assert [box is None for box in sequences[1].truth] == [False, False, True, False]
+    assert sequences[1].attributes == {"out of view": (True,) * 4}
+
+
+def test_trackingnets_parts_have_images_that_count_without_zeros(tmp_path: Path) -> None:
+    for number in range(12):
+        folder = tmp_path / "TRAIN_3" / "frames" / "video"
+        folder.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / f"{number}.jpg"), np.full((8, 8, 3), 20 * number, np.uint8))
+    (tmp_path / "TRAIN_3" / "anno").mkdir()
+    (tmp_path / "TRAIN_3" / "anno" / "video.txt").write_text("1.5,2,3,4\n" * 12)
+    (sequence,), remarks = load_dataset(tmp_path)
+    assert (sequence.name, remarks) == ("video", [])
+    assert grey(sequence) == pytest.approx([20 * number for number in range(12)], abs=2)
+
+
+def test_got10ks_and_trackingnets_held_back_boxes_are_said_in_one_line(tmp_path: Path) -> None:
+    root = tmp_path / "got10k"
+    for part, boxes in (("val", 3), ("test", 1)):
+        folder = root / part / f"GOT-10k_{part}_000001"
+        numbered(folder, 3)
+        (folder / "groundtruth.txt").write_text("1.0,2.0,3.0,4.0\n" * boxes)
+        (root / part / "list.txt").write_text(f"{folder.name}\n")
+    (sequence,), (remark,) = load_dataset(root)
+    assert sequence.name == "GOT-10k_val_000001"
+    assert "skipped GOT-10k_test_000001" in remark
+    assert "held back" in remark
+
+
+def test_got10ks_wholly_covered_target_counts_as_absent(tmp_path: Path) -> None:
+    pictures(tmp_path, 3)
+    (tmp_path / "groundtruth.txt").write_text("1.5,2,3,4\n" * 3)
+    (tmp_path / "cover.label").write_text("8\n0\n3\n")
+    (sequence,), _ = load_dataset(tmp_path)
+    assert [box is None for box in sequence.truth] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("line", "rectangles"),
+    [("1,2,3,4", True), ("1,6,1,2,4,2,4,6", False), ("m1,2,3,4,0,12", False)],
+)
+def test_it_is_known_whether_the_truth_is_a_box_or_lies_in_one(
+    tmp_path: Path, line: str, rectangles: bool
+) -> None:
+    pictures(tmp_path / "color", 3)
+    (tmp_path / "groundtruth.txt").write_text(f"{line}\n0\n{line}\n")
+    (sequence,), _ = load_dataset(tmp_path)
+    assert sequence.rectangles == rectangles
+    assert sequence.initial == Box.from_xywh(1, 2, 3, 4)
+
+
+@pytest.mark.parametrize("name", ["absence.label", "cover.label", "out_of_view.txt"])
+def test_absence_of_another_length_is_refused(tmp_path: Path, name: str) -> None:
+    pictures(tmp_path, 3)
+    (tmp_path / "groundtruth.txt").write_text("1,2,3,4\n" * 3)
+    (tmp_path / name).write_text("1\n1\n")
+    sequences, (remark,) = load_dataset(tmp_path)
+    assert sequences == []
+    assert f"{name}: 2 numbers for 3 boxes" in remark

@@ -1,4 +1,4 @@
-"""Runs from several starts: where they begin, figures, intervals, and the folds."""
+"""Runs from several starts: where they begin, figures, and the folds."""
 
 import json
 from pathlib import Path
@@ -12,8 +12,6 @@ from follower_vision.evaluation.multi_start import (
     Run,
     calibration_error,
     expected_overlap,
-    interval,
-    paired_p,
     run_all,
     sequence_figures,
     starts,
@@ -93,20 +91,6 @@ def test_calibration_error_is_how_far_the_confidence_is_from_the_share() -> None
     assert calibration_error([a_run([0.8] * 10, 0.75)]) == pytest.approx(0.25)
     half = a_run([0.8, 0.0] * 5, 0.5)
     assert calibration_error([half]) == pytest.approx(0.0)
-
-
-def test_an_interval_holds_the_mean_and_narrows_with_more_sequences() -> None:
-    rng = np.random.default_rng(1)
-    few, many = rng.normal(0.5, 0.1, 10), rng.normal(0.5, 0.1, 400)
-    for values in (few, many):
-        low, high = interval(values)
-        assert low < values.mean() < high
-    assert np.ptp(interval(many)) < np.ptp(interval(few)) / 3
-
-
-def test_a_paired_test_finds_a_difference_and_none() -> None:
-    assert paired_p(np.full(12, 0.1)) < 0.01
-    assert paired_p(np.array([0.1, -0.1] * 6)) == 1.0
 
 
 def test_five_folds_of_ten_sequences() -> None:

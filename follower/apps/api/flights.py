@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from follower.apps.evaluate.run import Evaluation, EvaluationPlan, measure
+from follower.apps.evaluate.run import EvaluationPlan, measure
+from follower.apps.evaluate.scores import Evaluation
 from follower.apps.inspect import inspect_recorded
 from follower.apps.replay.run import ReplayResult, replayed
 from follower.flight.supervision.flight_end import INTERRUPTED
@@ -88,7 +89,7 @@ def evaluate(
     """Measure trackers on sequences with known boxes; see `follower evaluate --help`.
 
     Args:
-        folder: a sequence, or a folder of them (OTB, UAV123, VOT, GOT-10k, plain), or several.
+        folder: a sequence, a folder of them or a data set as it is unpacked, or several of these.
         trackers: names from `follower trackers`, "longterm", "fusion", "fusion-paper", or
             KIND:NAME+DETECTOR as "fusion:re3+embedded".
         detector: Fusion's where the name gives none.

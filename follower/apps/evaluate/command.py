@@ -1,4 +1,4 @@
-"""The command `follower evaluate`."""
+"""The commands `follower evaluate` and `follower trax`."""
 
 from __future__ import annotations
 
@@ -17,21 +17,30 @@ starts
 
 `follower evaluate otb/ --boxes theirs=results/` – beside another program's boxes
 
-`follower evaluate otb/ --resume runs/evaluate` – go on where a run was stopped
+`follower evaluate otb/ --resume runs/evaluate` – go on where a run was stopped, or killed
+"""
+TRAX_EPILOG = """
+**Example**, in `trackers.ini` of a workspace of vot-toolkit; then `vot evaluate Fusion` runs it
+
+`[Fusion]` `label = Fusion` `protocol = trax` `command = follower trax fusion:nanotrack-v3`
 """
 
 
 def evaluate_command(
     folders: Annotated[
         list[Path],
-        typer.Argument(help="Sequences or folders of them: OTB, UAV123, VOT, GOT-10k, plain."),
+        typer.Argument(
+            help="Data sets as they are unpacked, sequences, or folders of these: GOT-10k, OTB, "
+            "UAV123, UAVDT, DTB70, VisDrone-SOT, LaSOT, TrackingNet, VOT, plain."
+        ),
     ],
     trackers: Annotated[
         str,
         typer.Option(
             metavar="A,B,C",
             help="Names from `follower trackers`; longterm, fusion and fusion-paper (the paper's "
-            "algorithm), alone or as KIND:NAME or KIND:NAME+DETECTOR.",
+            "algorithm), alone or as KIND:NAME or KIND:NAME+DETECTOR. The others are compared "
+            "with the first.",
         ),
     ] = "correlation",
     detector: Annotated[
@@ -57,7 +66,7 @@ def evaluate_command(
     ] = 30.0,
     threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
 ) -> None:
-    """Measure trackers on data sets: success, precision, speed; a table and an HTML report."""
+    """Measure trackers on data sets: success, precision, speed, with intervals; an HTML report."""
     import cv2
 
     from follower.apps.evaluate.run import EvaluationPlan, evaluate
@@ -75,3 +84,23 @@ def evaluate_command(
         fps=fps,
     )
     raise typer.Exit(evaluate(plan))
+
+
+def trax_command(
+    tracker: Annotated[str, typer.Argument(help="A name as in `follower evaluate --trackers`.")],
+    detector: Annotated[
+        str, typer.Option(help="Fusion's detector where the name gives none.")
+    ] = "yolox-nano",
+    fps: Annotated[float, typer.Option(min=0.1, help="Frames a second of the images.")] = 30.0,
+    threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
+) -> None:
+    """Be a tracker for vot-toolkit and other TraX clients, by standard input and output."""
+    import sys
+
+    import cv2
+
+    from follower.apps.evaluate.contender import Contender
+    from follower.apps.evaluate.trax import serve
+
+    cv2.setNumThreads(threads)
+    serve(Contender(tracker, detector), fps, sys.stdin, sys.stdout)

@@ -12,7 +12,7 @@ from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
 from follower_vision.detection import make_detector
 from follower_vision.disk import write_whole
-from follower_vision.evaluation.one_pass import Sequence, read_image, start_box
+from follower_vision.evaluation.one_pass import DatasetError, Sequence, read_image, start_box
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
@@ -90,6 +90,24 @@ class Contender:
         settings = FusionSettings.paper() if self.kind == "fusion-paper" else FusionSettings()
         return make_fusion(motion, make_detector(self.detector, store), settings)
 
+    def start(self, frame: Frame, box: Box) -> tuple[TargetTracker, Track]:
+        """Return a fresh tracker that was started, and its first track.
+
+        Args:
+            frame: the first.
+            box: the target's, in pixels; what of it lies inside the image is the tracker's.
+
+        Raises:
+            DatasetError: nothing of it lies inside, or too little for this tracker.
+            ModelError: a network is missing.
+        """
+        inside = start_box(box, frame.image)
+        tracker = self.make()
+        try:
+            return tracker, tracker.start(frame, inside)
+        except ValueError as error:
+            raise DatasetError(f"{self.name} cannot start there: {error}") from None
+
 
 class AlwaysBelieved:
     """A motion tracker as a target tracker that never says that it lost its target."""
@@ -134,14 +152,20 @@ class EvaluationResult:
     Attributes:
         boxes: one a frame; None where it gave none.
         states: one a frame; None for a tracker that knows no states.
-        busy_s: time of all updates by the clock.
-        processor_s: the same by the processor, all threads together.
+        frame_s: one a frame, by the clock: of making and starting the tracker, then of each
+            update; empty for the boxes of another program.
+        processor_s: time of all updates by the processor, all threads together.
     """
 
     boxes: tuple[Box | None, ...]
     states: tuple[TrackState, ...] | None = None
-    busy_s: float = 0.0
+    frame_s: tuple[float, ...] = ()
     processor_s: float = 0.0
+
+    @property
+    def busy_s(self) -> float:
+        """Time of all updates by the clock, without the start."""
+        return sum(self.frame_s[1:])
 
 
 def run(
@@ -157,25 +181,24 @@ def run(
         clock: times the updates.
 
     Raises:
-        DatasetError: nothing of the first box lies inside the image.
+        DatasetError: the tracker cannot start from the first box.
         OSError: an image cannot be read.
         ModelError: a network is missing.
     """
     images = sequence.images[start.frame :]
-    tracker = contender.make()
-    image = read_image(images[0])
-    box = start_box(start.box, image)
-    tracks = [tracker.start(Frame(image, 0.0, 0), box)]
-    busy_s = processor_s = 0.0
+    first = Frame(read_image(images[0]), 0.0, 0)
+    begin_s = clock.now()
+    tracker, track = contender.start(first, start.box)
+    tracks, frame_s, processor_s = [track], [clock.now() - begin_s], 0.0
     for number, path in enumerate(images[1:], 1):
         frame = Frame(read_image(path), number / rate_hz, number)
         begin_s, processor_begin_s = clock.now(), time.process_time()
         tracks.append(tracker.step(frame))
-        busy_s += clock.now() - begin_s
+        frame_s.append(clock.now() - begin_s)
         processor_s += time.process_time() - processor_begin_s
-    boxes = (box, *(track.box for track in tracks[1:]))
+    boxes = (start_box(start.box, first.image), *(track.box for track in tracks[1:]))
     states = tuple(track.state for track in tracks) if contender.kind else None
-    return EvaluationResult(boxes, states, busy_s, processor_s)
+    return EvaluationResult(boxes, states, tuple(frame_s), processor_s)
 
 
 _STORED = TypeAdapter(tuple[tuple[str, float, int, Box], EvaluationResult])

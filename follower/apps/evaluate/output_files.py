@@ -4,169 +4,37 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
+from rich.markup import escape
 from rich.table import Table
 
-from follower.apps.evaluate.contender import EvaluationResult, RunStart
-from follower_vision.disk import write_whole
-from follower_vision.evaluation import one_pass
-from follower_vision.evaluation.metrics import (
-    OpeCurves,
-    OpeScore,
-    StateAccuracy,
-    mean_curves,
-    mean_score,
-    mean_state_accuracy,
-    median_s,
-    ope_curves,
-    ope_score,
-    share_soon,
-    state_accuracy,
+from follower.apps.evaluate.scores import (
+    COMPARED,
+    AttributeRow,
+    Difference,
+    Evaluation,
+    MeanRow,
+    ResultRow,
+    ScoredRun,
+    ToolkitRow,
 )
-from follower_vision.geometry.box import Box
-
-
-@dataclass(frozen=True, slots=True)
-class ResultRow:
-    """A tracker's figures for one kind of start: of a run, or the means over the sequences.
-
-    Attributes:
-        tracker: its name.
-        kind: of start.
-        score: over all frames.
-        curves: over all frames.
-        frames_s: frames a second by the clock, None if not known.
-        processor_ms: processor time a frame in milliseconds, None if not known.
-        states: how accurate they are; None for a tracker without states.
-    """
-
-    tracker: str
-    kind: str
-    score: OpeScore
-    curves: OpeCurves
-    frames_s: float | None
-    processor_ms: float | None
-    states: StateAccuracy | None
-
-
-@dataclass(frozen=True, slots=True)
-class ScoredRun(ResultRow):
-    """One run with its figures.
-
-    Attributes:
-        sequence: its name.
-        attributes: score over the frames that have each.
-        result: what the tracker answered.
-    """
-
-    sequence: str
-    attributes: Mapping[str, OpeScore]
-    result: EvaluationResult
-
-
-def scored(
-    tracker: str,
-    sequence: one_pass.Sequence,
-    start: RunStart,
-    rate_hz: float,
-    result: EvaluationResult,
-) -> ScoredRun:
-    """Score a run against the truth from its start on.
-
-    Raises:
-        ValueError: the result has another length, or no frame can be scored.
-    """
-    truth = sequence.truth[start.frame :]
-    boxes, states = result.boxes, result.states
-    return ScoredRun(
-        tracker,
-        start.kind,
-        ope_score(boxes, truth),
-        ope_curves(boxes, truth),
-        *_speed([result]),
-        None if states is None else state_accuracy(boxes, states, truth, 1 / rate_hz),
-        sequence.name,
-        dict(_attribute_scores(boxes, sequence, start.frame)),
-        result,
-    )
-
-
-def _speed(results: Sequence[EvaluationResult]) -> tuple[float | None, float | None]:
-    """Return frames a second by the clock, and processor time a frame in milliseconds."""
-    frames = sum(len(result.boxes) - 1 for result in results if result.busy_s > 0)
-    busy_s = sum(result.busy_s for result in results)
-    processor_s = sum(result.processor_s for result in results)
-    if not frames:
-        return None, None
-    return frames / busy_s, 1000 * processor_s / frames
-
-
-def _attribute_scores(
-    boxes: Sequence[Box | None], sequence: one_pass.Sequence, first: int
-) -> Iterable[tuple[str, OpeScore]]:
-    for name, flags in sequence.attributes.items():
-        pairs = zip(sequence.truth[first:], flags[first:], strict=True)
-        truth = [box if holds else None for box, holds in pairs]
-        if any(truth[1:]):
-            yield name, ope_score(boxes, truth)
-
-
-def rows(runs: Iterable[ScoredRun]) -> list[ResultRow]:
-    """Average first over a sequence's starts, then over the sequences; best AUC first."""
-    groups: dict[tuple[str, str], dict[str, list[ScoredRun]]] = {}
-    for one in runs:
-        groups.setdefault((one.kind, one.tracker), {}).setdefault(one.sequence, []).append(one)
-    means = [_row(tracker, kind, list(by.values())) for (kind, tracker), by in groups.items()]
-    kinds = list(dict.fromkeys(row.kind for row in means))
-    return sorted(means, key=lambda row: (kinds.index(row.kind), -row.score.auc))
-
-
-def _row(tracker: str, kind: str, sequences: Sequence[list[ScoredRun]]) -> ResultRow:
-    every = [one for runs in sequences for one in runs]
-    score = mean_score([mean_score([one.score for one in runs]) for runs in sequences])
-    curves = mean_curves([mean_curves([one.curves for one in runs]) for runs in sequences])
-    states = [one.states for one in every if one.states is not None]
-    return ResultRow(
-        tracker,
-        kind,
-        score,
-        curves,
-        *_speed([one.result for one in every]),
-        mean_state_accuracy(states) if states else None,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class AttributeRow:
-    """A tracker's means over the frames with an attribute, each sequence with the same weight."""
-
-    attribute: str
-    tracker: str
-    sequences: int
-    score: OpeScore
-
-
-def attribute_rows(runs: Iterable[ScoredRun]) -> list[AttributeRow]:
-    """Average the one-pass runs by attribute; in order of attribute, then best AUC first."""
-    groups: dict[tuple[str, str], list[OpeScore]] = {}
-    for one in runs:
-        for attribute, score in one.attributes.items() if one.kind == "ope" else ():
-            groups.setdefault((attribute, one.tracker), []).append(score)
-    found = [
-        AttributeRow(attribute, tracker, len(scores), mean_score(scores))
-        for (attribute, tracker), scores in groups.items()
-    ]
-    return sorted(found, key=lambda row: (row.attribute, -row.score.auc))
-
+from follower_vision.disk import write_whole
+from follower_vision.evaluation.metrics import StateAccuracy, median_s, share_soon
 
 HEAD = ("tracker", "start", "auc", "success@0.5", "precision@20", "norm. prec.", "fps", "cpu ms")
 STATES_HEAD = (
     "tracking at iou 0", "tracking while absent", "right but doubted",
     "returns", "return median s", "return under 0.5 s",
     "losses", "loss median s", "loss under 0.5 s",
+)  # fmt: skip
+_NAMES = dict(zip(COMPARED, HEAD[2:5], strict=True))
+DIFFERENCES_HEAD = ("tracker", "against", "start", "figure", "difference", "95 % interval", "p")
+TOOLKITS_HEAD = (
+    "tracker", "OTB success", "OTB precision", "OTB success rate",
+    "GOT-10k AO", "GOT-10k SR 0.5", "VOT accuracy",
 )  # fmt: skip
 NEVER = "never"
 _SHORT = ("AUC", "S@0.5", "P@20", "NP", "fps", "CPU ms")
@@ -194,6 +62,28 @@ def texts(one: ResultRow | ScoredRun) -> list[str]:
         "" if rate is None else f"{rate:.0f}",
         "" if milliseconds is None else f"{milliseconds:.1f}",
     ]
+
+
+def interval_text(low: float, high: float, sign: str = "") -> str:
+    """Return an interval as shown, without signs or, with "+", with them."""
+    return f"[{low:{sign}.3f}, {high:{sign}.3f}]"
+
+
+def difference_texts(one: Difference) -> list[str]:
+    """Return a difference as shown, in the columns of DIFFERENCES_HEAD."""
+    paired = one.paired
+    return [
+        *(one.tracker, one.reference, one.kind, _NAMES[one.figure]),
+        *(f"{paired.mean:+.3f}", interval_text(paired.low, paired.high, "+"), f"{paired.p:.3f}"),
+    ]
+
+
+def toolkit_texts(row: ToolkitRow) -> list[str]:
+    """Return a tracker's figures as shown, in the columns of TOOLKITS_HEAD."""
+    one = row.score
+    values = (one.otb_success, one.otb_precision, one.otb_rate, one.got10k_ao, one.got10k_sr)
+    accuracy = "–" if one.vot_accuracy is None else f"{one.vot_accuracy:.3f}"
+    return [row.tracker, *(f"{value:.3f}" for value in values), accuracy]
 
 
 def states_figures(states: StateAccuracy | None) -> list[Figure]:
@@ -230,9 +120,16 @@ def stateless(rows: Sequence[ResultRow]) -> list[str]:
     return list(dict.fromkeys(row.tracker for row in rows if row.states is None))
 
 
-def terminal_tables(rows: Sequence[ResultRow]) -> Iterable[Table]:
-    """Yield the means, and what the states are worth where a tracker has some."""
+def terminal_tables(rows: Sequence[MeanRow], differences: Sequence[Difference]) -> Iterable[Table]:
+    """Yield the means, differences, and what the states are worth where a tracker has some."""
     yield _table(_SHORT, [(row, texts(row)) for row in rows])
+    if differences:
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        for number, name in enumerate(DIFFERENCES_HEAD):
+            table.add_column(name, justify="left" if number < 4 else "right")
+        for one in differences:
+            table.add_row(*map(escape, difference_texts(one)))
+        yield table
     said = [(row, states_texts(row.states)) for row in rows if row.states]
     if said:
         yield _table(_SHORT_STATES, said)
@@ -266,25 +163,34 @@ def write_csv(path: Path, runs: Sequence[ScoredRun]) -> Path:
     return write_whole(path, text.getvalue())
 
 
-def write_json(
-    path: Path,
-    rows: Sequence[ResultRow],
-    attributes: Sequence[AttributeRow],
-    runs: Sequence[ScoredRun],
-    remarks: Sequence[str],
-) -> Path:
-    """Write the means with their curves, the means by attribute, and each run's figures.
+def write_json(path: Path, found: Evaluation) -> Path:
+    """Write the means with curves and intervals, differences, and each run's figures.
 
     Raises:
         OSError: it cannot be written.
     """
     stored = {
-        "means": [{**_entry(row), "curves": asdict(row.curves)} for row in rows],
-        "attributes": [_attribute_entry(row) for row in attributes],
-        "runs": [{"sequence": one.sequence, **_entry(one)} for one in runs],
-        "remarks": list(remarks),
+        "means": [
+            {**_entry(row), "intervals": _intervals(row), "curves": asdict(row.curves)}
+            for row in found.means
+        ],
+        "differences": [_difference_entry(one) for one in found.differences],
+        "toolkits": [{"tracker": row.tracker, **asdict(row.score)} for row in found.toolkits],
+        "attributes": [_attribute_entry(row) for row in found.attributes],
+        "runs": [{"sequence": one.sequence, **_entry(one)} for one in found.runs],
+        "remarks": found.remarks,
     }
     return write_whole(path, json.dumps(stored, indent=1, allow_nan=False))
+
+
+def _intervals(row: MeanRow) -> dict[str, tuple[float, float]]:
+    return {_NAMES[figure]: bounds for figure, bounds in row.intervals.items()}
+
+
+def _difference_entry(one: Difference) -> dict[str, object]:
+    entry = {**asdict(one), **asdict(one.paired), "figure": _NAMES[one.figure]}
+    del entry["paired"]
+    return entry
 
 
 def _attribute_entry(row: AttributeRow) -> dict[str, object]:

@@ -11,14 +11,26 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from follower.apps.evaluate.output_files import (
+    DIFFERENCES_HEAD,
     HEAD,
     STATES_HEAD,
-    AttributeRow,
-    ResultRow,
-    ScoredRun,
+    TOOLKITS_HEAD,
+    difference_texts,
+    interval_text,
     stateless,
     states_texts,
     texts,
+    toolkit_texts,
+)
+from follower.apps.evaluate.scores import (
+    COMPARED,
+    AttributeRow,
+    Difference,
+    Evaluation,
+    MeanRow,
+    ResultRow,
+    ScoredRun,
+    ToolkitRow,
 )
 from follower.report import html, style, track_losses
 from follower.report.html import Cell, Html
@@ -230,30 +242,22 @@ def _misses(box: Box | None, true: Box | None) -> bool:
     return true is not None and (box is None or box.iou(true) == 0)
 
 
-def render(
-    rows: Sequence[ResultRow],
-    attributes: Sequence[AttributeRow],
-    runs: Sequence[ScoredRun],
-    sequences: Sequence[one_pass.Sequence],
-    remarks: Sequence[str],
-) -> str:
+def render(found: Evaluation, sequences: Sequence[one_pass.Sequence]) -> str:
     """Return the page.
 
     Args:
-        rows: the means, best first.
-        attributes: the means by attribute.
-        runs: every run.
+        found: the figures.
         sequences: what was run over.
-        remarks: what the reader has to know, e.g. what was skipped.
     """
+    rows = found.means
     names = list(dict.fromkeys(row.tracker for row in rows))
-    once = [one for one in runs if one.kind == "ope"]
+    once = [one for one in found.runs if one.kind == "ope"]
     styles = line_styles(names)
     table = sequence_table(once, names)
-    by_attribute = attribute_plot(attributes, styles)
-    means = [(row.tracker, row.kind, *texts(row)) for row in rows]
+    by_attribute = attribute_plot(found.attributes, styles)
     sections = (
-        html.section("Means", html.table(HEAD, means, range(2, len(HEAD)))),
+        html.section("Means", means_table(rows)),
+        html.section("Differences", difference_plot(found.differences, styles)),
         html.section("Curves", curve_plots([row for row in rows if row.kind == "ope"], styles)),
         html.section("What the states are worth", states_table(rows)),
         html.section(
@@ -261,6 +265,7 @@ def render(
             key(styles, truth=False) if by_attribute else "",
             by_attribute,
         ),
+        html.section("By the toolkits' protocols", toolkit_table(found.toolkits)),
         html.section(
             "Success at 0.5 on each sequence", f'<div class="shades">{table}</div>' if once else ""
         ),
@@ -273,7 +278,7 @@ def render(
             key(styles),
             pictures(sequences, once, styles) if once else "",
         ),
-        html.section("Remarks", *(html.paragraph(remark) for remark in remarks)),
+        html.section("Remarks", *(html.paragraph(remark) for remark in found.remarks)),
     )
     page = resources.files("follower.apps.evaluate").joinpath("report.html").read_text("utf-8")
     light, dark = style.css_variables(dark=False), style.css_variables(dark=True)
@@ -281,6 +286,65 @@ def render(
     subtitle = f"{len(names)} trackers on {len(sequences)} sequences of {frames} frames"
     body = "\n".join(part for part in sections if part)
     return Template(page).substitute(light=light, dark=dark, subtitle=subtitle, body=body)
+
+
+def means_table(rows: Sequence[MeanRow]) -> str:
+    """Return the means, with their intervals where there are some."""
+    shown: list[list[Cell]] = []
+    for row in rows:
+        cells: list[Cell] = [row.tracker, row.kind, *texts(row)]
+        for column, figure in enumerate(COMPARED, 2):
+            if figure in row.intervals:
+                bounds = interval_text(*row.intervals[figure])
+                value = html.text_of(cells[column])
+                cells[column] = Html(f'{value}<br><small class="quiet">{bounds}</small>')
+        shown.append(cells)
+    said = "In brackets: 95 % bootstrap intervals of the mean, the sequences drawn anew."
+    remark = html.paragraph(said) if any(row.intervals for row in rows) else ""
+    return html.table(HEAD, shown, range(2, len(HEAD))) + remark
+
+
+def difference_plot(found: Sequence[Difference], styles: Mapping[str, LineStyle]) -> str:
+    """Return each tracker's difference from the first one, drawn and as a table; "" without."""
+    if not found:
+        return ""
+    drawn = [one for one in found if one.figure == COMPARED[0]]
+    labels = [one.tracker if one.kind == "ope" else f"{one.tracker} ({one.kind})" for one in drawn]
+    with style.plot_style():
+        figure = Figure(figsize=(_ATTRIBUTES_IN, 0.26 * len(drawn) + 0.8), layout="constrained")
+        axes = figure.subplots()
+        for place, one in enumerate(drawn):
+            line, paired = styles[one.tracker], one.paired
+            axes.plot([paired.low, paired.high], [place, place], color=line.colour.light)
+            axes.plot(paired.mean, place, line.marker, color=line.colour.light, markersize=5)
+        axes.axvline(0, color=style.INK.light, linewidth=0.8)
+        axes.set_yticks(range(len(drawn)), labels)
+        axes.set_ylim(len(drawn) - 0.5, -0.5)
+        axes.set(xlabel=f"AUC minus that of {drawn[0].reference}, with 95 % intervals")
+        svg = style.to_svg(figure, "differences", "differences of AUC")
+    said = (
+        f"Against {drawn[0].reference}, the first that was named, on the sequences that both ran. "
+        "p: how often differences as large come of flipping the sequences' signs at random, as "
+        "between equal trackers; it is not corrected for the number of comparisons."
+    )
+    rows = [difference_texts(one) for one in found]
+    return html.figure(svg, said, "wide") + html.table(
+        DIFFERENCES_HEAD, rows, range(4, len(DIFFERENCES_HEAD))
+    )
+
+
+def toolkit_table(rows: Sequence[ToolkitRow]) -> str:
+    """Return the figures that stand beside published ones."""
+    said = (
+        "One-pass figures as got10k-toolkit and vot-toolkit compute them from the files in got10k/ "
+        "and vot/. OTB scores the first frame; GOT-10k pools all frames and cuts boxes at the "
+        "image's edge; VOT (average accuracy, unsupervised) counts whole pixels from the eleventh "
+        "frame on and weighs sequences by their length. – where regions are no boxes."
+    )
+    table = html.table(
+        TOOLKITS_HEAD, [toolkit_texts(row) for row in rows], range(1, len(TOOLKITS_HEAD))
+    )
+    return table + html.paragraph(said) if rows else ""
 
 
 def states_table(rows: Sequence[ResultRow]) -> str:

@@ -9,17 +9,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from follower.apps.evaluate.contender import Contender, EvaluationResult, ResultStore, RunStart, run
 from follower.apps.evaluate.output_files import (
-    ResultRow,
-    ScoredRun,
-    attribute_rows,
-    rows,
-    scored,
     stateless,
     terminal_tables,
     write_csv,
     write_json,
 )
 from follower.apps.evaluate.report import render
+from follower.apps.evaluate.scores import (
+    Evaluation,
+    ScoredRun,
+    attribute_rows,
+    differences,
+    rows,
+    scored,
+    toolkit_rows,
+)
+from follower.apps.evaluate.toolkit_files import write_toolkit_files
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
 from follower_control.common.strict_config import SettingsError
@@ -32,32 +37,6 @@ from follower_vision.plugins import PluginError
 
 _SUCCESS, _INTERRUPTED = 0, 130
 _FILES = ("results.csv", "results.json", "report.html")
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """What trackers are worth on data sets.
-
-    Attributes:
-        folder: holds report.html, results.csv, results.json and the boxes.
-        means: each tracker's means over the sequences, best first: `score.auc`,
-            `score.precision` and others from 0 to 1, `frames_s` in frames a second.
-        runs: the same of each run.
-        remarks: what was left out, in sentences.
-
-    Examples:
-        >>> import follower
-        >>> found = follower.evaluate("otb", ["correlation", "identity"])
-        >>> for row in found.means:
-        ...     print(row.tracker, row.score.auc > 0.5)
-        correlation True
-        identity False
-    """
-
-    folder: Path
-    means: list[ResultRow]
-    runs: list[ScoredRun]
-    remarks: list[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +80,7 @@ def evaluate(plan: EvaluationPlan, console: Console | None = None) -> int:
         return _INTERRUPTED
     for remark in found.remarks:
         print_line(console, remark, style="yellow")
-    for table in terminal_tables(found.means):
+    for table in terminal_tables(found.means, found.differences):
         console.print(table)
     if stateless(found.means):
         print_line(console, f"no states: {', '.join(stateless(found.means))}", style="dim")
@@ -146,6 +125,7 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
         why = "; ".join(remarks) or "give --trackers a,b or --boxes name=folder"
         raise SettingsError(f"nothing to measure: {why}")
     folder = plan.resume or new_run_folder(plan.out, "evaluate")
+    print_line(console, f"{folder} (if this is stopped: --resume {folder})", style="dim")
     jobs = [
         (contender, sequence, start)
         for contender in contenders
@@ -161,9 +141,30 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
     if not kept:
         raise SettingsError(f"no sequence could be measured: {'; '.join(remarks)}")
     whole = [sequence for sequence in sequences if sequence.name not in broken]
-    found = Evaluation(folder, rows(kept), kept, remarks)
+    remarks += _clipped(kept, whole)
+    found = Evaluation(
+        folder,
+        rows(kept),
+        differences(kept),
+        kept,
+        attribute_rows(kept),
+        toolkit_rows(kept, whole),
+        remarks,
+    )
     _write(found, whole)
     return found
+
+
+def _clipped(runs: Iterable[ScoredRun], sequences: Iterable[Sequence]) -> list[str]:
+    """Say of which sequences the first box reaches beyond the image."""
+    initial = {sequence.name: sequence.initial for sequence in sequences}
+    names = {
+        one.sequence: None
+        for one in runs
+        if one.kind == "ope" and one.result.frame_s and one.result.boxes[0] != initial[one.sequence]
+    }
+    said = "the first box lies partly outside the image, and trackers started from the part inside"
+    return [f"{', '.join(names)}: {said}"] if names else []
 
 
 def _can_be_made(contender: Contender, remarks: list[str]) -> bool:
@@ -268,9 +269,8 @@ def _others(
 
 
 def _write(found: Evaluation, sequences: list[Sequence]) -> None:
-    means, runs, remarks = found.means, found.runs, found.remarks
-    attributes = attribute_rows(runs)
     table, figures, page = (found.folder / name for name in _FILES)
-    write_csv(table, runs)
-    write_json(figures, means, attributes, runs, remarks)
-    write_whole(page, render(means, attributes, runs, sequences, remarks))
+    write_csv(table, found.runs)
+    write_json(figures, found)
+    write_toolkit_files(found.folder, found.runs)
+    write_whole(page, render(found, sequences))

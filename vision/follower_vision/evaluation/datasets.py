@@ -1,26 +1,28 @@
-"""Finds and loads sequences of the field's data sets: OTB, UAV123, VOT, GOT-10k and our own.
+"""Finds and loads sequences of the field's data sets, whose layouts are recognised by looking.
 
-Boxes are taken as the data set writes them; no origin is shifted.
+GOT-10k, OTB, UAV123, UAVDT, DTB70, VisDrone-SOT, LaSOT, TrackingNet, VOT, and our own. Boxes are
+taken as the data set writes them; no origin is shifted.
 
 UAV123, UAV20L and UAV123@10fps: Mueller, Smith and Ghanem, "A Benchmark and Simulator for UAV
 Tracking" (ECCV 2016). The images lie in `data_seq/`, the boxes in `anno/`; several sequences are
 cut out of one film.
 """
 
-import re
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
 
+from follower_vision.evaluation.attributes import read_absence, read_attributes, read_rate
 from follower_vision.evaluation.one_pass import (
     IMAGES,
     DatasetError,
     Sequence,
     SequencePlace,
+    has_rectangles,
     read_boxes,
     read_lines,
 )
 from follower_vision.geometry.box import Box
+from follower_vision.sources.open import natural_key
 
 __all__ = ["DatasetError", "load_dataset", "read_boxes"]
 
@@ -49,38 +51,17 @@ PART_STARTS = {
 
 _KEPT_EVERY = 3
 """UAV123@10fps keeps every third frame: its frame 139 is frame 415 of the film."""
-Flags = tuple[bool, ...]
-"""One a frame: whether the attribute holds there."""
-_NAMES = {
-    "ARC": "aspect ratio change",
-    "BC": "background clutter",
-    "CM": "camera motion",
-    "DEF": "deformation",
-    "FM": "fast motion",
-    "FOC": "full occlusion",
-    "IPR": "in-plane rotation",
-    "IV": "illumination variation",
-    "LR": "low resolution",
-    "MB": "motion blur",
-    "OCC": "occlusion",
-    "OPR": "out-of-plane rotation",
-    "OV": "out of view",
-    "POC": "partial occlusion",
-    "SOB": "similar object",
-    "SV": "scale variation",
-    "VC": "viewpoint change",
-}
-_UAV123 = ("SV", "ARC", "LR", "FM", "FOC", "POC", "OV", "BC", "IV", "VC", "CM", "SOB")
-_GOT10K_LABELS = frozenset({"absence", "cover", "cut_by_image"})
-_GOT10K_CLASSES = {"object_class": "object", "motion_class": "motion", "major_class": "kind"}
-_WHOLLY_VISIBLE, _HALF_VISIBLE = 8, 3
-"""GOT-10k's levels: 8 is all of the target, 3 is up to 45 %."""
 _TRUTHS = ("groundtruth_rect.txt", "groundtruth.txt")
 _OTB_TARGETS = "groundtruth_rect.[0-9].txt"
 _OTB_FIRST_FRAMES = {"david": 300}
 _OTB_CUT = frozenset({*_OTB_FIRST_FRAMES, "football1", "freeman3", "freeman4", "diving"})
 """OTB's sequences with more images than boxes."""
 _IMAGE_FOLDERS = ("img", "color", ".")
+_PAIRED = (("sequences", "annotations"), ("frames", "anno"))
+"""VisDrone-SOT's and TrackingNet's folders of images, and of files of boxes with their names."""
+_UAVDT_ENDING = "_gt"
+_DEPTH = 2
+"""Folders between the one that is given and a sequence: LaSOT's categories, GOT-10k's parts."""
 
 
 def is_uav123(folder: Path) -> bool:
@@ -115,7 +96,7 @@ def _place(
     if slow:
         start = (start - 1) // _KEPT_EVERY + 1
     name = f"{subset}-{truth.stem}" if twice else truth.stem
-    return SequencePlace(name, folder, truth, start, 10.0 if slow else 30.0)
+    return SequencePlace(name, folder, truth, start, 10.0 if slow else 30.0, is_cut=True)
 
 
 def _film(stem: str, films: dict[str, list[Path]]) -> tuple[str, int]:
@@ -127,95 +108,8 @@ def _film(stem: str, films: dict[str, list[Path]]) -> tuple[str, int]:
     return film, int(number) - 1
 
 
-def read_attributes(place: SequencePlace, frames: int) -> dict[str, Flags]:
-    """Return the attributes that hold anywhere in a sequence, by name.
-
-    Known are UAV123's `att/NAME.txt`, OTB's `attrs.txt`, VOT's `*.tag` and `*.label`, and
-    GOT-10k's `cover.label`, `cut_by_image.label` and `meta_info.ini`.
-
-    Raises:
-        DatasetError: a file of attributes cannot be understood.
-    """
-    codes = (*_uav123_codes(place), *_otb_codes(place.folder), *_got10k_classes(place.folder))
-    flags = {_NAMES.get(code, code): (True,) * frames for code in codes}
-    flags |= _frame_tags(place.folder, frames) | _got10k_flags(place.folder, frames)
-    return {name: values for name, values in flags.items() if any(values)}
-
-
-def read_rate(place: SequencePlace) -> float | None:
-    """Return the frames a second that the layout, VOT's or GOT-10k's own file states, if any."""
-    said = _pairs(place.folder / "sequence", "=").get("fps")
-    said = said or _pairs(place.folder / "meta_info.ini", ":").get("anno_fps")
-    found = re.match(r"\d+(\.\d+)?", said or "")
-    rate_hz = float(found.group()) if found else 0.0
-    return rate_hz if rate_hz > 0 else place.rate_hz
-
-
-def read_flags(path: Path, frames: int) -> Flags:
-    """Read a number a line; a flag holds where it is not 0, and not beyond the file's end.
-
-    Raises:
-        DatasetError: the file cannot be read, holds something else, or is too long.
-    """
-    return tuple(value != 0 for value in _levels(path, frames))
-
-
-def _levels(path: Path, frames: int) -> list[float]:
-    words = [word for line in read_lines(path) for word in re.split(r"[,\s]+", line) if word]
-    try:
-        levels = [float(word) for word in words]
-    except ValueError:
-        raise DatasetError(f"{path}: needs a number for each frame") from None
-    if len(levels) > frames:
-        raise DatasetError(f"{path}: {len(levels)} numbers for {frames} boxes")
-    return levels + [0.0] * (frames - len(levels))
-
-
-def _uav123_codes(place: SequencePlace) -> list[str]:
-    path = place.truth.parent / "att" / place.truth.name
-    if not path.is_file():
-        return []
-    flags = read_flags(path, len(_UAV123))
-    return [code for code, holds in zip(_UAV123, flags, strict=True) if holds]
-
-
-def _otb_codes(folder: Path) -> list[str]:
-    path = folder / "attrs.txt"
-    lines = read_lines(path) if path.is_file() else []
-    return [code for line in lines for code in re.split(r"[,;\s]+", line) if code]
-
-
-def _got10k_classes(folder: Path) -> list[str]:
-    said = _pairs(folder / "meta_info.ini", ":")
-    return [f"{name}: {said[key]}" for key, name in _GOT10K_CLASSES.items() if said.get(key)]
-
-
-def _frame_tags(folder: Path, frames: int) -> dict[str, Flags]:
-    paths = sorted([*folder.glob("*.tag"), *folder.glob("*.label")])
-    own = [path for path in paths if path.stem not in _GOT10K_LABELS]
-    return {path.stem.replace("_", " "): read_flags(path, frames) for path in own}
-
-
-def _got10k_flags(folder: Path, frames: int) -> dict[str, Flags]:
-    flags: dict[str, Flags] = {}
-    cover, cut = folder / "cover.label", folder / "cut_by_image.label"
-    if cover.is_file():
-        levels = _levels(cover, frames)
-        flags["partly covered"] = tuple(level < _WHOLLY_VISIBLE for level in levels)
-        flags["mostly covered"] = tuple(level <= _HALF_VISIBLE for level in levels)
-    if cut.is_file():
-        flags["cut by image"] = read_flags(cut, frames)
-    return flags
-
-
-def _pairs(path: Path, between: str) -> Mapping[str, str]:
-    lines = read_lines(path) if path.is_file() else []
-    split = (line.partition(between) for line in lines)
-    return {key.strip(): value.strip() for key, _, value in split}
-
-
 def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
-    """Load one sequence, a folder of sequences, or UAV123 with `data_seq/` and `anno/`.
+    """Load one sequence, a folder of sequences, or a data set in its own layout.
 
     Returns:
         The sequences in order of name, and a remark for each that was skipped as broken.
@@ -235,20 +129,41 @@ def load_dataset(folder: Path) -> tuple[list[Sequence], list[str]]:
             remarks.append(f"skipped {place.name}: {error}")
     if not places:
         raise DatasetError(
-            f"{folder}: no sequence here; one has groundtruth.txt or groundtruth_rect.txt beside "
-            "its images, img/ or color/"
+            f"{folder}: no sequence here; give a data set as it is unpacked, or a folder with "
+            "groundtruth.txt or groundtruth_rect.txt beside its images, img/ or color/"
         )
     return sequences, remarks
 
 
-def _find(folder: Path) -> list[SequencePlace]:
+def _find(folder: Path, depth: int = _DEPTH) -> list[SequencePlace]:
     if is_uav123(folder):
         return find_uav123(folder)
-    alone = _places(folder)
-    if alone:
-        return alone
+    places = _find_paired(folder) or _find_uavdt(folder) or _places(folder)
+    if places or not depth:
+        return places
     inside = sorted(path for path in folder.iterdir() if path.is_dir())
-    return [place for path in inside for place in _places(path)]
+    return [place for path in inside for place in _find(path, depth - 1)]
+
+
+def _find_paired(folder: Path) -> list[SequencePlace]:
+    return [
+        SequencePlace(truth.stem, folder / images / truth.stem, truth)
+        for images, truths in _PAIRED
+        for truth in sorted(folder.glob(f"{truths}/*.txt"))
+        if (folder / images / truth.stem).is_dir()
+    ]
+
+
+def _find_uavdt(folder: Path) -> list[SequencePlace]:
+    """Pair `UAV-benchmark-SOT_v1.0/anno/S0101_gt.txt` with `UAV-benchmark-S/S0101`."""
+    pattern = f"anno/*{_UAVDT_ENDING}.txt"
+    places = []
+    for truth in sorted([*folder.glob(pattern), *folder.glob(f"*/{pattern}")]):
+        name = truth.stem.removesuffix(_UAVDT_ENDING)
+        images = next((p for p in (folder / name, *folder.glob(f"*/{name}")) if p.is_dir()), None)
+        if images is not None:
+            places.append(SequencePlace(name, images, truth, rate_hz=30.0))
+    return places
 
 
 def _places(folder: Path) -> list[SequencePlace]:
@@ -256,48 +171,48 @@ def _places(folder: Path) -> list[SequencePlace]:
     name = folder.resolve().name
     first = _OTB_FIRST_FRAMES.get(name.lower(), 1)
     truth = next((folder / file for file in _TRUTHS if (folder / file).is_file()), None)
+    is_cut = name.lower() in _OTB_CUT
     if truth is not None:
-        return [SequencePlace(name, folder, truth, first)]
+        return [SequencePlace(name, folder, truth, first, is_cut=is_cut)]
     targets = [path for path in sorted(folder.glob(_OTB_TARGETS)) if read_lines(path)]
+    names = [f"{name}.{path.stem[-1]}" if len(targets) > 1 else name for path in targets]
     return [
-        SequencePlace(f"{name}.{path.stem[-1]}" if len(targets) > 1 else name, folder, path, first)
-        for path in targets
+        SequencePlace(name, folder, path, first, is_cut=is_cut)
+        for name, path in zip(names, targets, strict=True)
     ]
 
 
 def _load(place: SequencePlace) -> Sequence:
     truth = _truth(place)
     images = _images(place.folder)
-    is_cut = place.truth.parent != place.folder or place.name.lower() in _OTB_CUT
-    if len(images) > len(truth) and is_cut:
+    if len(images) > len(truth) and place.is_cut:
         images = images[place.first - 1 :][: len(truth)]
     if len(images) != len(truth):
+        why = "one line an image" if len(truth) > 1 else "more than the first box: it is held back"
         raise DatasetError(
-            f"{place.truth}: {len(truth)} boxes for {len(images)} images; give one line an image"
+            f"{place.truth}: {len(truth)} boxes for {len(images)} images; needs {why}"
         )
     if len(truth) < 2 or truth[0] is None:
         raise DatasetError(f"{place.truth}: needs two frames or more and a box in the first")
     flags = read_attributes(place, len(truth))
-    return Sequence(place.name, tuple(images), tuple(truth), flags, read_rate(place))
+    rectangles = has_rectangles(place.truth)
+    return Sequence(place.name, tuple(images), tuple(truth), flags, read_rate(place), rectangles)
 
 
 def _truth(place: SequencePlace) -> list[Box | None]:
     truth = read_boxes(place.truth)
-    absence = place.folder / "absence.label"
-    if not absence.is_file():
+    if len(truth) < 2:
         return truth
-    number = len(read_lines(absence))
-    if number != len(truth):
-        raise DatasetError(f"{absence}: {number} lines for {len(truth)} boxes")
-    flags = read_flags(absence, len(truth))
-    return [None if absent else box for box, absent in zip(truth, flags, strict=True)]
+    absent = read_absence(place.folder, len(truth))
+    return [None if gone else box for box, gone in zip(truth, absent, strict=True)]
 
 
 def _images(folder: Path) -> list[Path]:
     for name in _IMAGE_FOLDERS:
         place = folder / name
         if place.is_dir():
-            found = sorted(path for path in place.iterdir() if path.suffix.lower() in IMAGES)
+            images = (path for path in place.iterdir() if path.suffix.lower() in IMAGES)
+            found = sorted(images, key=natural_key)
             if found:
                 return found
     raise DatasetError(f"{folder}: no images; put them there, into img/ or into color/")

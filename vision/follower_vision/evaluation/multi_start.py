@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.one_pass import Sequence, start_box
@@ -32,9 +31,6 @@ RATE_HZ = 30.0
 PRECISE_PX = 20.0
 EXPECTED_OVER = range(50, 301, 10)
 """Lengths in frames over which the expected overlap is averaged."""
-RESAMPLES, POOLED_RESAMPLES = 10_000, 200
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,35 +165,6 @@ def calibration_error(runs: list[Run], bins: int = 10) -> float:
     place = np.minimum((told * bins).astype(int), bins - 1)
     parts = [(told[place == k], right[place == k]) for k in range(bins) if np.any(place == k)]
     return float(sum(len(c) * abs(np.mean(c) - np.mean(r)) for c, r in parts) / len(told))
-
-
-def interval(values: Array, seed: int = 0) -> tuple[float, float]:
-    """The 95 % bootstrap interval of a mean over sequences."""
-    rng = np.random.default_rng(seed)
-    drawn = values[rng.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return float(low), float(high)
-
-
-def pooled_interval(
-    by_sequence: list[list[Run]], measure: Callable[[list[Run]], float], seed: int = 0
-) -> tuple[float, float, float]:
-    """A measure of all runs together, with its 95 % interval over sequences drawn anew."""
-    rng = np.random.default_rng(seed)
-    values = []
-    for _ in range(POOLED_RESAMPLES):
-        drawn = rng.integers(0, len(by_sequence), len(by_sequence))
-        values.append(measure([one for k in drawn for one in by_sequence[k]]))
-    low, high = np.nanpercentile(values, [2.5, 97.5])
-    return measure([one for runs in by_sequence for one in runs]), float(low), float(high)
-
-
-def paired_p(differences: Array, seed: int = 0) -> float:
-    """How often flipping signs at random gives a mean difference at least this far from nothing."""
-    rng = np.random.default_rng(seed)
-    signs = rng.choice((-1.0, 1.0), (RESAMPLES, len(differences)))
-    flipped = np.abs((signs * differences).mean(axis=1))
-    return float((1 + np.sum(flipped >= abs(differences.mean()) - 1e-12)) / (1 + RESAMPLES))
 
 
 def to_rows(runs: list[Run]) -> list[dict[str, object]]:

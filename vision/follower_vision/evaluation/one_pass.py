@@ -29,6 +29,7 @@ class Sequence:
         truth: one a frame; None where the target is absent. The first is a box.
         attributes: by name, e.g. "occlusion", the frames in which each holds.
         rate_hz: frames a second, None if unknown.
+        rectangles: the data set has boxes; else `truth` is the box around each region.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Sequence:
     truth: tuple[Box | None, ...]
     attributes: Mapping[str, tuple[bool, ...]] = field(default_factory=dict)
     rate_hz: float | None = None
+    rectangles: bool = True
 
     @property
     def initial(self) -> Box:
@@ -66,6 +68,7 @@ class SequencePlace:
         first: number of the image that the first box belongs to, from 1; used only where the
             folder has more images than the file has boxes.
         rate_hz: frames a second, None if the layout does not state it.
+        is_cut: the folder may hold more images than the file has boxes.
     """
 
     name: str
@@ -73,6 +76,7 @@ class SequencePlace:
     truth: Path
     first: int = 1
     rate_hz: float | None = None
+    is_cut: bool = False
 
 
 def read_boxes(path: Path) -> list[Box | None]:
@@ -86,6 +90,15 @@ def read_boxes(path: Path) -> list[Box | None]:
         DatasetError: the file cannot be read, or a line holds no region.
     """
     return [_box(path, number, line) for number, line in enumerate(read_lines(path), 1)]
+
+
+def has_rectangles(path: Path) -> bool:
+    """Return whether each region in a file is x, y, w, h, or a target's absence.
+
+    Raises:
+        DatasetError: the file cannot be read.
+    """
+    return all(len(_numbers(line)) in (1, 4) for line in read_lines(path))
 
 
 def read_lines(path: Path) -> list[str]:

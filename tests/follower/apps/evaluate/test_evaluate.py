@@ -5,6 +5,9 @@ import importlib.util
 import json
 import os
 import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -14,6 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from plugin_packages import TRACKER, installed
 from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
@@ -146,7 +150,10 @@ def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) 
     ("first", "said"),
     [
         ("-400,-300,30,30", "skipped other: the box to start from, -400,-300,30,30, lies outside"),
-        ("-10,-10,30,30", ""),
+        (
+            "-10,-10,30,30",
+            "other: the first box lies partly outside the image, and trackers started",
+        ),
     ],
 )
 def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
@@ -158,10 +165,140 @@ def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
     console = Console(record=True, width=160, file=StringIO())
     names = ("correlation", "longterm:correlation")
     assert evaluate(EvaluationPlan((data,), names, out=tmp_path / "r"), console) == 0
-    assert said in console.export_text()
+    (line,) = [one for one in console.export_text().splitlines() if said in one]
+    assert "Traceback" not in line
     results = json.loads((tmp_path / "r" / "evaluate" / "results.json").read_text())
     sequences = {run["sequence"] for run in results["runs"]}
-    assert sequences == ({"patch"} if said else {"patch", "other"})
+    assert sequences == ({"patch"} if "skipped" in said else {"patch", "other"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["-23.8,40,24,24", "159.9,119.9,24,24", "-500,-500,1200,1200"])
+def test_a_sliver_of_a_first_box_is_enough_or_skips_its_sequence_in_one_line(
+    data: Path, tmp_path: Path, first: str
+) -> None:
+    shutil.copytree(data / "patch", data / "other")
+    lines = (data / "other" / "groundtruth.txt").read_text().splitlines()
+    (data / "other" / "groundtruth.txt").write_text("\n".join([first, *lines[1:]]))
+    for number, (names, measured) in enumerate(
+        [(("correlation", "re3", "longterm:correlation"), 2), (("mil",), 1)]
+    ):
+        console = Console(record=True, width=160, file=StringIO())
+        out = tmp_path / str(number)
+        assert evaluate(EvaluationPlan((data,), names, out=out), console) == 0
+        results = json.loads((out / "evaluate" / "results.json").read_text())
+        assert len(results["runs"]) == measured * len(names)
+        (line,) = [one for one in console.export_text().splitlines() if "other: " in one]
+        assert ("skipped other: mil cannot start there" in line) == (measured == 1)
+
+
+def copies(data: Path, number: int) -> list[str]:
+    """Make more sequences of the first one, each starting a frame later; return all names."""
+    lines = (data / "patch" / "groundtruth.txt").read_text().splitlines()
+    for index in range(1, number):
+        folder = data / f"patch-{index}"
+        shutil.copytree(data / "patch", folder)
+        (folder / "groundtruth.txt").write_text("\n".join(lines[index:]))
+        for path in sorted((folder / "img").iterdir())[:index]:
+            path.unlink()
+    return sorted(path.name for path in data.iterdir())
+
+
+@pytest.mark.slow
+def test_means_have_intervals_and_trackers_are_compared_in_pairs(
+    data: Path, tmp_path: Path
+) -> None:
+    copies(data, 6)
+    console = Console(record=True, width=160, file=StringIO())
+    evaluate(EvaluationPlan((data,), ("identity", "correlation"), out=tmp_path / "r"), console)
+    folder = tmp_path / "r" / "evaluate"
+    stored = json.loads((folder / "results.json").read_text())
+    for mean in stored["means"]:
+        low, high = mean["intervals"]["auc"]
+        values = [run["auc"] for run in stored["runs"] if run["tracker"] == mean["tracker"]]
+        assert min(values) - 1e-9 <= low <= mean["auc"] + 1e-9
+        assert mean["auc"] - 1e-9 <= high <= max(values) + 1e-9
+    found = {one["figure"]: one for one in stored["differences"]}
+    assert set(found) == {"auc", "success@0.5", "precision@20"}
+    one = found["auc"]
+    assert (one["tracker"], one["reference"], one["sequences"]) == ("correlation", "identity", 6)
+    means = {mean["tracker"]: mean["auc"] for mean in stored["means"]}
+    assert one["mean"] == pytest.approx(means["correlation"] - means["identity"])
+    assert 0 < one["low"] < one["mean"] < one["high"]
+    assert one["p"] == pytest.approx(2 / 2**6, abs=0.006)
+    page = (folder / "report.html").read_text()
+    for shown in ("<h2>Differences</h2>", "95 % bootstrap intervals", f"{one['mean']:+.3f}"):
+        assert shown in page
+    assert f"{one['p']:.3f}" in console.export_text()
+
+
+def test_a_single_sequence_has_no_interval_and_no_test(data: Path, tmp_path: Path) -> None:
+    evaluate(EvaluationPlan((data,), ("identity", "correlation"), out=tmp_path / "r"), quiet())
+    folder = tmp_path / "r" / "evaluate"
+    stored = json.loads((folder / "results.json").read_text())
+    assert stored["differences"] == []
+    assert [mean["intervals"] for mean in stored["means"]] == [{}, {}]
+    assert "Differences" not in (folder / "report.html").read_text()
+
+
+KILLED = """
+import os, signal
+from pathlib import Path
+
+class Deadly(Follows):
+    name = "deadly"
+    starts = 0
+    def start(self, image, box):
+        Deadly.starts += 1
+        super().start(image, box)
+    def update(self, image):
+        if Deadly.starts == 3 and not Path(os.environ["SURVIVES"]).exists():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().update(image)
+
+def make(find_file, device):
+    return Deadly()
+"""
+
+
+@pytest.mark.slow
+def test_an_evaluation_that_was_killed_goes_on_where_it_was(data: Path, tmp_path: Path) -> None:
+    names = copies(data, 5)
+    survives = tmp_path / "survives"
+    with installed(tmp_path / "site") as site:
+        site.add("deadly-tracker", "trackers", "deadly", TRACKER + KILLED)
+    paths = [str(site.folder), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "SURVIVES": str(survives)}
+
+    def run(*options: str) -> subprocess.CompletedProcess[str]:
+        arguments = [str(data), "--trackers", "correlation,deadly", *options]
+        command = [sys.executable, "-m", "follower", "evaluate", *arguments]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=200, check=False
+        )
+
+    killed = run("--out", str(tmp_path / "runs"))
+    folder = tmp_path / "runs" / "evaluate"
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert f"--resume {folder}" in killed.stdout.replace("\n", "")
+    done = {path: path.stat().st_mtime_ns for path in (folder / "boxes").rglob("*.json")}
+    assert len(done) == len(names) + 2
+    assert not (folder / "results.json").exists()
+    survives.touch()
+    resumed = run("--resume", str(folder))
+    assert resumed.returncode == 0, resumed.stderr
+    assert {path: path.stat().st_mtime_ns for path in done} == done
+    whole = run("--out", str(tmp_path / "whole"))
+    assert whole.returncode == 0, whole.stderr
+    ours, theirs = (
+        json.loads((one / "results.json").read_text())
+        for one in (folder, tmp_path / "whole" / "evaluate")
+    )
+    assert len(ours["runs"]) == 2 * len(names)
+    for part in ("differences", "toolkits", "attributes"):
+        assert ours[part] == theirs[part]
+    for one in ("auc", "success@0.5", "precision@20"):
+        assert [run[one] for run in ours["runs"]] == [run[one] for run in theirs["runs"]]
 
 
 def test_a_tracker_is_told_the_data_sets_own_frame_rate(
