@@ -12,8 +12,7 @@ import numpy as np
 
 from follower.flight.log import ControlRecord
 from follower.recording import FlightFileError, RecordedFlight
-from follower.settings.retired import as_recorded
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import Settings, as_recorded, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_control.servo.position_fix import target_fix
 from follower_control.vehicle.gimbal import camera_to_world
