@@ -239,9 +239,13 @@ def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:
         pose = getattr(m, "pose", None)
         q = m.orientation if pose is None else pose.pose.orientation
         angles = attitude_of(q)
-        if angles is None:
+        row = {TIME: time_s}
+        if pose is None and m.orientation_covariance[0] == -1.0:
+            angles = None  # a driver that knows no attitude says so
+        elif angles is None:
             continue
-        row = {TIME: time_s, **dict(zip(ANGLES, map(math.degrees, angles), strict=True))}
+        if angles is not None:
+            row |= zip(ANGLES, map(math.degrees, angles), strict=True)
         if pose is None:
             turn = m.angular_velocity
             rates = math.degrees(turn.x), -math.degrees(turn.y), -math.degrees(turn.z)
@@ -252,7 +256,7 @@ def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:
         rows.append(row)
     if not rows:
         return None
-    if any(RATES[0] in row for row in rows):  # the Imu knows attitude better
+    if any({RATES[0], ANGLES[0]} <= row.keys() for row in rows):  # the Imu knows attitude better
         rows = [{k: v for k, v in r.items() if RATES[0] in r or k not in ANGLES} for r in rows]
     rows.sort(key=lambda row: row[TIME])
     first_s = rows[0][TIME]

@@ -1,5 +1,6 @@
 """The commands `follower ros`, `follower ros-demo` and `follower ros-bag`."""
 
+from itertools import takewhile
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated
@@ -36,8 +37,7 @@ BAG_EPILOG = """
 `follower ros-bag flight.bag --out unpacked` – a video and a table, for `follower import`
 """
 _EXTRA = (
-    "ROS 2's Python packages are not here ({}): source a ROS 2 set-up, or "
-    "pip install 'drone-target-follower[ros]'"
+    "ROS 2's Python packages are not here ({}): source a ROS 2 set-up, or pip install -e '.[ros]'"
 )
 
 Mode = Annotated[
@@ -82,6 +82,12 @@ def ros_command(
     """
     from follower.apps.command_settings import command_settings
 
+    ours = takewhile(lambda one: one != "--ros-args", context.args)
+    unknown = next(ours, None)
+    if unknown is not None:
+        raise typer.BadParameter(
+            f"{unknown}: there is no such option; ROS's stand after --ros-args"
+        )
     settings = command_settings(config, overrides)
     node = _needs_ros()
     options = node.NodeOptions(

@@ -32,6 +32,8 @@ _TO_BGR = {
     "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUYV),
 }
 """Bytes of a pixel, and OpenCV's code, by sensor_msgs' name of an encoding."""
+_SQUARE = 0.02
+"""By what share focal lengths across and down may differ: our pixels are square."""
 
 
 def stamp_s(stamp: Any) -> float:
@@ -51,6 +53,13 @@ def image_of(message: Any) -> Image:
     Raises:
         ValueError: its encoding is unknown, or its size does not fit its data.
     """
+    try:
+        return _image_of(message)
+    except cv2.error as error:
+        raise ValueError(f"an image that OpenCV cannot read ({error.err})") from error
+
+
+def _image_of(message: Any) -> Image:
     if hasattr(message, "format"):
         decoded = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
         if decoded is None:
@@ -144,19 +153,25 @@ def fill_region(region: Any, box: Box | None) -> None:
 
 
 def camera_overrides(info: Any) -> list[str]:
-    """Return the settings, `key=value` each, of a calibrated sensor_msgs/CameraInfo; else none."""
-    fx, cx, cy = info.k[0], info.k[2], info.k[5]
-    if not (math.isfinite(fx + cx + cy) and fx > 0 and info.width > 0):
+    """Return the settings, `key=value` each, of a calibrated sensor_msgs/CameraInfo; else none.
+
+    None either of a lens that our model does not fit: its lines of sight would be wrong unseen.
+    """
+    fx, fy, cx, cy = info.k[0], info.k[4], info.k[2], info.k[5]
+    if not (math.isfinite(fx + fy + cx + cy) and fx > 0 and info.width > 0):
+        return []
+    if abs(fy - fx) > _SQUARE * fx:
         return []
     given = [*info.d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
     plain = info.distortion_model in ("plumb_bob", "rational_polynomial", "")
-    fits = plain and not any(info.d[5:]) and all(map(math.isfinite, given))
+    if not plain or any(info.d[5:]) or not all(map(math.isfinite, given)):
+        return []
     return [
         f"camera.focal_px={fx}",
         f"camera.focal_width_px={info.width}",
         # ROS counts from the middle of the first pixel, we from its corner.
         f"camera.center_px=[{cx + 0.5}, {cy + 0.5}]",
-        *([f"camera.distortion={given}"] if fits else []),
+        f"camera.distortion={given}",
     ]
 
 

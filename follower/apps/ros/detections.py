@@ -21,7 +21,7 @@ class TopicDetector:
         topic: of the arrays.
 
     Attributes:
-        class_names: those seen so far.
+        class_names: those seen so far, and those that were asked for.
 
     Raises:
         ImportError: vision_msgs is not installed.
@@ -34,6 +34,11 @@ class TopicDetector:
         self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
         self.class_names: tuple[str, ...] = ()
         io.subscribe(Detection2DArray, topic, self._take)
+
+    def know(self, name: str) -> None:
+        """Take a class to be one that can be asked for, seen yet or not."""
+        if name not in self.class_names:
+            self.class_names = (*self.class_names, name)
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """Return what the other node saw last; only centres in `region` count, if it is given."""
@@ -59,8 +64,7 @@ class TopicDetector:
         if box is None or best is None or not 0 <= best.hypothesis.score <= 1:
             return []
         name = best.hypothesis.class_id
-        if name not in self.class_names:
-            self.class_names = (*self.class_names, name)
+        self.know(name)
         return [Detection(box, self.class_names.index(name), name, best.hypothesis.score)]
 
 

@@ -105,7 +105,19 @@ class IoNode(ClosesItself):
         self, kind: type, topic: str, take: Callable[[Any], None], qos: QoSProfile = SENSOR
     ) -> None:
         """Have messages of a topic taken."""
-        self.node.create_subscription(kind, self.name_of(topic), take, qos)
+        self.node.create_subscription(kind, self.name_of(topic), self._guarded(take, topic), qos)
+
+    def _guarded(self, take: Callable[[Any], None], topic: str) -> Callable[[Any], None]:
+        """Let a message that cannot be taken count as missing: the others still come."""
+
+        def taken(message: Any) -> None:
+            try:
+                take(message)
+            except Exception as error:  # whatever it is, the thread has to live on
+                said = f"a message of {topic} is left out: {' '.join(str(error).split())}"
+                self.node.get_logger().warning(said, throttle_duration_sec=5.0)
+
+        return taken
 
     def start(self) -> None:
         """Begin to take messages."""

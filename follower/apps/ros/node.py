@@ -10,6 +10,7 @@ import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_srvs.srv import Trigger
@@ -23,7 +24,7 @@ from follower.apps.ros.topic_source import TopicSource
 from follower.apps.ros.vehicle_topics import MavrosTopics, VehicleTopics
 from follower.settings.field_docs import setting_meaning
 from follower.settings.live import live_keys
-from follower.settings.settings import Settings
+from follower.settings.settings import Settings, load_settings
 from follower.ui.terminal.cli_options import parse_box
 from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
@@ -33,6 +34,8 @@ SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FA
 MODES = ("perception", "mavros", "direct")
 _BY = "ROS"
 _INFO_WAIT_S = 1.0
+_CONFIGURED = ("mode", "mavros", "detections", "config")
+"""Parameters by which the topics are opened: the transport is made with them."""
 _LENS = ("camera.focal_px", "camera.fov_deg")
 _DEFAULTS = flat_settings(Settings())
 
@@ -78,7 +81,7 @@ class FollowerNode(LifecycleNode):
 
     def __init__(self, options: NodeOptions, settings: Settings) -> None:
         super().__init__("follower")
-        self._options, self._base = options, flat_settings(settings)
+        self._base, self._read = flat_settings(settings), options.config
         for name in NodeOptions.__dataclass_fields__:
             self.declare_parameter(name, getattr(options, name))
         for key, value in self._base.items():
@@ -160,6 +163,7 @@ class FollowerNode(LifecycleNode):
             raise SettingsError(f"mode {mode!r}: choose one of {', '.join(MODES)}")
         if self._value("image_transport") not in ("raw", "compressed"):
             raise SettingsError("image_transport: raw or compressed")
+        self._read_config()
         self._io = io = IoNode(f"{self.get_name()}_io", self)
         try:
             io.subscribe(CameraInfo, "camera_info", self._take_info)
@@ -172,6 +176,16 @@ class FollowerNode(LifecycleNode):
         except BaseException:
             self._close_io()
             raise
+
+    def _read_config(self) -> None:
+        """Let the parameters be what the file of `config` says, where nobody has set them."""
+        config = self._value("config")
+        if config == self._read:
+            return
+        base = flat_settings(load_settings(config or None))
+        untouched = [key for key in base if self._value(key) == self._base.get(key)]
+        self.set_parameters([Parameter(key, value=base[key]) for key in untouched])
+        self._base, self._read = base, config
 
     def _subscribe_detections(self, io: IoNode) -> None:
         detections = self._value("detections")
@@ -201,7 +215,7 @@ class FollowerNode(LifecycleNode):
                 self._value("connect") if mode == "direct" else f"ros:{mode}",
                 f"ros:{self.resolve_topic_name('image')}",
                 steers=steers,
-                target=parse_target(target) if target else None,
+                target=self._target(target) if target else None,
                 config=self._value("config") or None,
                 overrides=self._overrides(),
                 skip_preflight=skips,
@@ -253,9 +267,10 @@ class FollowerNode(LifecycleNode):
             self._select_box(box)
 
     def _select_box(self, box: Box) -> None:
+        pursuit = self._pursuit  # the flight may end meanwhile
         try:
-            if self._pursuit is not None:
-                self._pursuit.select(box)
+            if pursuit is not None:
+                pursuit.select(box)
         except ValueError as error:
             self.get_logger().warning(f"no target: {error}")
 
@@ -276,7 +291,13 @@ class FollowerNode(LifecycleNode):
         return self._pursuit
 
     def _select(self, target: str) -> None:
-        self._flying().select(parse_target(target))
+        self._flying().select(self._target(target))
+
+    def _target(self, text: str) -> Box | str:
+        target = parse_target(text)
+        if self._detector is not None and isinstance(target, str) and not target.startswith("#"):
+            self._detector.know(target.partition(":")[0])
+        return target
 
     def _answered(self, do: Callable[[], None]) -> tuple[bool, str]:
         try:
@@ -288,7 +309,11 @@ class FollowerNode(LifecycleNode):
     def _on_parameters(self, parameters: list[Any]) -> SetParametersResult:
         """Change settings in flight where they may be, and select a new target."""
         if self._pursuit is None:
-            return SetParametersResult(successful=True)
+            late = [one.name for one in parameters if one.name in _CONFIGURED]
+            if self._io is None or not late:
+                return SetParametersResult(successful=True)
+            said = f"{', '.join(late)}: not once configured; clean up first"
+            return SetParametersResult(successful=False, reason=said)
         live = {one.name: one.value for one in parameters if one.name in self._live}
         others = [p.name for p in parameters if p.name not in (*self._live, "target")]
         if others:

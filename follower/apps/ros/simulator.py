@@ -272,8 +272,6 @@ class SimulatedMavros:
             setattr(status, name, bool(m.flags >> bit & 1))
         self.publish("estimator_status", status)
 
-    _on_ekf_status_report = _on_estimator_status
-
     def _on_gps_raw_int(self, m: Any) -> None:
         gps = self._new("gpsstatus/gps1/raw")
         gps.fix_type, gps.eph, gps.epv = m.fix_type, m.eph, m.epv

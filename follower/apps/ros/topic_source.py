@@ -35,13 +35,14 @@ class TopicSource(ClosesItself):
         compressed = transport == "compressed"
         self._io = IoNode(f"{owner.get_name()}_camera", owner)
         self._clock: RosClock = self._io.clock
-        name = self._io.name_of(topic) + ("/compressed" if compressed else "")
+        topic += "/compressed" if compressed else ""
+        name = self._io.name_of(topic)
         self.problem: str | None = f"no image has come on {name}"
         self.frame_id = ""
         self._mailbox: Mailbox[Frame] = Mailbox()
         self._sequence, self._newest_s = 0, float("-inf")
         kind = CompressedImage if compressed else Image
-        self._io.node.create_subscription(kind, name, self._take, NEWEST)
+        self._io.subscribe(kind, topic, self._take, NEWEST)
         self._io.start()
 
     @property

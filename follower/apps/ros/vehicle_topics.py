@@ -33,6 +33,8 @@ VEHICLE, AUTOPILOT = 1, 1
 _MOST_WAITING = 2000
 _HEARTBEAT_S = 1.0
 _SILENT_S = 3.0
+_UNHEARD_S, _GIVEN_UP_S = 1.0, 6.0
+"""MAVROS itself waits 5 s for the answer to a command."""
 _CUSTOM, _ARMED = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PX4 = mavlink.MAV_AUTOPILOT_PX4
@@ -179,6 +181,8 @@ class MavrosTopics(VehicleTopics):
         self._srv, self._target = srv, msg.PositionTarget
         self._autopilot, self._kind = mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC
         self._heard_s = -math.inf
+        self._unanswered_s: float | None = None
+        self._waiting: dict[tuple[Any, ...], tuple[float, Any, Any]] = {}
         take: dict[str, tuple[type, Callable[[Any], None], QoSProfile]] = {
             "extended_state": (msg.ExtendedState, self._take_extended, RELIABLE),
             "sys_status": (msg.SysStatus, self._take_sys_status, RELIABLE),
@@ -186,7 +190,7 @@ class MavrosTopics(VehicleTopics):
             "gpsstatus/gps1/raw": (msg.GPSRAW, self._take_gps, SENSOR),
             "altitude": (msg.Altitude, self._take_altitude, SENSOR),
             "rc/in": (msg.RCIn, self._take_rc, RELIABLE),
-            "statustext/recv": (msg.StatusText, self._take_text, RELIABLE),
+            "statustext/recv": (msg.StatusText, self._take_text, SENSOR),
             "state": (msg.State, self._take_state, LATCHED),
         }
         for topic, (kind, callback, qos) in take.items():
@@ -213,7 +217,7 @@ class MavrosTopics(VehicleTopics):
         self._heard_s = self._io.clock.now()
         if self._autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             request = self._srv.VehicleInfoGet.Request(get_all=False)
-            self._call(self._info, request, self._take_info)
+            self._call(self._info, ("info",), request, self._take_info)
             return
         base = _CUSTOM | (_ARMED if m.armed else 0)
         mode = mode_number(self._autopilot, m.mode)
@@ -267,7 +271,9 @@ class MavrosTopics(VehicleTopics):
         self._put(mavlink.MAVLink_statustext_message(m.severity, m.text.encode()[:50]))
 
     def _obey(self, name: str, message: Any) -> None:
-        if not self._connected:
+        # Our own answer to TIMESYNC must not say that the autopilot hears us when it does not.
+        unheard = name == "TIMESYNC" and self._unanswered_for_s > _UNHEARD_S
+        if not self._connected or unheard:
             return
         if name == "SET_POSITION_TARGET_LOCAL_NED":
             self._send_target(message)
@@ -293,10 +299,16 @@ class MavrosTopics(VehicleTopics):
         )
 
         def acknowledge(answer: Any) -> None:
+            if not answer.success and answer.result == mavlink.MAV_RESULT_ACCEPTED:
+                return  # MAVROS has waited for an answer in vain
+            self._unanswered_s = None
             here = 0, 0, VEHICLE, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
             self._put(mavlink.MAVLink_command_ack_message(m.command, answer.result, *here))
 
-        self._call(self._commands, request, acknowledge)
+        waits = any(key[0] == "command" for key in self._waiting)
+        asks_often = m.command == mavlink.MAV_CMD_REQUEST_MESSAGE and m.param1 == 0
+        if not (asks_often and waits):  # MAVROS does one at a time: a change of mode comes first
+            self._call(self._commands, ("command", m.command, m.param1), request, acknowledge)
 
     def _ask_parameter(self, name: str) -> None:
         def take(answer: Any) -> None:
@@ -307,14 +319,39 @@ class MavrosTopics(VehicleTopics):
                     told = name.encode(), float(value), kind, 1, 0
                     self._put(mavlink.MAVLink_param_value_message(*told))
 
-        self._call(self._parameters, GetParameters.Request(names=[name]), take)
+        key = "parameter", name
+        self._call(self._parameters, key, GetParameters.Request(names=[name]), take)
 
-    def _call(self, client: Any, request: Any, take: Callable[[Any], None]) -> None:
-        """Call a service, if it is there; its answer is taken on the node's thread."""
-        if client.service_is_ready():
-            client.call_async(request).add_done_callback(
-                lambda done: None if done.exception() else take(done.result())
-            )
+    @property
+    def _unanswered_for_s(self) -> float:
+        since_s = self._unanswered_s
+        return 0.0 if since_s is None else self._io.clock.now() - since_s
+
+    def _call(
+        self, client: Any, key: tuple[Any, ...], request: Any, take: Callable[[Any], None]
+    ) -> None:
+        """Call a service, if it is there and does not owe this answer already.
+
+        The answer is taken on the node's thread; one that has not come after 6 s is given up.
+        """
+        now_s = self._io.clock.now()
+        for one, (since_s, asked, future) in list(self._waiting.items()):
+            if now_s - since_s > _GIVEN_UP_S:
+                self._waiting.pop(one, None)
+                asked.remove_pending_request(future)
+        if key in self._waiting or not client.service_is_ready():
+            return
+        if key[0] == "command" and self._unanswered_s is None:
+            self._unanswered_s = now_s
+        future = client.call_async(request)
+        self._waiting[key] = now_s, client, future
+
+        def done(answered: Any) -> None:
+            self._waiting.pop(key, None)
+            if answered.exception() is None and answered.result() is not None:
+                take(answered.result())
+
+        future.add_done_callback(done)
 
 
 def mode_number(autopilot: int, name: str) -> int:

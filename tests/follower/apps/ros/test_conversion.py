@@ -8,7 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from follower.apps.main import app
 from follower.apps.ros.conversion import (
     attitude_of,
     camera_overrides,
@@ -72,6 +74,11 @@ def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
     broken.height = 9
     with pytest.raises(ValueError, match="too little data"):
         image_of(broken)
+    odd = raw("uyvy", np.zeros(36, np.uint8), 6)
+    odd.width = 3
+    for unreadable in (odd, SimpleNamespace(format="jpeg", data=b"")):
+        with pytest.raises(ValueError, match="OpenCV cannot read"):
+            image_of(unreadable)
 
 
 def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> None:
@@ -81,6 +88,27 @@ def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> No
     assert "camera.center_px=[320.0, 240.0]" in camera_overrides(info)
     info.k = [0.0] * 9
     assert camera_overrides(info) == []
+
+
+@pytest.mark.parametrize(
+    ("k", "d", "model"),
+    [
+        ([500.0, 0, 319.5, 0, 450.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 4, "equidistant"),
+        ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 8, "rational_polynomial"),
+    ],
+)
+def test_a_lens_that_ours_cannot_be_does_not_count(k: list, d: list, model: str) -> None:
+    """Its lines of sight would be wrong, and the preflight check would say that all is well."""
+    info = SimpleNamespace(k=k, d=d, width=640, distortion_model=model)
+    assert camera_overrides(info) == []
+
+
+def test_a_mistyped_option_is_no_argument_of_ros() -> None:
+    arguments = ["ros", "--confg", "drone.yaml", "--ros-args", "-r", "image:=/camera"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--confg" in result.output
 
 
 def test_the_packages_parameters_are_the_settings() -> None:

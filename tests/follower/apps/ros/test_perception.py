@@ -90,6 +90,9 @@ def test_without_images_it_says_so(watched) -> None:
 
 def test_inactive_it_refuses_what_needs_a_flight_in_words(watched) -> None:
     assert watched.change("deactivate")
+    refused = watched.set("follower", mode="direct")
+    assert not refused.successful
+    assert "clean up first" in refused.reason
     answer = watched.call(Trigger, "/follower/select", Trigger.Request())
     assert not answer.success
     assert "not active" in answer.message
