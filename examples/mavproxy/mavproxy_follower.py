@@ -21,7 +21,7 @@ follower select LEFT TOP RIGHT BOTTOM   what a box shows, likewise
 follower release                  drop the target: the vehicle holds and is released
 follower status                   the target's box and state
 follower camera NUMBER            its camera component, 100 unless set otherwise"""
-_STATES = {0: "no target", 1: "tracking", 2: "lost", 5: "coasting"}
+_STATES = {0: "no target", 1: "tracking", 2: "lost", 9: "coasting"}
 """By CAMERA_TRACKING_STATUS_FLAGS."""
 _RESULTS = {0: "accepted", 2: "denied", 3: "unsupported", 4: "failed"}
 

@@ -36,7 +36,7 @@ def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
         OSError: the file cannot be written.
     """
     scene, context = FlightScene(recorded), foxglove.Context()
-    with foxglove.open_mcap(str(emptied(out)), allow_overwrite=True, context=context):
+    with foxglove.open_mcap(str(emptied(out, recorded)), allow_overwrite=True, context=context):
         writer = _Writer(context, recorded.config.epoch_ns)
         writer.messages(recorded)
         writer.pictures(scene)

@@ -37,7 +37,7 @@ def write_rerun(recorded: RecordedFlight, out: Path) -> Path:
     """
     scene = FlightScene(recorded)
     stream = rr.RecordingStream("drone-target-follower", send_properties=False)
-    stream.save(emptied(out), default_blueprint=_layout())
+    stream.save(emptied(out, recorded), default_blueprint=_layout())
     stream.set_log_time_enabled(False)  # when this was written is of no interest
     stream.set_log_tick_enabled(False)
     stream.log("world", rr.ViewCoordinates.FRD, static=True)

@@ -12,6 +12,8 @@ import numpy as np
 
 from follower.flight.log import ControlRecord
 from follower.recording import FlightFileError, RecordedFlight
+from follower.recording.recorder import CONFIG, LOG, TLOG
+from follower.recording.video_writer import VIDEO
 from follower.settings.settings import Settings, as_recorded, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_control.servo.position_fix import target_fix
@@ -146,12 +148,15 @@ def quaternion(turn: Vector) -> Quaternion:
     return row[0] / scale, row[1] / scale, row[2] / scale, row[3] / scale
 
 
-def emptied(out: Path) -> Path:
+def emptied(out: Path, recorded: RecordedFlight) -> Path:
     """Make a file empty, and its folder if need be: the libraries' own errors name no file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written, or is one of the flight's own.
     """
+    own = recorded.folder.resolve()
+    if out.resolve() in [own / name for name in (LOG, TLOG, CONFIG, VIDEO)]:
+        raise FileExistsError(f"{out} belongs to the recording: name another file")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.open("wb").close()
     return out

@@ -250,6 +250,11 @@ def test_a_place_that_cannot_be_written_is_an_error_of_the_system(
 ) -> None:
     with pytest.raises(OSError, match=re.escape(str(tmp_path))):
         write(flight, tmp_path)
+    own = flight.folder / "flight.mcap"
+    before = own.read_bytes()
+    with pytest.raises(OSError, match="belongs to the recording"):
+        write(flight, own)
+    assert own.read_bytes() == before
 
 
 @pytest.mark.parametrize("name", ["foxglove", "rerun"])
