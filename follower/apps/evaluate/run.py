@@ -111,7 +111,8 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
     console = console or quiet_console()
     try:
         sequences, remarks = _sequences(plan.folders)
-        others = _others(plan.boxes, plan.fps, sequences, remarks)
+        names = set(plan.trackers)
+        others = _others(plan.boxes, plan.fps, sequences, remarks, names)
     except DatasetError as error:
         raise SettingsError(str(error)) from None
     if plan.resume is not None and not plan.resume.is_dir():
@@ -243,14 +244,25 @@ def _run_all(
 
 
 def _others(
-    boxes: Iterable[str], fps: float, sequences: list[Sequence], remarks: list[str]
+    boxes: Iterable[str],
+    fps: float,
+    sequences: list[Sequence],
+    remarks: list[str],
+    taken: set[str],
 ) -> list[ScoredRun]:
-    """Score the boxes of other programs; a sequence that they lack is said and left out."""
+    """Score the boxes of other programs; a sequence that they lack is said and left out.
+
+    Raises:
+        DatasetError: a folder's boxes do not fit, or its name is `taken`, by a tracker or another.
+    """
     runs = []
     for text in boxes:
         name, equals, folder = text.partition("=")
         if not (name and equals and Path(folder).is_dir()):
             raise DatasetError(f"--boxes {text}: write name=folder; the folder has to exist")
+        if name in taken:
+            raise DatasetError(f"--boxes {text}: there is a tracker {name} already")
+        taken.add(name)
         for sequence in sequences:
             path = Path(folder, f"{sequence.name}.txt")
             if not path.is_file():  # GOT-10k's toolkit writes this one

@@ -430,3 +430,10 @@ def test_bad_input_ends_in_one_line_and_code_2(
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
     assert done.err.startswith("follower: ")
+
+
+def test_a_name_is_one_trackers(data: Path, tmp_path: Path) -> None:
+    """Two of one name would be averaged."""
+    boxes = f"identity={data}"
+    with pytest.raises(SettingsError, match="there is a tracker identity already"):
+        evaluate(EvaluationPlan((data,), ("identity",), boxes=(boxes,), out=tmp_path))
