@@ -423,7 +423,7 @@ def test_masks_and_tracks_of_other_libraries_are_detections(
         class_id=np.array([1, 7, 0]),
         tracker_id=np.array([3, 4, -1]),
     )
-    bare = shaped(kind, xyxy=corners[:1])
+    bare = shaped(kind, xyxy=np.array([corners[0], [5, 5, 5, 9]]))
     detector = answers(site, monkeypatch, found, bare)
     best, masked = detector.detect(frame(0).image)
     assert (best.class_name, best.score, best.box) == ("7", 0.9, Box.from_xywh(10, 10, 20, 30))
@@ -436,7 +436,6 @@ def test_masks_and_tracks_of_other_libraries_are_detections(
     "wrong",
     [
         {"xyxy": [[0, 0, np.nan, 1]]},
-        {"xyxy": [[5, 5, 5, 9]]},
         {"xyxy": [[0, 0, 1, 1]], "confidence": [0.5, 0.5]},
         {"xyxy": [[0, 0, 1, 1]], "confidence": [np.inf]},
     ],

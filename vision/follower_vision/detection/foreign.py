@@ -40,6 +40,8 @@ def as_detections(answer: Any, class_names: Sequence[str]) -> list[Detection]:
         if masks is not None and np.any(masks[row]):
             left, right = _bounds(np.any(masks[row], axis=0))
             top, bottom = _bounds(np.any(masks[row], axis=1))
+        if right <= left or bottom <= top:
+            continue  # one without area says nothing of the others
         number = int(classes[row])
         name = class_names[number] if 0 <= number < len(class_names) else str(number)
         box = Box.from_xywh(left, top, right - left, bottom - top)

@@ -44,7 +44,10 @@ class GuardedEmbedder:
         self._width: int | None = None
 
     def embed(self, image: Image, boxes: Sequence[Box]) -> Floats:
-        """Return (N, D) rows of length 1, or of 0; the first answer says D."""
+        """Return (N, D) rows of length 1, or of 0.
+
+        The first answer says D; if that one fails, D is 0 from then on, and nothing is alike.
+        """
         nothing: Floats = np.zeros((len(boxes), self._width or 0))
 
         def ask() -> Floats:
