@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 DEPS := pyproject.toml constraints.txt
 
 .DELETE_ON_ERROR:
-.PHONY: help demo sitl test check lint types tests golden docs format coverage clean
+.PHONY: help demo ros sitl test check lint types tests golden docs format coverage clean
 
 help: ## List what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -55,6 +55,16 @@ SPREAD := --numprocesses 3 --dist loadfile --no-loadscope-reorder
 tests: $(VENV)/dev.stamp
 	$(BIN)/pytest $(SPREAD)
 
+$(VENV)/ros.stamp: $(VENV)/core.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros]' \
+		catkin_pkg hypothesis pytest pytest-timeout
+	@touch $@
+
+# ROS's wheels start every Python of their environment anew, so they get one of their own.
+ros: ## Run the tests between processes of ROS 2, in an environment of their own
+	$(MAKE) VENV=.venv-ros .venv-ros/ros.stamp
+	.venv-ros/bin/pytest tests/follower/apps/ros
+
 coverage: $(VENV)/dev.stamp ## Tests with a coverage report
 	$(BIN)/pytest $(SPREAD) --cov --cov-report=term-missing
 
@@ -73,4 +83,4 @@ format: $(VENV)/dev.stamp ## Format the sources
 	$(BIN)/ruff format .
 
 clean: ## Remove the virtual environment and all caches
-	rm -rf $(VENV) build dist site .coverage .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-ros build dist site .coverage .mypy_cache .pytest_cache .ruff_cache .hypothesis
