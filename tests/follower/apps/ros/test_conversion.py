@@ -129,5 +129,5 @@ def test_without_ros_it_says_which_extra_to_install(command: str) -> None:
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 2
-    assert "drone-target-follower[ros]" in result.stderr
+    assert "pip install -e '.[ros]'" in result.stderr
     assert result.stderr.count("\n") == 1
