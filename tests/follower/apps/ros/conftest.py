@@ -204,8 +204,9 @@ def make_rig(
         environment[name] = os.pathsep.join(filter(None, (path, os.environ.get(name))))
     ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in ours.items():
+        for name, value in {**environment, **ours}.items():
             patch.setenv(name, value)
+        patch.syspath_prepend(interfaces)  # the test speaks with these messages, too
 
         @contextmanager
         def make() -> Iterator[Rig]:
