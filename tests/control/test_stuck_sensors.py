@@ -60,6 +60,13 @@ def test_no_new_position_makes_it_grow_old() -> None:
     assert liveness.age_s(5.0) == 5.0
 
 
+def test_a_position_that_a_replay_has_read_anew_is_no_repetition() -> None:
+    liveness = StuckPositionDetector()
+    for step in range(2 * REPEATS):
+        liveness.note(LocalPosition(5, 0, -10, 2, 0, 0, 0.0), 0.02 * step)
+    assert liveness.age_s(0.2) == 0.2
+
+
 def test_a_place_that_does_not_change_while_the_vehicle_is_sent_away_is_not_believed() -> None:
     liveness = StuckPositionDetector()
     for step in range(30):

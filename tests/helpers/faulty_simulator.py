@@ -1,26 +1,33 @@
-"""The simulator over ROS with a simulated MAVROS, whose messages a test spoils by parameters.
+"""The simulator over ROS, whose messages a test spoils by parameters.
 
-Parameters: `image` and `pose`: "", "missing", "nan" (pose alone), "ahead" or "back" (of their
-stamps); `mode`: the pilot's. What the vehicle is asked to fly is told on `taken`, its own motion
-on `truth`, both with the mode as frame. It hovers in the air from the beginning, and
+`faulty_simulator.py AUTOPILOT [CONNECT]`: with a simulated MAVROS, or MAVLink at CONNECT.
+
+Parameters: `image` and `pose` (of MAVROS): "", "missing", "nan" (pose alone), "ahead" or "back" (of
+their stamps); `mode`: the pilot's; `clock`: "" for none, "running", "standing" or "back", from
+where it runs on, and all stamps are of it. What the vehicle is asked to fly is told on `taken`, its
+own motion on `truth`, both with the mode as frame. It hovers in the air from the beginning, and
 the target stands still.
 """
 
 import sys
+from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import rclpy
 from geometry_msgs.msg import TwistStamped
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 
 from follower.apps.ros import simulator
 from follower.apps.ros.conversion import fill_vector, set_stamp, stamp_s
+from follower.links.connections import open_connection
 from follower.simulation.components import start_state
 from follower.ui.terminal.interrupt import stop_signals
 from follower_control.common.transport import MemoryTransport
 
 JUMPS_S = {"ahead": 1000.0, "back": -1000.0}
+CLOCK_START_S, CLOCK_BACK_S = 100.0, 50.0
 HEIGHT_M = 9.0
 
 
@@ -40,41 +47,34 @@ def spoiled(message, fault):
 
 
 class Mavros(simulator.SimulatedMavros):
-    wanted = ""
-
-    def __init__(self, node, transport, vehicle):
-        super().__init__(node, transport, vehicle)
-        self.taken = node.create_publisher(TwistStamped, "taken", 50)
-        self.truth = node.create_publisher(TwistStamped, "truth", 1)
-
     def publish(self, topic, message):
         if topic in ("imu/data", "local_position/odom"):
             message = spoiled(message, self._vehicle.node.get_parameter("pose").value)
         if message is not None:
             super().publish(topic, message)
 
-    def _take_target(self, message):
-        super()._take_target(message)
-        self.tell(self.taken, message.velocity.x, message.velocity.y, message.velocity.z)
-
-    def step(self):
-        super().step()
-        autopilot, node = self._vehicle.autopilot, self._vehicle.node
-        if node.get_parameter("mode").value != self.wanted:
-            self.wanted = node.get_parameter("mode").value
-            autopilot.switch_mode(self.wanted)
-        self.tell(self.truth, *autopilot.state.velocity_m_s)
-
-    def tell(self, publisher, x, y, z):
-        message = TwistStamped()
-        self._vehicle.stamp(message.header, frame_id=self._vehicle.autopilot.mode)
-        fill_vector(message.twist.linear, x, y, z)
-        publisher.publish(message)
-
 
 class Vehicle(simulator.SimulatedVehicle):
+    def __init__(self, node, *arguments):
+        super().__init__(node, *arguments)
+        self.wanted, self.clock_is = "", ""
+        self.ros_s, self.looked_s = CLOCK_START_S, self.clock.now()
+        self.ticks = node.create_publisher(Clock, "/clock", 1)
+        self.taken = node.create_publisher(TwistStamped, "taken", 50)
+        self.truth = node.create_publisher(TwistStamped, "truth", 1)
+        controller = self.autopilot._controller
+        take = controller.take_setpoint
+
+        def told(target):
+            take(target)
+            self.tell(self.taken, *target.velocity_m_s)
+
+        controller.take_setpoint = told
+
     def stamp(self, header, age_s=0.0, frame_id="camera"):
         super().stamp(header, age_s, frame_id)
+        if self.clock_is:
+            set_stamp(header.stamp, self.ros_s - age_s)
         if frame_id == "camera":
             fault = self.node.get_parameter("image").value
             set_stamp(header.stamp, stamp_s(header.stamp) + JUMPS_S.get(fault, 0.0))
@@ -82,9 +82,34 @@ class Vehicle(simulator.SimulatedVehicle):
     def fly(self):
         self.autopilot.step(self.clock.now())  # the world's time does not begin: the car stands
 
+    def step(self):
+        if self.node.get_parameter("mode").value != self.wanted:
+            self.wanted = self.node.get_parameter("mode").value
+            self.autopilot.switch_mode(self.wanted)
+        self.tick(self.node.get_parameter("clock").value)
+        self.tell(self.truth, *self.autopilot.state.velocity_m_s)
+
+    def tick(self, clock_is):
+        now_s = self.clock.now()
+        if clock_is == "back" != self.clock_is:
+            self.ros_s -= CLOCK_BACK_S
+        if clock_is != "standing":
+            self.ros_s += now_s - self.looked_s
+        self.looked_s, self.clock_is = now_s, clock_is
+        if clock_is:
+            message = Clock()
+            set_stamp(message.clock, self.ros_s)
+            self.ticks.publish(message)
+
     def show(self, frame):
         if self.node.get_parameter("image").value != "missing":
             super().show(frame)
+
+    def tell(self, publisher, x, y, z):
+        message = TwistStamped()
+        self.stamp(message.header, frame_id=self.autopilot.mode)
+        fill_vector(message.twist.linear, x, y, z)
+        publisher.publish(message)
 
 
 def in_the_air(scenario):
@@ -97,16 +122,26 @@ def main() -> None:
     simulator.start_state = in_the_air
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("simulator")
-    for name in ("image", "pose", "mode"):
+    for name in ("image", "pose", "mode", "clock"):
         node.declare_parameter(name, "")
-    ours, theirs = MemoryTransport.pair()
-    vehicle = Vehicle(node, "winding", theirs, sys.argv[1])
-    mavros = Mavros(node, ours, vehicle)
-    try:
-        with stop_signals():
-            vehicle.run(mavros.step)
-    except KeyboardInterrupt:
-        pass
+    autopilot, *connect = sys.argv[1:]
+    with ExitStack() as stack:
+        ours, theirs = MemoryTransport.pair()
+        if connect:
+            theirs = stack.enter_context(closing(open_connection(*connect)))
+        vehicle = Vehicle(node, "winding", theirs, autopilot)
+        mavros = None if connect else Mavros(node, ours, vehicle)
+
+        def step():
+            if mavros is not None:
+                mavros.step()
+            vehicle.step()
+
+        try:
+            with stop_signals():
+                vehicle.run(step)
+        except KeyboardInterrupt:
+            pass
 
 
 if __name__ == "__main__":

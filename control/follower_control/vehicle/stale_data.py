@@ -63,7 +63,7 @@ class StuckPositionDetector:
         """
         last, self._last = self._last, position
         self._sent_m += sent_m
-        if position is None or position is last:
+        if position is None or position == last:  # no `is`: a replay reads each anew
             return
         if last is None or last.numbers != position.numbers:
             self._sent_m = 0.0

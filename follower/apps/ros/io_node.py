@@ -20,13 +20,16 @@ RELIABLE = QoSProfile(depth=10)
 """As REP 2003 has it: sensors best effort, results reliable."""
 _AHEAD_S, _OLD_S = 0.1, 5.0
 _TICK_S = 0.002
+_STANDS_S = 0.25
+_LOOK_S = 0.05
 
 
 class RosClock(MonotonicClock):
     """Our clock beside ROS's: the computer's monotonic one, or with `use_sim_time` ROS's own.
 
-    Stamps are turned into our time by their age. It never goes back: when a simulation begins
-    anew, time stands still, and what was flown is released for want of anything new.
+    Stamps are turned into our time by their age. It never goes back. A simulated time that jumps
+    back goes on from where it was; one that stands is carried on after 0.25 s by the computer's
+    clock. So what no longer comes grows old, and the flight holds.
 
     Args:
         ros: the node's rclpy clock.
@@ -37,8 +40,10 @@ class RosClock(MonotonicClock):
         super().__init__()
         self._ros = ros
         self._simulated = simulated
-        self._newest_s = 0.0
-        self._start_s: float | None = None
+        self._lock = threading.Lock()
+        self._now_s = 0.0
+        # At the last tick: ours, ROS's, the computer's.
+        self._tick = (0.0, 0.0, 0.0)
 
     def ros_s(self) -> float:
         """Return the time on ROS's clock, in seconds."""
@@ -48,16 +53,22 @@ class RosClock(MonotonicClock):
         """Return the seconds since the clock was made."""
         if not self._simulated:
             return super().now()
-        time_s = self.ros_s()
-        if self._start_s is None:
-            if time_s == 0.0:
-                return 0.0  # no /clock yet
-            self._start_s = time_s
-        self._newest_s = max(self._newest_s, time_s - self._start_s)
-        return self._newest_s
+        with self._lock:
+            ros_s, computer_s = self.ros_s(), super().now()
+            ours_s, ticked_s, since_s = self._tick
+            if ticked_s == 0.0:
+                reached_s = 0.0  # no /clock yet, or its first tick
+            elif ros_s == ticked_s:
+                reached_s = ours_s + computer_s - since_s - _STANDS_S
+            else:
+                reached_s = ours_s + ros_s - ticked_s
+            self._now_s = max(self._now_s, reached_s)
+            if ros_s != ticked_s:
+                self._tick = self._now_s, ros_s, computer_s
+            return self._now_s
 
     def sleep_until(self, time_s: float) -> None:
-        """Sleep until `time_s`; a simulated time that stands still is waited for."""
+        """Sleep until `time_s`."""
         if not self._simulated:
             super().sleep_until(time_s)
             return
@@ -65,12 +76,23 @@ class RosClock(MonotonicClock):
         while self.now() < time_s and rclpy.ok():
             pause.wait(_TICK_S)
 
+    def ticks(self, within_s: float) -> bool:
+        """Wait until ROS's time goes on, at most so many seconds; whether it does."""
+        pause, last_s = threading.Event(), 0.0
+        for _ in range(round(within_s / _LOOK_S)):
+            now_s = self.ros_s()
+            if last_s not in (0.0, now_s):
+                return True
+            last_s = now_s
+            pause.wait(_LOOK_S)
+        return False
+
     def of_stamp(self, stamp_s: float) -> float | None:
         """Return a header's stamp on this clock; None if it lies in the future or is old."""
-        age_s = self.ros_s() - stamp_s
-        if not -_AHEAD_S <= age_s <= _OLD_S:
-            return None
-        return self.now() - max(age_s, 0.0)
+        now_s = self.now()
+        ours_s, ros_s, _ = self._tick if self._simulated else (now_s, self.ros_s(), 0.0)
+        at_s = ours_s + stamp_s - ros_s
+        return min(at_s, now_s) if -_OLD_S <= at_s - now_s <= _AHEAD_S else None
 
 
 class IoNode(ClosesItself):

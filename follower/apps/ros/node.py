@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -33,7 +34,7 @@ from follower_vision.geometry.box import Box
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 MODES = ("perception", "mavros", "direct")
 _BY = "ROS"
-_INFO_WAIT_S = 1.0
+_INFO_WAIT_S, _CLOCK_WAIT_S = 1.0, 5.0
 _CONFIGURED = ("mode", "mavros", "detections", "config")
 """Parameters by which the topics are opened: the transport is made with them."""
 _LENS = ("camera.focal_px", "camera.fov_deg")
@@ -100,7 +101,9 @@ class FollowerNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/select", self._on_select)
         self.create_service(Trigger, "~/release", self._on_release)
-        self.create_timer(0.5, self._diagnose)
+        # Of the computer's time: a /clock that stands has to be told of, too.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.5, self._diagnose, clock=steady)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, open the topics that are taken in; nothing can move yet."""
@@ -201,8 +204,8 @@ class FollowerNode(LifecycleNode):
         io, vehicle = self._io, self._vehicle
         if io is None:
             raise SettingsError("configure first")
-        if self.clock_stands(io):
-            raise SettingsError("use_sim_time is set, and nobody publishes /clock")
+        if not io.clock.ticks(_CLOCK_WAIT_S):
+            raise SettingsError("use_sim_time is set, and /clock does not tick")
         self._source = source = TopicSource(self, "image", self._value("image_transport"))
         outputs, mode, target = self._outputs, self._value("mode"), self._value("target")
         outputs.clock, outputs.image_frame = io.clock, "camera"
@@ -230,14 +233,6 @@ class FollowerNode(LifecycleNode):
         if vehicle is not None:
             outputs.map_frame = vehicle.frame_id
         self._pursuit = pursuit
-
-    def clock_stands(self, io: IoNode) -> bool:
-        """Whether simulated time is wanted and does not come."""
-        for _ in range(50):
-            if io.clock.ros_s() > 0.0:
-                return False
-            threading.Event().wait(0.1)
-        return True
 
     def _overrides(self) -> list[str]:
         """Return the settings that are not as they began, and the lens of CameraInfo."""

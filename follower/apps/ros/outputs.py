@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist
 from sensor_msgs.msg import Image, RegionOfInterest
 
 from follower.apps.ros.conversion import fill_image, fill_region, fill_twist, set_stamp
-from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR, RosClock
+from follower.apps.ros.io_node import NEWEST, RELIABLE, RosClock
 from follower.flight.log import ControlRecord, LogRecord, TrackRecord
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.supervisor import SupervisorState
@@ -46,7 +46,7 @@ class Outputs:
         self._track = make(DiagnosticArray, "~/track", RELIABLE)
         self._region = make(RegionOfInterest, "~/roi", RELIABLE)
         self._target = make(PoseWithCovarianceStamped, "~/target", RELIABLE)
-        self._setpoint = make(TwistStamped, "~/setpoint", SENSOR)
+        self._setpoint = make(TwistStamped, "~/setpoint", RELIABLE)
         self._overlay = make(Image, "~/overlay", NEWEST)
         self._diagnostics = make(DiagnosticArray, "/diagnostics", RELIABLE)
         self._detection, self._tf = _optional(node)

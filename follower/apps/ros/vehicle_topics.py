@@ -35,6 +35,8 @@ _HEARTBEAT_S = 1.0
 _SILENT_S = 3.0
 _UNHEARD_S, _GIVEN_UP_S = 1.0, 6.0
 """MAVROS itself waits 5 s for the answer to a command."""
+_BOOTED_S = 60.0
+"""What a link is told of the clock's zero: stamps from before have room."""
 _CUSTOM, _ARMED = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PX4 = mavlink.MAV_AUTOPILOT_PX4
@@ -76,7 +78,6 @@ class VehicleTopics:
         self._reader.robust_parsing = True
         self._inbox: deque[bytes] = deque(maxlen=_MOST_WAITING)
         self._putting = threading.Lock()
-        self._start_s: float | None = None
         self._imu_attitude = False
         self._beat_s = -math.inf
         self.frame_id = "map"
@@ -111,25 +112,17 @@ class VehicleTopics:
 
     def _obey(self, name: str, message: Any) -> None:
         if name == "TIMESYNC" and message.tc1 == 0:
-            ns = round(self._boot_s(self._io.clock.ros_s()) * 1e9)
-            self._put(mavlink.MAVLink_timesync_message(max(ns, 1), message.ts1))
+            ns = round((self._io.clock.now() + _BOOTED_S) * 1e9)
+            self._put(mavlink.MAVLink_timesync_message(ns, message.ts1))
 
     def _put(self, message: Any) -> None:
         with self._putting:
             self._inbox.append(message.pack(self._codec))
             self._codec.seq = (self._codec.seq + 1) % 256
 
-    def _boot_s(self, ros_s: float) -> float:
-        """Return a time since this was made, with room for stamps from before."""
-        if self._start_s is None:
-            self._start_s = ros_s - 60.0
-        return ros_s - self._start_s
-
     def _boot_ms(self, header: Any) -> int | None:
-        stamped_s = stamp_s(header.stamp)
-        if self._io.clock.of_stamp(stamped_s) is None:
-            return None
-        return max(round(self._boot_s(stamped_s) * 1e3), 0)
+        stamped_s = self._io.clock.of_stamp(stamp_s(header.stamp))
+        return None if stamped_s is None else max(round((stamped_s + _BOOTED_S) * 1e3), 0)
 
     def _take_imu(self, m: Any) -> None:
         if m.orientation_covariance[0] != -1.0:  # by which drivers say that they know none

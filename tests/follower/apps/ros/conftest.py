@@ -1,6 +1,7 @@
 """A vehicle in one process, the follower's node in another, and a test between them."""
 
 import importlib
+import math
 import os
 import signal
 import socket
@@ -18,6 +19,7 @@ import ros_interfaces
 
 HELPERS = Path(ros_interfaces.__file__).parent
 ROOT = HELPERS.parent.parent
+STILL_M_S = 0.5
 NODE = "from follower.apps.main import main; main()"
 FLIGHT = (
     *("--set", "servo.distance_m=14", "--set", "servo.range_from=ground"),
@@ -96,8 +98,8 @@ class Rig:
             [sys.executable, *arguments], env=self._environment, stdout=log, stderr=log
         )
 
-    def simulator(self, autopilot: str = "px4") -> None:
-        self.start("simulator", str(HELPERS / "faulty_simulator.py"), autopilot)
+    def simulator(self, *arguments: str) -> None:
+        self.start("simulator", str(HELPERS / "faulty_simulator.py"), *(arguments or ("px4",)))
 
     def follower(self, *arguments: str) -> None:
         out = ("--out", str(self.folder / "runs"), "--target", "#e0401c")
@@ -114,6 +116,7 @@ class Rig:
         end = time.monotonic() + within_s
         while not done():
             assert time.monotonic() < end, self.log("follower")
+            assert self.processes["simulator"].poll() is None, self.log("simulator")
             self._executor.spin_once(timeout_sec=0.1)
 
     def spin(self, seconds: float) -> None:
@@ -157,6 +160,39 @@ class Rig:
     def wait_for(self, state: str, within_s: float = 60.0) -> None:
         self.wait(lambda: self.state.startswith(state), within_s)
 
+    @property
+    def flights(self) -> list[Path]:
+        """The recordings, the oldest first."""
+        return sorted((self.folder / "runs").glob("fly*"), key=lambda path: path.stat().st_mtime)
+
+    @property
+    def speed(self) -> float:
+        """Of the vehicle, in m/s."""
+        v = self.seen["/truth"][-1].twist.linear
+        return math.hypot(v.x, v.y, v.z)
+
+    @property
+    def stands(self) -> bool:
+        return self.speed < STILL_M_S
+
+    def follow(self) -> None:
+        """Have the pilot consent, and wait until it follows and moves."""
+        from std_srvs.srv import Trigger
+
+        if "follow" not in self.state:
+            self.set("simulator", mode="LOITER")
+            self.spin(1.5)
+            assert self.call(Trigger, "/follower/select", Trigger.Request()).success
+            self.wait(
+                lambda: self.state.startswith(("ready", "released")) or "target" in self.state
+            )
+            self.spin(1.5)
+            self.set("simulator", mode="OFFBOARD")
+        self.wait_for("following")
+        self.far = not self.far
+        assert self.set("follower", servo__distance_m=19.0 if self.far else 12.0).successful
+        self.wait(lambda: self.speed > STILL_M_S)
+
 
 @pytest.fixture(scope="module")
 def make_rig(
@@ -168,8 +204,9 @@ def make_rig(
         environment[name] = os.pathsep.join(filter(None, (path, os.environ.get(name))))
     ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in ours.items():
+        for name, value in {**environment, **ours}.items():
             patch.setenv(name, value)
+        patch.syspath_prepend(interfaces)  # the test speaks with these messages, too
 
         @contextmanager
         def make() -> Iterator[Rig]:

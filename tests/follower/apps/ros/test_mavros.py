@@ -4,6 +4,7 @@ import math
 import signal
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -11,11 +12,12 @@ pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.srv import DescribeParameters
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from follower import replay
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-STILL_M_S = 0.5
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def flying(make_rig) -> Iterator:
         rig.follower("--mode", "mavros")
         rig.watch(TwistStamped, "/taken", 50)
         rig.watch(TwistStamped, "/truth")
-        rig.watch(TwistStamped, "/follower/setpoint", qos_profile_sensor_data)
+        rig.watch(TwistStamped, "/follower/setpoint")
         rig.set("simulator", mode="LOITER")
         assert rig.change("configure"), rig.log("follower")
         rig.spin(3.0)
@@ -33,30 +35,10 @@ def flying(make_rig) -> Iterator:
         yield rig
 
 
-def follow(rig) -> None:
-    """Have the pilot consent, and wait until it follows and moves."""
-    if "follow" not in rig.state:
-        rig.set("simulator", mode="LOITER")
-        rig.spin(1.5)
-        assert rig.call(Trigger, "/follower/select", Trigger.Request()).success
-        rig.wait(lambda: rig.state.startswith(("ready", "released")) or "target" in rig.state)
-        rig.spin(1.5)
-        rig.set("simulator", mode="OFFBOARD")
-    rig.wait_for("following")
-    rig.far = not rig.far
-    assert rig.set("follower", servo__distance_m=19.0 if rig.far else 12.0).successful
-    rig.wait(lambda: speed(rig) > STILL_M_S)
-
-
-def speed(rig) -> float:
-    v = rig.seen["/truth"][-1].twist.linear
-    return math.hypot(v.x, v.y, v.z)
-
-
 def test_nothing_moves_before_the_pilot_consents_and_then_it_follows(flying) -> None:
     flying.spin(2.0)
     assert not flying.state.startswith("following")
-    follow(flying)
+    flying.follow()
     assert flying.seen["/truth"][-1].header.frame_id == "OFFBOARD"
     taken = flying.seen["/taken"][-1].twist.linear
     assert math.hypot(taken.x, taken.y, taken.z) > 0
@@ -78,16 +60,35 @@ def test_nothing_moves_before_the_pilot_consents_and_then_it_follows(flying) -> 
 def test_what_is_missing_not_finite_or_of_another_time_ends_the_following(
     flying, what: str, fault: str
 ) -> None:
-    follow(flying)
+    flying.follow()
     flying.set("simulator", **{what: fault})
     flying.wait(lambda: not flying.state.startswith(("following", "coasting")))
-    flying.wait(lambda: speed(flying) < STILL_M_S)
+    flying.wait(lambda: flying.stands)
     assert all(
         math.isfinite(v)
         for one in flying.seen["/taken"]
         for v in (one.twist.linear.x, one.twist.linear.y, one.twist.linear.z)
     )
     flying.set("simulator", **{what: ""})
+
+
+def reliabilities(ends: list[Any]) -> list[ReliabilityPolicy]:
+    return [one.qos_profile.reliability for one in ends]
+
+
+def test_sensors_are_best_effort_results_reliable_and_setpoints_as_mavros_takes_them(
+    flying,
+) -> None:
+    """MAVROS subscribes to setpoint_raw as to sensors: best effort."""
+    best, reliable = ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE
+    node = flying.node
+    taken = {"/image": best, "/mavros/imu/data": best, "/mavros/state": reliable}
+    for topic, wanted in taken.items():
+        assert reliabilities(node.get_subscriptions_info_by_topic(topic)) == [wanted]
+    given = {"/mavros/setpoint_raw/local": best, "/follower/setpoint": reliable}
+    given |= {"/follower/track": reliable, "/follower/target": reliable}
+    for topic, wanted in given.items():
+        assert reliabilities(node.get_publishers_info_by_topic(topic)) == [wanted]
 
 
 def test_settings_change_in_flight_as_far_as_they_may(flying) -> None:
@@ -110,9 +111,9 @@ def test_an_unusable_target_is_refused_in_words(flying) -> None:
 
 
 def test_deactivated_under_way_it_answers_when_the_vehicle_is_released_and_stands(flying) -> None:
-    follow(flying)
+    flying.follow()
     assert flying.change("deactivate"), flying.log("follower")
-    flying.wait(lambda: speed(flying) < STILL_M_S)
+    flying.wait(lambda: flying.stands)
     last = flying.seen["/taken"][-1].twist.linear
     assert (last.x, last.y, last.z) == pytest.approx((0, 0, 0), abs=1e-3)
     ended = len(flying.seen["/taken"])
@@ -121,26 +122,34 @@ def test_deactivated_under_way_it_answers_when_the_vehicle_is_released_and_stand
     assert flying.state == "inactive"
 
 
+def test_a_flight_through_mavros_replays_bit_for_bit(flying) -> None:
+    """Its setpoints, from the tracks; the video is lossy."""
+    result = replay(flying.flights[-1], vision=False)
+    assert result.strictness.is_exact
+    assert result.comparison.identical
+    assert any(one.sent for one in result.replay.log.controls)
+
+
 def test_the_release_service_hands_the_vehicle_back_and_a_new_flight_is_needed(flying) -> None:
     flying.set("simulator", mode="LOITER")
     assert flying.change("activate"), flying.log("follower")
-    follow(flying)
+    flying.follow()
     assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
     flying.wait_for("released")
-    flying.wait(lambda: speed(flying) < STILL_M_S)
+    flying.wait(lambda: flying.stands)
     assert flying.change("deactivate")
 
 
 def test_killed_it_sends_nothing_more_and_the_autopilot_stands_by_itself(flying) -> None:
     flying.set("simulator", mode="LOITER")
     assert flying.change("activate"), flying.log("follower")
-    follow(flying)
+    flying.follow()
     killed = flying.processes["follower"]
     killed.send_signal(signal.SIGKILL)
     killed.wait()
     flying.spin(1.0)
     ended = len(flying.seen["/taken"])
-    flying.wait(lambda: speed(flying) < STILL_M_S)
+    flying.wait(lambda: flying.stands)
     assert flying.seen["/truth"][-1].header.frame_id != "OFFBOARD"
     assert len(flying.seen["/taken"]) == ended
 
@@ -163,6 +172,6 @@ def test_a_polite_kill_brakes_and_releases_first(make_rig) -> None:
         rig.wait(lambda: rig.processes["follower"].poll() is not None)
         assert rig.processes["follower"].returncode == 0, rig.log("follower")
         assert time.monotonic() - began < 30
-        rig.wait(lambda: speed(rig) < STILL_M_S)
+        rig.wait(lambda: rig.stands)
         last = rig.seen["/taken"][-1].twist.linear
         assert (last.x, last.y, last.z) == pytest.approx((0, 0, 0), abs=1e-3)

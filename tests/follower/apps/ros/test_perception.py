@@ -1,6 +1,7 @@
 """Perception alone: tracks and the target's place go out, and nothing ever steers."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,8 @@ def watched(make_rig) -> Iterator:
         rig.spin(3.0)
         arguments = [one for name in REMAPPED for one in ("-r", name)]
         transport = ("--image-transport", "compressed")
-        rig.follower(*transport, "--activate", "--ros-args", *arguments)
+        others = ("--detections", "/others")
+        rig.follower(*transport, *others, "--activate", "--ros-args", *arguments)
         rig.watch(RegionOfInterest, "/follower/roi")
         rig.watch(DiagnosticArray, "/follower/track")
         rig.watch(PoseWithCovarianceStamped, "/follower/target")
@@ -62,17 +64,63 @@ def test_messages_of_others_packages_are_used_where_they_are_installed(watched) 
     assert topics["/tf"] == ["tf2_msgs/msg/TFMessage"]
 
 
+def chosen(rig, publisher, message, x: float, y: float) -> None:
+    """Have a message sent until the box that is tracked is at x, y in pixels."""
+    rig.wait(publisher.get_subscription_count)
+
+    def is_there() -> bool:
+        publisher.publish(message)
+        now = rig.seen["/follower/roi"][-1]
+        return abs(now.x_offset - x) < 30 and abs(now.y_offset - y) < 30
+
+    rig.wait(is_there)
+
+
+def detection(x: float, y: float, width: float, height: float, name: str = "") -> Any:
+    """Return a vision_msgs/Detection2D of a box in pixels."""
+    from vision_msgs.msg import Detection2D, ObjectHypothesisWithPose
+
+    message = Detection2D()
+    message.bbox.center.position.x, message.bbox.center.position.y = x + width / 2, y + height / 2
+    message.bbox.size_x, message.bbox.size_y = width, height
+    result = ObjectHypothesisWithPose()
+    result.hypothesis.class_id, result.hypothesis.score = name, 0.9
+    message.results = [result]
+    return message
+
+
 def test_a_region_chooses_another_target(watched) -> None:
     publisher = watched.node.create_publisher(RegionOfInterest, "/target_roi", 10)
     wanted = RegionOfInterest(x_offset=50, y_offset=400, width=60, height=50)
-    watched.wait(lambda: publisher.get_subscription_count())
+    chosen(watched, publisher, wanted, 50, 400)
 
-    def chosen() -> bool:
-        publisher.publish(wanted)
+
+def test_a_detection_chooses_another_target(watched) -> None:
+    from vision_msgs.msg import Detection2D
+
+    publisher = watched.node.create_publisher(Detection2D, "/target_detection", 10)
+    chosen(watched, publisher, detection(500.0, 380.0, 60.0, 50.0), 500, 380)
+
+
+def test_what_another_node_detects_reaches_the_tracker(watched) -> None:
+    """By its class it is chosen; the tracker then asks for it under the name that it gave."""
+    from vision_msgs.msg import Detection2DArray
+
+    publisher = watched.node.create_publisher(Detection2DArray, "/others", 10)
+    watched.wait(publisher.get_subscription_count)
+    unknown = watched.set("follower", target="boat")
+    assert not unknown.successful
+    assert "boat" in unknown.reason
+
+    def tracked() -> bool:
+        message = Detection2DArray(detections=[detection(120.0, 300.0, 60.0, 50.0, "boat")])
+        message.header.stamp = watched.node.get_clock().now().to_msg()
+        publisher.publish(message)
         now = watched.seen["/follower/roi"][-1]
-        return abs(now.x_offset - 50) < 30 and abs(now.y_offset - 400) < 30
+        return abs(now.x_offset - 120) < 30 and abs(now.y_offset - 300) < 30
 
-    watched.wait(chosen)
+    watched.wait(lambda: tracked() or watched.set("follower", target="boat").successful)
+    watched.wait(tracked)
 
 
 def test_whatever_the_vehicles_mode_nothing_steers(watched) -> None:

@@ -1,0 +1,121 @@
+"""Mode direct: MAVLink to the autopilot, the picture by a topic; then in simulated time."""
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+
+from follower import open_flight, replay
+from follower.settings.settings import find_scenario
+from follower_sim.scenario.scenario_file import load_scenario
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+SIMULATED_S = (100.0, 1000.0)
+"""The test's /clock begins at the first and does not reach the second."""
+
+
+@pytest.fixture(scope="module")
+def flying(make_rig, free_port) -> Iterator:
+    with make_rig() as rig:
+        port = free_port()
+        rig.simulator("px4", f"udpout:127.0.0.1:{port}")
+        lossless = ("--set", "recorder.video=lossless")
+        rig.follower("--mode", "direct", "--connect", f"udpin:127.0.0.1:{port}", *lossless)
+        rig.watch(TwistStamped, "/taken", 50)
+        rig.watch(TwistStamped, "/truth")
+        rig.watch(TwistStamped, "/follower/setpoint")
+        rig.set("simulator", mode="LOITER")
+        assert rig.change("configure"), rig.log("follower")
+        assert rig.change("activate"), rig.log("follower")
+        yield rig
+
+
+def test_it_follows_and_deactivated_it_releases_the_vehicle_first(flying) -> None:
+    flying.spin(2.0)
+    assert not flying.state.startswith("following")
+    flying.follow()
+    assert flying.seen["/truth"][-1].header.frame_id == "OFFBOARD"
+    assert flying.change("deactivate"), flying.log("follower")
+    flying.wait(lambda: flying.stands)
+    last = flying.seen["/taken"][-1].twist.linear
+    assert (last.x, last.y, last.z) == pytest.approx((0, 0, 0), abs=1e-3)
+    ended = len(flying.seen["/taken"])
+    flying.spin(1.0)
+    assert len(flying.seen["/taken"]) == ended
+    assert flying.state == "inactive"
+
+
+def test_the_recorded_flight_replays_bit_for_bit(flying) -> None:
+    result = replay(flying.flights[-1])
+    assert result.strictness.is_exact
+    assert result.comparison.identical
+    assert any(one.sent for one in result.replay.log.controls)
+
+
+def test_the_lens_is_camera_infos(flying) -> None:
+    lens = load_scenario(find_scenario("winding")).camera.model
+    camera = open_flight(flying.flights[-1]).config.settings["camera"]
+    assert camera["focal_px"] == pytest.approx(lens.fx)
+    assert camera["focal_width_px"] == lens.width
+    assert camera["center_px"] == pytest.approx((lens.cx, lens.cy))
+
+
+def test_a_clock_that_nobody_publishes_or_that_stands_refuses_in_one_line(flying) -> None:
+    assert flying.change("cleanup")
+    assert flying.set("follower", use_sim_time=True).successful
+    assert flying.change("configure")
+    for clock in ("", "standing"):
+        flying.set("simulator", mode="LOITER", clock=clock)
+        said = len(flying.log("follower"))
+        assert not flying.change("activate")
+        assert flying.log("follower")[said:].count("\n") == 1
+        assert "/clock does not tick" in flying.log("follower")[said:]
+        flying.wait(lambda: "/clock does not tick" in flying.state)
+
+
+def test_in_simulated_time_it_follows_and_stamps_are_of_the_clock(flying) -> None:
+    flying.set("simulator", clock="running")
+    flying.set("follower", camera__focal_px=400.0)
+    flying.watch(DiagnosticArray, "/follower/track")
+    assert flying.change("activate"), flying.log("follower")
+    flying.follow()
+    first_s, last_s = SIMULATED_S
+    for topic in ("/diagnostics", "/follower/track", "/follower/setpoint"):
+        assert first_s < flying.seen[topic][-1].header.stamp.sec < last_s
+
+
+@pytest.mark.parametrize("clock", ["standing", "back"])
+def test_a_clock_that_stands_or_jumps_back_ends_the_following_and_nothing_moves(
+    flying, clock: str
+) -> None:
+    flying.follow()
+    flying.set("simulator", clock=clock)
+    flying.wait(lambda: not flying.state.startswith(("following", "coasting")))
+    flying.wait(lambda: flying.stands)
+    flying.spin(2.0)
+    assert flying.stands
+    assert not flying.state.startswith("following")
+    flying.set("simulator", clock="running")
+
+
+def test_after_a_jump_back_a_new_flight_follows_and_replays_bit_for_bit(flying) -> None:
+    assert flying.change("deactivate"), flying.log("follower")
+    flying.set("simulator", mode="LOITER")
+    assert flying.change("activate"), flying.log("follower")
+    flying.follow()
+    assert flying.change("deactivate"), flying.log("follower")
+    assert len(flying.flights) == 3
+    for folder in flying.flights[1:]:
+        result = replay(folder)
+        assert result.strictness.is_exact
+        assert result.comparison.identical
+
+
+def test_the_settings_own_lens_goes_before_camera_infos(flying) -> None:
+    camera = open_flight(flying.flights[-1]).config.settings["camera"]
+    assert camera["focal_px"] == 400.0
+    assert camera["center_px"] is None
