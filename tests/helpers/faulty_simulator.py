@@ -25,6 +25,7 @@ from follower.links.connections import open_connection
 from follower.simulation.components import start_state
 from follower.ui.terminal.interrupt import stop_signals
 from follower_control.common.transport import MemoryTransport
+from follower_sim.scenario.scenario_file import load_scenario
 
 JUMPS_S = {"ahead": 1000.0, "back": -1000.0}
 CLOCK_START_S, CLOCK_BACK_S = 100.0, 50.0
@@ -118,8 +119,12 @@ def in_the_air(scenario):
     return replace(state, position_m=(north, east, -HEIGHT_M))
 
 
+def at_15_hz(path):
+    return load_scenario(path, ("camera.rate_hz=15",))
+
+
 def main() -> None:
-    simulator.start_state = in_the_air
+    simulator.start_state, simulator.load_scenario = in_the_air, at_15_hz
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("simulator")
     for name in ("image", "pose", "mode", "clock"):

@@ -1,6 +1,5 @@
 """The lifecycle node: configure, activate and deactivate are a flight's beginning and end."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -30,11 +29,13 @@ from follower.ui.terminal.cli_options import parse_box
 from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
+from follower_vision.mailbox import Mailbox
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 MODES = ("perception", "mavros", "direct")
 _BY = "ROS"
-_INFO_WAIT_S, _CLOCK_WAIT_S = 1.0, 5.0
+_WAIT_S = 5.0
+"""For the lens and /clock, which come on another thread."""
 _CONFIGURED = ("mode", "mavros", "detections", "config")
 """Parameters by which the topics are opened: the transport is made with them."""
 _LENS = ("camera.focal_px", "camera.fov_deg")
@@ -91,7 +92,7 @@ class FollowerNode(LifecycleNode):
             self.declare_parameter(key, value, described)
         self._live = {one.key for one in live_keys()}
         self._io: IoNode | None = None
-        self._info: Any = None
+        self._info: Mailbox[Any] = Mailbox()
         self._vehicle: VehicleTopics | None = None
         self._detector: TopicDetector | None = None
         self._pursuit: TopicPursuit | None = None
@@ -169,7 +170,7 @@ class FollowerNode(LifecycleNode):
         self._read_config()
         self._io = io = IoNode(f"{self.get_name()}_io", self)
         try:
-            io.subscribe(CameraInfo, "camera_info", self._take_info)
+            io.subscribe(CameraInfo, "camera_info", self._info.put)
             io.subscribe(RegionOfInterest, "target_roi", self._take_region, RELIABLE)
             self._subscribe_detections(io)
             if mode != "direct":
@@ -204,7 +205,7 @@ class FollowerNode(LifecycleNode):
         io, vehicle = self._io, self._vehicle
         if io is None:
             raise SettingsError("configure first")
-        if not io.clock.ticks(_CLOCK_WAIT_S):
+        if not io.clock.ticks(_WAIT_S):
             raise SettingsError("use_sim_time is set, and /clock does not tick")
         self._source = source = TopicSource(self, "image", self._value("image_transport"))
         outputs, mode, target = self._outputs, self._value("mode"), self._value("target")
@@ -243,14 +244,10 @@ class FollowerNode(LifecycleNode):
         }
         lens: list[str] = []
         if not any(key in given for key in _LENS):
-            if self._info is None:
-                threading.Event().wait(_INFO_WAIT_S)  # it comes on another thread
-            lens = [] if self._info is None else camera_overrides(self._info)
+            info = self._info.newest or self._info.wait(_WAIT_S)
+            lens = [] if info is None else camera_overrides(info)
         plain = {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in given.items()}
         return [*lens, *(f"{key}={value}" for key, value in plain.items())]
-
-    def _take_info(self, message: CameraInfo) -> None:
-        self._info = message
 
     def _take_region(self, m: RegionOfInterest) -> None:
         if m.width and m.height:
@@ -340,7 +337,8 @@ class FollowerNode(LifecycleNode):
     def _close_io(self) -> None:
         if self._io is not None:
             self._io.close()
-        self._io = self._vehicle = self._detector = self._info = None
+        self._io = self._vehicle = self._detector = None
+        self._info = Mailbox()
 
 
 def parse_target(text: str) -> Box | str:

@@ -70,10 +70,10 @@ def follow(there: Vehicle, pursuit: follower.Pursuit) -> None:
 
 
 def assert_holds_and_is_released(there: Vehicle) -> None:
-    """The last setpoints are zeros, the vehicle stands, and nothing is sent any more."""
+    """The last setpoints are zeros, the vehicle comes to a stand, and nothing more is sent."""
     sent = there.setpoints
     assert np.array([speeds(m) for _, m in sent[-5:]]) == pytest.approx(0.0, abs=1e-6)
-    assert np.linalg.norm(there.autopilot.state.velocity_m_s) < 0.35
+    until(lambda: np.linalg.norm(there.autopilot.state.velocity_m_s) < 0.35)
     assert not any(thread.name == "pursuit" for thread in threading.enumerate())
     time.sleep(0.3)
     assert len(there.setpoints) == len(sent)

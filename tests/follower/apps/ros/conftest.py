@@ -43,9 +43,9 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ros_interfaces.build(tmp_path_factory.mktemp("ros_interfaces"))
 
 
-@pytest.fixture(scope="module")
-def domain() -> Iterator[int]:
-    """Return a domain of ROS that no other test of this computer has."""
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Give a domain of ROS that no other rig of this computer has."""
     for number in range(1, 100):
         with socket.socket(socket.AF_UNIX) as claim:
             try:
@@ -196,27 +196,26 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def make_rig(
-    interfaces: Path, domain: int, tmp_path_factory: pytest.TempPathFactory
+    interfaces: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[[], Any]]:
-    paths = {"PYTHONPATH": str(interfaces), "LD_LIBRARY_PATH": str(interfaces)}
-    environment = dict(os.environ)
-    for name, path in paths.items():
-        environment[name] = os.pathsep.join(filter(None, (path, os.environ.get(name))))
-    ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {**environment, **ours}.items():
-            patch.setenv(name, value)
-        patch.syspath_prepend(interfaces)  # the test speaks with these messages, too
+        # The test itself speaks with these messages, too.
+        for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
+            patch.setenv(name, str(interfaces), prepend=os.pathsep)
+        patch.syspath_prepend(interfaces)
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
         @contextmanager
         def make() -> Iterator[Rig]:
             from diagnostic_msgs.msg import DiagnosticArray
 
-            rig = Rig(domain, {**environment, **ours}, tmp_path_factory.mktemp("rig"))
-            rig.watch(DiagnosticArray, "/diagnostics")
-            try:
-                yield rig
-            finally:
-                rig.close()
+            with free_domain() as domain:
+                environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+                rig = Rig(domain, environment, tmp_path_factory.mktemp("rig"))
+                rig.watch(DiagnosticArray, "/diagnostics")
+                try:
+                    yield rig
+                finally:
+                    rig.close()
 
         yield make

@@ -8,6 +8,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
+from std_srvs.srv import Trigger
 
 from follower import open_flight, replay
 from follower.settings.settings import find_scenario
@@ -102,12 +103,20 @@ def test_a_clock_that_stands_or_jumps_back_ends_the_following_and_nothing_moves(
     flying.set("simulator", clock="running")
 
 
-def test_after_a_jump_back_a_new_flight_follows_and_replays_bit_for_bit(flying) -> None:
+def test_after_a_jump_back_a_new_flight_follows_until_the_release_service_is_called(
+    flying,
+) -> None:
     assert flying.change("deactivate"), flying.log("follower")
     flying.set("simulator", mode="LOITER")
     assert flying.change("activate"), flying.log("follower")
     flying.follow()
+    assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
+    flying.wait_for("released")
+    flying.wait(lambda: flying.stands)
     assert flying.change("deactivate"), flying.log("follower")
+
+
+def test_flights_in_simulated_time_replay_bit_for_bit(flying) -> None:
     assert len(flying.flights) == 3
     for folder in flying.flights[1:]:
         result = replay(folder)
