@@ -14,6 +14,9 @@ PX4 lets a pilot into OFFBOARD for COM_OF_LOSS_T (1 s) after a setpoint, goes in
 0.25 s after that time without another, and sends its mode unasked once a second.
 """
 
+_EARTH_M = 6_371_000.0
+"""Mean radius; over a kilometre the ellipsoid makes less than 4 m of difference."""
+
 _KEPT_SAMPLES = 5
 _LEAST_SAMPLES = 3
 _OUTLIER_M_S = 2.0
@@ -165,6 +168,12 @@ class Origin:
 
     latitude_deg: float
     longitude_deg: float
+
+    def geolocated(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """Return latitude and longitude, degrees, of a local place."""
+        across_m = _EARTH_M * math.cos(math.radians(self.latitude_deg))
+        latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_M)
+        return latitude_deg, self.longitude_deg + math.degrees(east_m / across_m)
 
 
 @dataclass(frozen=True, slots=True)

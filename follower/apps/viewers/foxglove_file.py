@@ -24,7 +24,6 @@ TRANSFORMS, SCENE, FIX = "/tf", "/scene", "/vehicle/fix"
 WORLD, NED, BODY, CAMERA = "world", "ned", "body", "camera"
 """Frames: east, north, up; north, east, down; forward, right, down; right, down, forward."""
 _UP = fox.Quaternion(x=math.sqrt(0.5), y=math.sqrt(0.5), z=0.0, w=0.0)
-_EARTH_M = 6_371_000.0
 _TARGET = "target"
 
 
@@ -153,12 +152,12 @@ class _Writer:
         origin, position = record.vehicle.origin, record.vehicle.position
         if origin is None or position is None:
             return
-        across_m = _EARTH_M * math.cos(math.radians(origin.latitude_deg))
+        latitude_deg, longitude_deg = origin.geolocated(position.north_m, position.east_m)
         fix = fox.LocationFix(
             timestamp=self._stamp(record.time_s),
             frame_id=BODY,
-            latitude=origin.latitude_deg + math.degrees(position.north_m / _EARTH_M),
-            longitude=origin.longitude_deg + math.degrees(position.east_m / across_m),
+            latitude=latitude_deg,
+            longitude=longitude_deg,
             altitude=position.height_m,
         )
         self._fix.log(fix, log_time=self._ns(record.time_s))

@@ -1,6 +1,5 @@
 """What ground stations receive of a flight, read from its log while it goes on."""
 
-import math
 from dataclasses import dataclass
 
 from follower.flight.log import ControlRecord, FlightLog
@@ -58,10 +57,6 @@ class CameraOptics:
     bitrate_bit_s: int = 0
 
 
-_EARTH_M = 6_371_000.0
-"""Mean radius; over a kilometre the ellipsoid makes less than 4 m of difference."""
-
-
 @dataclass(frozen=True, slots=True)
 class GeoPosition:
     """A target's fix on the globe.
@@ -91,8 +86,5 @@ def target_place(view: FlightView, now_s: float) -> GeoPosition | None:
     if fix is None or origin is None or position is None:
         return None
     north, east, down = fix.position_m
-    latitude = origin.latitude_deg + math.degrees(north / _EARTH_M)
-    across = _EARTH_M * math.cos(math.radians(origin.latitude_deg))
-    longitude = origin.longitude_deg + math.degrees(east / across)
     above_us_m = -down - position.height_m
-    return GeoPosition(latitude, longitude, altitude_m + above_us_m, -down, fix)
+    return GeoPosition(*origin.geolocated(north, east), altitude_m + above_us_m, -down, fix)

@@ -19,6 +19,7 @@ from follower.ui.ground_station.camera_messages import Endpoint
 from follower.ui.ground_station.flight_view import target_place
 from follower.ui.ground_station.server import TargetReport
 from follower_control.common.transport import MemoryTransport
+from follower_control.vehicle.state import Origin
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings
 from follower_sim.world.world import World
@@ -161,3 +162,10 @@ def test_nothing_is_told_without_a_place(make_rig: MakeRig) -> None:
     rig.run(2.0)
     assert not peer.of("FOLLOW_TARGET")
     assert not peer.of("GLOBAL_POSITION_INT")
+
+
+def test_an_origin_puts_local_places_on_the_globe() -> None:
+    """A degree of latitude is a 360th of the mean circumference; of longitude, half at 60 deg."""
+    degree_m = 2 * math.pi * 6_371_000.0 / 360
+    assert Origin(60.0, 10.0).geolocated(degree_m, 0.0) == pytest.approx((61.0, 10.0))
+    assert Origin(60.0, 10.0).geolocated(0.0, -degree_m) == pytest.approx((60.0, 8.0))
