@@ -8,11 +8,13 @@ control between the two are the same code. Medians, and the quarter that went be
 that does other things too.
 """
 
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import rclpy
@@ -31,6 +33,9 @@ from follower_vision.sources.frame_source import FrameSource
 from follower_vision.sources.live_source import LiveSource
 
 PERIOD_S, SHAPE = 1 / 30, (720, 1280, 3)
+ROOT = Path(__file__).parents[1]
+# Without it Fast DDS loses images of this size.
+PROFILE = ROOT / "examples/follower-ros/config/large_images.xml"
 
 
 def picture() -> Picture:
@@ -119,6 +124,7 @@ def main(seconds: float) -> None:
 
 
 if __name__ == "__main__":
+    os.environ.setdefault("FASTDDS_DEFAULT_PROFILES_FILE", str(PROFILE))
     if sys.argv[1:2] == ["camera"]:
         publish(float(sys.argv[2]))
     else:

@@ -15,6 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 from follower.apps.ros.conversion import (
     attitude_of,
     fill_attitude,
+    fill_region,
+    fill_twist,
     image_of,
     turned_to_body,
     turned_to_world,
@@ -33,11 +35,6 @@ _STORE = get_typestore(Stores.ROS2_JAZZY)
 _T: dict[str, Any] = _STORE.types
 _QUALITY = 92
 _COVARIANCE_3, _COVARIANCE_6 = np.zeros(9), np.zeros(36)
-
-
-class _Xyzw:
-    x = y = z = 0.0
-    w = 1.0
 
 
 class _Bag:
@@ -107,9 +104,9 @@ def _pack_pictures(bag: _Bag, recorded: RecordedFlight) -> None:
 
 
 def _quaternion(attitude: Attitude) -> Any:
-    q = _Xyzw()
+    q = _T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
     fill_attitude(q, (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad))
-    return _T["geometry_msgs/msg/Quaternion"](q.x, q.y, q.z, q.w)
+    return q
 
 
 def _vector(x: float, y: float, z: float) -> Any:
@@ -141,10 +138,8 @@ def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude) -> None:
 
 def _pack_control(bag: _Bag, record: ControlRecord) -> None:
     if record.sent:
-        forward, right, down, yaw_rate = record.allowed.values
-        twist = _T["geometry_msgs/msg/Twist"](
-            _vector(forward, -right, -down), _vector(0, 0, -yaw_rate)
-        )
+        twist = _T["geometry_msgs/msg/Twist"](_vector(0, 0, 0), _vector(0, 0, 0))
+        fill_twist(twist, record.allowed)
         header = bag.header(record.time_s, "base_link")
         message = _T["geometry_msgs/msg/TwistStamped"](header, twist)
         bag.write("/follower/setpoint", message, record.time_s)
@@ -160,8 +155,9 @@ def _pack_track(bag: _Bag, record: TrackRecord) -> None:
     values = {**box, "probability": track.confidence}
     time_s = record.captured_s
     _pack_status(bag, "/follower/track", "track", str(track.state), values, time_s)
-    whole = [max(round(box[name]), 0) for name in ("x", "y", "height", "width")]
-    bag.write("/follower/roi", _T["sensor_msgs/msg/RegionOfInterest"](*whole, False), time_s)
+    region = _T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    fill_region(region, track.box)
+    bag.write("/follower/roi", region, time_s)
 
 
 def _pack_status(

@@ -5,6 +5,7 @@ forward, right, down.
 """
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -121,14 +122,10 @@ def turned_to_world(q: Any, v: Any) -> Triple:
 
 def turned_to_body(q: Any, north_east_down: Triple) -> Triple:
     """Return a vector of the world as forward, left, up of a body: `turned_to_world` back."""
-    axes = [turned_to_world(q, _Vector(*axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    units = {"x": 0.0, "y": 0.0, "z": 0.0}
+    axes = [turned_to_world(q, SimpleNamespace(**{**units, one: 1.0})) for one in units]
     f, le, u = (sum(a * b for a, b in zip(axis, north_east_down, strict=True)) for axis in axes)
     return f, le, u
-
-
-class _Vector:
-    def __init__(self, x: float, y: float, z: float) -> None:
-        self.x, self.y, self.z = x, y, z
 
 
 def fill_vector(v: Any, x: float, y: float, z: float) -> None:

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +108,8 @@ def fly_demo(mode: str, scenario: str, seconds: float, out: Path) -> int:
     config = out / "settings.yaml"
     settings = simulation_settings(loaded, None, ("autonomy=full",))
     config.write_text(settings.to_yaml(), "utf-8")
-    with closed_port() as port, _own_domain():
+    port = _free_port()
+    with _own_domain():
         simulator = ["-m", "follower.apps.ros.simulator", scenario, "--mode", mode]
         node = ["-c", _LAUNCHER, "ros", "--mode", mode, "-c", str(config), "--out", str(out)]
         node += ["--target", loaded.select.colour]
@@ -153,13 +154,10 @@ def _report(operator: Operator, out: Path, console: Console) -> int:
     return 0 if "following" in operator.states else 1
 
 
-@contextmanager
-def closed_port() -> Iterator[int]:
-    """Give a free UDP port of this computer."""
-    listener = UdpTransport.listen("127.0.0.1", 0)
-    port = listener.port
-    listener.close()
-    yield port
+def _free_port() -> int:
+    """Return a free UDP port of this computer."""
+    with closing(UdpTransport.listen("127.0.0.1", 0)) as listener:
+        return listener.port
 
 
 @contextmanager

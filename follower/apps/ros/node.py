@@ -207,7 +207,7 @@ class FollowerNode(LifecycleNode):
             raise SettingsError("configure first")
         if not io.clock.ticks(_WAIT_S):
             raise SettingsError("use_sim_time is set, and /clock does not tick")
-        self._source = source = TopicSource(self, "image", self._value("image_transport"))
+        self._source = source = TopicSource(self, "image", self._value("image_transport"), io.clock)
         outputs, mode, target = self._outputs, self._value("mode"), self._value("target")
         outputs.clock, outputs.image_frame = io.clock, "camera"
         ends = TopicEnds(source, io.clock, vehicle, self._detector, outputs.show, outputs)

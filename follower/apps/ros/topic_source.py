@@ -26,15 +26,23 @@ class TopicSource(ClosesItself):
         owner: the lifecycle node.
         topic: as the user names it.
         transport: "raw", or "compressed" by image_transport's name.
+        clock: by which frames are stamped, the flight's; None makes one.
+
+    Attributes:
+        clock: the same.
+        problem: why there is no new frame; None while there are.
+        frame_id: of the newest image.
     """
 
     frame_count: int | None = None
     nominal_rate_hz = _RATE_HZ
 
-    def __init__(self, owner: Any, topic: str, transport: str) -> None:
+    def __init__(
+        self, owner: Any, topic: str, transport: str, clock: RosClock | None = None
+    ) -> None:
         compressed = transport == "compressed"
         self._io = IoNode(f"{owner.get_name()}_camera", owner)
-        self._clock: RosClock = self._io.clock
+        self.clock = clock or self._io.clock
         topic += "/compressed" if compressed else ""
         name = self._io.name_of(topic)
         self.problem: str | None = f"no image has come on {name}"
@@ -44,15 +52,6 @@ class TopicSource(ClosesItself):
         kind = CompressedImage if compressed else Image
         self._io.subscribe(kind, topic, self._take, NEWEST)
         self._io.start()
-
-    @property
-    def clock(self) -> RosClock:
-        """The clock by which frames are stamped."""
-        return self._clock
-
-    def use_clock(self, clock: RosClock) -> None:
-        """Stamp frames by the flight's clock."""
-        self._clock = clock
 
     def read(self) -> Frame | None:
         """Return the newest frame not read yet, waiting for it; None once closed."""
@@ -66,9 +65,9 @@ class TopicSource(ClosesItself):
 
     def _take(self, message: Any) -> None:
         stamped_s = stamp_s(message.header.stamp)
-        captured_s = self._clock.of_stamp(stamped_s)
+        captured_s = self.clock.of_stamp(stamped_s)
         if captured_s is None:
-            age_s = self._clock.ros_s() - stamped_s
+            age_s = self.clock.ros_s() - stamped_s
             self.problem = f"images are stamped {age_s:.1f} s ago: set the clocks, or use_sim_time"
             return
         if stamped_s <= self._newest_s:
@@ -100,8 +99,6 @@ class TopicInput(VideoInput):
         """It is."""
         return True
 
-    def open(self, clock: Clock | None = None) -> FrameSource:
-        """Return the source, on the flight's clock."""
-        if isinstance(clock, RosClock):
-            self.source.use_clock(clock)
+    def open(self, _clock: Clock | None = None) -> FrameSource:
+        """Return the source, which has its clock already."""
         return self.source

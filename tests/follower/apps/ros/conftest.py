@@ -105,6 +105,17 @@ class Rig:
         out = ("--out", str(self.folder / "runs"), "--target", "#e0401c")
         self.start("follower", "-c", NODE, "ros", *FLIGHT, *out, *arguments)
 
+    def activate(self) -> None:
+        """Have the node configured and active, the vehicle in the pilot's mode, and watch both."""
+        from geometry_msgs.msg import TwistStamped
+
+        self.watch(TwistStamped, "/taken", 50)
+        self.watch(TwistStamped, "/truth")
+        self.watch(TwistStamped, "/follower/setpoint")
+        self.set("simulator", mode="LOITER")
+        assert self.change("configure"), self.log("follower")
+        assert self.change("activate"), self.log("follower")
+
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text()
 

@@ -7,7 +7,6 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
 from std_srvs.srv import Trigger
 
 from follower import open_flight, replay
@@ -26,12 +25,7 @@ def flying(make_rig, free_port) -> Iterator:
         rig.simulator("px4", f"udpout:127.0.0.1:{port}")
         lossless = ("--set", "recorder.video=lossless")
         rig.follower("--mode", "direct", "--connect", f"udpin:127.0.0.1:{port}", *lossless)
-        rig.watch(TwistStamped, "/taken", 50)
-        rig.watch(TwistStamped, "/truth")
-        rig.watch(TwistStamped, "/follower/setpoint")
-        rig.set("simulator", mode="LOITER")
-        assert rig.change("configure"), rig.log("follower")
-        assert rig.change("activate"), rig.log("follower")
+        rig.activate()
         yield rig
 
 

@@ -24,12 +24,7 @@ def flying(make_rig) -> Iterator:
     with make_rig() as rig:
         rig.simulator()
         rig.follower("--mode", "mavros")
-        rig.watch(TwistStamped, "/taken", 50)
-        rig.watch(TwistStamped, "/truth")
-        rig.watch(TwistStamped, "/follower/setpoint")
-        rig.set("simulator", mode="LOITER")
-        assert rig.change("configure"), rig.log("follower")
-        assert rig.change("activate"), rig.log("follower")
+        rig.activate()
         yield rig
 
 
