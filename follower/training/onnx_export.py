@@ -1,16 +1,21 @@
 """A trained network as an ONNX file, compared with the original, and its model card."""
 
+import copy
 import hashlib
+import itertools
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import onnx
 import torch
+from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from follower.training.settings import TrainingConfig
 from follower_vision.onnx_network import ModelError, Network
@@ -19,7 +24,9 @@ OPSET = 17
 AGREEMENT = 1e-4
 """Largest difference between torch's answers and onnxruntime's."""
 _TRIALS = 4
+_LEAST_VALUES = 64
 
+ModuleT = TypeVar("ModuleT", bound=nn.Module)
 MakeInputs = Callable[[np.random.Generator], tuple[Tensor, ...]]
 
 
@@ -87,6 +94,42 @@ def export_network(
     if not difference <= AGREEMENT:
         raise ModelError(f"{path}: it differs from the trained network by {difference:.1e}")
     return ExportedNetwork(path, hashlib.sha256(path.read_bytes()).hexdigest(), difference)
+
+
+def folded(network: ModuleT) -> ModuleT:
+    """Return a copy whose batch normalisations are part of the convolutions before them."""
+    copied = copy.deepcopy(network).cpu().eval()
+    for module in copied.modules():
+        names = list(module._modules)
+        for name, following in itertools.pairwise(names):
+            layer, norm = module._modules[name], module._modules[following]
+            if isinstance(layer, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+                module._modules[name] = fuse_conv_bn_eval(layer, norm)
+                module._modules[following] = nn.Identity()
+    return copied
+
+
+@torch.no_grad()
+def round_to_half(network: nn.Module) -> None:
+    """Change the weights to numbers that 16 bits hold exactly."""
+    for value in network.parameters():
+        if value.numel() >= _LEAST_VALUES:
+            value.copy_(value.half().float())
+
+
+def store_as_half(model: onnx.ModelProto) -> None:
+    """Keep weights as 16-bit numbers in the file; the runtime widens them once, as it loads."""
+    casts = []
+    for initializer in model.graph.initializer:
+        values = numpy_helper.to_array(initializer)
+        if values.dtype != np.float32 or values.size < _LEAST_VALUES:
+            continue
+        name, short = initializer.name, f"{initializer.name}_half"
+        initializer.CopyFrom(numpy_helper.from_array(values.astype(np.float16), short))
+        casts.append(helper.make_node("Cast", [short], [name], to=TensorProto.FLOAT))
+    nodes = [*casts, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
 
 
 def largest_difference(module: nn.Module, path: Path, make_inputs: MakeInputs) -> float:

@@ -1,26 +1,28 @@
 """`follower train re3`: from a configuration to an ONNX file."""
 
-import copy
-import itertools
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-import onnx
 import torch
 import typer
-from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from follower.training.onnx_export import ExportedNetwork, export_network, write_card
+from follower.training.onnx_export import (
+    ExportedNetwork,
+    export_network,
+    folded,
+    round_to_half,
+    store_as_half,
+    write_card,
+)
 from follower.training.re3.examples import Example, Tracked, pair
 from follower.training.re3.network import Re3Module, Re3ModuleState
 from follower.training.re3.settings import Re3Config
 from follower.training.re3.trainer import Re3Trainer
 from follower.training.scenes.generator import SceneMaker
-from follower.training.scenes.image_pool import load, prepare, rendered
-from follower.training.scenes.image_source import ImageSource, procedural
+from follower.training.scenes.image_pool import image_source, prepare_once
 from follower.training.scenes.scene import Scene
 from follower.training.trainer import SAMPLES, open_folder, train
 from follower_vision.geometry.box import Box
@@ -37,7 +39,6 @@ from follower_vision.trackers.re3 import (
 RIGHT_OVERLAP = 0.5
 _NEWTON_STEPS = 30
 _RIDGE = 1e-2
-_LEAST_VALUES = 64
 UNCALIBRATED = (1.0, 0.0)
 """Slope and offset of a logit that is left as it is."""
 
@@ -59,42 +60,6 @@ def calibrated(seen: Tracked) -> tuple[float, float]:
     if not np.isfinite(weights).all() or weights[0] <= 0.0:
         return UNCALIBRATED
     return float(weights[0]), float(weights[1])
-
-
-def folded(network: Re3Module) -> Re3Module:
-    """Return a copy whose batch normalisations are part of the convolutions before them."""
-    copied = copy.deepcopy(network).cpu().eval()
-    for module in copied.modules():
-        names = list(module._modules)
-        for name, following in itertools.pairwise(names):
-            layer, norm = module._modules[name], module._modules[following]
-            if isinstance(layer, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                module._modules[name] = fuse_conv_bn_eval(layer, norm)
-                module._modules[following] = nn.Identity()
-    return copied
-
-
-@torch.no_grad()
-def _round(network: Re3Module) -> None:
-    """Change the weights to numbers that 16 bits hold exactly."""
-    for value in network.parameters():
-        if value.numel() >= _LEAST_VALUES:
-            value.copy_(value.half().float())
-
-
-def _store_as_half(model: onnx.ModelProto) -> None:
-    """Keep weights as 16-bit numbers in the file; the runtime widens them once, as it loads."""
-    casts = []
-    for initializer in model.graph.initializer:
-        values = numpy_helper.to_array(initializer)
-        if values.dtype != np.float32 or values.size < _LEAST_VALUES:
-            continue
-        name, short = initializer.name, f"{initializer.name}_half"
-        initializer.CopyFrom(numpy_helper.from_array(values.astype(np.float16), short))
-        casts.append(helper.make_node("Cast", [short], [name], to=TensorProto.FLOAT))
-    nodes = [*casts, *model.graph.node]
-    del model.graph.node[:]
-    model.graph.node.extend(nodes)
 
 
 class Re3Export(nn.Module):
@@ -136,14 +101,14 @@ def export_re3(
         ModelError: the file does not answer as the network does.
     """
     compact = folded(network)
-    _round(compact)
+    round_to_half(compact)
     return export_network(
         Re3Export(compact, calibration).eval(),
         path,
         lambda rng: random_inputs(network, rng),
         (INPUTS, (*OUTPUTS[:3], "next_hidden", "next_cell")),
         {"family": "re3", "licence": "Apache-2.0"},
-        _store_as_half,
+        store_as_half,
     )
 
 
@@ -166,9 +131,6 @@ def random_inputs(network: Re3Module, rng: np.random.Generator) -> tuple[Tensor,
     )
 
 
-STOCK = "stock"
-_WORLDS = 5
-"""Separates the simulated worlds' random numbers from those of other things of the same seed."""
 _ROWS = 6
 _FRAMES = 24
 _SHOWN = (0, 8, 16, 23)
@@ -197,9 +159,8 @@ def train_re3(
     """
     training = config.training
     state = open_folder(config, training, folder, device, resume)
-    if config.pictures is not None and not (folder / STOCK).is_dir():
-        prepare(config.pictures, folder / STOCK, training.seed)
-    pictures = image_source(config, folder)
+    prepare_once(config.pictures, folder, training.seed)
+    pictures = image_source(folder, training.seed, training.worlds)
     trainer = Re3Trainer(training, pictures, device, network_type)
     if state is None:
         maker = SceneMaker(pictures, training.scenes, training.seed)
@@ -211,11 +172,18 @@ def train_re3(
     return finish(trainer, config, folder)
 
 
-def image_source(config: Re3Config, folder: Path) -> ImageSource:
-    """Return what the scenes of a training are made of: prepared pictures and rendered ones."""
-    seed, worlds, stock = config.training.seed, config.training.worlds, folder / STOCK
-    pictures = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
-    return pictures.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
+def export_checkpoint(config: Re3Config, folder: Path, state: dict[str, Any]) -> ExportedNetwork:
+    """Write the network of a training's checkpoint as it stands, and its card.
+
+    Raises:
+        SettingsError: the checkpoint is of another network.
+    """
+    training = config.training
+    torch.set_num_threads(training.threads)
+    pictures = image_source(folder, training.seed, training.worlds)
+    trainer = Re3Trainer(training, pictures)
+    trainer.restore(state)
+    return finish(trainer, config, folder)
 
 
 def finish(trainer: Re3Trainer, config: Re3Config, folder: Path) -> ExportedNetwork:

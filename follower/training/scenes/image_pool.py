@@ -18,6 +18,7 @@ from follower_sim.view import CameraView
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 
+STOCK = "stock"
 MOST_CUTOUTS = 1500
 COLLAGES = 40
 _COLLAGE_PX, _MARGIN_PX = 700, 50
@@ -27,6 +28,8 @@ _LEAST_COVERAGE = 0.15
 _WIDTH, _HEIGHT = 640, 480
 _GROUNDS, _OBJECTS = 3, 6
 _DIFFERS = 10
+_WORLDS = 5
+"""Separates the simulated worlds' random numbers from those of other things of the same seed."""
 
 
 def collage(rng: np.random.Generator, stock: ImageSource) -> Image:
@@ -98,6 +101,29 @@ def load(stock: Path, seed: int, collages: int = COLLAGES) -> ImageSource:
     )
     crowded = tuple(collage(rng, pictures) for _ in range(collages))
     return ImageSource(pictures.photographs + crowded, pictures.textures, pictures.cutouts)
+
+
+def prepare_once(pictures: Path | None, folder: Path, seed: int) -> None:
+    """Prepare the stock of a training's folder, if it has pictures and none is there.
+
+    Raises:
+        SettingsError: see `prepare`.
+    """
+    if pictures is not None and not (folder / STOCK).is_dir():
+        prepare(pictures, folder / STOCK, seed)
+
+
+def image_source(folder: Path, seed: int, worlds: int) -> ImageSource:
+    """Return what the scenes of a training are made of: its stock, if any, and rendered pictures.
+
+    Args:
+        folder: of the training.
+        seed: of the training.
+        worlds: of the simulator, whose views and bodies join the pictures.
+    """
+    stock = folder / STOCK
+    pictures = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
+    return pictures.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
 
 
 def _small_photograph(path: Path) -> npt.NDArray[np.uint8] | None:

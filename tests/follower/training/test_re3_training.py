@@ -11,10 +11,10 @@ import pytest
 import torch
 from onnx import helper, save
 
-from follower.training.onnx_export import AGREEMENT
+from follower.training.onnx_export import AGREEMENT, folded
 from follower.training.re3.examples import Batch, Tracked, answered, looked, pair, remembered
 from follower.training.re3.network import Re3Module
-from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3, folded, sample_sheet
+from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3, sample_sheet
 from follower.training.re3.settings import (
     Re3NetworkSettings,
     Re3TrainingSettings,

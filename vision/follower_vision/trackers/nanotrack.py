@@ -21,8 +21,6 @@ from follower_vision.onnx_network import (
 )
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
-TEMPLATE_SIDE = 127
-STRIDE = 16
 _SURE = 0.8
 _TEMPLATE_FRAMES = 12
 
@@ -47,6 +45,7 @@ class NanoTrackNetwork:
 
     Attributes:
         search_side: side of the search crop in pixels.
+        template_side: side of the template crop in pixels, half of it.
         cells: side of the square of cells that the head answers.
     """
 
@@ -58,14 +57,15 @@ class NanoTrackNetwork:
         """
         self._backbone = Network(backbone, device)
         self.search_side = _search_side(self._backbone)
-        self._template_backbone = _backbone_of_side(backbone, TEMPLATE_SIDE, device)
+        self.template_side = self.search_side // 2
+        self._template_backbone = _backbone_of_side(backbone, self.template_side, device)
         self._head = Network(head, device)
         self.cells = _cells(self._head)
-        self._points = _points(self.cells)
+        self._points = _points(self.cells, _stride(self.search_side, self.cells))
         self._search = np.empty((1, 3, self.search_side, self.search_side), np.float32)
 
     def template(self, crop: Image) -> Tensor:
-        """Return the features of a template crop of (127, 127, 3) pixels."""
+        """Return the features of a template crop of (template_side, template_side, 3) pixels."""
         tensor = np.ascontiguousarray(crop.transpose(2, 0, 1)[None], dtype=np.float32)
         return self._template_backbone.run(tensor)[0]
 
@@ -113,9 +113,14 @@ def _cells(head: Network) -> int:
     return shapes[0][2]
 
 
-def _points(cells: int) -> npt.NDArray[np.float32]:
+def _stride(side: int, cells: int) -> int:
+    """Return the pixels from cell to cell, a power of two: some versions leave the margin out."""
+    return 1 << round(math.log2(side / cells))
+
+
+def _points(cells: int, stride: int) -> npt.NDArray[np.float32]:
     """Return the cells' places from the crop's middle, (cells * cells, 2), row by row."""
-    along = (np.arange(cells, dtype=np.float32) - cells // 2) * STRIDE
+    along = (np.arange(cells, dtype=np.float32) - cells // 2) * stride
     across, down = np.meshgrid(along, along)
     return np.stack([across.ravel(), down.ravel()], axis=1)
 
@@ -151,6 +156,10 @@ NANOTRACK_SETTINGS = {
     3: NanoTrackSettings(window_influence=0.455, penalty_k=0.138, learning_rate=0.348),
 }
 """The published settings of each version, from SiamTrackers' configuration files."""
+
+
+SIAMESE_SETTINGS = NanoTrackSettings(window_influence=0.40, penalty_k=0.10, learning_rate=0.30)
+"""Of our own network, which has NanoTrack's form."""
 
 
 class NanoTracker:
@@ -201,7 +210,7 @@ class NanoTracker:
         if self._template is None:
             raise RuntimeError("the tracker was not started")
         side = self._network.search_side
-        zoom = TEMPLATE_SIDE / self._context_side(box)
+        zoom = self._network.template_side / self._context_side(box)
         region = Box(box.cx, box.cy, side / zoom, side / zoom)
         features = self._network.features(crop(image, region, side, side, self._fill))
         response = self._network.match(self._template, features)
@@ -239,20 +248,20 @@ class NanoTracker:
     def _learnt(self, image: Image, box: Box) -> Tensor:
         side = self._context_side(box)
         region = Box(box.cx, box.cy, side, side)
-        cut = crop(image, region, TEMPLATE_SIDE, TEMPLATE_SIDE, self._fill)
+        template_side = self._network.template_side
+        cut = crop(image, region, template_side, template_side, self._fill)
         return self._network.template(cut)
 
     def _context_side(self, box: Box) -> float:
         """Return the side of the square about a target, margin included, in image pixels."""
-        margin = self._settings.context * (box.width + box.height)
-        return math.sqrt((box.width + margin) * (box.height + margin))
+        return context_side(box, self._settings.context)
 
     def _search_about(self, image: Image, box: Box) -> tuple[NanoTrackResponse, float]:
         """Return the network's answer about `box`, and crop pixels per image pixel."""
         if self._template is None:
             raise RuntimeError("the tracker was not started")
         side = self._network.search_side
-        zoom = TEMPLATE_SIDE / self._context_side(box)
+        zoom = self._network.template_side / self._context_side(box)
         region = Box(box.cx, box.cy, side / zoom, side / zoom)
         cut = crop(image, region, side, side, self._fill)
         return self._network.compare(self._template, cut), zoom
@@ -291,6 +300,12 @@ class NanoTracker:
             min(box.width, width),
             min(box.height, height),
         )
+
+
+def context_side(box: Box, context: float = 0.5) -> float:
+    """Return the side of the square about a target, margin included, in the box's own unit."""
+    margin = context * (box.width + box.height)
+    return math.sqrt((box.width + margin) * (box.height + margin))
 
 
 def _cosine_window(cells: int) -> Tensor:

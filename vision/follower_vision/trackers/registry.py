@@ -8,7 +8,12 @@ from typing import TypeAlias
 from follower_vision.onnx_network import CPU
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
-from follower_vision.trackers.nanotrack import NANOTRACK_SETTINGS, NanoTracker, NanoTrackNetwork
+from follower_vision.trackers.nanotrack import (
+    NANOTRACK_SETTINGS,
+    SIAMESE_SETTINGS,
+    NanoTracker,
+    NanoTrackNetwork,
+)
 from follower_vision.trackers.opencv import OPENCV_KINDS, OpenCvTracker, opencv_tracker_names
 from follower_vision.trackers.plugin_tracker import TRACKER_PLUGINS, guarded
 from follower_vision.trackers.re3 import Re3Network, Re3Tracker
@@ -18,6 +23,7 @@ FindFile: TypeAlias = Callable[[str], Path]
 
 RE3_FILE = "follower-re3.onnx"
 _NETWORK = ".onnx"
+_BACKBONE, _HEAD = "_backbone.onnx", "_head.onnx"
 
 
 def _nanotrack(version: int, find_file: FindFile, device: str) -> NanoTracker:
@@ -74,7 +80,8 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
     """Return a motion tracker, not yet started.
 
     Args:
-        name: one of `tracker_names()`, or the path of a network that `follower train re3` wrote.
+        name: one of `tracker_names()`, or the path of a network that `follower train re3` wrote,
+            or of the head of one that `follower train siamese` did.
         find_file: asked only by trackers that have networks.
         device: where networks run; see `device`.
 
@@ -83,6 +90,10 @@ def make_tracker(name: str, find_file: FindFile, device: str = CPU) -> MotionTra
         ModelError: a network's file is missing or broken.
         PluginError: another package's tracker cannot be used.
     """
+    if name.endswith(_HEAD):
+        head, stem = Path(name), Path(name).name.removesuffix(_HEAD)
+        network = NanoTrackNetwork(head.with_name(stem + _BACKBONE), head, device)
+        return NanoTracker(network, SIAMESE_SETTINGS, stem)
     if name.endswith(_NETWORK):
         return Re3Tracker(Re3Network(Path(name), device), name=Path(name).stem)
     if name in TRACKERS:

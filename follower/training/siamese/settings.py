@@ -1,0 +1,68 @@
+"""How the Siamese tracker is trained: what configs/train/siamese.yaml says."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from follower.training.scenes.generator import SceneSettings
+from follower.training.settings import STRICT, TrainingConfig, TrainingPlan
+
+_Units = Annotated[int, Field(ge=8)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SiameseNetworkSettings:
+    """How large the network is.
+
+    Attributes:
+        channels: of the backbone's features.
+        head: channels of the maps after the correlation.
+    """
+
+    channels: _Units = 64
+    head: _Units = 96
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SiameseTrainingSettings(TrainingPlan):
+    """Everything that decides how the weights come out.
+
+    Attributes:
+        seed: of scenes, batches and first weights.
+        steps: of the optimiser.
+        batch: pairs of crops a step.
+        rate: learning rate, after a warm-up; it falls to nothing as a cosine.
+        network: its size.
+        scenes: how hard they are.
+        scene_frames: how long a scene is, from which pairs are taken.
+        worlds: of the simulator, whose views and bodies join the pictures.
+        held_out: pairs of held-out scenes that a validation looks at.
+        workers: processes that draw scenes; what is learnt does not depend on them.
+    """
+
+    seed: NonNegativeInt = 1
+    steps: PositiveInt = 100
+    batch: Annotated[int, Field(ge=2)] = 32
+    rate: PositiveFloat = 2e-3
+    network: SiameseNetworkSettings = field(default_factory=SiameseNetworkSettings)
+    scenes: SceneSettings = field(default_factory=SceneSettings)
+    scene_frames: PositiveInt = 48
+    worlds: NonNegativeInt = 0
+    held_out: PositiveInt = 256
+    workers: NonNegativeInt = 1
+
+
+class SiameseConfig(TrainingConfig):
+    """A training: what it is called, what it sees, and the recipe."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")] = "follower-siamese"
+    data: str = "not stated"
+    """Where the pictures come from, for the model card."""
+    pictures: Path | None = None
+    """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
+    training: SiameseTrainingSettings = SiameseTrainingSettings()
