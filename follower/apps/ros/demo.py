@@ -25,7 +25,7 @@ from follower.apps.ros.conversion import image_of
 from follower.apps.ros.io_node import NEWEST, RELIABLE
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
-from follower.settings.settings import find_scenario
+from follower.settings.settings import configs_folder, find_scenario
 from follower.simulation.options import simulation_settings
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import stop_signals
@@ -34,7 +34,7 @@ from follower_sim.scenario.scenario_file import load_scenario
 from follower_vision.clock import MonotonicClock
 
 PICTURE = "overlay.jpg"
-_START_S, _FOLLOW_S, _END_S = 40.0, 60.0, 20.0
+_START_S, _FOLLOW_S, _END_S = 120.0, 60.0, 20.0
 _LAUNCHER = "from follower.apps.main import main; main()"
 
 
@@ -162,10 +162,16 @@ def _free_port() -> int:
 
 @contextmanager
 def _own_domain() -> Iterator[None]:
-    """Keep the demo's topics on this computer, and apart from those of other programs."""
+    """Keep the demo's topics on this computer, apart from those of other programs, and whole.
+
+    A raw image does not fit into Fast DDS' usual shared memory: few arrive.
+    """
     before = dict(os.environ)
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.SystemRandom().randrange(1, 100)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault(
+        "FASTDDS_DEFAULT_PROFILES_FILE", str(configs_folder() / "ros" / "large_images.xml")
+    )
     try:
         yield
     finally:
