@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -61,3 +63,31 @@ def test_its_executable_is_the_node_and_hands_on_options_and_ros_args(workspace:
     ended = sourced(workspace, f"{executable} {arguments}")
     assert ended.returncode == 1
     assert "[drone.follower]: cannot configure: mode 'sideways': choose one of" in ended.stderr
+
+
+def test_ros2_launch_starts_the_node_configures_it_and_hands_on_its_arguments(
+    workspace: Path,
+) -> None:
+    """Without images it cannot be activated, and says so under the name that was remapped."""
+    ros2 = program("ros2", "source a set-up of ROS 2 with ros2launch")
+    launch = f"{ros2} launch follower_ros follower.launch.py image:=/front"
+    said = ""
+    with subprocess.Popen(
+        ["sh", "-c", f". ./install/local_setup.sh && exec {launch}"],
+        cwd=workspace,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        watchdog = threading.Timer(PATIENCE_S, process.kill)
+        watchdog.start()
+        assert process.stdout is not None
+        for line in process.stdout:
+            said += line
+            if "cannot activate" in line:
+                break
+        process.send_signal(signal.SIGINT)
+        said += process.stdout.read()
+        watchdog.cancel()
+    assert "[follower]: cannot activate: " in said
+    assert "no image has come on /front" in said
