@@ -43,7 +43,7 @@ class Operator:
 
     Attributes:
         states: of the supervisor, as /diagnostics tells them, each once.
-        overlay: the newest picture that shows a target followed.
+        overlay: a picture that came between two messages that told of following.
         over: the flight is being ended: no picture is taken any more.
     """
 
@@ -53,6 +53,7 @@ class Operator:
         self._client: Any = self._node.create_client(ChangeState, "/follower/change_state")
         self.states: list[str] = []
         self.overlay: Any = None
+        self._newest: Any = None
         self.over = False
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, RELIABLE)
         self._node.create_subscription(Image, "/follower/overlay", self._seen, NEWEST)
@@ -81,12 +82,14 @@ class Operator:
     def _diagnosed(self, message: DiagnosticArray) -> None:
         for status in message.status:
             state = status.message.partition(":")[0]
+            if state == "following" and self.states[-1:] == [state] and not self.over:
+                self.overlay = self._newest or self.overlay
+            self._newest = None
             if self.states[-1:] != [state]:
                 self.states.append(state)
 
     def _seen(self, message: Image) -> None:
-        if self.states[-1:] == ["following"] and not self.over:
-            self.overlay = message
+        self._newest = message
 
 
 def fly_demo(mode: str, scenario: str, seconds: float, out: Path) -> int:
