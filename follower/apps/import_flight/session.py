@@ -242,6 +242,8 @@ def _check_telemetry(
 ) -> None:
     """Refuse what the telemetry, or its lack, makes meaningless; raises as `_check` does."""
     if log is None and not target.given:
+        if source is not None and Path(source.name).is_file():
+            source.open().close()  # which says what is wrong with it, if something is
         raise SettingsError(
             "which target? give --target x,y,w,h, --select person or --colour; only a recording "
             "with telemetry is imported without one"
@@ -261,8 +263,9 @@ def _with_camera_of(log: TelemetryLog, settings: Settings, lens_given: bool) -> 
         changed["gimbal"] = replace(settings.gimbal, enabled=True)
     if log.fov_deg is not None and not lens_given:
         focal_px = _LENS_WIDTH_PX / 2 / math.tan(math.radians(log.fov_deg) / 2)
-        lens = {"focal_px": min(focal_px, 1e5), "focal_width_px": _LENS_WIDTH_PX}
-        changed["camera"] = replace(settings.camera, **lens)
+        changed["camera"] = replace(
+            settings.camera, focal_px=min(focal_px, 1e5), focal_width_px=_LENS_WIDTH_PX
+        )
     return settings.model_copy(update=changed)
 
 

@@ -112,9 +112,7 @@ def _place(text: str, values: Mapping[str, float]) -> tuple[float, float, float]
             # So some Mavics write radians; in degrees that is the sea off West Africa.
             latitude, longitude = math.degrees(latitude), math.degrees(longitude)
         place = latitude, longitude, _first(values, "abs_alt", "altitude") or 0.0
-    if place is None or place[:2] == (0.0, 0.0) or abs(place[0]) > 90 or abs(place[1]) > 180:
-        return None
-    return place
+    return None if place is None or place[:2] == (0.0, 0.0) else place
 
 
 def _listed_place(inside: str) -> tuple[float, float, float] | None:

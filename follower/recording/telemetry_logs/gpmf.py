@@ -16,7 +16,9 @@ DEVICE = b"DEVC"
 _HEAD = 8
 _DEEPEST = 8
 _GYRO, _ACCELERATION, _GPS, _NEW_GPS = b"GYRO", b"ACCL", b"GPS5", b"GPS9"
-_MEASURED = (_GYRO, _ACCELERATION, _GPS, _NEW_GPS)
+_COLUMNS = {_GYRO: 3, _ACCELERATION: 3, _GPS: 5, _NEW_GPS: 9}
+_MOST = 1e9
+"""Nothing measured is as large."""
 _TYPES = {
     "b": "i1", "B": "u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8",
     "j": ">i8", "J": ">u8",
@@ -62,7 +64,7 @@ def decode(payload: bytes, shown_s: float = 0.0, duration_s: float = 1.0) -> dic
             key: _piece(key, fields, shown_s, duration_s)
             for stream in _streams(payload, 0)
             for fields in [dict(_elements(stream))]
-            for key in _MEASURED
+            for key in _COLUMNS
             if key in fields and _number(fields, b"GPSF", _FIX_2D) >= _FIX_2D
         }
 
@@ -79,9 +81,13 @@ class _Element:
 
 def _piece(key: bytes, fields: dict[bytes, _Element], shown_s: float, duration_s: float) -> Piece:
     stamp, total = _number(fields, b"STMP", -1), int(_number(fields, b"TSMP", -1))
+    values = _scaled(fields[key], fields)
+    axes = fields[b"ORIN"].data.decode("latin-1") if b"ORIN" in fields else _USUAL_AXES
+    if values.shape[1] != _COLUMNS[key] or sorted(axes.upper()) != ["X", "Y", "Z"]:
+        raise TelemetryError(f"GPMF's {key.decode()} has {values.shape[1]} columns, axes {axes!r}")
     return Piece(
-        _scaled(fields[key], fields),
-        fields[b"ORIN"].data.decode("latin-1") if b"ORIN" in fields else _USUAL_AXES,
+        values,
+        axes,
         None if stamp < 0 else stamp,
         None if total < 0 else total,
         shown_s,
@@ -141,7 +147,7 @@ def _table(element: _Element, layout: _Element | None) -> Vector:
 
 
 def _number(fields: dict[bytes, _Element], key: bytes, missing: float) -> float:
-    values = _table(fields[key], None).ravel() if key in fields else ()
+    values = _table(fields[key], None).ravel() if key in fields else np.empty(0)
     number = float(values[0]) if len(values) else missing
     return number if math.isfinite(number) else missing
 
@@ -201,7 +207,7 @@ class GpmfReader:
 
     def _take_fixes(self, samples: TelemetrySamples, key: bytes, zero_us: float) -> None:
         rows = self._timed(key, zero_us)
-        if rows.shape[1] > _GPS9_FIX + 1:
+        if key == _NEW_GPS:
             rows = rows[rows[:, _GPS9_FIX + 1] >= _FIX_2D]
         for time_s, latitude, longitude, height_m in rows[:, :4].tolist():
             samples.add_fix(time_s, latitude, longitude, height_m - rows[0, 3])
@@ -209,12 +215,11 @@ class GpmfReader:
     def _timed(self, key: bytes, zero_us: float) -> Vector:
         """Return rows (time, values), (N, 1 + columns)."""
         pieces = [piece for piece in self._pieces.get(key, ()) if len(piece.values)]
-        widths = {piece.values.shape[1] for piece in pieces}
-        if len(widths) != 1:
-            return np.empty((0, 10))
+        if not pieces:
+            return np.empty((0, 1 + _COLUMNS[key]))
         values = np.concatenate([piece.values for piece in pieces])
         rows = np.column_stack([_times(pieces, zero_us), values])
-        return np.asarray(rows[np.isfinite(rows).all(axis=1)], np.float64)
+        return np.asarray(rows[(np.abs(rows) < _MOST).all(axis=1)], np.float64)
 
     def _turned(self, key: bytes, zero_us: float) -> Vector:
         """Return rows (time, forward, right, down), at most 100 a second.
@@ -222,9 +227,9 @@ class GpmfReader:
         GoPro's axes: X to the left, Y back, Z up; ORIN says in which order they come.
         """
         rows = self._timed(key, zero_us)
-        axes = self._pieces[key][0].axes if len(rows) else ""
-        if sorted(axes.upper()) != ["X", "Y", "Z"] or rows.shape[1] != 4:
-            return np.empty((0, 4))
+        if not len(rows):
+            return rows
+        axes = self._pieces[key][0].axes
         sign = {axis.upper(): 1 if axis.isupper() else -1 for axis in axes}
         columns = [1 + axes.upper().index(axis) for axis in "YXZ"]
         values = -rows[:, columns] * [sign[axis] for axis in "YXZ"]

@@ -151,7 +151,12 @@ class TelemetrySamples:
     def add_fix(
         self, time_s: float, latitude_deg: float, longitude_deg: float, height_m: float
     ) -> None:
-        """Note a place on earth, its height above what heights count from; the first is 0, 0."""
+        """Note a place on earth, its height above what heights count from; the first is 0, 0.
+
+        What is no place on earth is passed over.
+        """
+        if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
+            return
         self.origin = self.origin or Origin(latitude_deg, longitude_deg)
         north_m, east_m = self.origin.local(latitude_deg, longitude_deg)
         self.places.append((time_s, north_m, east_m, -height_m))
