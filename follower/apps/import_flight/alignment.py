@@ -55,7 +55,7 @@ def align(flows: Sequence[CornerFlow], telemetry: TelemetryLog, mount: CameraMou
             tilt = _tilt_of(telemetry, found.offset_s)
             found = find_offset(_rates(flows, mount, tilt), telemetry.rates)
     except NoOverlapError as error:
-        raise NoTurnsError(f"the time offset cannot be found: {error}; give --offset") from error
+        raise NoTurnsError(str(error)) from error
     return found
 
 

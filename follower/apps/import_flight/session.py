@@ -104,12 +104,17 @@ def run_import(
 
 
 def run_without_video(
-    settings: Settings, telemetry: TelemetryLog, log: FlightLog, clock: SimulatedClock
+    settings: Settings,
+    telemetry: TelemetryLog,
+    log: FlightLog,
+    clock: SimulatedClock,
+    progress: Progress,
 ) -> None:
     """Step control through telemetry to which there is no video."""
     nothing = Frame(np.zeros(_NO_VIDEO, np.uint8), telemetry.start_s, 0)
     control = _control(settings, log, nothing, telemetry)
-    for now_s in np.arange(telemetry.start_s, telemetry.end_s, _STEP_S).tolist():
+    steps = np.arange(telemetry.start_s, telemetry.end_s, _STEP_S).tolist()
+    for now_s in progress.track(steps, description="Importing"):
         until_s = min(now_s + _STEP_S, telemetry.end_s)
         control.step(None, until_s)
         clock.sleep_until(until_s)
@@ -264,7 +269,7 @@ def _with_camera_of(log: TelemetryLog, settings: Settings, lens_given: bool) -> 
     if log.fov_deg is not None and not lens_given:
         focal_px = _LENS_WIDTH_PX / 2 / math.tan(math.radians(log.fov_deg) / 2)
         changed["camera"] = replace(
-            settings.camera, focal_px=min(focal_px, 1e5), focal_width_px=_LENS_WIDTH_PX
+            settings.camera, focal_px=min(max(focal_px, 1.0), 1e5), focal_width_px=_LENS_WIDTH_PX
         )
     return settings.model_copy(update=changed)
 
@@ -294,7 +299,8 @@ def _aligned(
         found = _found_offset(source, settings, held, held is not log, console)
     except NoTurnsError as error:
         if not log.on_video_clock:
-            raise
+            said = f"the time offset cannot be found: {error}; give --offset"
+            raise SourceError(said) from error
         return _kept(log, str(error), console)
     if found.problems and log.on_video_clock:
         return _kept(log, "; ".join(found.problems), console)
@@ -382,7 +388,7 @@ def _record(
             if frames.problem is not None:
                 recorder.log.note(clock.now(), "video", frames.problem)
         elif log is not None:
-            run_without_video(settings, log, recorder.log, clock)
+            run_without_video(settings, log, recorder.log, clock, progress)
         if log is not None:
             lasts = f"from {log.start_s:.1f} s to {log.end_s:.1f} s of the video's time"
             recorder.log.note(clock.now(), "telemetry", f"the log lasts {lasts}")

@@ -53,7 +53,7 @@ def is_telemetry_log(path: Path) -> bool:
 
 def telemetry_of_video(path: Path) -> Path | None:
     """Return where a video's own telemetry is: beside it in an .SRT, or in it; None if nowhere."""
-    for name in (path.with_suffix(".SRT"), path.with_suffix(".srt")):
+    for name in (path.parent / f"{path.stem}{ending}" for ending in (".SRT", ".srt")):
         if _reader_by_head(name) is read_srt:
             return name
     return path if path.is_file() and has_telemetry(path) else None

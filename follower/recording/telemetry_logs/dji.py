@@ -82,8 +82,7 @@ def _values(text: str) -> dict[str, float]:
     """Return all that a cue says as `name: number`, names in small letters."""
     pairs = ((name.lower(), number) for name, number in _PAIR.findall(text))
     values = {name: float(number.replace(",", ".")) for name, number in pairs}
-    whole = re.search(r"focal_len\s*:\s*\d+\b(?![.,]\d)", text)
-    if whole:
+    if "focal_len" in values and re.search(r"\bfocal_len\s*:\s*\d+\b(?![.,]\d)", text):
         values["focal_len"] /= 10  # without a point it is in tenths of a millimetre
     if height := _HEIGHT.search(text):
         values["h"] = float(height[1])

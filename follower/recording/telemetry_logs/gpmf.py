@@ -1,7 +1,6 @@
 """GPMF: what GoPro's cameras measure while they film, in a track of the video file."""
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -132,8 +131,7 @@ def _scaled(element: _Element, fields: dict[bytes, _Element]) -> Vector:
 def _table(element: _Element, layout: _Element | None) -> Vector:
     letters = element.kind
     if letters == "?" and layout is not None:
-        text = layout.data[:255].decode("latin-1").rstrip("\0")
-        letters = re.sub(r"(.)\[(\d{1,2})\]", lambda found: found[1] * int(found[2]), text)
+        letters = layout.data[:255].decode("latin-1").rstrip("\0")
     if not letters or any(letter not in _TYPES for letter in letters):
         raise TelemetryError(f"GPMF has values of type {letters!r}, which is not known here")
     width = sum(np.dtype(_TYPES[letter]).itemsize for letter in letters)

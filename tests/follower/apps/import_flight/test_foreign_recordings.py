@@ -188,7 +188,6 @@ def test_telemetry_alone_becomes_a_flight_without_pictures(
             np.array(script.angles(attitudes_of(flight)[100, 0] - 3.0)), abs=2e-3
         )
     assert (flight.folder / "inspection.html").is_file()
-    assert run(monkeypatch, "replay", flight.folder) == 0
 
 
 def write_bag(path: Path) -> Path:
@@ -275,7 +274,7 @@ def broken_bag(path: Path) -> Path:
     [
         ("film.srt", lambda path, _: wrong_subtitles(path), "no position of a drone"),
         ("cut.SRT", lambda path, s: cut(path, s[0].with_suffix(".SRT"), 0.001), "no position"),
-        ("cut.ts", lambda path, s: cut(path, s[1], 0.001), "not a video that FFmpeg can open"),
+        ("cut.ts", lambda path, s: cut(path, s[1], 0.0004), "not a video that FFmpeg can open"),
         ("cut.MP4", lambda path, s: cut(path, s[2], 0.9), "is complete"),
         ("plain.mp4", lambda path, _: write_video(path, 0.5), "which target?"),
         ("bag", lambda path, _: broken_bag(path), "cannot be read as a bag"),
