@@ -43,12 +43,14 @@ def import_command(
         typer.Argument(
             help="A video file, a folder of images or a bag; its telemetry, if that is another "
             "file; or telemetry alone. What is in them tells which is which.",
-            metavar="FILE…",
+            metavar="FILE",
         ),
     ],
     telemetry: Annotated[
         Path | None,
-        typer.Option(metavar="LOG", help="The flight's telemetry: may stand among FILE… as well."),
+        typer.Option(
+            metavar="LOG", help="The flight's telemetry: may stand among the FILEs as well."
+        ),
     ] = None,
     offset: Annotated[
         float | None,

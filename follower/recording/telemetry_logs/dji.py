@@ -44,7 +44,7 @@ def read_srt(path: Path) -> TelemetrySamples:
         values = _values(text)
         place = _place(text, values)
         if place is not None:
-            height_m = _first(values, "rel_alt", "barometer", "h")
+            height_m = _first(values, "rel_alt", "barometer", "hb", "h")
             if height_m is None:  # above the sea, or whatever: counted from the first
                 absolute_m = place[2]
                 ground_m = absolute_m if ground_m is None else ground_m

@@ -16,6 +16,11 @@ DIALECTS = {
         "GPS({lon},{lat},14) BAROMETER:{height}\nISO:100 Shutter:60 EV: Fnum:2.2 ",
         {},
     ),
+    "Mavic Pro's first firmware": (
+        "HOME(149.0251,-20.2532) 2017.8.5 14:11:51\nGPS({lon},{lat},16) Hb:{height} Hs:1.9\n"
+        "ISO:100 TV:60 EV: 0 IR:F2.8",
+        {},
+    ),
     "Matrice 300: latitude first where metres are third": (
         "2022.06.21 16:06:17\nGPS({lat},{lon},0.0M) BAROMETER:{height}M",
         {},
