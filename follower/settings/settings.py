@@ -33,7 +33,7 @@ from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.gimbal_servo import GimbalSettings
 from follower_control.servo.search import SearchSettings
 from follower_control.servo.settings import ServoSettings
-from follower_control.target.estimator import EstimatorSettings
+from follower_control.target.settings import EstimatorSettings
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CameraMount
