@@ -39,7 +39,7 @@ from follower_vision.trackers.re3 import Re3Network, Re3Tracker
 from follower_vision.trackers.registry import RE3_FILE, TRACKERS, FindFile, make_tracker
 
 MOST_LOSS = 0.005
-"""A network whose success falls by this or more is never taken by default."""
+"""A network whose success or AUC falls by this or more is never taken by default."""
 FILMED = ("avenue", "winding", "lookalike", "walker", "boat", "aerial", "orbit", "pursue-quadrotor")
 """Scenarios whose films calibrate and, from other times and worlds, judge; eight kinds of view."""
 _INTERVAL_S = 0.1
@@ -228,9 +228,10 @@ class Comparison:
     @property
     def refusal(self) -> str:
         """Why the reduced network is not taken by default, "" if it is."""
-        lost = self.original.success - self.reduced.success
-        if lost >= MOST_LOSS:
-            return f"success falls by {lost:.3f}, {MOST_LOSS} or more"
+        for measure in ("success", "auc"):  # the latter also tells where all targets are found
+            lost = getattr(self.original, measure) - getattr(self.reduced, measure)
+            if lost >= MOST_LOSS:
+                return f"{measure} falls by {lost:.3f}, {MOST_LOSS} or more"
         return "" if self.speed > 1.0 else "it is no faster here"
 
 
@@ -439,6 +440,7 @@ def _write(
         *rows,
         ("licence", network.licence),
         ("success, original and reduced", f"{before.success:.3f}, {after.success:.3f}"),
+        ("AUC, original and reduced", f"{before.auc:.3f}, {after.auc:.3f}"),
         ("precision, original and reduced", f"{before.precision:.3f}, {after.precision:.3f}"),
         ("speed, reduced to original", f"{figures.speed:.2f}"),
         ("measured on", figures.on),

@@ -212,6 +212,19 @@ def test_unknown_missing_and_unjudgeable_are_each_one_line(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
+def test_sequences_without_a_usable_one_are_refused_not_replaced(
+    film: list[Sequence], tmp_path: Path
+) -> None:
+    (tmp_path / "a").mkdir()
+    for path in film[0].images:
+        (tmp_path / "a" / path.name).write_bytes(path.read_bytes())
+    for truth in ("1,2,3,4", "1,2,3,4\n0,0,0,0\n0,0,0,0"):
+        (tmp_path / "a" / "groundtruth.txt").write_text(truth)
+        with pytest.raises(SettingsError, match="--sequences: no sequence can be used"):
+            quantise_command(DETECTOR, "--folder", str(tmp_path), "--sequences", str(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
 def test_what_onnxruntimes_tools_do_not_manage_is_one_line(
     film: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
