@@ -12,8 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from follower.apps.bench.scene import Chaser
 from follower_sim.camera import SimCamera
+from follower_sim.chaser import Chaser
 from follower_sim.scenario.scenario_file import load_scenario
 from follower_sim.world.world import World
 

@@ -1,6 +1,6 @@
 """What `follower fly` gives up first on a board that is too small: never control.
 
-    python benchmarks/small_board.py [SECONDS]
+    python benchmarks/small_board.py [SECONDS [PERIOD_MS]]
 
 The whole program, with the recorder and the process that sends video to people, flies for SECONDS
 (20) with 1, 0.5 and 0.25 of a core, as the kernel's CPU controller shares it out (cgroup, version 1
@@ -10,8 +10,9 @@ runs the networks that come along.
 
 Wanted is this order: vision's rate falls first, then frames are missing in the recording, then in
 people's video; the 50 setpoints a second stay. A quota is harsher than a slow processor: when it is
-spent, the kernel stops every thread, control's too, until the next 20 ms. On a computer with other
-work the figures are its too: the last column is how many processes wanted to run.
+spent, the kernel stops every thread, control's too, until the next PERIOD_MS (20) begin. No
+priority helps; a shorter period stops them for less long at a time. On a computer with other work
+the figures are its too: the last column is how many processes wanted to run.
 """
 
 from __future__ import annotations
@@ -44,7 +45,6 @@ from follower_vision.clock import MonotonicClock
 
 SHARES = 1.0, 0.5, 0.25
 SIZE, CAMERA_HZ, PICTURES = (640, 480), 30, 60
-PERIOD_US = 20_000
 PATIENCE_S = 120.0
 CONTROLLERS = Path("/sys/fs/cgroup")
 FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()", "fly"]
@@ -71,19 +71,19 @@ class Figures(NamedTuple):
 
 
 @contextmanager
-def quota(share: float) -> Iterator[Path]:
+def quota(share: float, period_us: int) -> Iterator[Path]:
     """Make a group of processes that gets that share of a core; yield the file for its members."""
     second = (CONTROLLERS / "cgroup.controllers").is_file()
     group = (CONTROLLERS if second else CONTROLLERS / "cpu") / f"follower-{os.getpid()}"
-    quota_us = round(share * PERIOD_US)
+    quota_us = round(share * period_us)
     try:
         if second:
             (CONTROLLERS / "cgroup.subtree_control").write_text("+cpu")
         group.mkdir()
         if second:
-            (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
+            (group / "cpu.max").write_text(f"{quota_us} {period_us}")
         else:
-            (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
+            (group / "cpu.cfs_period_us").write_text(str(period_us))
             (group / "cpu.cfs_quota_us").write_text(str(quota_us))
     except OSError as error:
         sys.exit(f"small_board: no quota can be set here ({error}); run it as root on Linux")
@@ -122,7 +122,9 @@ class Watcher:
             self.pictures += packet[1] >> 7
 
 
-def fly(share: float, seconds: float, film: Path, clip: BenchClip, folder: Path) -> Figures:
+def fly(
+    share: float, period_us: int, seconds: float, film: Path, clip: BenchClip, folder: Path
+) -> Figures:
     """Fly with that share of a core."""
     ours, theirs = UdpTransport.pair()
     port = ours.port
@@ -135,7 +137,7 @@ def fly(share: float, seconds: float, film: Path, clip: BenchClip, folder: Path)
     place = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", str(film), "--out", str(folder))
     skipped = [word for name in SKIPPED for word in ("--skip-preflight", name)]
     settings = [word for one in SETTINGS for word in ("--set", one)]
-    with quota(share) as members:
+    with quota(share, period_us) as members:
         program = subprocess.Popen(
             [
                 *FOLLOWER,
@@ -205,7 +207,7 @@ def figures(folder: Path, people: float) -> Figures:
 
 def main() -> None:
     """Measure and print."""
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
+    seconds, period_ms = (*map(float, sys.argv[1:]), *(20.0, 20.0)[len(sys.argv) - 1 :])
     clips = render_clips((SIZE,), PICTURES)
     assert clips is not None
     with tempfile.TemporaryDirectory() as name:
@@ -223,7 +225,8 @@ def main() -> None:
         )
         print("".join(f"{word:>11}" for word in head))
         for share in SHARES:
-            row = fly(share, seconds, film, clips[SIZE], Path(name) / str(share))
+            folder = Path(name) / str(share)
+            row = fly(share, round(1e3 * period_ms), seconds, film, clips[SIZE], folder)
             load = os.getloadavg()[0]
             print("".join(f"{number:11.2f}" for number in (share, *row, load)), flush=True)
 

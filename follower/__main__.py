@@ -1,6 +1,7 @@
 """The program's start: where its packages are damaged it says how to mend them."""
 
 import sys
+from importlib.metadata import version
 from typing import NoReturn
 
 _UNUSABLE = 2
@@ -8,6 +9,11 @@ _UNUSABLE = 2
 
 def main() -> NoReturn:
     """Run the command line; exit code 2 and one line if it cannot be imported."""
+    if sys.argv[1:] == [
+        "--version"
+    ]:  # says it before the packages are loaded, which takes a second
+        print(f"follower {version('drone-target-follower')}")  # noqa: T201
+        sys.exit()
     try:
         from follower.apps.main import main as run
     except (ImportError, AttributeError):

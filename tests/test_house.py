@@ -66,6 +66,20 @@ def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() ->
 
 
 @pytest.mark.slow
+def test_the_command_line_is_there_before_what_a_flight_needs() -> None:
+    """Counted by what is imported, not by the clock: SciPy alone takes longer than all of this."""
+    modules = set(python("import sys, follower.apps.main; print(*sys.modules)").split())
+    assert modules.isdisjoint({"scipy", "filterpy", "av", "mcap", "follower.flight.threads"})
+    said = python(
+        "import sys\nfrom follower.__main__ import main\nsys.argv[1:] = ['--version']\n"
+        "try:\n    main()\nfinally:\n    print(*sys.modules)"
+    )
+    version, modules = said.split("\n", 1)
+    assert re.fullmatch(r"follower [\d.]+", version)
+    assert set(modules.split()).isdisjoint({"typer", "pydantic", "cv2", "onnxruntime"})
+
+
+@pytest.mark.slow
 def test_what_only_campaigns_need_is_imported_by_campaigns_alone() -> None:
     for folder in SOURCES.values():
         for path in folder.rglob("*.py"):

@@ -10,8 +10,7 @@ from follower.flight.supervision.supervisor import SupervisorReason, SupervisorS
 from follower.links.vehicle_health import VehicleHealth
 from follower.settings.live import SettingChange
 from follower_control.target.estimate import TargetEstimate
-from follower_control.target.estimator import GateVerdict
-from follower_control.target.observation import BearingObservation
+from follower_control.target.observation import BearingObservation, GateVerdict
 from follower_control.vehicle.gimbal import GimbalRates
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_control.vehicle.state import Attitude, VehicleState

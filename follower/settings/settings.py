@@ -33,7 +33,7 @@ from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.gimbal_servo import GimbalSettings
 from follower_control.servo.search import SearchSettings
 from follower_control.servo.settings import ServoSettings
-from follower_control.target.estimator import EstimatorSettings
+from follower_control.target.settings import EstimatorSettings
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CameraMount
@@ -60,7 +60,7 @@ RETIRED = {
     "ground_station.definition_uri": "PARAM_* of component 191 offers the settings; leave it out",
 }
 """What to do instead of each key, by its path."""
-_BEFORE = {"envelope": {"max_yaw_jerk_deg_s3": None}}
+_BEFORE = {"envelope": {"max_yaw_jerk_deg_s3": None}, "vision": {"precision": "full"}}
 """What was flown before there were these settings: a recording without them means that."""
 
 
@@ -116,9 +116,12 @@ class VisionSettings(StrictFields):
         device: cpu, cuda, tensorrt, openvino, coreml, qnn and others that onnxruntime has; auto
             takes the first accelerator that starts and answers as the processor does. One that
             fails in flight gives way to the processor in the same frame.
+        precision: auto takes a network that `follower models quantise` made and found as good and
+            faster, where there is one; full never does.
     """
 
     device: str = AUTO
+    precision: Literal["auto", "full"] = "auto"
 
     def __post_init__(self) -> None:
         accelerators(self.device)

@@ -22,7 +22,7 @@ from follower_vision.onnx_network import ModelError, Network
 
 OPSET = 17
 AGREEMENT = 3e-4
-"""Largest difference between torch's answers and onnxruntime's; of numbers above one their share."""
+"""Largest difference of onnxruntime's answers from torch's; of numbers above one their share."""
 _TRIALS = 4
 _LEAST_VALUES = 64
 

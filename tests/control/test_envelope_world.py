@@ -15,8 +15,9 @@ from follower_control.envelope.flight_context import FlightContext
 from follower_control.envelope.jerk_limiter import Limit
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.target.estimate import TargetEstimate
-from follower_control.target.estimator import TrustSettings, trust_in
+from follower_control.target.estimator import trust_in
 from follower_control.target.observation import BearingFrame
+from follower_control.target.settings import TrustSettings
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle.state import Attitude, Clearance, LocalPosition, Origin, VehicleState
 

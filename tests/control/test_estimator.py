@@ -8,8 +8,9 @@ import pytest
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 
-from follower_control.target.estimator import EstimatorSettings, GateVerdict, TargetEstimator
-from follower_control.target.observation import BearingFrame, BearingObservation
+from follower_control.target.estimator import TargetEstimator
+from follower_control.target.observation import BearingFrame, BearingObservation, GateVerdict
+from follower_control.target.settings import EstimatorSettings
 from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
 
 RATES = (0.3, -0.05, 0.1)

@@ -10,9 +10,10 @@ from hypothesis import assume, example, given
 
 from follower_control.servo.servo import VisualServo
 from follower_control.servo.settings import ServoSettings
-from follower_control.target.estimator import EstimatorSettings, TargetEstimator
+from follower_control.target.estimator import TargetEstimator
 from follower_control.target.image_prediction import PredictedRegion, prospect
 from follower_control.target.observation import BearingFrame, BearingObservation, BearingObserver
+from follower_control.target.settings import EstimatorSettings
 from follower_control.target.world_filter import TargetWorldFilter, place_noise
 from follower_control.vehicle.gimbal import GimbalHistory
 from follower_control.vehicle.history import AttitudeHistory

@@ -14,8 +14,8 @@ from follower_control.servo.pid import Pid, PidSettings
 from follower_control.servo.servo import VisualServo
 from follower_control.servo.settings import ServoSettings
 from follower_control.target.estimate import TargetEstimate
-from follower_control.target.estimator import EstimatorSettings
 from follower_control.target.observation import BearingFrame
+from follower_control.target.settings import EstimatorSettings
 from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
 from follower_control.tuning.axis_loop import Conditions
 from follower_control.tuning.response_model import ResponseModel, VehicleModel

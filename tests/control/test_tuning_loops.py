@@ -10,7 +10,7 @@ import pytest
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.pid import PidSettings
 from follower_control.servo.settings import RangeFrom, ServoSettings
-from follower_control.target.estimator import EstimatorSettings
+from follower_control.target.settings import EstimatorSettings
 from follower_control.tuning.axes import Axis, LoopSettings, SteadyFilter, axis_loop
 from follower_control.tuning.axis_loop import AxisLoop, Conditions, LoopDelays
 from follower_control.tuning.rational import (

@@ -16,7 +16,8 @@ from pathlib import Path
 from marked_part import with_part
 
 from follower.settings.link import LINK_KINDS
-from follower.simulation.fault_tests.command import RESULTS, TALLY, FaultResult, Results, Tally
+from follower.simulation.fault_tests.command import RESULTS, TALLY
+from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.faults.fault import Fault, in_groups
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from faults_page import PAGE, passed_of, renewed, sections
 
-from follower.simulation.fault_tests.command import FaultResult, Results, Tally
+from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.faults.fault import catalogue, fault_named
 from follower.simulation.faults.judge import FaultMetrics, FaultVerdict
 

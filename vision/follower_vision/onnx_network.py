@@ -9,9 +9,9 @@ on tensors between them are 11, 12 and 13, a value's name and type 1 and 2.
 import logging
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +63,8 @@ def provider_options(device: str, folder: Path) -> dict[str, str]:
 
 Tensor: TypeAlias = npt.NDArray[np.float32]
 Integers: TypeAlias = npt.NDArray[np.integer]
+Feeds: TypeAlias = Mapping[str, Tensor | Integers]
+"""Inputs by name."""
 
 _ERRORS: tuple[type[Exception], ...] = tuple(
     one for one in vars(ort_errors).values() if isinstance(one, type) and issubclass(one, Exception)
@@ -176,7 +178,10 @@ class Network:
         metadata: what the exporter wrote into the file.
         device: where it runs now; see `device`.
         refusals: why it does not run on the devices that were to be tried before.
+        listeners: of all networks, told the file and the inputs before each run.
     """
+
+    listeners: ClassVar[list[Callable[[Path, Feeds], None]]] = []
 
     def __init__(self, path: Path, device: str = CPU, content: bytes | None = None) -> None:
         """Load the network.
@@ -222,6 +227,8 @@ class Network:
             ModelError: the tensors do not fit the network.
         """
         feeds = dict(zip(self.inputs, tensors, strict=True))
+        for listener in self.listeners:
+            listener(self.path, feeds)
         if self._accelerated is not None:
             try:
                 return list(self._accelerated.run(None, feeds))

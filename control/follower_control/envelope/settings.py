@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 
 from follower_control.common.strict_config import check_positive
 from follower_control.envelope.fence import check_corners
-from follower_control.target.estimator import TrustSettings
+from follower_control.target.settings import TrustSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,17 @@ _AT_US_M = 1e-6
 _ENOUGH = 30
 
 
+class GateVerdict(StrEnum):
+    """What became of an observation."""
+
+    STARTED = "started the filter"
+    FUSED = "fused"
+    GATED = "too far from the prediction"
+    RESTARTED = "restarted the filter"
+    OUT_OF_ORDER = "not newer than the last sighting"
+    NOT_FINITE = "not finite"
+
+
 class BearingFrame(StrEnum):
     """What a direction is measured against."""
 

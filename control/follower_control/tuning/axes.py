@@ -16,7 +16,7 @@ from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.pid import PidSettings
 from follower_control.servo.pursuit_state import ACROSS, ALONG, ALONG_GROUND
 from follower_control.servo.settings import RangeFrom, ServoSettings
-from follower_control.target.estimator import EstimatorSettings
+from follower_control.target.settings import EstimatorSettings
 from follower_control.tuning.axis_loop import AxisLoop, Conditions
 from follower_control.tuning.rational import ONE, Rational, integrator
 from follower_control.tuning.response_model import ResponseModel, VehicleModel

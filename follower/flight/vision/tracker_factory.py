@@ -2,6 +2,7 @@
 
 import os
 from functools import partial
+from pathlib import Path
 
 from follower.settings.settings import Settings
 from follower_vision.detection import Detector, make_detector
@@ -16,6 +17,7 @@ from follower_vision.fusion import (
 from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.trackers.motion_tracker import MotionTracker
+from follower_vision.trackers.opencv import OPENCV_KINDS
 from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.target_tracker import (
     MultiTargetTracker,
@@ -77,7 +79,7 @@ def make_settings_detector(settings: Settings) -> Detector | None:
     """
     if settings.detector is None:
         return None
-    return make_detector(settings.detector, _store(), device=settings.vision.device)
+    return make_detector(settings.detector, _store(settings), device=settings.vision.device)
 
 
 def close_tracker(tracker: TargetTracker) -> None:
@@ -102,8 +104,14 @@ def _close_all(trackers: list[TargetTracker]) -> None:
 
 
 def _motion_tracker(settings: Settings) -> MotionTracker:
-    return make_tracker(settings.tracker, _store().file, settings.vision.device)
+    # OpenCV reads its trackers' files itself, and no reduced ones.
+    store = _store(settings) if settings.tracker not in OPENCV_KINDS else ModelStore(_folder())
+    return make_tracker(settings.tracker, store.file, settings.vision.device)
 
 
-def _store() -> ModelStore:
-    return ModelStore(default_folder(os.environ))
+def _store(settings: Settings) -> ModelStore:
+    return ModelStore(_folder(), reduced=settings.vision.precision == "auto")
+
+
+def _folder() -> Path:
+    return default_folder(os.environ)

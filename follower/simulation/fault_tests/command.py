@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
-from follower.flight.log import Stopwatch
 from follower.settings.link import LINK_KINDS
-from follower.simulation.fault_tests.random_flight import STEP_S, FlightResult
 from follower.simulation.faults.fault import (
     FLAVOURS,
     Fault,
@@ -28,123 +22,8 @@ from follower.simulation.faults.fault import (
     fault_named,
     in_groups,
 )
-from follower.simulation.faults.judge import FaultVerdict
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
-from follower_vision.disk import write_whole
-
-
-@dataclass(frozen=True, slots=True)
-class FaultResult:
-    """One case: which flight, and what came of its fault."""
-
-    flavour: str
-    link: str
-    realtime: bool
-    verdict: FaultVerdict
-
-    @property
-    def key(self) -> str:
-        """What distinguishes it from other cases."""
-        how = "real time" if self.realtime else "lockstep"
-        return f"{self.verdict.fault}, {self.flavour}, {self.link}, {how}"
-
-
-_CASES = TypeAdapter(list[FaultResult])
-
-
-class Results:
-    """Cases by their keys; a case flown anew takes the old one's place.
-
-    Args:
-        path: the JSON file; read if it exists.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._cases: dict[str, FaultResult] = {}
-        if path.exists():
-            for case in _CASES.validate_json(path.read_text("utf-8")):
-                self._cases[case.key] = case
-
-    def __iter__(self) -> Iterator[FaultResult]:
-        return iter(self._cases.values())
-
-    def add(self, result: FaultResult) -> None:
-        """Take a case and write the file.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        self._cases[result.key] = result
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(self._path, _CASES.dump_json([*self], indent=1).decode() + "\n")
-
-
-@dataclass(slots=True)
-class Tally:
-    """Sums over flights.
-
-    Attributes:
-        seed: of the campaign.
-        flights: flown so far: those with the numbers 0 to `flights` - 1.
-        steps: of control.
-        engaged_steps: of them, with setpoints by which the vehicle flew.
-        setpoints: that went over the wire.
-        after_pilot_s: the longest time from a heartbeat of another mode to the last setpoint.
-        busy_s: how long the computer took.
-        failures: flight's number and what was wrong.
-        faults: how often each kind of fault began.
-        states: control steps in each state.
-    """
-
-    seed: int = 0
-    flights: int = 0
-    steps: int = 0
-    engaged_steps: int = 0
-    setpoints: int = 0
-    after_pilot_s: float = 0.0
-    busy_s: float = 0.0
-    failures: dict[str, str] = field(default_factory=dict)
-    faults: dict[str, int] = field(default_factory=dict)
-    states: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def minutes(self) -> float:
-        """Minutes of flight at 50 control steps a second."""
-        return self.steps * STEP_S / 60.0
-
-    def add(self, result: FlightResult, busy_s: float) -> None:
-        """Add the next flight."""
-        if result.failure:
-            self.failures[str(self.flights)] = result.failure
-        self.flights += 1
-        self.steps += result.steps
-        self.engaged_steps += result.engaged_steps
-        self.setpoints += result.setpoints
-        self.after_pilot_s = max(self.after_pilot_s, result.after_pilot_s)
-        self.busy_s += busy_s
-        self.faults = dict(Counter(self.faults) + Counter(result.faults))
-        self.states = dict(Counter(self.states) + Counter(result.states))
-
-    def save(self, path: Path) -> None:
-        """Write it.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, json.dumps(asdict(self), indent=1) + "\n")
-
-    @classmethod
-    def load(cls, path: Path, seed: int | None = None) -> Tally:
-        """Read it, or begin anew if there is none or it is not of this seed; None takes any."""
-        if path.exists():
-            tally = cls(**json.loads(path.read_text("utf-8")))
-            if seed in (None, tally.seed):
-                return tally
-        return cls(seed=seed or 0)
-
 
 _NICE = 10
 _FAILED = 1
@@ -242,7 +121,7 @@ def _fly_matrix(
     cases = list(_cases(names, autopilot, link, realtime))
     import cv2
 
-    from follower.simulation.fault_tests.command import FaultResult, Results
+    from follower.simulation.fault_tests.results import FaultResult, Results
     from follower.simulation.fault_tests.run_fault import fly_fault
 
     cv2.setNumThreads(1)
@@ -286,9 +165,10 @@ def _chosen(option: str, value: str, known: tuple[str, ...]) -> tuple[str, ...]:
 
 def _fly_random(console: Console, flights: int, seed: int, only: int | None, path: Path) -> bool:
     """Fly random flights, or one of them again; return whether any failed."""
+    from follower.flight.log import Stopwatch
     from follower.simulation.campaign.engine import campaign_progress
-    from follower.simulation.fault_tests.command import Tally
     from follower.simulation.fault_tests.random_flight import fly_random
+    from follower.simulation.fault_tests.results import Tally
 
     if only is not None:
         result = fly_random((seed, only))

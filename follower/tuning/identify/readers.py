@@ -17,8 +17,7 @@ from follower.recording.telemetry_logs.readers import read_ulog
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
 from follower.tuning.excite.pattern import RUN_KEY
 from follower_control.servo.settings import ServoSettings
-from follower_control.target.estimator import GateVerdict
-from follower_control.target.observation import BearingFrame
+from follower_control.target.observation import BearingFrame, GateVerdict
 from follower_control.tuning.rational import Array
 from follower_control.tuning.response_model import ResponseData, TooLittleError
 from follower_control.vehicle.state import Attitude, LocalPosition

@@ -21,8 +21,9 @@ from follower.simulation.runners import fly_lockstep
 from follower_control.common.transport import MemoryTransport
 from follower_control.servo.servo import VisualServo
 from follower_control.servo.settings import ServoSettings
-from follower_control.target.estimator import EstimatorSettings, TargetEstimator
+from follower_control.target.estimator import TargetEstimator
 from follower_control.target.observation import BearingFrame, BearingObservation
+from follower_control.target.settings import EstimatorSettings
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_sim.scenario.scenario_file import load_scenario

@@ -1,9 +1,12 @@
 """The folder that networks are kept in."""
 
+import json
+import logging
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 
+from follower_vision.disk import write_whole
 from follower_vision.models.download import DownloadError, Progress, fetch, sha256_of
 from follower_vision.models.table import MODELS, ModelFile, VisionModel
 from follower_vision.onnx_network import ModelError
@@ -11,6 +14,7 @@ from follower_vision.user_cache import cache_folder
 
 EMBEDDED_FOLDER = Path(__file__).parents[1] / "weights"
 """Where the networks lie that are part of this package."""
+_LOGGER = logging.getLogger(__name__)
 
 
 class FileState(StrEnum):
@@ -36,7 +40,12 @@ class ModelStore:
     """
 
     def __init__(
-        self, folder: Path, models: Sequence[VisionModel] = MODELS, embedded: Path = EMBEDDED_FOLDER
+        self,
+        folder: Path,
+        models: Sequence[VisionModel] = MODELS,
+        embedded: Path = EMBEDDED_FOLDER,
+        *,
+        reduced: bool = False,
     ) -> None:
         """Manage a folder, which need not exist yet.
 
@@ -44,10 +53,12 @@ class ModelStore:
             folder: where the files lie, under the names in the table.
             models: the table.
             embedded: where those lie that are part of the package.
+            reduced: give the files that `prefer` put in place of others.
         """
         self.folder = folder
         self.models = tuple(models)
         self._embedded = embedded
+        self._gives_reduced = reduced
 
     def model(self, name: str) -> VisionModel:
         """Return a network's entry.
@@ -70,7 +81,42 @@ class ModelStore:
         path = self._path(name)
         if not path.is_file():
             raise ModelError(f"{path}: no such network; {self.advice(name)}")
-        return path
+        return self._reduced(path) if self._gives_reduced else path
+
+    def prefer(self, original: Path, reduced: Path | None) -> None:
+        """Let a network at reduced precision, in this folder, take an original's place, or none.
+
+        The place is lost when either file changes.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        note = self._note(original)
+        if reduced is None:
+            note.unlink(missing_ok=True)
+            return
+        sums = {"original": sha256_of(original), "sha256": sha256_of(reduced)}
+        write_whole(note, json.dumps({"file": reduced.name, **sums}))
+
+    def _note(self, original: Path) -> Path:
+        return self.folder / f"{original.stem}.preferred.json"
+
+    def _reduced(self, original: Path) -> Path:
+        """Return what `prefer` put in a file's place, else the file itself."""
+        note = self._note(original)
+        if not note.is_file():
+            return original
+        try:
+            said = json.loads(note.read_text("utf-8"))
+            path = self.folder / Path(said["file"]).name
+            if [sha256_of(original), sha256_of(path)] == [said["original"], said["sha256"]]:
+                _LOGGER.info("%s is taken for %s", path.name, original.name)
+                return path
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _LOGGER.warning("%s is not taken, %s is: %s", note.name, original.name, error)
+            return original
+        _LOGGER.warning("%s or %s has changed: the latter is taken", path.name, original.name)
+        return original
 
     def paths(self, model: VisionModel) -> list[Path]:
         """Return the paths of all files of a network that is there.

@@ -16,8 +16,8 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.settings import load_settings
 from follower.settings.supervisor import ReleaseAction
-from follower.simulation.fault_tests.command import FaultResult, Results, Tally
 from follower.simulation.fault_tests.random_flight import fly_random
+from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.fault_tests.run_fault import fly_fault
 from follower.simulation.faults.fault import (
     ExpectedOutcome,
