@@ -120,7 +120,7 @@ def test_only_what_is_as_good_and_faster_is_taken_by_default() -> None:
     assert figures(0.896, 1.2).refusal == ""
     assert figures(0.95, 1.2).refusal == ""
     assert "success falls by 0.005" in figures(0.895, 1.2).refusal
-    assert figures(0.9, 0.9).refusal == "it is no faster here"
+    assert figures(0.9, 1.05).refusal == "it is hardly faster here"
 
 
 @pytest.fixture
