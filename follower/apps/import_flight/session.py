@@ -224,7 +224,9 @@ def _aligned(
         if first is None:
             raise SourceError(f"{source.name}: no frame could be read")
         camera = settings.camera.model_of(source.name, first.width, first.height)
-        found = align(list(corner_flows(frames, camera)), log, settings.camera.mount)
+        found = align(
+            list(corner_flows(iter(frames.read, None), camera)), log, settings.camera.mount
+        )
     print_line(
         console,
         f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms, correlation "
