@@ -21,6 +21,7 @@ from follower.recording.telemetry_logs.samples import TelemetryLog, TelemetrySam
 from follower.settings.settings import Settings, load_settings, settings_data
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt
+from follower_control.common.clock_offset import NoOverlapError
 from follower_control.common.strict_config import merged
 from follower_control.vehicle.state import Attitude
 from follower_vision.clock import MonotonicClock
@@ -107,10 +108,14 @@ def run(turns: Turns, out: Path, config: Path | None = None) -> int:
         config: settings file whose settings go there, too.
 
     Raises:
-        SettingsError, SourceError, OSError: what the user can mend, in one line.
+        SettingsError, OSError: what the user can mend, in one line.
     """
     drawing, console = picture_beside(out), Console()
-    found = align(turns.flows, turns.telemetry, turns.mount, _REACH_S)
+    try:
+        found = align(turns.flows, turns.telemetry, turns.mount, _REACH_S)
+    except NoOverlapError as error:
+        print_line(console, f"No calibration: {error}.")
+        return _NOT_FOUND
     latency_s = -found.offset_s
     said = f"{latency_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms"
     print_line(

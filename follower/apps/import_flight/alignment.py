@@ -12,7 +12,6 @@ from follower.report import html, style
 from follower.report.style import BLUE, INK, ORANGE
 from follower_control.common.clock_offset import (
     AngularRates,
-    NoOverlapError,
     TimeOffset,
     find_offset,
 )
@@ -20,7 +19,6 @@ from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, rotation
 from follower_vision.images.camera_rotation import CornerFlow, CornerFollower
 from follower_vision.images.frame import Frame
-from follower_vision.sources.frame_source import SourceError
 
 _AGAIN = 2
 _DOWN = np.array([0.0, 0.0, 1.0])
@@ -55,15 +53,12 @@ def align(
         reach_s: see `find_offset`.
 
     Raises:
-        SourceError: too little is seen, or one of the two is too short.
+        NoOverlapError: too little is seen, or one of the two is too short.
     """
-    try:
-        found = find_offset(_rates(flows, mount, lambda _: (0.0, 0.0)), telemetry.rates, reach_s)
-        for _ in range(_AGAIN):
-            tilt = _tilt_of(telemetry, found.offset_s)
-            found = find_offset(_rates(flows, mount, tilt), telemetry.rates, reach_s)
-    except NoOverlapError as error:
-        raise SourceError(f"the time offset cannot be found: {error}") from error
+    found = find_offset(_rates(flows, mount, lambda _: (0.0, 0.0)), telemetry.rates, reach_s)
+    for _ in range(_AGAIN):
+        tilt = _tilt_of(telemetry, found.offset_s)
+        found = find_offset(_rates(flows, mount, tilt), telemetry.rates, reach_s)
     return found
 
 

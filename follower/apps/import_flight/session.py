@@ -38,7 +38,7 @@ from follower.recording.telemetry_logs import (
 )
 from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line
-from follower_control.common.clock_offset import TimeOffset
+from follower_control.common.clock_offset import NoOverlapError, TimeOffset
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import SimulatedClock
 from follower_vision.geometry.box import Box
@@ -224,9 +224,11 @@ def _aligned(
         if first is None:
             raise SourceError(f"{source.name}: no frame could be read")
         camera = settings.camera.model_of(source.name, first.width, first.height)
-        found = align(
-            list(corner_flows(iter(frames.read, None), camera)), log, settings.camera.mount
-        )
+        flows = list(corner_flows(iter(frames.read, None), camera))
+    try:
+        found = align(flows, log, settings.camera.mount)
+    except NoOverlapError as error:
+        raise SourceError(f"the time offset cannot be found: {error}; give --offset") from error
     print_line(
         console,
         f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms, correlation "

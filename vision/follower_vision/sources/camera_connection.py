@@ -39,9 +39,7 @@ _LOW_DELAY = {
 _SDP_PROTOCOLS = "file,crypto,data,rtp,udp"
 _CODECS = {"h264": "H264", "h265": "H265"}
 """Their names in a session description."""
-_RTP = re.compile(
-    r"rtp://(?P<host>[\w.-]+):(?P<port>\d{1,5})(/(?P<codec>h264|h265))?/?", re.IGNORECASE
-)
+_RTP = re.compile(r"rtp://(?P<host>[\w.-]+):(?P<port>\d{1,5})(/(?P<codec>h264|h265))?/?")
 _OLDEST_S = 10.0
 """A V4L2 stamp that is older is not of the monotonic clock."""
 

@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from follower_vision.sources.capture import CaptureSettings
+from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.sources.frame_source import SourceError
 
 _OPEN_S, _SILENCE_S, _END_S = 15.0, 2.0, 2.0
@@ -123,9 +123,9 @@ class CameraProgram:
                 text=True,
                 errors="replace",
             )
-        except BaseException:
+        except (SourceError, OSError) as error:
             os.close(self._fd)
-            raise
+            raise SourceError(str(error)) from error
         finally:
             os.close(writing)
         self.problem: str | None = None
@@ -165,8 +165,8 @@ class CameraProgram:
         self._listener.join(_END_S)
         lines = [line.strip() for line in self._said if line.strip()]
         telling = [line for line in lines if "error" in line.lower()] or lines[-1:]
-        words = telling[0] if telling else f"exit code {self._process.wait(_END_S)}"
-        return f"{words}; it needs {self._kind.packages}"
+        words = telling[0] if telling else f"exit code {self._process.poll()}"
+        return without_password(f"{words}; it needs {self._kind.packages}")
 
 
 def check_program(kind: str) -> None:

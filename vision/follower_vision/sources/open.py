@@ -244,7 +244,9 @@ def _connector(spec: str, clock: Clock, capture: CaptureSettings) -> Callable[[]
     if spec.startswith("rtp:"):
         return partial(VideoStream.sdp, spec, rtp_description(spec), clock, decoder)
     if _is_sdp(spec):
-        return partial(VideoStream.sdp, spec, Path(spec).read_text("utf-8"), clock, decoder)
+        return partial(
+            VideoStream.sdp, spec, Path(spec).read_text("utf-8", "replace"), clock, decoder
+        )
     return partial(VideoStream.address, spec, clock, decoder, capture.transport)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -77,6 +78,13 @@ def test_too_little_turning_is_refused_and_leaves_nothing_behind(
     assert "No calibration: the vehicle hardly turns" in said
     assert "Turn left and right by 30 degrees" in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_moment_is_too_short(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    long = turns(0.02, 0.0)
+    short = replace(long, flows=long.flows[:RATE_HZ])
+    assert run(short, tmp_path / "latency.yaml") == 1
+    assert "at least 4 s of both are needed" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
