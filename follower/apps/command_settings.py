@@ -10,7 +10,7 @@ from follower.settings.link import is_link, link_kinds
 from follower.settings.settings import Settings, load_settings, settings_data
 from follower_control.common.strict_config import SettingsError
 from follower_vision.models import MODELS, Purpose
-from follower_vision.sources.camera_connection import without_password
+from follower_vision.sources.capture import without_password
 from follower_vision.trackers.registry import is_tracker, tracker_names
 
 _LENS_KEYS = ("fov_deg", "focal_px")

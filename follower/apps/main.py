@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from follower.apps.bench import command as bench
-from follower.apps.calibrate import command as calibrate
+from follower.apps.calibrate.command import calibrate_app
 from follower.apps.doctor import command as doctor
 from follower.apps.evaluate import command as evaluate
 from follower.apps.fly import command as fly
@@ -129,7 +129,6 @@ for name, epilog, command in (
     ("bench", bench.EPILOG, bench.bench_command),
     ("campaign", campaign.EPILOG, campaign.campaign_command),
     ("faults", fault_tests.EPILOG, fault_tests.faults_command),
-    ("calibrate", calibrate.EPILOG, calibrate.calibrate_command),
     ("excite", excite.EPILOG, excite.excite_command),
     ("identify", identify.EPILOG, identify.identify_command),
     ("tune", tune.EPILOG, tune.tune_command),
@@ -141,6 +140,7 @@ for name, epilog, command in (
 # What it does not know, from --ros-args on, is ROS's.
 _ROS_ARGS = {"allow_extra_args": True, "ignore_unknown_options": True}
 app.command("ros", epilog=ros.EPILOG, context_settings=_ROS_ARGS)(ros.ros_command)
+app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(models_app, name="models", help="List, download and verify networks.")
 app.add_typer(service_app, name="service", help="Start the follower with the computer.")
 app.add_typer(train_app, name="train")

@@ -38,7 +38,8 @@ does not report to one.
 @service_app.command(epilog=_EPILOG)
 def install(
     connect: Connect,
-    camera: Camera,
+    *,
+    camera: Camera = None,
     select: Annotated[str, typer.Option(metavar="CLASS[:N]", help="What to follow.")],
     config: Annotated[Path, typer.Option("--config", "-c", help="Settings (YAML).")],
     user: Annotated[
@@ -52,7 +53,7 @@ def install(
     name = user or os.environ.get("SUDO_USER") or pwd.getpwuid(os.getuid()).pw_name
     files = {
         _UNIT: _unit(name, config),
-        _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera}\nSELECT={select}\n",
+        _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera or ''}\nSELECT={select}\n",
         _RULES: _rules(connect),
     }
     files = {root / path: text for path, text in files.items() if text}

@@ -1,13 +1,16 @@
 """The source of images that a command line names: a camera, a stream or a recording."""
 
+from __future__ import annotations
+
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from follower.settings.settings import CameraSettings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import Clock
 from follower_vision.images.frame import Frame
-from follower_vision.sources.camera_connection import without_password
+from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.sources.frame_source import (
     ClosesItself,
     FrameSource,
@@ -25,6 +28,7 @@ class VideoInput:
         name: a device, an address, a pipeline, a file or a folder.
         realtime: a recording is played at its own pace.
         rate_hz: frames a second of a folder of images.
+        capture: what a camera is asked for.
 
     Raises:
         SettingsError: there is no name.
@@ -33,11 +37,18 @@ class VideoInput:
     name: str
     realtime: bool = False
     rate_hz: float = 30.0
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
+
+    @classmethod
+    def camera(cls, name: str | None, settings: CameraSettings) -> VideoInput:
+        """Return what a command names, or the settings' source; a recording at its own pace."""
+        return cls(name or settings.source or "", realtime=True, capture=settings.capture)
 
     def __post_init__(self) -> None:
         if not self.name.strip():
             raise SettingsError(
-                "which source? give a camera (0), a video file, a folder or a stream's address"
+                "which source? give a camera (0), a video file, a folder or a stream's address, or "
+                "set camera.source"
             )
 
     @property
@@ -71,7 +82,9 @@ class VideoInput:
         Raises:
             SourceError: nothing can be read there; the message says why and what to do.
         """
-        source = open_source(self.name, folder_rate_hz=self.rate_hz, clock=clock)
+        source = open_source(
+            self.name, folder_rate_hz=self.rate_hz, clock=clock, capture=self.capture
+        )
         if clock is None or self.is_live or not self.realtime:
             return source
         return RealtimePlayback(source, clock)

@@ -25,6 +25,7 @@ from follower_vision.clock import Clock
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.models.download import sha256_of
+from follower_vision.sources.capture import without_password
 
 OWN = "drone-target-follower"
 _PACKAGES = (OWN, "numpy", "opencv-python-headless", "onnxruntime", "filterpy", "av")
@@ -107,10 +108,6 @@ LOCKSTEP_EPOCH_NS = 946_684_800 * 10**9
 """Lockstep flights begin with the year 2000, so that the same flight is the same log."""
 
 _SECRET = re.compile(r"secret|password|passphrase|passwd|token|signing_key|private|credential")
-_USER_INFO = re.compile(r"(?<=://)[^/\s]+@")
-_SECRET_VALUE = re.compile(
-    r"(?i)((?:secret|passw(?:or)?d|passphrase|pwd|user-pw|token|credential|api_?key)[\w-]*=)[^&\s'\"]+"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,4 +231,4 @@ def without_secrets(plain: Any) -> Any:
         return [without_secrets(value) for value in plain]
     if not isinstance(plain, str):
         return plain
-    return _SECRET_VALUE.sub(r"\1", _USER_INFO.sub("", plain))
+    return without_password(plain)

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, field_validator
 
 from follower.settings.link import LinkSettings
 from follower.settings.recorder import RecorderSettings
@@ -39,6 +39,7 @@ from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CameraMount
 from follower_vision.longterm.tracker import LongTermSettings
 from follower_vision.onnx_network import AUTO, accelerators
+from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.trackers.registry import is_tracker, tracker_names
 
 _FITTED = "Fusion chooses by a fitted probability; see docs/explanation/fusion.md"
@@ -127,11 +128,18 @@ class VisionSettings(StrictFields):
         accelerators(self.device)
 
 
+def _shown(source: str | None) -> str | None:
+    return None if source is None else without_password(source)
+
+
 @dataclass(frozen=True, slots=True)
 class CameraSettings(StrictFields):
-    """The camera: its lens, how it is mounted, how late its frames are stamped.
+    """The camera: which one, its lens, how it is mounted, how late its frames are stamped.
 
     Attributes:
+        source: which camera, where no command names one: `--camera` says how it is written. A
+            password in it is used, and never shown.
+        capture: what it is asked for.
         fov_deg: horizontal field of view; used unless `focal_px` is given.
         focal_px: focal length in pixels at `focal_width_px`, from a calibration.
         focal_width_px: image width for which `focal_px` and `center_px` hold.
@@ -146,6 +154,8 @@ class CameraSettings(StrictFields):
             another size are then refused. None takes any.
     """
 
+    source: Annotated[str | None, PlainSerializer(_shown)] = None
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
     fov_deg: float = 70.0
     focal_px: float | None = None
     focal_width_px: int = 640

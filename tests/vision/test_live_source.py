@@ -183,11 +183,6 @@ def test_a_missing_device_is_refused_at_once():
         open_source("/dev/video97")
 
 
-def test_gstreamer_is_refused_where_opencv_lacks_it():
-    with pytest.raises(SourceError, match="no GStreamer"):
-        open_source("gst:videotestsrc ! appsink")
-
-
 @pytest.mark.parametrize(
     ("spec", "live"),
     [

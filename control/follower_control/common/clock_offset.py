@@ -102,18 +102,24 @@ class TimeOffset:
         return found
 
 
-def find_offset(camera: AngularRates, gyro: AngularRates) -> TimeOffset:
+def find_offset(camera: AngularRates, gyro: AngularRates, reach_s: float = math.inf) -> TimeOffset:
     """Find the offset at which the camera's turns fit the gyro's best.
 
     All three axes count together. The slow part of both is taken out. The whole range in which the
     recordings overlap is tried on a grid by Fourier transform; around the best place the camera's
     intervals are compared with the gyro's mean over just the same intervals.
 
+    Args:
+        camera: turns as the images show them, on the camera's clock.
+        gyro: turns of the same body, on the gyro's clock.
+        reach_s: no offset larger than this, s, is tried; for clocks that are known to be close.
+
     Raises:
         NoOverlapError: one of them is shorter than 4 s.
     """
     needed_s = _least_overlap_s(camera, gyro)
     lags, correlation = _coarse(camera, gyro, needed_s)
+    correlation[np.abs(lags) > reach_s] = np.nan
     if not np.isfinite(correlation).any():
         raise NoOverlapError(_too_short(camera, gyro))
     top = int(np.nanargmax(correlation))

@@ -112,7 +112,7 @@ class Pursuit:
             with_detector(settings) if choice.select else settings,
             choice,
             str(choice) if choice.given else "what the program selects",
-            VideoInput(str(camera), realtime=True),
+            VideoInput.camera(str(camera), settings.camera),
             connect,
             scope,
             file,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer.core import TyperGroup
 
-from follower.ui.terminal.cli_options import Config
+from follower.ui.terminal.cli_options import Camera, Config
 from follower_control.common.strict_config import SettingsError
 
 if TYPE_CHECKING:
@@ -27,8 +28,22 @@ flat
 
 `follower track clip.mp4 -c wide.yaml --select person` – use it
 
+`follower calibrate latency runs/fly` – how late the camera is, from a recorded flight
+
 Exit code 0: there is a calibration; 1: the views do not determine the lens, and why; 2: an
 option or a source cannot be used.
+"""
+LATENCY_EPILOG = """
+**Examples**
+
+`follower calibrate latency runs/fly -c drone.yaml` – from a flight that was recorded with video
+
+`follower calibrate latency --connect udpin:0.0.0.0:14540 --camera 0 -c drone.yaml` – live: turn the
+vehicle left and right, in flight or in your hands, disarmed
+
+It needs turns of some degrees a second in both directions, a right field of view, and a view of
+things that stand still. Exit code 0: the delay is known; 1: it is not, and why; 2: an option or a
+source cannot be used.
 """
 _PRINTED = "The board"
 
@@ -105,6 +120,71 @@ def calibrate_command(
     if source is None:
         raise SettingsError("which source? give a camera, a video or a folder; or --board OUT.PDF")
     raise typer.Exit(run(source, chosen, out, config, every_s))
+
+
+def latency_command(
+    flight: Annotated[
+        Path | None, typer.Argument(help="A recorded flight's folder; without it, live.")
+    ] = None,
+    connect: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Live: where the autopilot speaks MAVLink."),
+    ] = None,
+    camera: Camera = None,
+    seconds: Annotated[
+        float, typer.Option(min=8, max=600, help="Live: how long; Ctrl-C ends it, too.")
+    ] = 30.0,
+    config: Config = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="OUT.YAML",
+            help="Where the settings with the delay go; a picture goes beside it. With --config "
+            "they have that file's settings, too.",
+        ),
+    ] = Path("latency.yaml"),
+) -> None:
+    """Find how late the camera's frames are stamped, from the vehicle's turns.
+
+    The turns that the image shows are compared with the gyro's: where they fit best is the delay,
+    `camera.latency_s`.
+    """
+    from follower.apps.calibrate import latency
+    from follower.apps.video_input import VideoInput
+    from follower.settings.settings import load_settings
+
+    if flight is not None and connect is not None:
+        raise SettingsError("give a recorded flight's folder or --connect, not both")
+    if flight is not None:
+        turns = latency.recorded_turns(flight, config)
+    elif connect is not None:
+        settings = load_settings(config)
+        video = VideoInput.camera(camera, settings.camera)
+        turns = latency.live_turns(settings, video, connect, seconds)
+    else:
+        raise SettingsError("give a recorded flight's folder, or --connect and a camera")
+    raise typer.Exit(latency.run(turns, out, config))
+
+
+class _LensByDefault(TyperGroup):
+    """Takes `calibrate SOURCE` for `calibrate lens SOURCE`."""
+
+    default = "lens"
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args or args[0] not in (*self.commands, "--help"):
+            args = [self.default, *args]
+        return super().parse_args(ctx, args)
+
+
+calibrate_app = typer.Typer(
+    cls=_LensByDefault,
+    rich_markup_mode="markdown",
+    epilog=EPILOG,
+    help="Find the camera's lens (the default) or its delay.",
+)
+calibrate_app.command("lens", epilog=EPILOG)(calibrate_command)
+calibrate_app.command("latency", epilog=LATENCY_EPILOG)(latency_command)
 
 
 def _board(kind: str, squares: str, square_mm: float) -> Board:

@@ -30,7 +30,7 @@ from follower_control.common.strict_config import SettingsError, merged
 from follower_vision.disk import write_whole, write_whole_bytes
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.images.frame import Frame, Image
-from follower_vision.sources.camera_connection import without_password
+from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.sources.frame_source import FrameSource
 from follower_vision.sources.open import is_live, open_source
 
@@ -132,8 +132,8 @@ def shown(views: ViewCollection, board_in_view: bool) -> Group:
 
 
 _MOUNT = """\
-# How the camera is mounted, and how late its pictures are, no calibration finds:
-# camera.pitch_deg, roll_deg, yaw_deg, latency_s; see docs/how-to/fly.md.
+# How late its pictures are, `follower calibrate latency` finds; how the camera is mounted, no
+# calibration does: camera.pitch_deg, roll_deg, yaw_deg; see docs/how-to/fly.md.
 """
 
 
@@ -189,16 +189,13 @@ def run(
     Raises:
         SettingsError, SourceError, OSError: what the user can mend, in one line.
     """
-    drawing = out.with_suffix(".png")
-    for path in (out, drawing):
-        if path.exists():
-            raise SettingsError(f"{path} exists already: move it, or give another --out")
+    drawing = picture_beside(out)
     console = Console()
     cv2.setNumThreads(1)
     known, _ = settings_data(config)
-    load_settings(config)
+    capture = load_settings(config).camera.capture
     views = ViewCollection(board)
-    _collect(views, source, every_s, console)
+    _collect(views, source, capture, every_s, console)
     print_line(console, counts_line(views))
     if views.size is None or views.sample is None:
         print_line(console, _nothing_seen(views))
@@ -219,6 +216,19 @@ def run(
     return _CALIBRATED
 
 
+def picture_beside(out: Path) -> Path:
+    """Return where the picture of a calibration goes.
+
+    Raises:
+        SettingsError: the settings or the picture are there already.
+    """
+    drawing = out.with_suffix(".png")
+    for path in (out, drawing):
+        if path.exists():
+            raise SettingsError(f"{path} exists already: move it, or give another --out")
+    return drawing
+
+
 def report(calibration: LensCalibration) -> Iterator[str]:
     """Yield what came out, in lines."""
     lens = calibration.lens
@@ -237,10 +247,16 @@ def report(calibration: LensCalibration) -> Iterator[str]:
         yield f"could be better: {warning}"
 
 
-def _collect(views: ViewCollection, source: str, every_s: float, console: Console) -> None:
+def _collect(
+    views: ViewCollection,
+    source: str,
+    capture: CaptureSettings,
+    every_s: float,
+    console: Console,
+) -> None:
     """Go through the images until they end, there are enough views, or Ctrl-C."""
     stopped = StopOnInterrupt()
-    with open_source(source) as frames, stopped:
+    with open_source(source, capture=capture) as frames, stopped:
         if is_live(source):
             console.print("Ctrl-C ends it and computes the lens.")
             with Live(console=console, auto_refresh=False) as live:

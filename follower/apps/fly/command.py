@@ -50,7 +50,7 @@ the sign test (`follower preflight --sign-test`) before the first flight.
 
 def fly_command(
     connect: Connect,
-    camera: Camera,
+    camera: Camera = None,
     select: Select = None,
     colour: Colour = None,
     target: Target = None,
@@ -81,7 +81,7 @@ def fly_command(
     code = fly(
         with_detector(settings) if select else settings,
         choice,
-        VideoInput(camera, realtime=True),
+        VideoInput.camera(camera, settings.camera),
         connect,
         checks,
         cockpit=cockpit,

@@ -1,7 +1,7 @@
 """Finds the time offset between a video and a telemetry log."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,27 +12,22 @@ from follower.report import html, style
 from follower.report.style import BLUE, INK, ORANGE
 from follower_control.common.clock_offset import (
     AngularRates,
-    NoOverlapError,
     TimeOffset,
     find_offset,
 )
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, rotation
 from follower_vision.images.camera_rotation import CornerFlow, CornerFollower
-from follower_vision.sources.frame_source import FrameSource, SourceError
+from follower_vision.images.frame import Frame
 
 _AGAIN = 2
 _DOWN = np.array([0.0, 0.0, 1.0])
 
 
-class NoTurnsError(SourceError):
-    """There is nothing to compare the image's turns with, or too little of it."""
-
-
-def corner_flows(source: FrameSource, camera: CameraModel) -> Iterator[CornerFlow]:
-    """Return how the corners moved from each frame to the next, up to the source's end."""
+def corner_flows(frames: Iterable[Frame], camera: CameraModel) -> Iterator[CornerFlow]:
+    """Return how the corners moved from each frame to the next, while they have one size."""
     follower = CornerFollower(camera)
-    while (frame := source.read()) is not None:
+    for frame in frames:
         if (frame.width, frame.height) != (camera.width, camera.height):
             return
         flow = follower.step(frame)
@@ -40,22 +35,30 @@ def corner_flows(source: FrameSource, camera: CameraModel) -> Iterator[CornerFlo
             yield flow
 
 
-def align(flows: Sequence[CornerFlow], telemetry: TelemetryLog, mount: CameraMount) -> TimeOffset:
+def align(
+    flows: Sequence[CornerFlow],
+    telemetry: TelemetryLog,
+    mount: CameraMount,
+    reach_s: float = math.inf,
+) -> TimeOffset:
     """Return by how much the log's time is ahead of the video's, and how well that is known.
 
     At first the vehicle is taken to be level; with the offset found, the log's own attitude says
     where the ground is, and so the vehicle's way over it from a turn.
 
+    Args:
+        flows: of the video.
+        telemetry: of the same flight.
+        mount: of the camera.
+        reach_s: see `find_offset`.
+
     Raises:
-        NoTurnsError: too little is seen, or one of the two is too short.
+        NoOverlapError: too little is seen, or one of the two is too short.
     """
-    try:
-        found = find_offset(_rates(flows, mount, lambda _: (0.0, 0.0)), telemetry.rates)
-        for _ in range(_AGAIN):
-            tilt = _tilt_of(telemetry, found.offset_s)
-            found = find_offset(_rates(flows, mount, tilt), telemetry.rates)
-    except NoOverlapError as error:
-        raise NoTurnsError(str(error)) from error
+    found = find_offset(_rates(flows, mount, lambda _: (0.0, 0.0)), telemetry.rates, reach_s)
+    for _ in range(_AGAIN):
+        tilt = _tilt_of(telemetry, found.offset_s)
+        found = find_offset(_rates(flows, mount, tilt), telemetry.rates, reach_s)
     return found
 
 

@@ -17,7 +17,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.apps.command_settings import command_line
 from follower.apps.import_flight.alignment import (
-    NoTurnsError,
     align,
     corner_flows,
     offset_facts,
@@ -43,7 +42,7 @@ from follower.recording.telemetry_logs import (
 )
 from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line
-from follower_control.common.clock_offset import TimeOffset
+from follower_control.common.clock_offset import NoOverlapError, TimeOffset
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import SimulatedClock
 from follower_vision.geometry.box import Box
@@ -297,7 +296,7 @@ def _aligned(
     held = log.of_camera()
     try:
         found = _found_offset(source, settings, held, held is not log, console)
-    except NoTurnsError as error:
+    except NoOverlapError as error:
         if not log.on_video_clock:
             said = f"the time offset cannot be found: {error}; give --offset"
             raise SourceError(said) from error
@@ -334,16 +333,17 @@ def _found_offset(
     """Compare the image's turns with the log's.
 
     Raises:
-        SourceError: too little is seen, or one of the two is too short.
+        NoOverlapError: too little is seen, or one of the two is too short.
+        SourceError: no frame can be read.
     """
     if not len(log.rates.start_s):
-        raise NoTurnsError("the telemetry tells no turns")
+        raise NoOverlapError("the telemetry tells no turns")
     with source.open() as frames, _progress(console) as progress:
         first = frames.read()
         if first is None:
             raise SourceError(f"{source.name}: no frame could be read")
         camera = settings.camera.model_of(source.name, first.width, first.height)
-        flows = islice(corner_flows(frames, camera), _MOST_FLOWS)
+        flows = islice(corner_flows(iter(frames.read, None), camera), _MOST_FLOWS)
         seen = progress.track(flows, frames.frame_count, description="How the image turns")
         mount = CameraMount() if in_gimbal else settings.camera.mount
         return align(list(seen), log, mount)

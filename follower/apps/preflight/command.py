@@ -37,7 +37,7 @@ Exit code 0: everything that is needed passed; 1: it did not; 2: an option canno
 
 def preflight_command(
     connect: Connect,
-    camera: Camera,
+    camera: Camera = None,
     config: Config = None,
     overrides: Overrides = None,
     link: LinkKind = None,
@@ -78,7 +78,7 @@ def preflight_command(
     checks = CheckScope(
         check_names(skip_preflight or ()), out, lens_is_given(config, overrides), seconds
     )
-    source = VideoInput(camera, realtime=True)
+    source = VideoInput.camera(camera, settings.camera)
     if not sign_test:
         raise typer.Exit(preflight(settings, source, connect, checks, as_json))
 

@@ -35,7 +35,8 @@ def track_command(
         str,
         typer.Argument(
             help="A video file, a folder of images, a camera (/dev/video0 or 0), a stream "
-            "(rtsp://…, udp://0.0.0.0:5600), or gst: and a GStreamer pipeline.",
+            "(rtsp://…, udp://0.0.0.0:5600, rtp://0.0.0.0:5600), rpicam:0, argus:0, siyi:, or gst: "
+            "and a GStreamer pipeline.",
         ),
     ],
     target: Annotated[
@@ -131,5 +132,6 @@ def track_command(
         implied=("fusion.algorithm=paper",) if paper else (),
     )
     settings = with_needed_detector(settings, bool(select or paper))
+    video_input = VideoInput(source, realtime, rate_hz, settings.camera.capture)
     files = TrackFiles(out, save, boxes, video, record)
-    raise typer.Exit(track(settings, choice, VideoInput(source, realtime, rate_hz), files))
+    raise typer.Exit(track(settings, choice, video_input, files))

@@ -74,11 +74,13 @@ Connect: TypeAlias = Annotated[
     ),
 ]
 Camera: TypeAlias = Annotated[
-    str,
+    str | None,
     typer.Option(
         metavar="SOURCE",
-        help="A camera (0 or /dev/video0), a stream (rtsp://…, udp://0.0.0.0:5600), gst: and a "
-        "GStreamer pipeline, or a recording, which is played at its own pace.",
+        help="A camera (0 or /dev/video0), a stream (rtsp://…, udp://0.0.0.0:5600, "
+        "rtp://0.0.0.0:5600), rpicam:0, argus:0, siyi:, gst: and a GStreamer pipeline "
+        "(docs/how-to/live-video.md), or a recording, which is played at its own pace. "
+        "`camera.source` of the settings by default.",
     ),
 ]
 Select: TypeAlias = Annotated[

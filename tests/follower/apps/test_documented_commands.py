@@ -67,8 +67,12 @@ def command_of(words: list[str]) -> tuple[Any, list[str]]:
     command: Any = GROUP
     while words and hasattr(command, "commands") and not words[0].startswith("-"):
         if words[0] not in command.commands:
+            if hasattr(command, "default"):
+                break
             raise ValueError(f"there is no command {words[0]!r}")
         command, words = command.commands[words[0]], words[1:]
+    if hasattr(command, "default"):
+        command = command.commands[command.default]
     return command, words
 
 

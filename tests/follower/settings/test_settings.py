@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from follower.apps.video_input import VideoInput
 from follower.settings.settings import CameraSettings, Settings, load_settings
 from follower.tuning.identify.result import VehicleFile
 from follower_control.common.strict_config import SettingsError
@@ -126,3 +127,40 @@ def test_every_section_refuses_unknown_keys() -> None:
         schema = model.model_json_schema()
         for name, part in {model.__name__: schema, **schema["$defs"]}.items():
             assert part["type"] != "object" or part["additionalProperties"] is False, name
+
+
+def test_the_camera_s_source_is_used_with_its_password_and_shown_without() -> None:
+    address = "rtsp://captain:se@cret@10.0.0.5/live?token=hidden"
+    settings = load_settings(overrides=[f"camera.source={address}", "camera.capture.rate_hz=15"])
+    assert VideoInput.camera(None, settings.camera).name == address
+    assert VideoInput.camera("0", settings.camera).name == "0"
+    assert VideoInput.camera("0", settings.camera).capture.rate_hz == 15
+    assert "rtsp://10.0.0.5/live?token=" in settings.to_yaml()
+    assert not any(word in settings.to_yaml() for word in ("captain", "cret", "hidden"))
+    with pytest.raises(SettingsError, match=r"which source.*camera\.source"):
+        VideoInput.camera(None, load_settings().camera)
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("formt=MJPG", "unknown key 'camera.capture.formt'; did you mean 'format'"),
+        ("format=MOTION", "four characters such as MJPG, not 'MOTION'"),
+        ("size=[0,480]", r"size is \[width, height\] in pixels, not \[0, 480\]"),
+        ("rate_hz=-1", "rate_hz lies between 0 and 1000, not -1"),
+        ("transport=sctp", "'tcp' or 'udp'"),
+    ],
+)
+def test_a_capture_that_cannot_be_is_refused(override: str, says: str) -> None:
+    with pytest.raises(SettingsError, match=says):
+        load_settings(overrides=[f"camera.capture.{override}"])
+
+
+def test_controls_keep_their_kinds() -> None:
+    controls = "{gain: 10, auto_exposure: Manual Mode, white_balance_automatic: false}"
+    settings = load_settings(overrides=[f"camera.capture.controls={controls}"])
+    assert settings.camera.capture.controls == {
+        "gain": 10,
+        "auto_exposure": "Manual Mode",
+        "white_balance_automatic": False,
+    }

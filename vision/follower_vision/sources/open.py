@@ -11,14 +11,17 @@ import numpy as np
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.images.frame import Frame, Image
 from follower_vision.plugins import Plugin
+from follower_vision.sources import v4l2
 from follower_vision.sources.camera_connection import (
     CaptureDevice,
     Connection,
-    NetworkStream,
+    Decoder,
+    VideoStream,
     check_device,
-    check_gstreamer,
-    without_password,
+    rtp_description,
 )
+from follower_vision.sources.camera_program import PROGRAMS, check_program
+from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.sources.frame_source import (
     ClosesItself,
     FrameSource,
@@ -34,6 +37,7 @@ from follower_vision.sources.plugin_connection import (
 from follower_vision.sources.video_file import VideoFile
 
 __all__ = [
+    "CaptureSettings",
     "FrameSource",
     "ImageFolder",
     "LiveSettings",
@@ -46,10 +50,18 @@ __all__ = [
 ]
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
-_ADDRESS = re.compile(r"(rtsp|rtsps|rtmp|udp|tcp|srt|http|https)://", re.IGNORECASE)
-_DEVICE = re.compile(r"/dev/video\d+")
-_GSTREAMER = "gst:"
-_PLUGIN = re.compile(r"(?P<name>[A-Za-z][\w-]*):")
+_ADDRESS = re.compile(r"(rtsp|rtsps|rtmp|rtp|udp|tcp|srt|http|https)://", re.IGNORECASE)
+_DEVICE = re.compile(r"/dev/(video\d+|v4l/by-(id|path)/.+)")
+_ASKED = ("format", "size", "rate_hz", "controls")
+"""What only a camera that is read here can be asked for."""
+_KIND = re.compile(r"(?P<name>[A-Za-z][\w-]*):")
+GIMBALS = {
+    "siyi": ("rtsp://192.168.144.25:8554/", "main.264"),
+    "topotek": ("rtsp://192.168.144.108:554/", "stream=0"),
+    "viewpro": ("rtsp://192.168.2.119:554/", ""),
+    "herelink": ("rtsp://192.168.42.1:8554/", "fpv_stream"),
+}
+"""Gimbal cameras' addresses as they are delivered, and the stream that is meant by default."""
 
 
 class ImageFolder(ClosesItself):
@@ -148,8 +160,8 @@ def _load(path: Path) -> Image | None:
 
 def is_live(spec: str) -> bool:
     """Return whether `spec` names a camera or a stream rather than a recording."""
-    ours = spec.startswith(_GSTREAMER) or bool(_ADDRESS.match(spec)) or _device(spec) is not None
-    return ours or _plugin(spec) is not None
+    ours = _kind(spec) in (*PROGRAMS, *GIMBALS) or bool(_ADDRESS.match(spec))
+    return ours or _device(spec) is not None or _is_sdp(spec) or _plugin(spec) is not None
 
 
 def open_source(
@@ -158,31 +170,44 @@ def open_source(
     folder_rate_hz: float = 30.0,
     clock: Clock | None = None,
     live: LiveSettings | None = None,
+    capture: CaptureSettings | None = None,
 ) -> FrameSource:
     """Open a source of frames.
 
     Args:
         spec: a video file; a folder of images; a camera ("/dev/video0", or "0" if no file has
-            that name); the address of a stream ("rtsp://...", "udp://0.0.0.0:5600" for H.264 in
-            MPEG-TS); "gst:" and a GStreamer pipeline that ends in appsink; or the name of another
-            package's source, ":", and what it makes of the rest.
+            that name); the address of a stream ("rtsp://...", "udp://0.0.0.0:5600" for MPEG-TS,
+            "rtp://0.0.0.0:5600" for H.264 in RTP) or a session description (.sdp); a kind of
+            `PROGRAMS` or `GIMBALS`, ":", and which one; or the name of another package's source,
+            ":", and what it makes of the rest.
         folder_rate_hz: frames a second of a folder of images.
         clock: times the frames of live sources; the computer's monotonic clock if None.
         live: how a live source behaves.
+        capture: what a camera is asked for.
 
     Raises:
         SourceError: nothing can be read there; the message says why and what to do.
     """
     if is_live(spec):
-        return _open_live(spec, clock or MonotonicClock(), live or LiveSettings())
+        return _open_live(
+            spec, clock or MonotonicClock(), live or LiveSettings(), capture or CaptureSettings()
+        )
     path = Path(spec).expanduser()
     if path.is_dir():
         return ImageFolder(path, folder_rate_hz)
+    if _kind(spec):
+        kinds = ":, ".join((*PROGRAMS, *GIMBALS, *SOURCE_PLUGINS.names()))
+        raise SourceError(
+            f"{without_password(spec)}: no such kind of source; there are files, folders, cameras "
+            f"(0, /dev/video0), rtsp://, udp://, rtp://, srt://, tcp://, http://, {kinds}:"
+        )
     return VideoFile(path)
 
 
-def _open_live(spec: str, clock: Clock, settings: LiveSettings) -> LiveSource:
-    source = LiveSource(_connector(spec, clock), clock, settings)
+def _open_live(
+    spec: str, clock: Clock, settings: LiveSettings, capture: CaptureSettings
+) -> LiveSource:
+    source = LiveSource(_connector(spec, clock, capture), clock, settings)
     try:
         source.wait_for_first()
     except SourceError as error:
@@ -191,30 +216,56 @@ def _open_live(spec: str, clock: Clock, settings: LiveSettings) -> LiveSource:
     return source
 
 
-def _connector(spec: str, clock: Clock) -> Callable[[], Connection]:
+def _connector(spec: str, clock: Clock, capture: CaptureSettings) -> Callable[[], Connection]:
     """How to connect; what can never work is refused at once."""
-    if spec.startswith(_GSTREAMER):
-        pipeline = spec.removeprefix(_GSTREAMER).strip()
-        check_gstreamer(pipeline)
-        return partial(CaptureDevice.gstreamer, pipeline, clock)
-    device = _device(spec)
+    device, kind, where = _device(spec), _kind(spec), spec.partition(":")[2].strip()
     if device is not None:
         check_device(device)
-        return partial(CaptureDevice.v4l2, device, clock)
+        v4l2.prepare(device, capture)
+        return partial(CaptureDevice, device, clock, capture)
     plugin = _plugin(spec)
     if plugin is not None:
         with source_errors(plugin):
             plugin.load()
-        return partial(PluginConnection, plugin, spec.partition(":")[2], clock)
-    return partial(NetworkStream, spec, clock)
+        return partial(PluginConnection, plugin, where, clock)
+    fixed = ("format",) if kind in PROGRAMS and kind != "gst" else _ASKED
+    for name in fixed:
+        if getattr(capture, name):
+            raise SourceError(
+                f"{without_password(spec)}: leave camera.capture.{name} out, it is the sender's"
+            )
+    decoder = Decoder(capture.decoder)
+    if kind in PROGRAMS:
+        check_program(kind)
+        return partial(VideoStream.program, kind, where, clock, decoder, capture)
+    if kind in GIMBALS:
+        address, stream = GIMBALS[kind]
+        spec = f"{address}{where or stream}"
+    if spec.startswith("rtp:"):
+        return partial(VideoStream.sdp, spec, rtp_description(spec), clock, decoder)
+    if _is_sdp(spec):
+        return partial(
+            VideoStream.sdp, spec, Path(spec).read_text("utf-8", "replace"), clock, decoder
+        )
+    return partial(VideoStream.address, spec, clock, decoder, capture.transport)
+
+
+def _kind(spec: str) -> str:
+    """Return what stands before a colon, "" if nothing does or a file has that name."""
+    named = _KIND.match(spec)
+    if named is None or _ADDRESS.match(spec) or Path(spec).exists():
+        return ""
+    return named["name"]
 
 
 def _plugin(spec: str) -> Plugin | None:
     """Return the other package's source that is meant, None if it is none."""
-    named = _PLUGIN.match(spec)
-    if named is None or _ADDRESS.match(spec) or Path(spec).exists():
-        return None
-    return SOURCE_PLUGINS.find(named["name"])
+    kind = _kind(spec)
+    return SOURCE_PLUGINS.find(kind) if kind else None
+
+
+def _is_sdp(spec: str) -> bool:
+    return spec.lower().endswith(".sdp") and Path(spec).is_file()
 
 
 def _device(spec: str) -> str | None:

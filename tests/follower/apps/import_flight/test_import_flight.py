@@ -103,7 +103,7 @@ def test_the_offset_of_a_turning_flight_is_found_to_less_than_a_frame(
 ) -> None:
     telemetry = read_telemetry(writers[kind](tmp_path / f"log.{kind}", script))
     with VideoFile(turning_video) as source:
-        flows = list(corner_flows(source, world.scenario.camera.model))
+        flows = list(corner_flows(iter(source.read, None), world.scenario.camera.model))
     found = align(flows, telemetry, MOUNT)
     assert found.problems == []
     assert abs(found.offset_s - TRUE_OFFSET_S) < 0.5 * FRAME_S
@@ -169,6 +169,19 @@ def test_an_imported_flight_replays_bit_for_bit(whole: tuple[RecordedFlight, str
     flight, _ = whole
     replayed = Replay(flight, replay_settings(flight)).run()
     assert compare(flight.log, replayed).identical
+
+
+@pytest.mark.slow
+def test_the_delay_of_a_recorded_flight_s_camera_is_found(
+    whole: tuple[RecordedFlight, str], tmp_path: Path
+) -> None:
+    flight, _ = whole
+    out = tmp_path / "latency.yaml"
+    result = CliRunner().invoke(
+        app, ["calibrate", "latency", str(flight.folder), "--out", str(out)], catch_exceptions=False
+    )
+    assert result.exit_code == 0, result.output
+    assert abs(load_settings(out).camera.latency_s) < 0.5 * FRAME_S
 
 
 @pytest.mark.slow
