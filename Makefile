@@ -57,7 +57,7 @@ tests: $(VENV)/dev.stamp
 
 $(VENV)/ros.stamp: $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros]' \
-		catkin_pkg hypothesis pytest pytest-timeout
+		catkin_pkg colcon-ros hypothesis pytest pytest-timeout
 	@touch $@
 
 # ROS's wheels start every Python of their environment anew, so they get one of their own.

@@ -35,7 +35,7 @@ from follower_vision.sources.live_source import LiveSource
 PERIOD_S, SHAPE = 1 / 30, (720, 1280, 3)
 ROOT = Path(__file__).parents[1]
 # Without it Fast DDS loses images of this size.
-PROFILE = ROOT / "examples/follower-ros/config/large_images.xml"
+PROFILE = ROOT / "configs/ros/large_images.xml"
 
 
 def picture() -> Picture:

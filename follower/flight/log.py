@@ -15,6 +15,7 @@ from follower_control.target.observation import BearingObservation
 from follower_control.vehicle.gimbal import GimbalRates
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_control.vehicle.state import Attitude, VehicleState
+from follower_vision.detection import Detection
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.target_tracker import TargetPrediction
@@ -61,6 +62,23 @@ class SelectionRecord:
     sequence: int
     captured_s: float
     box: Box | None
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionRecord:
+    """What a detector that answers in its own time saw, as vision took it in.
+
+    Attributes:
+        sequence: the number of the frame whose track uses it.
+        captured_s: when that frame was exposed.
+        index: which frame it was shown, counted from 0 for the one in which the target was chosen.
+        detections: what it saw there, the best first.
+    """
+
+    sequence: int
+    captured_s: float
+    index: int
+    detections: tuple[Detection, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +157,9 @@ class Event:
 
 
 RecordT = TypeVar("RecordT")
-LogRecord: TypeAlias = TrackRecord | SelectionRecord | ObservationRecord | ControlRecord | Event
+LogRecord: TypeAlias = (
+    TrackRecord | SelectionRecord | DetectionRecord | ObservationRecord | ControlRecord | Event
+)
 
 
 class FlightSink(Protocol):

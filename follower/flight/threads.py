@@ -10,7 +10,13 @@ from contextlib import contextmanager
 import cv2
 
 from follower.flight.control.loop import ControlLoop
-from follower.flight.log import FlightLog, SelectionRecord, Stopwatch, TrackRecord
+from follower.flight.log import (
+    DetectionRecord,
+    FlightLog,
+    SelectionRecord,
+    Stopwatch,
+    TrackRecord,
+)
 from follower.flight.vision.stage import VisionStage
 from follower.flight.vision.video_sink import FlightVideo
 from follower_vision.clock import Clock
@@ -129,6 +135,10 @@ class VisionLoop:
         if self._stage.chosen is not None or self._stage.dropped:
             chosen = SelectionRecord(frame.sequence, frame.captured_s, self._stage.chosen)
             self._log.pass_on(chosen, received_s)
+        for answer in self._stage.detected:
+            number, seen = answer.request.index, tuple(answer.detections)
+            detected = DetectionRecord(frame.sequence, frame.captured_s, number, seen)
+            self._log.pass_on(detected, received_s)
         self._log.add_track(record)
         if self._video is not None:
             self._video.add(frame, () if track is None else (track,), self._lines())

@@ -31,7 +31,7 @@ Reading. `open_flight` opens a folder, also one that a power cut ended or whose 
     flight = open_flight(folder)                 # FlightFileError says in a line what is wrong
     flight.config                                # FlightConfig
     flight.log                                   # FlightLog: tracks, controls, events
-    flight.selections, flight.observations, flight.frames, flight.truth
+    flight.selections, flight.detections, flight.observations, flight.frames, flight.truth
     flight.packets()                             # tlog.TlogPacket, in the order of time
     for frame in flight.pictures(): ...          # Frame: decoded, with number and capture time
     flight.remarks                               # what is missing or damaged, in sentences

@@ -28,7 +28,14 @@ from follower_vision.models.download import sha256_of
 
 OWN = "drone-target-follower"
 _PACKAGES = (OWN, "numpy", "opencv-python-headless", "onnxruntime", "filterpy", "av")
+INLINE, RECORDED = "inline", "recorded"
+"""What a `run` calls detection that a replay does anew, and one whose answers are in the log."""
 _UNNAMED = "the recording does not name its processor"
+
+
+def late_detection(settings: Settings) -> str:
+    """Return what a `run` calls detection in its own time; the paper's Fusion records none."""
+    return RECORDED if settings.fusion.algorithm == "fitted" else "background"
 
 
 def running_versions() -> dict[str, str]:

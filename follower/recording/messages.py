@@ -9,6 +9,7 @@ from typing import Any
 
 from follower.flight.log import (
     ControlRecord,
+    DetectionRecord,
     Event,
     ObservationRecord,
     SelectionRecord,
@@ -121,6 +122,12 @@ MESSAGES = (
         "each choice of a target",
         "The box by which a target was chosen, none if it was given up; the frame's track follows.",
         schema="Selection",
+    ),
+    MessageKind(
+        "/vision/detections",
+        DetectionRecord,
+        "each answer of a detector that answers in its own time",
+        "What a detector in the background, or another node, saw; the frame's track follows.",
     ),
     MessageKind(
         "/vision/track",

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from follower.flight.log import (
     ControlRecord,
+    DetectionRecord,
     Event,
     FlightLog,
     ObservationRecord,
@@ -144,6 +145,7 @@ class RecordedFlight:
         observations: what control made of the tracks.
         truth: the simulator's, empty for real flights.
         remarks: what is missing or damaged, in sentences.
+        detections: what a detector in the background, or another node, saw.
 
     Examples:
         >>> import follower
@@ -162,6 +164,7 @@ class RecordedFlight:
     observations: list[ObservationRecord] = field(default_factory=list)
     truth: list[TruthSample] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    detections: list[DetectionRecord] = field(default_factory=list)
     _messages: list[tuple[float, object]] = field(default_factory=list)
 
     def messages(self) -> Iterator[tuple[float, object]]:
@@ -257,6 +260,8 @@ def _sort(flight: RecordedFlight, messages: Iterable[tuple[float, object]]) -> N
                 flight.selections.append(message)
             case ObservationRecord():
                 flight.observations.append(message)
+            case DetectionRecord():
+                flight.detections.append(message)
             case TruthSample():
                 flight.truth.append(message)
             case StepRecord():

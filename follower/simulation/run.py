@@ -23,6 +23,7 @@ from follower.flight.supervision.flight_end import (
 from follower.flight.vision.video_sink import BackgroundVideo, OverlayVideo, SeveralVideos
 from follower.links.connections import ConnectionFailedError
 from follower.recording import FlightConfig, Recorder
+from follower.recording.config import INLINE, late_detection
 from follower.recording.run_folder import new_run_folder, remove_run_folder
 from follower.settings.settings import Settings
 from follower.simulation.autopilot_connection import AutopilotConnection
@@ -332,7 +333,7 @@ class _Simulation:
                 "autopilot": self.connection.flavour,
                 "seed": seed,
                 "lockstep": lockstep,
-                "detection": "inline" if lockstep else "background",
+                "detection": INLINE if lockstep else late_detection(settings),
                 "command": self.options.command,
             },
             camera=self.scenario.camera.model,

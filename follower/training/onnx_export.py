@@ -21,8 +21,8 @@ from follower.training.settings import TrainingConfig
 from follower_vision.onnx_network import ModelError, Network
 
 OPSET = 17
-AGREEMENT = 1e-4
-"""Largest difference between torch's answers and onnxruntime's."""
+AGREEMENT = 3e-4
+"""Largest difference between torch's answers and onnxruntime's; of numbers above one their share."""
 _TRIALS = 4
 _LEAST_VALUES = 64
 
@@ -133,7 +133,10 @@ def store_as_half(model: onnx.ModelProto) -> None:
 
 
 def largest_difference(module: nn.Module, path: Path, make_inputs: MakeInputs) -> float:
-    """Return by how much onnxruntime's answers differ from torch's on random inputs."""
+    """Return by how much onnxruntime's answers differ from torch's on random inputs.
+
+    Of numbers above one it is the difference's share.
+    """
     rng = np.random.default_rng(1)
     session, worst = Network(path), 0.0
     for _ in range(_TRIALS):
@@ -143,7 +146,9 @@ def largest_difference(module: nn.Module, path: Path, make_inputs: MakeInputs) -
         expected = (answer,) if isinstance(answer, Tensor) else answer
         found = session.run(*(np.ascontiguousarray(tensor.numpy()) for tensor in inputs))
         for one, other in zip(expected, found, strict=True):
-            worst = max(worst, float(np.abs(one.numpy() - other).max()))
+            wanted = one.numpy()
+            share = np.abs(wanted - other) / np.maximum(np.abs(wanted), 1.0)
+            worst = max(worst, float(share.max()))
     return worst
 
 

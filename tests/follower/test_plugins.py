@@ -484,6 +484,23 @@ def test_an_embedder_says_how_alike_things_look_and_its_failure_ends_nothing(
     assert all(line.startswith("the embedder 'eyes' of follower-eyes 1.0 fails") for line in lines)
 
 
+@pytest.mark.parametrize("fault", EMBEDDED[1:2] + EMBEDDED[4:])
+def test_an_embedder_whose_first_answer_fails_is_off_for_the_run_and_the_warning_says_so(
+    fault: str, site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    code = EMBEDDER.replace("FAULT", fault).replace("> 10", "== 1")
+    site.add("follower-blinks", "embedders", "blinks", code)
+    settings = load_settings(overrides=["fusion.embedder=blinks", "detector=embedded"])
+    tracker = make_target_tracker(settings)
+    tracker.start(frame(0), BOX)
+    assert tracker.step(frame(1)).state is TrackState.TRACKING
+    assert sys.modules["follower_blinks"].Eye.asked == 1
+    (line,) = warnings_in(caplog)
+    assert line.startswith(
+        "the embedder 'blinks' of follower-blinks 1.0 fails, and is off for the rest of the run: "
+    )
+
+
 def test_an_embedder_of_nobody_is_refused() -> None:
     with pytest.raises(PluginError, match="there is no embedder 'eyes'; there are none"):
         make_target_tracker(load_settings(overrides=["fusion.embedder=eyes", "detector=embedded"]))

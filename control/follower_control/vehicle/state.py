@@ -175,6 +175,13 @@ class Origin:
         latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_M)
         return latitude_deg, self.longitude_deg + math.degrees(east_m / across_m)
 
+    def local(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        """Return how far north and east, metres, a place is."""
+        across_m = _EARTH_M * math.cos(math.radians(self.latitude_deg))
+        north_m = _EARTH_M * math.radians(latitude_deg - self.latitude_deg)
+        around = (longitude_deg - self.longitude_deg + 180) % 360 - 180
+        return north_m, across_m * math.radians(around)
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:

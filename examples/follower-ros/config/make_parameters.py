@@ -1,11 +1,11 @@
-"""Writes follower.yaml: every parameter of the node with its default, from the settings."""
+"""Writes follower.yaml, every parameter of the node with its default, and large_images.xml."""
 
 from pathlib import Path
 
 import yaml
 
 from follower.apps.ros.conversion import flat_settings
-from follower.settings.settings import Settings
+from follower.settings.settings import Settings, configs_folder
 
 
 def text() -> str:
@@ -17,4 +17,7 @@ def text() -> str:
 
 
 if __name__ == "__main__":
-    (Path(__file__).parent / "follower.yaml").write_text(text(), "utf-8")
+    folder = Path(__file__).parent
+    (folder / "follower.yaml").write_text(text(), "utf-8")
+    profile = configs_folder() / "ros" / "large_images.xml"
+    (folder / profile.name).write_bytes(profile.read_bytes())

@@ -4,14 +4,18 @@ ros2 launch follower_ros follower.launch.py image:=/camera/image_raw mode:=mavro
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
 from launch_ros.substitutions import FindPackageShare
+from lifecycle_msgs.msg import Transition
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node and its arguments; `autostart` needs launch_ros of Jazzy or newer."""
+    """Return the node and its arguments; once configured it is activated."""
     config = PathJoinSubstitution([FindPackageShare("follower_ros"), "config", "follower.yaml"])
     arguments = {
         "image": ("/camera/image_raw", "topic of the images"),
@@ -26,7 +30,6 @@ def generate_launch_description() -> LaunchDescription:
         name="follower",
         namespace="",
         output="screen",
-        autostart=True,
         parameters=[
             LaunchConfiguration("params"),
             {
@@ -40,4 +43,16 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=value, description=meaning)
         for name, (value, meaning) in arguments.items()
     ]
-    return LaunchDescription([*declared, node])
+    configured = OnStateTransition(
+        target_lifecycle_node=node,
+        start_state="configuring",
+        goal_state="inactive",
+        entities=[_change(node, Transition.TRANSITION_ACTIVATE)],
+    )
+    configure = _change(node, Transition.TRANSITION_CONFIGURE)
+    return LaunchDescription([*declared, RegisterEventHandler(configured), node, configure])
+
+
+def _change(node: LifecycleNode, transition: int) -> EmitEvent:
+    event = ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition)
+    return EmitEvent(event=event)

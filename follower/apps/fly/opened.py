@@ -18,6 +18,7 @@ from follower.flight.vision.video_sink import FlightVideo
 from follower.links.link import Link
 from follower.links.open import open_link
 from follower.recording import FlightConfig, Recorder, epoch_now_ns
+from follower.recording.config import late_detection
 from follower.recording.run_folder import RunFiles
 from follower.settings.settings import Settings
 from follower.ui.ground_station.flight_view import FlightView
@@ -46,6 +47,7 @@ class FlightPlan:
         checks: before the flight.
         config: settings file into which changed settings are saved.
         command: the command line that flies it, "" if there is none.
+        detector: whose detections are used in place of the settings' own, "" if nobody else's.
     """
 
     settings: Settings
@@ -56,6 +58,7 @@ class FlightPlan:
     checks: CheckScope
     config: Path | None = None
     command: str = ""
+    detector: str = ""
 
 
 class OpenedFlight:
@@ -170,7 +173,8 @@ def opened_flight(
         "source": plan.camera.shown,
         "connect": plan.connect,
         "target": plan.shown_target,
-        "detection": "background",
+        "detection": late_detection(settings),
+        **({"detector": plan.detector} if plan.detector else {}),
         "command": plan.command,
     }
     config = FlightConfig.of("real", settings, run=run, epoch_ns=epoch_ns)

@@ -25,6 +25,10 @@ _AGAIN = 2
 _DOWN = np.array([0.0, 0.0, 1.0])
 
 
+class NoTurnsError(SourceError):
+    """There is nothing to compare the image's turns with, or too little of it."""
+
+
 def corner_flows(source: FrameSource, camera: CameraModel) -> Iterator[CornerFlow]:
     """Return how the corners moved from each frame to the next, up to the source's end."""
     follower = CornerFollower(camera)
@@ -43,7 +47,7 @@ def align(flows: Sequence[CornerFlow], telemetry: TelemetryLog, mount: CameraMou
     where the ground is, and so the vehicle's way over it from a turn.
 
     Raises:
-        SourceError: too little is seen, or one of the two is too short.
+        NoTurnsError: too little is seen, or one of the two is too short.
     """
     try:
         found = find_offset(_rates(flows, mount, lambda _: (0.0, 0.0)), telemetry.rates)
@@ -51,7 +55,7 @@ def align(flows: Sequence[CornerFlow], telemetry: TelemetryLog, mount: CameraMou
             tilt = _tilt_of(telemetry, found.offset_s)
             found = find_offset(_rates(flows, mount, tilt), telemetry.rates)
     except NoOverlapError as error:
-        raise SourceError(f"the time offset cannot be found: {error}; give --offset") from error
+        raise NoTurnsError(str(error)) from error
     return found
 
 

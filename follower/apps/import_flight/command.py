@@ -11,7 +11,6 @@ from follower.ui.terminal.cli_options import (
     Colour,
     Config,
     Detector,
-    Out,
     Overrides,
     Select,
     Target,
@@ -21,30 +20,44 @@ from follower.ui.terminal.cli_options import (
 EPILOG = """
 **Examples**
 
+`follower import DJI_0042.MP4` – with DJI_0042.SRT beside it; no target is needed then
+
+`follower import fmv.ts --select car` – MISB ST 0601, as GPMF in a GoPro's MP4, is in the file
+
+`follower import clip.mp4 flight.tlog --select person` – the time offset is found
+
 `follower import clip.mp4 --target 320,180,40,30 --fov 78` – no telemetry: the image alone
 
-`follower import clip.mp4 --telemetry flight.tlog --select person` – the offset is found
+`follower import 00000042.BIN` – telemetry alone; `follower import bag/` – a rosbag2
 
 `follower import clip.mp4 --telemetry 00000042.BIN --offset 12.4 --target 320,180,40,30 --at 3.5`
 
-Kinds of logs: tlog (MAVLink), .bin (ArduPilot), .ulg (PX4), .csv, whose columns are in
-docs/how-to/offline-flight.md.
+Kinds of logs: tlog (MAVLink), .bin (ArduPilot), .ulg (PX4), .srt (DJI, Autel), .csv, whose
+columns are in docs/how-to/offline-flight.md.
 """
 
 
 def import_command(
-    source: Annotated[
-        str, typer.Argument(help="A video file, or a folder of images.", metavar="VIDEO")
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            help="A video file, a folder of images or a bag; its telemetry, if that is another "
+            "file; or telemetry alone. What is in them tells which is which.",
+            metavar="FILE",
+        ),
     ],
     telemetry: Annotated[
         Path | None,
-        typer.Option(metavar="LOG", help="The flight's telemetry: .tlog, .bin, .ulg or .csv."),
+        typer.Option(
+            metavar="LOG", help="The flight's telemetry: may stand among the FILEs as well."
+        ),
     ] = None,
     offset: Annotated[
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="The log's time, from its first attitude on, at the video's first frame. "
+            help="The log's time, from its first attitude on, at the video's first frame; of "
+            "telemetry that came with the video, by how much it is late. "
             "Found by comparing the image's turns with the gyro's if it is not given.",
         ),
     ] = None,
@@ -72,17 +85,23 @@ def import_command(
     rate_hz: Annotated[float, typer.Option(help="Frames a second of a folder of images.")] = 30.0,
     config: Config = None,
     overrides: Overrides = None,
-    out: Out = Path("runs"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder in which each run gets a folder of its own.")
+    ] = Path("runs"),
 ) -> None:
-    """Make a flight of a video, and perhaps a telemetry log, that was recorded elsewhere.
+    """Make a flight of what another drone, camera or program recorded: video, telemetry or both.
 
     The code that flies follows the target and answers with setpoints. What is left is a flight's
     folder for `follower replay` and `follower inspect`, with the boxes, the setpoints and a report.
     """
-    from follower.apps.command_settings import command_settings, with_needed_detector
+    from follower.apps.command_settings import (
+        command_settings,
+        lens_is_given,
+        with_needed_detector,
+    )
+    from follower.apps.import_flight.inputs import sort_inputs
     from follower.apps.import_flight.session import import_video
     from follower.apps.target_choice import TargetChoice
-    from follower.apps.video_input import VideoInput
 
     choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
     implied = () if fov is None else (f"camera.fov_deg={fov}",)
@@ -90,5 +109,7 @@ def import_command(
         config, overrides, tracker=tracker, detector=detector, implied=implied
     )
     settings = with_needed_detector(settings, select is not None)
-    video = VideoInput(source, rate_hz=rate_hz)
-    raise typer.Exit(import_video(video, settings, choice, at, telemetry, offset, out))
+    video, log = sort_inputs(files, telemetry, rate_hz)
+    lens_given = fov is not None or lens_is_given(config, overrides)
+    inputs = video, settings, choice, at, log, offset, out
+    raise typer.Exit(import_video(*inputs, lens_given=lens_given))

@@ -1,24 +1,30 @@
-"""`follower import`: from a video, and perhaps a log, to a flight's folder, setpoints, a report."""
+"""`follower import`: from a video, a log or both to a flight's folder, setpoints, a report."""
 
 import math
 import shutil
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from rich.console import Console
-from rich.status import Status
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.apps.command_settings import command_line
 from follower.apps.import_flight.alignment import (
+    NoTurnsError,
     align,
     corner_flows,
     offset_facts,
     offset_section,
     write_offset_plot,
 )
+from follower.apps.import_flight.inputs import telemetry_of
 from follower.apps.inspect import inspect_recorded
 from follower.apps.target_choice import LIST, TargetChoice
 from follower.apps.video_input import VideoInput
@@ -34,7 +40,6 @@ from follower.recording.telemetry_logs import (
     TelemetryError,
     TelemetryLog,
     TelemetryPlayback,
-    read_telemetry,
 )
 from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line
@@ -42,38 +47,45 @@ from follower_control.common.clock_offset import TimeOffset
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import SimulatedClock
 from follower_vision.geometry.box import Box
+from follower_vision.geometry.line_of_sight import CameraMount
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import FrameSource, SourceError
 
 OFFSET_PLOT = "offset.png"
-_REPORT_EVERY = 30
+_KEPT = 1000
+"""So many records stay in memory while the flight is written, which may last for hours."""
+_MOST_FLOWS = 18_000
+"""The offset is found from so many frames at the beginning: ten minutes of 30 a second."""
+_LENS_WIDTH_PX = 1920
+_NO_VIDEO = (480, 640, 3)
+_STEP_S = 1.0
 
 
 def run_import(
     source: FrameSource,
     settings: Settings,
-    selector: Selector,
+    selector: Selector | None,
     telemetry: TelemetryLog | None,
     log: FlightLog,
     clock: SimulatedClock,
-    status: Status,
+    advance: Callable[[], object],
 ) -> bool:
     """Go through the video to its end; return whether the target was ever found.
 
     Args:
         source: at its beginning; where the size of its frames changes is an end, too.
         settings: all of them.
-        selector: finds the target.
+        selector: finds the target; None follows nothing.
         telemetry: on the video's time; None if there is none.
         log: takes everything; the recorder's.
         clock: the log's and the frames'.
-        status: shows how far the run has come.
+        advance: is called after each frame.
     """
     stage = VisionStage(make_target_tracker(settings))
-    stage.select(selector)
+    if selector is not None:
+        stage.select(selector)
     vision = VisionLoop(stage, clock, log)
     control: RecordedControl | None = None
-    has_position = telemetry is not None and bool(telemetry.positions)
     found = False
     frame = source.read()
     while frame is not None:
@@ -84,16 +96,37 @@ def run_import(
         answer = vision.step(frame)
         vision.learn()
         found = found or answer.track is not None
-        if control is None:
-            playback = None
-            if telemetry is not None:
-                playback = TelemetryPlayback(telemetry, frame.captured_s).until
-            control = RecordedControl(settings, log, frame, playback, has_position)
+        control = control or _control(settings, log, frame, telemetry)
         control.step(answer, None if following is None else following.captured_s)
-        if len(log.tracks) % _REPORT_EVERY == 0:
-            status.update(f"Following the target, {frame.captured_s:.0f} s")
+        advance()
         frame = following
     return found
+
+
+def run_without_video(
+    settings: Settings,
+    telemetry: TelemetryLog,
+    log: FlightLog,
+    clock: SimulatedClock,
+    progress: Progress,
+) -> None:
+    """Step control through telemetry to which there is no video."""
+    nothing = Frame(np.zeros(_NO_VIDEO, np.uint8), telemetry.start_s, 0)
+    control = _control(settings, log, nothing, telemetry)
+    steps = np.arange(telemetry.start_s, telemetry.end_s, _STEP_S).tolist()
+    for now_s in progress.track(steps, description="Importing"):
+        until_s = min(now_s + _STEP_S, telemetry.end_s)
+        control.step(None, until_s)
+        clock.sleep_until(until_s)
+
+
+def _control(
+    settings: Settings, log: FlightLog, first: Frame, telemetry: TelemetryLog | None
+) -> RecordedControl:
+    if telemetry is None:
+        return RecordedControl(settings, log, first)
+    playback = TelemetryPlayback(telemetry, first.captured_s).until
+    return RecordedControl(settings, log, first, playback, telemetry.has_motion)
 
 
 def _from_time(selector: TargetsSelector, at_s: float) -> Selector:
@@ -121,7 +154,7 @@ class _Telemetry:
 
 
 def import_video(
-    source: VideoInput,
+    source: VideoInput | None,
     settings: Settings,
     target: TargetChoice,
     at_s: float,
@@ -129,82 +162,120 @@ def import_video(
     offset_s: float | None,
     out: Path,
     console: Console | None = None,
+    *,
+    lens_given: bool = True,
 ) -> int:
     """Run the command and return its exit code.
 
     Args:
-        source: the video.
+        source: the video; None if there is only a log.
         settings: of vision, control and the recorder.
-        target: to follow.
+        target: to follow; none if there is telemetry.
         at_s: when it is chosen, in seconds from the video's beginning.
-        telemetry: log of the flight, if there is one.
+        telemetry: log of the flight; None takes what the video has with it.
         offset_s: the log's time, in seconds, at the first frame; None finds it.
         out: takes the flight's folder.
         console: takes what is said.
+        lens_given: the settings' lens is the camera's; else that of the telemetry counts.
 
     Raises:
         ValueError, OSError: what the user can mend, in one line. Nothing is left behind then but
             the plot that the message names, if it names one.
     """
-    _check(source, target, at_s, telemetry, offset_s)
+    _check(source, target, at_s)
     console = console or Console()
     # As in a flight; and the number of threads must not decide about the last bit.
     cv2.setNumThreads(1)
-    selector = _from_time(target.selector(make_settings_detector(settings)), at_s)
-    log = None if telemetry is None else read_telemetry(telemetry)
-    folder = new_run_folder(out, f"import-{source.short_name}")
+    log, log_name = telemetry_of(source, telemetry)
+    _check_telemetry(source, target, log, offset_s)
+    if log is not None:
+        settings = _with_camera_of(log, settings, lens_given)
+    selector = None
+    if target.given:
+        selector = _from_time(target.selector(make_settings_detector(settings)), at_s)
+    name = Path(log_name).stem if source is None else source.short_name
+    folder = new_run_folder(out, f"import-{name}")
     with ExitStack() as undo:
         undo.callback(shutil.rmtree, folder, ignore_errors=True)
         aligned = None
         if log is not None:
             aligned = _aligned(source, settings, log, offset_s, folder, console)
-        if aligned is None or not aligned.log.positions:
+        has_motion = aligned is not None and aligned.log.has_motion
+        if not has_motion:
             settings = recorded_settings(settings)
-        run = {"source": source.name, "target": str(target), "command": command_line()}
-        run["title"] = f"{source.short_name}, imported"
-        facts = {} if aligned is None else {"telemetry": str(telemetry), "offset": aligned.facts}
-        needs_telemetry = aligned is not None and bool(aligned.log.positions)
+        shown = log_name if source is None else source.name
+        run = {"source": shown, "target": str(target), "command": command_line()}
+        run["title"] = f"{name}, imported"
+        facts = {} if aligned is None else {"telemetry": log_name, "offset": aligned.facts}
         config = FlightConfig.of(
-            "video", settings, run={**run, **facts}, needs_telemetry=needs_telemetry
+            "video", settings, run={**run, **facts}, needs_telemetry=has_motion
         )
         _record(source, config, settings, selector, aligned, folder, console)
+        recorded = open_flight(folder)
+        write_boxes(folder / "boxes.csv", recorded.log.tracks)
+        write_setpoints(folder / "setpoints.csv", recorded.log.controls)
         undo.pop_all()
     more = []
     if aligned is not None and aligned.found is not None:
         write_offset_plot(folder / OFFSET_PLOT, aligned.found)
         more.append(offset_section(aligned.found))
-    inspect_recorded(open_flight(folder), console=console, more=more)
+    inspect_recorded(recorded, console=console, more=more)
     return 0
 
 
-def _check(
-    source: VideoInput,
-    target: TargetChoice,
-    at_s: float,
-    telemetry: Path | None,
-    offset_s: float | None,
-) -> None:
+def _check(source: VideoInput | None, target: TargetChoice, at_s: float) -> None:
     """Refuse options that contradict each other.
 
     Raises:
         SettingsError: says what to do.
     """
-    if source.is_live:
+    if source is not None and source.is_live:
         raise SettingsError(f"{source.shown}: import takes a recording; live: `follower track`")
-    if not target.given:
-        raise SettingsError("which target? give --target x,y,w,h, --select person or --colour")
+    if source is None and target.given:
+        raise SettingsError("a target needs the flight's video: name it beside the telemetry")
     if LIST in target.select:
         raise SettingsError("`follower track VIDEO --select list` lists what there is")
     if not (math.isfinite(at_s) and at_s >= 0):
         raise SettingsError(f"--at {at_s}: seconds from the video's beginning, from 0 on")
-    if offset_s is not None and telemetry is None:
-        raise SettingsError("--offset needs --telemetry: it is the time between the two")
+
+
+def _check_telemetry(
+    source: VideoInput | None,
+    target: TargetChoice,
+    log: TelemetryLog | None,
+    offset_s: float | None,
+) -> None:
+    """Refuse what the telemetry, or its lack, makes meaningless; raises as `_check` does."""
+    if log is None and not target.given:
+        if source is not None and Path(source.name).is_file():
+            source.open().close()  # which says what is wrong with it, if something is
+        raise SettingsError(
+            "which target? give --target x,y,w,h, --select person or --colour; only a recording "
+            "with telemetry is imported without one"
+        )
+    if offset_s is not None and (log is None or source is None):
+        raise SettingsError(
+            "--offset needs --telemetry, or a video with its own: it is the time between the two"
+        )
     if offset_s is not None and not math.isfinite(offset_s):
         raise SettingsError(f"--offset {offset_s}: a finite number of seconds")
 
 
+def _with_camera_of(log: TelemetryLog, settings: Settings, lens_given: bool) -> Settings:
+    """Return the settings with the gimbal, and if nobody gave one, the lens of the telemetry."""
+    changed: dict[str, Any] = {}
+    if log.gimbals and log.attitudes:
+        changed["gimbal"] = replace(settings.gimbal, enabled=True)
+    if log.fov_deg is not None and not lens_given:
+        focal_px = _LENS_WIDTH_PX / 2 / math.tan(math.radians(log.fov_deg) / 2)
+        changed["camera"] = replace(
+            settings.camera, focal_px=min(max(focal_px, 1.0), 1e5), focal_width_px=_LENS_WIDTH_PX
+        )
+    return settings.model_copy(update=changed)
+
+
 def _aligned(
-    source: VideoInput,
+    source: VideoInput | None,
     settings: Settings,
     log: TelemetryLog,
     offset_s: float | None,
@@ -213,18 +284,26 @@ def _aligned(
 ) -> _Telemetry:
     """Bring the log onto the video's time, by the offset given or found.
 
+    What was recorded with the video keeps its own times where none can be found.
+
     Raises:
         SourceError: none was given, and the one found is not good enough.
     """
+    if source is None:
+        return _Telemetry(log.moved(-log.start_s), {"seconds": 0.0, "given": "no video"}, None)
     if offset_s is not None:
         facts = {"seconds": offset_s, "given": "by hand"}
         return _Telemetry(log.moved(-offset_s), facts, None)
-    with console.status("Measuring how the image turns"), source.open() as frames:
-        first = frames.read()
-        if first is None:
-            raise SourceError(f"{source.name}: no frame could be read")
-        camera = settings.camera.model_of(source.name, first.width, first.height)
-        found = align(list(corner_flows(frames, camera)), log, settings.camera.mount)
+    held = log.of_camera()
+    try:
+        found = _found_offset(source, settings, held, held is not log, console)
+    except NoTurnsError as error:
+        if not log.on_video_clock:
+            said = f"the time offset cannot be found: {error}; give --offset"
+            raise SourceError(said) from error
+        return _kept(log, str(error), console)
+    if found.problems and log.on_video_clock:
+        return _kept(log, "; ".join(found.problems), console)
     print_line(
         console,
         f"Time offset {found.offset_s:.3f} s ± {1e3 * found.unsure_s:.1f} ms, correlation "
@@ -243,11 +322,43 @@ def _aligned(
     return _Telemetry(log.moved(-found.offset_s), offset_facts(found), found)
 
 
+def _kept(log: TelemetryLog, why: str, console: Console) -> _Telemetry:
+    said = f"The time offset cannot be told ({why}): it is left at 0, the recording's own times"
+    print_line(console, said)
+    return _Telemetry(log, {"seconds": 0.0, "not told": why}, None)
+
+
+def _found_offset(
+    source: VideoInput, settings: Settings, log: TelemetryLog, in_gimbal: bool, console: Console
+) -> TimeOffset:
+    """Compare the image's turns with the log's.
+
+    Raises:
+        SourceError: too little is seen, or one of the two is too short.
+    """
+    if not len(log.rates.start_s):
+        raise NoTurnsError("the telemetry tells no turns")
+    with source.open() as frames, _progress(console) as progress:
+        first = frames.read()
+        if first is None:
+            raise SourceError(f"{source.name}: no frame could be read")
+        camera = settings.camera.model_of(source.name, first.width, first.height)
+        flows = islice(corner_flows(frames, camera), _MOST_FLOWS)
+        seen = progress.track(flows, frames.frame_count, description="How the image turns")
+        mount = CameraMount() if in_gimbal else settings.camera.mount
+        return align(list(seen), log, mount)
+
+
+def _progress(console: Console) -> Progress:
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
 def _record(
-    source: VideoInput,
+    source: VideoInput | None,
     config: FlightConfig,
     settings: Settings,
-    selector: Selector,
+    selector: Selector | None,
     telemetry: _Telemetry | None,
     folder: Path,
     console: Console,
@@ -260,24 +371,27 @@ def _record(
     log = None if telemetry is None else telemetry.log
     clock = SimulatedClock()
     with (
-        console.status("Following the target") as status,
-        source.open() as frames,
-        Recorder(folder, config, clock, settings.recorder, threaded=False) as recorder,
+        ExitStack() as opened,
+        _progress(console) as progress,
+        Recorder(folder, config, clock, settings.recorder, threaded=False, kept=_KEPT) as recorder,
     ):
-        if log is not None:
-            _check_overlap(frames, log)
-        found = run_import(frames, settings, selector, log, recorder.log, clock, status)
+        if source is not None:
+            frames = opened.enter_context(source.open())
+            if log is not None:
+                _check_overlap(frames, log)
+            task = progress.add_task("Importing", total=frames.frame_count)
+            advance = partial(progress.advance, task)
+            inputs = settings, selector, log, recorder.log, clock
+            found = run_import(frames, *inputs, advance)
+            if selector is not None and not found:
+                raise SourceError(f"{config.run['target']} was not seen in any frame from --at on")
+            if frames.problem is not None:
+                recorder.log.note(clock.now(), "video", frames.problem)
+        elif log is not None:
+            run_without_video(settings, log, recorder.log, clock, progress)
         if log is not None:
             lasts = f"from {log.start_s:.1f} s to {log.end_s:.1f} s of the video's time"
             recorder.log.note(clock.now(), "telemetry", f"the log lasts {lasts}")
-        if frames.problem is not None:
-            recorder.log.note(clock.now(), "video", frames.problem)
-    if not found:
-        raise SourceError(
-            f"{config.run['target']} was not seen in {len(recorder.log.tracks)} frames from --at on"
-        )
-    write_boxes(folder / "boxes.csv", recorder.log.tracks)
-    write_setpoints(folder / "setpoints.csv", recorder.log.controls)
     for remark in recorder.remarks:
         print_line(console, remark)
 

@@ -6,9 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from follower.flight.control.stage import ControlStage
 from follower.flight.log import (
     ControlRecord,
+    DetectionRecord,
     Event,
     FlightLog,
     FlightSink,
@@ -18,8 +21,9 @@ from follower.flight.log import (
     TrackRecord,
 )
 from follower.flight.vision.stage import VisionStage
-from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.flight.vision.tracker_factory import make_target_tracker, make_tracker_with
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight
+from follower.recording.config import RECORDED
 from follower.recording.mcap_writer import McapLog
 from follower.recording.messages import FrameRecord, StepRecord, messages_of
 from follower.recording.recorder import CONFIG, LOG, TLOG
@@ -29,12 +33,15 @@ from follower.settings.settings import Settings, as_recorded, load_settings
 from follower.tuning.excite.pattern import recorded_pattern
 from follower.tuning.excite.stage import ExcitationStage
 from follower_sim.kinematics import TruthSample
+from follower_vision.detection import Detection
+from follower_vision.detection.detection_service import DetectionAnswer, DetectionRequest
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel
-from follower_vision.images.frame import Frame
+from follower_vision.images.frame import Frame, Image
 from follower_vision.sources.frame_source import ClosesItself
 from follower_vision.trackers.target_tracker import TargetTracker
 
+_NO_IMAGE = np.empty((0, 0, 3), np.uint8)
 OnMessage = Callable[[float, object], None]
 
 
@@ -45,6 +52,49 @@ def replay_settings(flight: RecordedFlight, overrides: Sequence[str] = ()) -> Se
         SettingsError: an override cannot be used, or a recorded setting is unknown.
     """
     return load_settings(None, as_recorded(flight.config.settings), overrides)
+
+
+class RecordedDetections:
+    """Another time's detector: gives each frame the answers that were recorded for it.
+
+    It is a `DetectionService`, and stands for the `Detector` behind it, too.
+    """
+
+    class_names: tuple[str, ...] = ()
+
+    def __init__(self) -> None:
+        self._answers: list[DetectionRecord] = []
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:  # noqa: ARG002
+        """See nothing: nobody asks."""
+        return []
+
+    def put(self, record: DetectionRecord) -> None:
+        """Give the next frame an answer."""
+        self._answers.append(record)
+
+    def ready(self, *, urgent: bool = False) -> bool:  # noqa: ARG002
+        """Tell that nothing need be asked."""
+        return False
+
+    def submit(self, request: DetectionRequest) -> None:
+        """Do nothing."""
+
+    def take(self, owner: object) -> list[DetectionAnswer]:
+        """Return what was put since."""
+        taken, self._answers = self._answers, []
+        return [
+            DetectionAnswer(
+                DetectionRequest(owner, one.index, _NO_IMAGE, None), list(one.detections)
+            )
+            for one in taken
+        ]
+
+    def forget(self, owner: object) -> None:
+        """Do nothing: what was forgotten was not recorded."""
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 class Replay:
@@ -91,8 +141,9 @@ class Replay:
         self._tracks: dict[int, TrackRecord] = {}
         self._frame: Frame | None = None
         self._pictures = FrameFinder(iter(()) if tracks_recorded else flight.pictures())
+        self._detections = RecordedDetections()
         if not tracks_recorded:
-            self._vision = VisionStage(tracker or make_target_tracker(settings))
+            self._vision = VisionStage(tracker or self._make_tracker(settings))
         camera = _camera(flight, settings, own_camera)
         needs_telemetry = flight.config.needs_telemetry
         pattern = recorded_pattern(flight.config.run)
@@ -101,6 +152,14 @@ class Replay:
         else:
             self.stage = ExcitationStage(settings, pattern, camera, self.log)
         self._steps = iter(flight.log.controls)
+
+    def _make_tracker(self, settings: Settings) -> TargetTracker:
+        """Return the settings' tracker; the recorded detector is not asked anew, another one is."""
+        run, own = self._flight.config.run, self._flight.config.settings.get("detector")
+        if run.get("detection") != RECORDED or settings.detector != own:
+            return make_target_tracker(settings)
+        detector = self._detections if run.get("detector") or own else None
+        return make_tracker_with(detector, settings, lambda _: self._detections)
 
     def run(self) -> FlightLog:
         """Go through the recording to its end and return the log.
@@ -119,6 +178,8 @@ class Replay:
             self._frame = self._pictures.of(message)
         elif isinstance(message, SelectionRecord) and not self._tracks_recorded:
             self._choose(message.box)
+        elif isinstance(message, DetectionRecord):
+            self._detections.put(message)
         elif isinstance(message, TrackRecord):
             self._tracks[message.sequence] = self._track(message)
         elif isinstance(message, StepRecord):
@@ -176,7 +237,7 @@ def _camera(flight: RecordedFlight, settings: Settings, own: bool) -> CameraMode
 
 
 _COMMIT_EVERY = 2000
-_KEPT = (FrameRecord, SelectionRecord, TruthSample)
+_KEPT = (FrameRecord, SelectionRecord, DetectionRecord, TruthSample)
 
 
 class ReplaySaver(ClosesItself):

@@ -24,7 +24,7 @@ from follower.apps.replay.comparison import (
 from follower.apps.replay.replay import Replay, ReplaySaver, replay_settings
 from follower.flight.log import FlightLog
 from follower.recording import FlightFileError, RecordedFlight, open_flight
-from follower.recording.config import changed_versions
+from follower.recording.config import INLINE, RECORDED, changed_versions
 from follower.recording.recorded_flight import Table, arrays
 from follower.recording.run_folder import new_run_folder, write_boxes, write_setpoints
 from follower.recording.video_reader import video_problem
@@ -253,8 +253,10 @@ def _caveat(flight: RecordedFlight, whole: ReplayResult | None) -> str:
     """Say why vision's answers need not be the recorded ones, "" if they have to be."""
     if whole is None:
         return " Vision was not replayed."
-    detection = flight.config.run.get("detection", "inline")
-    if detection != "inline" and flight.config.settings.get("detector"):
+    run = flight.config.run
+    detection = run.get("detection", INLINE)
+    detects = flight.config.settings.get("detector") or run.get("detector")
+    if detection not in (INLINE, RECORDED) and detects:
         return f" Vision was not compared strictly: detection was {detection}, with its own time."
     if whole.replay.missed:
         missed = whole.replay.missed

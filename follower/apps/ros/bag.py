@@ -3,7 +3,9 @@
 import csv
 import math
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
@@ -23,11 +25,13 @@ from follower.apps.ros.conversion import (
 )
 from follower.flight.log import ControlRecord, TrackRecord
 from follower.recording import RecordedFlight, open_flight
-from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME
+from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME, read_csv
+from follower.recording.telemetry_logs.samples import TelemetryLog, TelemetrySamples
 from follower.recording.video_writer import VIDEO
 from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_vision.drawing.video_writer import VideoWriter
-from follower_vision.sources.frame_source import SourceError
+from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import ClosesItself, SourceError
 
 METADATA = "metadata.yaml"
 TABLE, CLIP = "telemetry.csv", "video.mp4"
@@ -183,14 +187,12 @@ def unpack(bag: Path, out: Path) -> str:
         SourceError: it is no bag, or has no images.
     """
     out.mkdir(parents=True, exist_ok=True)
-    try:
-        with AnyReader([bag], default_typestore=_STORE) as reader:
-            first_s = _unpack_pictures(reader, out / CLIP, bag)
-            first_row_s = _unpack_telemetry(reader, out / TABLE)
-    except Exception as error:  # what rosbags raises of a broken file has many kinds
-        if isinstance(error, SourceError):
-            raise
-        raise SourceError(f"{bag}: cannot be read as a bag: {error}") from error
+    with BagImages(bag) as images, VideoWriter(out / CLIP, 30.0) as writer:
+        first_s = images.first_s
+        while (frame := images.read()) is not None:
+            writer.write(frame.image, frame.captured_s)
+    with _opened(bag) as reader:
+        first_row_s = _unpack_telemetry(reader, out / TABLE)
     if first_row_s is None:
         return f"follower import {out / CLIP} --target X,Y,W,H"
     offset_s = first_s - first_row_s
@@ -200,64 +202,172 @@ def unpack(bag: Path, out: Path) -> str:
     )
 
 
+@contextmanager
+def _errors(bag: Path) -> Iterator[None]:
+    """Make one line of what rosbags raises of a broken file, which has many kinds."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, SourceError):
+            raise
+        raise SourceError(f"{bag}: cannot be read as a bag: {error}") from error
+
+
+@contextmanager
+def _opened(bag: Path) -> Iterator[AnyReader]:
+    with _errors(bag), AnyReader([bag], default_typestore=_STORE) as reader:
+        yield reader
+
+
+class BagImages(ClosesItself):
+    """Gives the images of a bag's first topic that has some, raw or compressed.
+
+    Attributes:
+        first_s: the first one's stamp, from which `captured_s` counts.
+        nominal_rate_hz, frame_count, problem: as of any source.
+
+    Raises:
+        SourceError: it is no bag, or has no images.
+    """
+
+    problem: str | None = None
+
+    def __init__(self, bag: Path) -> None:
+        self._bag = bag
+        kinds = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+        with _errors(bag), ExitStack() as stack:
+            reader = stack.enter_context(AnyReader([bag], default_typestore=_STORE))
+            self._messages = _messages(reader, kinds)
+            self._next = next(self._messages, None)
+            if self._next is None:
+                raise SourceError(f"{bag}: there are no images in this bag")
+            self._topic, self.first_s, _ = self._next
+            self.frame_count = sum(
+                one.msgcount for one in reader.connections if one.topic == self._topic
+            )
+            self.nominal_rate_hz = self.frame_count / max(reader.duration * 1e-9, 1e-3)
+            self._open = stack.pop_all()
+        self._newest_s, self._sequence = -math.inf, 0
+
+    def read(self) -> Frame | None:
+        """Return the next image, None at the end.
+
+        Raises:
+            SourceError: one cannot be decoded, or the bag is broken there.
+        """
+        while self._next is not None:
+            topic, time_s, message = self._next
+            with _errors(self._bag):
+                image = image_of(message) if topic == self._topic else None
+                self._next = next(self._messages, None)
+            if image is not None and time_s > self._newest_s:
+                self._newest_s, self._sequence = time_s, self._sequence + 1
+                return Frame(image, time_s - self.first_s, self._sequence - 1)
+        return None
+
+    def close(self) -> None:
+        """Close the bag."""
+        self._next = None
+        self._open.close()
+
+
+def read_bag(bag: Path, first_s: float) -> TelemetryLog | None:
+    """Return a bag's telemetry, None if it has none.
+
+    That is Imu, Odometry, the mode of MAVROS, and without Odometry a PoseStamped or a NavSatFix.
+
+    Args:
+        bag: its folder, or ROS 1's file.
+        first_s: stamp of the image that is the video's time 0.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
+    with _opened(bag) as reader, TemporaryDirectory() as folder:
+        table = Path(folder) / TABLE
+        start_s = _unpack_telemetry(reader, table)
+        samples = TelemetrySamples() if start_s is None else read_csv(table)
+        start_s = first_s if start_s is None else start_s
+        if not samples.positions:
+            _take_places(samples, reader, start_s)
+    if not samples.attitudes and not samples.places:
+        return None
+    samples.on_video_clock = True
+    return samples.log(str(bag)).moved(start_s - first_s)
+
+
+def _take_places(samples: TelemetrySamples, reader: AnyReader, start_s: float) -> None:
+    """Take the places that nobody gives velocities for, of the first topic that has some."""
+    kinds = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/NavSatFix"
+    first: Any = None
+    for topic, time_s, message in _messages(reader, kinds):
+        first = first or (topic, message)
+        if topic != first[0]:
+            continue
+        if hasattr(message, "pose"):
+            place = message.pose.position
+            samples.places.append((time_s - start_s, place.y, place.x, -place.z))
+        elif message.status.status >= 0:
+            height_m = message.altitude - first[1].altitude
+            samples.add_fix(time_s - start_s, message.latitude, message.longitude, height_m)
+
+
 def _messages(reader: AnyReader, kinds: tuple[str, ...]) -> Iterator[tuple[str, float, Any]]:
     """Give topic, stamp in seconds and message of all messages of these kinds."""
-    wanted = [one for one in reader.connections if one.msgtype in kinds]
+    known = reader.typestore.fielddefs
+    wanted = [one for one in reader.connections if one.msgtype in kinds and one.msgtype in known]
     for connection, _, data in reader.messages(connections=wanted) if wanted else ():
         message = reader.deserialize(data, connection.msgtype)
         stamp = message.header.stamp
         yield connection.topic, stamp.sec + stamp.nanosec * 1e-9, message
 
 
-def _unpack_pictures(reader: AnyReader, path: Path, bag: Path) -> float:
-    """Write the video; return the first picture's time in seconds."""
-    kinds = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-    first: tuple[str, float] | None = None
-    writer: VideoWriter | None = None
-    try:
-        for topic, time_s, message in _messages(reader, kinds):
-            first = first or (topic, time_s)
-            if topic == first[0]:
-                writer = writer or VideoWriter(path, 30.0)
-                writer.write(image_of(message), time_s - first[1])
-    finally:
-        if writer is not None:
-            writer.close()
-    if first is None:
-        raise SourceError(f"{bag}: there are no images in this bag")
-    return first[1]
+_ODOMETRY, _STATE = "nav_msgs/msg/Odometry", "mavros_msgs/msg/State"
 
 
 def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:
     """Write the table; return the time of its first row in seconds, None if there is none."""
-    rows: list[dict[str, float]] = []
-    for _, time_s, m in _messages(reader, ("sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry")):
-        pose = getattr(m, "pose", None)
-        q = m.orientation if pose is None else pose.pose.orientation
-        angles = attitude_of(q)
-        row = {TIME: time_s}
-        if pose is None and m.orientation_covariance[0] == -1.0:
-            angles = None  # a driver that knows no attitude says so
-        elif angles is None:
-            continue
-        if angles is not None:
-            row |= zip(ANGLES, map(math.degrees, angles), strict=True)
-        if pose is None:
-            turn = m.angular_velocity
-            rates = math.degrees(turn.x), -math.degrees(turn.y), -math.degrees(turn.z)
-            row |= zip(RATES, rates, strict=True)
-        else:
-            place, v = pose.pose.position, turned_to_world(q, m.twist.twist.linear)
-            row |= zip(PLACE, (place.y, place.x, -place.z, *v), strict=True)
-        rows.append(row)
+    rows: list[dict[str, float | str]] = []
+    # MAVROS has a second one, /mavros/global_position/local, with another origin.
+    odometry = min(
+        (one.topic for one in reader.connections if one.msgtype == _ODOMETRY),
+        key=lambda topic: ("global" in topic, topic),
+        default="",
+    )
+    for topic, time_s, m in _messages(reader, ("sensor_msgs/msg/Imu", _ODOMETRY, _STATE)):
+        row = {TIME: time_s, MODE: m.mode} if hasattr(m, "mode") else _row(time_s, m)
+        if row is not None and (topic == odometry or not hasattr(m, "pose")):
+            rows.append(row)
     if not rows:
         return None
     if any({RATES[0], ANGLES[0]} <= row.keys() for row in rows):  # the Imu knows attitude better
         rows = [{k: v for k, v in r.items() if RATES[0] in r or k not in ANGLES} for r in rows]
-    rows.sort(key=lambda row: row[TIME])
-    first_s = rows[0][TIME]
+    rows.sort(key=lambda row: float(row[TIME]))
+    first_s = float(rows[0][TIME])
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [TIME, *ANGLES, *RATES, *PLACE, MODE])
         table.writeheader()
-        table.writerows({**row, TIME: f"{row[TIME] - first_s:.6f}"} for row in rows)
+        table.writerows({**row, TIME: f"{float(row[TIME]) - first_s:.6f}"} for row in rows)
     return first_s
+
+
+def _row(time_s: float, m: Any) -> dict[str, float | str] | None:
+    """Return a row of an Imu or Odometry message; None of an Odometry without an attitude."""
+    pose = getattr(m, "pose", None)
+    q = m.orientation if pose is None else pose.pose.orientation
+    angles = attitude_of(q)
+    row: dict[str, float | str] = {TIME: time_s}
+    if pose is None and m.orientation_covariance[0] == -1.0:
+        angles = None  # a driver that knows no attitude says so
+    elif angles is None:
+        return None
+    if angles is not None:
+        row |= zip(ANGLES, map(math.degrees, angles), strict=True)
+    if pose is None:
+        turn = m.angular_velocity
+        rates = math.degrees(turn.x), -math.degrees(turn.y), -math.degrees(turn.z)
+        row |= zip(RATES, rates, strict=True)
+    else:
+        place, v = pose.pose.position, turned_to_world(q, m.twist.twist.linear)
+        row |= zip(PLACE, (place.y, place.x, -place.z, *v), strict=True)
+    return row

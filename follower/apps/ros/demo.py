@@ -25,7 +25,7 @@ from follower.apps.ros.conversion import image_of
 from follower.apps.ros.io_node import NEWEST, RELIABLE
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
-from follower.settings.settings import find_scenario
+from follower.settings.settings import configs_folder, find_scenario
 from follower.simulation.options import simulation_settings
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import stop_signals
@@ -34,7 +34,7 @@ from follower_sim.scenario.scenario_file import load_scenario
 from follower_vision.clock import MonotonicClock
 
 PICTURE = "overlay.jpg"
-_START_S, _FOLLOW_S, _END_S = 40.0, 60.0, 20.0
+_START_S, _FOLLOW_S, _END_S = 120.0, 60.0, 20.0
 _LAUNCHER = "from follower.apps.main import main; main()"
 
 
@@ -43,7 +43,7 @@ class Operator:
 
     Attributes:
         states: of the supervisor, as /diagnostics tells them, each once.
-        overlay: the newest picture that shows a target followed.
+        overlay: a picture that came between two messages that told of following.
         over: the flight is being ended: no picture is taken any more.
     """
 
@@ -53,6 +53,7 @@ class Operator:
         self._client: Any = self._node.create_client(ChangeState, "/follower/change_state")
         self.states: list[str] = []
         self.overlay: Any = None
+        self._newest: Any = None
         self.over = False
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, RELIABLE)
         self._node.create_subscription(Image, "/follower/overlay", self._seen, NEWEST)
@@ -81,12 +82,14 @@ class Operator:
     def _diagnosed(self, message: DiagnosticArray) -> None:
         for status in message.status:
             state = status.message.partition(":")[0]
+            if state == "following" and self.states[-1:] == [state] and not self.over:
+                self.overlay = self._newest or self.overlay
+            self._newest = None
             if self.states[-1:] != [state]:
                 self.states.append(state)
 
     def _seen(self, message: Image) -> None:
-        if self.states[-1:] == ["following"] and not self.over:
-            self.overlay = message
+        self._newest = message
 
 
 def fly_demo(mode: str, scenario: str, seconds: float, out: Path) -> int:
@@ -162,10 +165,16 @@ def _free_port() -> int:
 
 @contextmanager
 def _own_domain() -> Iterator[None]:
-    """Keep the demo's topics on this computer, and apart from those of other programs."""
+    """Keep the demo's topics on this computer, apart from those of other programs, and whole.
+
+    A raw image does not fit into Fast DDS' usual shared memory: few arrive.
+    """
     before = dict(os.environ)
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.SystemRandom().randrange(1, 100)))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault(
+        "FASTDDS_DEFAULT_PROFILES_FILE", str(configs_folder() / "ros" / "large_images.xml")
+    )
     try:
         yield
     finally:

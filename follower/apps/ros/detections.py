@@ -21,6 +21,7 @@ class TopicDetector:
         topic: of the arrays.
 
     Attributes:
+        topic: its full name.
         class_names: those seen so far, and those that were asked for.
 
     Raises:
@@ -30,7 +31,7 @@ class TopicDetector:
     def __init__(self, io: IoNode, topic: str) -> None:
         from vision_msgs.msg import Detection2DArray
 
-        self._clock = io.clock
+        self._clock, self.topic = io.clock, io.name_of(topic)
         self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
         self.class_names: tuple[str, ...] = ()
         io.subscribe(Detection2DArray, topic, self._take)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from follower.settings.settings import Settings, load_settings
 from follower.ui.terminal.cli_options import parse_box
 from follower.ui.terminal.interrupt import StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
+from follower_control.servo.settings import FollowMode
 from follower_vision.geometry.box import Box
 from follower_vision.mailbox import Mailbox
 
@@ -102,6 +104,9 @@ class FollowerNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/select", self._on_select)
         self.create_service(Trigger, "~/release", self._on_release)
+        for mode in FollowMode:
+            follows = partial(self._on_follow_mode, mode)
+            self.create_service(Trigger, f"~/follow_mode/{mode}", follows)
         # Of the computer's time: a /clock that stands has to be told of, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.5, self._diagnose, clock=steady)
@@ -275,6 +280,12 @@ class FollowerNode(LifecycleNode):
         answer.success, answer.message = self._answered(
             lambda: self._flying().flight.requests.stop(_BY)
         )
+        return answer
+
+    def _on_follow_mode(self, mode: str, _request: Any, answer: Any) -> Any:
+        """Set the parameter `servo.mode`."""
+        result = self.set_parameters([Parameter("servo.mode", value=mode)])[0]
+        answer.success, answer.message = result.successful, result.reason
         return answer
 
     def _flying(self) -> TopicPursuit:

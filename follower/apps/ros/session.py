@@ -9,6 +9,7 @@ from follower.apps.fly.flight import RealFlight
 from follower.apps.fly.opened import OpenedFlight
 from follower.apps.preflight.camera_checks import CAMERA
 from follower.apps.preflight.checklist import CHECKS
+from follower.apps.ros.detections import TopicDetector
 from follower.apps.ros.io_node import RosClock
 from follower.apps.ros.topic_source import TopicInput, TopicSource
 from follower.flight.log import FlightSink, LogRecord
@@ -43,7 +44,7 @@ class TopicEnds:
     source: TopicSource
     clock: RosClock
     transport: Transport | None
-    detector: Detector | None
+    detector: TopicDetector | None
     on_record: OnRecord
     video: FlightVideo
 
@@ -67,7 +68,8 @@ class TopicPursuit(Pursuit):
         if not steers:
             checks = replace(checks, longest_s=_PERCEPTION_CHECK_S)
         camera = TopicInput(topic, realtime=True, source=ends.source)
-        self._plan = replace(self._plan, camera=camera, checks=checks)
+        detector = "" if ends.detector is None else f"ros:{ends.detector.topic}"
+        self._plan = replace(self._plan, camera=camera, checks=checks, detector=detector)
 
     @property
     def flight(self) -> RealFlight:

@@ -49,7 +49,7 @@ class RecordedControl:
         self._period_s = 1.0 / settings.control_rate_hz
         self._due_s = first.captured_s
 
-    def step(self, newest: TrackRecord, next_frame_s: float | None) -> None:
+    def step(self, newest: TrackRecord | None, next_frame_s: float | None) -> None:
         """Step control at its own rate up to the next frame, once more after the last one.
 
         After a gap of more than ten seconds it goes on at that frame: time stamps may jump by days.
@@ -65,7 +65,7 @@ class RecordedControl:
         else:
             self._step_to(newest, end_s)
 
-    def _step_to(self, newest: TrackRecord, end_s: float) -> None:
+    def _step_to(self, newest: TrackRecord | None, end_s: float) -> None:
         while self._due_s < end_s:
             vehicle, attitudes = self._telemetry(self._due_s)
             self._control.step(self._due_s, newest, vehicle, attitudes)

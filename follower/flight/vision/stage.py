@@ -1,7 +1,7 @@
 """Frames in, tracks out: what the vision thread runs."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -14,6 +14,8 @@ from follower.flight.target.request import (
     TargetRequest,
 )
 from follower.flight.target.selectors import Selector
+from follower_vision.detection.detection_service import DetectionAnswer
+from follower_vision.fusion import FusionTracker
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.target_tracker import (
@@ -51,6 +53,7 @@ class VisionStage:
         prospects: asked before a frame is looked at, if anybody knows.
         prospect: what was known of the newest frame.
         chosen: the box by which the newest step chose the target, None if it did not.
+        detected: what the newest step took of a detector that answers in its own time.
         dropped: whether the newest step gave the target up, because somebody wanted none.
         requests_done: how many selections of an operator were carried out so far.
     """
@@ -72,6 +75,7 @@ class VisionStage:
         self.prospects: Prospects | None = None
         self.prospect: TargetPrediction | None = None
         self.chosen: Box | None = None
+        self.detected: Sequence[DetectionAnswer] = ()
         self.dropped = False
         self.requests_done = 0
 
@@ -96,6 +100,7 @@ class VisionStage:
         target was then, unseen: trackers measure by the time between frames.
         """
         self.chosen, self.dropped, self.prospect = None, False, None
+        self.detected = ()
         if not frame.captured_s > self._newest_s:
             return self._out_of_order(frame)
         gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
@@ -103,6 +108,8 @@ class VisionStage:
             self._refuse_old_request()
         self._take_request(frame)
         self._track = self._followed(frame)
+        if self._started and isinstance(self._tracker, FusionTracker):
+            self.detected = self._tracker.late_answers
         return self._track
 
     def learn(self) -> None:

@@ -1,5 +1,6 @@
 """A flight in real time, a thread for each stage and the recorder's own, replays bit for bit."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ from follower.flight.supervision.supervisor import SupervisorReason, SupervisorS
 from follower.flight.target.selectors import box_selector
 from follower.flight.threads import RealtimeRun, VisionLoop
 from follower.flight.vision.stage import VisionStage
-from follower.flight.vision.tracker_factory import make_target_tracker
+from follower.flight.vision.tracker_factory import close_tracker, make_tracker_with
 from follower.links.vehicle_health import SensorHealth, VehicleHealth
 from follower.recording import FlightConfig, Recorder, open_flight
+from follower.recording.config import late_detection
 from follower.settings.live import SettingChange
 from follower.settings.settings import Settings
 from follower_control.vehicle.state import (
@@ -29,6 +31,8 @@ from follower_control.vehicle.state import (
     VehicleState,
 )
 from follower_vision.clock import MonotonicClock
+from follower_vision.detection import Detection
+from follower_vision.fusion import BackgroundDetection
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
@@ -117,6 +121,25 @@ class Link:
         self.sent.append(setpoint)
 
 
+class RedDetector:
+    """What is red in an image, by another program; now and then slowly."""
+
+    class_names = ("square",)
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng(5)
+
+    def detect(self, image: Any, region: Box | None = None) -> list[Detection]:  # noqa: ARG002
+        time.sleep(self._rng.choice([0.0, 0.03]))
+        rows, columns = np.nonzero(image[..., 2] > 200)
+        if not len(rows):
+            return []
+        left, top = columns.min(), rows.min()
+        size = columns.max() + 1 - left, rows.max() + 1 - top
+        score = self._rng.uniform(0.5, 1.0)
+        return [Detection(Box.from_xywh(*map(float, (left, top, *size))), 0, "square", score)]
+
+
 WATCH = SettingChange.of("servo.mode", "watch")
 
 
@@ -144,8 +167,8 @@ class Operator:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("detector", [None, RedDetector()], ids=["no detector", "another's"])
+def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, detector: Any) -> None:
     settings = Settings.model_validate(
         {
             "recorder": {"video": "lossless", "keep_free_mb": 0},
@@ -155,14 +178,16 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
         }
     )
     clock, link = MonotonicClock(), Link()
-    config = FlightConfig.of("real", settings, run={"try": seed})
+    run = {"detection": late_detection(settings), "detector": "another's" if detector else ""}
+    config = FlightConfig.of("real", settings, run=run)
     with Recorder(tmp_path, config, clock, settings.recorder) as recorder:
-        stage = VisionStage(make_target_tracker(settings))
+        tracker = make_tracker_with(detector, settings, BackgroundDetection)
+        stage = VisionStage(tracker)
         stage.select(box_selector(Box(73.0, 60.0, 24.0, 20.0)))
         vision = VisionLoop(stage, clock, recorder.log)
         control = ControlStage(settings, settings.camera.model(160, 120), recorder.log)
         loop: Any = ControlLoop(link, control, lambda: vision.tracks.newest, recorder.log)  # type: ignore[arg-type]
-        run = RealtimeRun(clock, Camera(clock), vision, loop, settings.control_rate_hz)
+        threads = RealtimeRun(clock, Camera(clock), vision, loop, settings.control_rate_hz)
 
         operator = Operator(control)
 
@@ -170,7 +195,8 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
             now_s = clock.now()
             return operator.goes_on(now_s) and now_s < AT_MOST_S
 
-        run.run(watch)
+        threads.run(watch)
+        close_tracker(tracker)
     assert recorder.remarks == ()
     flight = open_flight(tmp_path)
     assert flight.remarks == []
@@ -184,6 +210,8 @@ def test_what_many_threads_did_is_replayed_by_one(tmp_path: Path, seed: int) -> 
     assert all(record.gimbal for record in flight.log.controls if record.state.steers)
     assert len([record for record in flight.log.controls if record.health]) > 3
     assert [record.changes for record in flight.log.controls if record.changes] == [(WATCH,)]
+    seen = [one for record in flight.detections for one in record.detections]
+    assert bool(seen) == (detector is not None)
     replay = Replay(flight, replay_settings(flight))
     compared = compare(flight.log, replay.run())
     assert replay.missed == 0

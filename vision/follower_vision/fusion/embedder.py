@@ -40,15 +40,18 @@ class GuardedEmbedder:
 
     def __init__(self, embedder: Embedder, plugin: Plugin) -> None:
         self._embedder = embedder
-        self._guard = PluginGuard(plugin, "counts as knowing nothing")
+        self._plugin = plugin
+        self._guard = PluginGuard(plugin, "is off for the rest of the run")
         self._width: int | None = None
 
     def embed(self, image: Image, boxes: Sequence[Box]) -> Floats:
         """Return (N, D) rows of length 1, or of 0.
 
-        The first answer says D; if that one fails, D is 0 from then on, and nothing is alike.
+        The first answer says D; if that one fails, it is not asked again, and nothing is alike.
         """
         nothing: Floats = np.zeros((len(boxes), self._width or 0))
+        if self._width == 0:
+            return nothing
 
         def ask() -> Floats:
             return np.asarray(self._embedder.embed(image, boxes), np.float64)
@@ -59,6 +62,8 @@ class GuardedEmbedder:
             return fits and known and bool(np.isfinite(rows).all())
 
         rows = self._guard.run(ask, nothing, is_sound)
+        if self._width is None and rows.shape[1]:
+            self._guard = PluginGuard(self._plugin, "counts as knowing nothing")
         self._width = rows.shape[1]
         lengths = np.sqrt(np.einsum("ij,ij->i", rows, rows))
         return np.asarray(rows / np.maximum(lengths, 1e-9)[:, None])

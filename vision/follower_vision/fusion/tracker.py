@@ -104,6 +104,7 @@ class FusionTracker:
 
     Attributes:
         listener: is told each choice; None is nobody.
+        late_answers: what the newest step took of a detector that answers in its own time.
 
     Raises:
         ModelError: the settings' model cannot be used.
@@ -130,6 +131,7 @@ class FusionTracker:
         self._owner = object()
         self._companions: Sequence[FusionTracker] = ()
         self.listener: Callable[[Choice], None] | None = None
+        self.late_answers: Sequence[DetectionAnswer] = ()
 
     def beside(self, companions: Sequence[FusionTracker]) -> None:
         """Leave other targets to the trackers that follow them through the same frames."""
@@ -219,6 +221,7 @@ class FusionTracker:
         search, self._search = self._search, None
         taken = [] if self._service is None else self._service.take(self._owner)
         answers = [_finite(answer) for answer in taken]
+        self.late_answers = () if isinstance(self._service, InlineDetection) else answers
         if search is not None:
             self._choose(search, target, answers)
         for answer in answers:

@@ -15,6 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
+from plugin_packages import Site
 from websockets.sync.client import ClientConnection, connect
 
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
@@ -22,6 +23,9 @@ from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 
 PATIENCE_S = 60.0
+ROOT = Path(__file__).parents[4]
+EXAMPLE = ROOT / "examples" / "follower-template-tracker" / "follower_template_tracker.py"
+SQUARE = {"left": 0.58, "top": 0.4, "right": 0.73, "bottom": 0.6}
 MakeVehicle = Callable[..., Any]
 SETTINGS = (
     *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20", "--set", "cockpit.port=0"),
@@ -32,18 +36,26 @@ SETTINGS = (
 class Flight:
     """The program, and a client of its page."""
 
-    def __init__(self, link: str, video: Path, folder: Path) -> None:
+    def __init__(
+        self, link: str, video: Path, folder: Path, *options: str, packages: str = ""
+    ) -> None:
         code = "from follower.apps.main import main; main()"
         arguments = ("fly", "--connect", link, "--camera", str(video), "--cockpit", *SETTINGS)
+        places = os.pathsep.join(filter(None, (packages, os.environ.get("PYTHONPATH"))))
         self.log = folder / "said.txt"
         self._file = self.log.open("w")
         self.process = subprocess.Popen(
-            [sys.executable, "-c", code, *arguments],
+            [sys.executable, "-c", code, *arguments, *options],
             stdout=self._file,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             cwd=folder,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
+            env={
+                **os.environ,
+                "PYTHONUNBUFFERED": "1",
+                "COLUMNS": "200",
+                "PYTHONPATH": places,
+            },
         )
 
     def port(self) -> int:
@@ -77,13 +89,17 @@ def flight(port: int, video: Path, tmp_path: Path) -> Iterator[Flight]:
     flight.close()
 
 
-def state(client: ClientConnection) -> dict[str, Any]:
-    """Return the newest state, and say that we are there."""
+def told(client: ClientConnection, kind: str) -> dict[str, Any]:
+    """Return the newest message of a kind, and say that we are there."""
     client.send('{"kind": "ping"}')
     while True:
         message = json.loads(client.recv(PATIENCE_S))
-        if message["kind"] == "state":
+        if message["kind"] == kind:
             return dict(message)
+
+
+def state(client: ClientConnection) -> dict[str, Any]:
+    return told(client, "state")
 
 
 @pytest.mark.slow
@@ -99,8 +115,7 @@ def test_choose_follow_and_lose_the_page(
     assert {"name": "camera", "verdict": "pass"}.items() <= named(checks, "camera").items()
     with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
         flight.wait(lambda: "state" in state(client))
-        box = {"left": 0.58, "top": 0.4, "right": 0.73, "bottom": 0.6}
-        client.send(json.dumps({"kind": "select_box", "id": 1, **box}))
+        client.send(json.dumps({"kind": "select_box", "id": 1, **SQUARE}))
         flight.wait(lambda: state(client)["state"] == "ready")
         flight.wait(lambda: there.autopilot.switch_mode(there.setpoint_mode))
         flight.wait(lambda: state(client)["state"] == "following")
@@ -120,6 +135,28 @@ def test_choose_follow_and_lose_the_page(
     held = [r for r in records if r.state is SupervisorState.HOLDING]
     assert {str(record.reason) for record in held} == {"cockpit lost"}
     assert max(record.control_gap_s for record in map(situation, records)) < 1.0 + late_s()
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_a_packages_tracker_follows(
+    vehicle: MakeVehicle, port: int, video: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "site").mkdir()
+    site = Site(tmp_path / "site")
+    site.add("follower-template-tracker", "trackers", "mine", EXAMPLE.read_text("utf-8"))
+    vehicle("px4", 12.0)
+    link, options = f"udpin:127.0.0.1:{port}", ("--tracker", "mine")
+    flight = Flight(link, video, tmp_path, *options, packages=str(site.folder))
+    try:
+        url = f"http://127.0.0.1:{flight.port()}"
+        flight.wait(lambda: "Following what the cockpit selects" in flight.said)
+        with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
+            client.send(json.dumps({"kind": "select_box", "id": 1, **SQUARE}))
+            flight.wait(lambda: state(client)["track"] == "tracking")
+            (track,) = told(client, "track")["tracks"]
+    finally:
+        flight.close()
+    assert (track["state"], track["by"]) == ("tracking", "mine")
 
 
 def named(checks: list[dict[str, Any]], name: str) -> dict[str, Any]:

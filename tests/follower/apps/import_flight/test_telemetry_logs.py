@@ -87,6 +87,33 @@ def test_samples_that_are_not_finite_or_not_newer_are_left_out() -> None:
     assert log.attitudes[1].roll_rate_rad_s == pytest.approx(2 / 3, abs=0.2)
 
 
+def test_a_camera_that_looks_straight_down_rolls_when_the_drone_yaws() -> None:
+    time_s = np.arange(0, 4, 0.05)
+    yaw = 3.0 + 0.4 * np.sin(time_s)  # passes south, where angles jump
+    down = np.full_like(time_s, -math.pi / 2)
+    samples = TelemetrySamples(gimbal_from_north=True)
+    samples.attitudes = [(t, 0.0, 0.0, y) for t, y in zip(time_s, yaw, strict=True)]
+    turned = np.arctan2(np.sin(yaw), np.cos(yaw))
+    samples.gimbals = [(t, 0.0, p, y) for t, p, y in zip(time_s, down, turned, strict=True)]
+    held = samples.log("test").of_camera().rates
+    assert held.rates_rad_s[:, 0] == pytest.approx(0.4 * np.cos(held.middle_s), abs=1e-3)
+    assert held.rates_rad_s[:, 1:] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_places_on_earth_become_metres_and_back_also_across_the_date_line() -> None:
+    samples = TelemetrySamples()
+    samples.add_fix(0.0, -17.0, 179.9999, 5.0)
+    samples.add_fix(1.0, -16.9999, -179.9999, 7.0)
+    samples.add_fix(2.0, 91.0, 0.0, 7.0)  # nowhere
+    log = samples.log("test")
+    place = log.positions[-1]
+    assert (place.time_s, place.down_m) == (1.0, -7.0)
+    assert (place.north_m, place.east_m) == pytest.approx((11.12, 21.27), abs=0.01)
+    assert log.origin is not None
+    latitude, longitude = log.origin.geolocated(place.north_m, place.east_m)
+    assert (latitude, longitude) == pytest.approx((-16.9999, 180.0001))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("content", [b"", b"hello, I am something else\n", bytes(500)])
 def test_a_foreign_file_is_refused_in_one_line(kind: str, content: bytes, tmp_path: Path) -> None:

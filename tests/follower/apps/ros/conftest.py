@@ -19,6 +19,7 @@ import ros_interfaces
 
 HELPERS = Path(ros_interfaces.__file__).parent
 ROOT = HELPERS.parent.parent
+LARGE_IMAGES = ROOT / "configs/ros/large_images.xml"
 STILL_M_S = 0.5
 NODE = "from follower.apps.main import main; main()"
 FLIGHT = (
@@ -215,6 +216,7 @@ def make_rig(
             patch.setenv(name, str(interfaces), prepend=os.pathsep)
         patch.syspath_prepend(interfaces)
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", str(LARGE_IMAGES))
 
         @contextmanager
         def make() -> Iterator[Rig]:

@@ -111,11 +111,14 @@ def test_a_mistyped_option_is_no_argument_of_ros() -> None:
     assert "--confg" in result.output
 
 
-def test_the_packages_parameters_are_the_settings() -> None:
+def test_the_packages_files_are_what_the_settings_and_configs_have() -> None:
     """After a change: python examples/follower-ros/config/make_parameters.py."""
     import yaml
 
-    text = (ROOT / "examples/follower-ros/config/follower.yaml").read_text("utf-8")
+    folder = ROOT / "examples/follower-ros/config"
+    profile = (ROOT / "configs/ros/large_images.xml").read_bytes()
+    assert (folder / "large_images.xml").read_bytes() == profile
+    text = (folder / "follower.yaml").read_text("utf-8")
     assert yaml.safe_load(text)["follower"]["ros__parameters"] == flat_settings(Settings())
 
 

@@ -11,10 +11,11 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
 from geometry_msgs.msg import TwistStamped
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters
 from rclpy.qos import ReliabilityPolicy
+from std_srvs.srv import Trigger
 
-from follower import replay
+from follower import open_flight, replay
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -90,11 +91,23 @@ def test_settings_change_in_flight_as_far_as_they_may(flying) -> None:
     assert not refused.successful
     assert "tightened" in refused.reason
     assert not flying.set("follower", tracker="re3").successful
-    assert not flying.set("follower", servo__mode="dance").successful
     assert flying.set("follower", servo__mode="chase").successful
     request = DescribeParameters.Request(names=["servo.distance_m"])
     told = flying.call(DescribeParameters, "/follower/describe_parameters", request)
     assert told.descriptors[0].description
+
+
+def test_services_change_the_follow_mode_in_flight(flying) -> None:
+    for mode in ("orbit", "chase"):
+        answer = flying.call(Trigger, f"/follower/follow_mode/{mode}", Trigger.Request())
+        assert answer.success, answer.message
+        request = GetParameters.Request(names=["servo.mode"])
+        told = flying.call(GetParameters, "/follower/get_parameters", request)
+        assert told.values[0].string_value == mode
+        flying.spin(0.5)
+    refused = flying.set("follower", servo__mode="dance")
+    assert not refused.successful
+    assert "'chase', 'watch', 'side', 'orbit' or 'overhead'" in refused.reason
 
 
 def test_an_unusable_target_is_refused_in_words(flying) -> None:
@@ -121,6 +134,9 @@ def test_a_flight_through_mavros_replays_bit_for_bit(flying) -> None:
     assert result.strictness.is_exact
     assert result.comparison.identical
     assert any(one.sent for one in result.replay.log.controls)
+    controls = open_flight(flying.flights[-1]).log.controls
+    modes = [c.value for one in controls for c in one.changes if c.key == "servo.mode"]
+    assert modes[-2:] == ['"orbit"', '"chase"']
 
 
 def test_killed_it_sends_nothing_more_and_the_autopilot_stands_by_itself(flying) -> None:

@@ -13,6 +13,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image, RegionOfInterest
 from std_srvs.srv import Trigger
 
+from follower import open_flight, replay
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 REMAPPED = ("imu:=mavros/imu/data", "odometry:=mavros/local_position/odom")
 
@@ -25,7 +27,7 @@ def watched(make_rig) -> Iterator:
         rig.spin(3.0)
         arguments = [one for name in REMAPPED for one in ("-r", name)]
         transport = ("--image-transport", "compressed")
-        others = ("--detections", "/others")
+        others = ("--detections", "/others", "--set", "recorder.video=lossless")
         rig.follower(*transport, *others, "--activate", "--ros-args", *arguments)
         rig.watch(RegionOfInterest, "/follower/roi")
         rig.watch(DiagnosticArray, "/follower/track")
@@ -145,3 +147,13 @@ def test_inactive_it_refuses_what_needs_a_flight_in_words(watched) -> None:
     assert watched.set("follower", mode="sideways").successful
     assert not watched.change("configure")
     watched.wait(lambda: "choose one of" in watched.state)
+
+
+def test_what_another_node_detected_is_recorded_and_the_flight_replays_bit_for_bit(watched) -> None:
+    flight = open_flight(watched.flights[-1])
+    assert flight.config.run["detector"] == "ros:/others"
+    names = {one.class_name for record in flight.detections for one in record.detections}
+    assert names == {"boat"}
+    result = replay(flight)
+    assert result.strictness.is_exact
+    assert result.comparison.identical, [one.name for one in result.comparison.differing]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console as Terminal
 
 from follower.flight.target.request import ClearSelection, PointSelection
 from follower_vision.geometry.box import Box
@@ -54,10 +56,15 @@ class Console:
         self._rig, self._log, self._read = rig, folder / "console.txt", 0
         program = Path(sys.executable).parent / "mavproxy.py"
         options = ["--default-modules=link", "--no-state", "--target-system=1"]
-        with self._log.open("w") as log:
+        with self._log.open("a") as log:
             self._process = subprocess.Popen(
                 [sys.executable, program, f"--master=udpout:127.0.0.1:{rig.port}", *options],
-                env={**os.environ, "PYTHONPATH": str(with_the_module(folder)), "HOME": str(folder)},
+                env={
+                    **os.environ,
+                    "PYTHONPATH": str(with_the_module(folder)),
+                    "PYTHONUNBUFFERED": "1",
+                    "HOME": str(folder),
+                },
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -66,6 +73,8 @@ class Console:
 
     def type(self, line: str) -> None:
         assert self._process.stdin is not None
+        with self._log.open("a") as log:  # a terminal shows what is typed; a pipe does not
+            log.write(f"MAV>\N{NO-BREAK SPACE}{line}\n")
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
@@ -121,7 +130,9 @@ def test_select_release_and_status_in_a_real_mavproxy(rig: Any, console: Console
     assert rig.requests.take_target() is None
 
 
-def test_the_status_follows_the_track_and_says_what_was_said(rig: Any, console: Console) -> None:
+def test_the_status_follows_the_track_and_says_what_was_said(
+    rig: Any, console: Console, keep_terminal: Any
+) -> None:
     console.type("follower status")
     console.wait("follower: (nothing heard|no target)")
     for _ in range(40):
@@ -133,6 +144,11 @@ def test_the_status_follows_the_track_and_says_what_was_said(rig: Any, console: 
     console.wait("follower: denied")
     console.type("follower status")
     console.wait("it said: .*rectangle")
+    shown = Terminal(record=True, width=100, file=io.StringIO())
+    text = console.text()
+    text = text[text.index("Detected") :].replace("\nMAV> ", "\n")
+    shown.print(text.strip(), highlight=False)
+    keep_terminal(shown, "MAVProxy", "mavproxy")
 
 
 @pytest.mark.parametrize("line", ["", "select 2 0.5", "select a b", "release now", "land"])
