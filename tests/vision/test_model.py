@@ -84,6 +84,23 @@ def test_a_model_of_other_features_is_refused(shipped: CandidateModel, tmp_path:
         model_for("any", str(path))
 
 
+def test_what_a_model_was_not_fitted_on_has_no_say(shipped: CandidateModel) -> None:
+    stored = shipped.to_json()
+    older = CandidateModel.from_json(
+        {
+            **stored,
+            "features": stored["features"][:-1],
+            "offset": stored["offset"][:-1],
+            "factor": stored["factor"][:-1],
+            "hidden": [*stored["hidden"][:-2], stored["hidden"][-1]],
+        }
+    )
+    features = np.random.default_rng(4).normal(size=(20, COUNT))
+    first = older.probabilities(features)
+    features[:, -1] += 5.0
+    assert older.probabilities(features) == pytest.approx(first)
+
+
 @pytest.mark.parametrize("content", [None, "", "[]", "{}", '{"models": {"others": {}}}'])
 def test_a_file_that_is_none_is_refused_with_its_name(tmp_path: Path, content: str | None) -> None:
     path = tmp_path / "mine.json"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -77,7 +78,7 @@ class ResponseMap:
     def finite(self, otherwise: Box) -> ResponseMap:
         """Leave out places whose numbers are not finite; if all are, `otherwise` has likeness 0."""
         second = self.second
-        if second is not None and not np.isfinite([*second.box.xywh, second.confidence]).all():
+        if second is not None and not math.isfinite(second.confidence):
             return replace(self, second=None).finite(otherwise)
         numbers = np.column_stack([self.corners, self.first, self.recent, self.penalty])
         kept = np.isfinite(numbers).all(axis=1)
