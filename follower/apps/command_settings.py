@@ -48,6 +48,29 @@ def command_settings(
     return load_settings(config, overrides=(*implied, *given, *(overrides or ())))
 
 
+USUAL_TRACKER = ("tracker=siamese-correlation", "detector=embedded")
+"""What follows a target in a recording where nothing else is named; nothing has to be fetched."""
+
+
+def implied_tracker(
+    config: Path | None, overrides: Iterable[str] | None, *named: str | None
+) -> tuple[str, ...]:
+    """Return `USUAL_TRACKER`, or nothing where the user names a tracker or a detector.
+
+    Args:
+        config: settings file.
+        overrides: `key=value` of each `--set`.
+        named: what options name.
+
+    Raises:
+        SettingsError: a file or an override cannot be read.
+    """
+    given = settings_data(config, overrides=overrides or ())[0]
+    if any(name is not None for name in named) or not {"tracker", "detector"}.isdisjoint(given):
+        return ()
+    return USUAL_TRACKER
+
+
 def with_detector(settings: Settings) -> Settings:
     """Return the settings with the usual detector if they name none."""
     if settings.detector is not None:

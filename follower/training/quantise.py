@@ -36,7 +36,7 @@ from follower_vision.onnx_network import Feeds, ModelError, Network
 from follower_vision.trackers.motion_tracker import MotionTracker
 from follower_vision.trackers.opencv import OPENCV_KINDS
 from follower_vision.trackers.re3 import Re3Network, Re3Tracker
-from follower_vision.trackers.registry import RE3_FILE, TRACKERS, FindFile, make_tracker
+from follower_vision.trackers.registry import TRACKERS, FindFile, make_tracker
 
 MOST_LOSS = 0.005
 """A network whose success or AUC falls by this or more is never taken by default."""
@@ -133,7 +133,7 @@ def find_reducible(name: str, store: ModelStore) -> Reducible:
             return DetectorRunner(OnnxDetector(find(files[0].name), family=model.family))
 
         return Reducible(name, files, run, store.folder, model.licence)
-    tracker = "re3" if files[0].name == RE3_FILE else name
+    tracker = name.removeprefix("follower-")
     if tracker not in TRACKERS or tracker in OPENCV_KINDS:
         raise ModelError(f"{name} is run by OpenCV, which takes no reduced networks")
     return Reducible(

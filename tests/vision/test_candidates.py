@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,13 +15,14 @@ from follower_vision.fusion.candidates import (
     MEAN,
     PEAK,
     PREDICTION,
+    SECOND,
     Candidate,
     DetectorMemory,
     corners_of,
     propose,
 )
 from follower_vision.geometry.box import Box
-from follower_vision.trackers.motion_tracker import ResponseMap
+from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
 BOX = Box(100, 100, 20, 40)
 EXPECTED = Box(103, 99, 22, 38)
@@ -54,6 +57,23 @@ def test_the_best_places_come_first_and_none_twice() -> None:
     found = propose(response((far, 0.6), (BOX, 0.9), (near, 0.8)), [], DetectorMemory(), EXPECTED)
     assert of(found, PEAK) == [Candidate(BOX, PEAK, 0), Candidate(far, PEAK, 1)]
     assert found[-1] == Candidate(EXPECTED, PREDICTION)
+
+
+def test_a_second_tracker_adds_its_place_and_the_mean_with_the_first() -> None:
+    larger = Box(102, 104, 24, 44)
+    answer = replace(response((BOX, 0.9)), second=MotionEstimate(larger, 0.7))
+    found = propose(answer, [], DetectorMemory(), EXPECTED)
+    assert of(found, SECOND) == [Candidate(larger, SECOND)]
+    (mean,) = of(found, MEAN)
+    assert (mean.box.cx, mean.box.cy) == (101, 102)
+    assert mean.box.width * mean.box.height == pytest.approx((20 * 24 * 40 * 44) ** 0.5)
+    elsewhere = replace(answer, second=MotionEstimate(BOX.moved_to(300, 100), 0.7))
+    assert not of(propose(elsewhere, [], DetectorMemory(), EXPECTED), MEAN)
+
+
+def test_a_second_place_of_unknown_worth_is_left_out() -> None:
+    unsure = replace(response((BOX, 0.9)), second=MotionEstimate(BOX, np.nan))
+    assert unsure.finite(EXPECTED).second is None
 
 
 def test_few_peaks_are_taken_and_no_unlikely_ones() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,13 +11,13 @@ from hypothesis import strategies as st
 
 from follower_vision.detection.detection import Detection
 from follower_vision.fusion.box_filter import BoxFilter, FilterNoise
-from follower_vision.fusion.candidates import SOURCES, Candidate, corners_of, propose
+from follower_vision.fusion.candidates import SECOND, SOURCES, Candidate, corners_of, propose
 from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.features import FEATURES, Situation, measure
 from follower_vision.fusion.target import Target, log_sides
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
-from follower_vision.trackers.motion_tracker import ResponseMap
+from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 
 NOISE = FilterNoise(6.0, 0.2, dict.fromkeys(SOURCES, 0.05), dict.fromkeys(SOURCES, 0.08))
 WIDTH, HEIGHT = 160, 120
@@ -59,6 +61,20 @@ def table(
     height, width = image.shape[:2]
     situation = Situation(known, answer, bool(detections), detections, width, height)
     return measure(found, seen, situation)
+
+
+def test_a_second_tracker_speaks_for_its_place_and_for_what_overlaps_it() -> None:
+    alone = response([(NEAR, 0.9), (FAR, 0.6)])
+    known = target(IMAGE, BOX, alone)
+    names = ("is_second", "second_iou", "second_score", "second_peak_iou")
+    columns = [FEATURES.index(name) for name in names]
+    assert not table(known, IMAGE, alone, [])[:, columns].any()
+    both = dataclasses.replace(alone, second=MotionEstimate(FAR, 0.4))
+    found = propose(both, [], known.detector, known.filter.box)
+    rows = table(known, IMAGE, both, [], found)[:, columns]
+    for one, row in zip(found, rows, strict=True):
+        own = float(one.source == SECOND)
+        assert row == pytest.approx([own, one.box.iou(FAR), 0.4, NEAR.iou(FAR)])
 
 
 def scene(scale: int = 1) -> np.ndarray:

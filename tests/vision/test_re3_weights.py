@@ -1,4 +1,4 @@
-"""The Re3 that comes along follows a target, on a machine that has fetched nothing."""
+"""The motion trackers that come along follow a target, on a machine that has fetched nothing."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ GROUND = cv2.resize(
 PATCH = np.random.default_rng(6).integers(0, 256, (5, 5, 3), dtype=np.uint8)
 
 
-@pytest.fixture
-def tracker(tmp_path: Path) -> MotionTracker:
-    return make_tracker("re3", ModelStore(tmp_path / "nothing").file)
+@pytest.fixture(params=["re3", "siamese", "siamese-correlation"])
+def tracker(request: pytest.FixtureRequest, tmp_path: Path) -> MotionTracker:
+    return make_tracker(request.param, ModelStore(tmp_path / "nothing").file)
 
 
 def scene(box: Box) -> np.ndarray:
@@ -35,7 +35,6 @@ def scene(box: Box) -> np.ndarray:
 
 
 def test_it_follows_a_patch_that_moves_and_grows(tracker: MotionTracker) -> None:
-    assert tracker.name == "re3"
     overlaps = []
     for frame in range(60):
         truth = Box(150 + 5 * frame, 200 + 40 * np.sin(frame / 8), 50 + 0.4 * frame, 40)

@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from follower_vision.fusion.candidates import corners_of
 from follower_vision.geometry.box import Box
 from follower_vision.onnx_network import ModelError
+from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.motion_tracker import IdentityTracker, JoinedTracker, ResponseMap
 from follower_vision.trackers.opencv import OPENCV_KINDS, opencv_tracker_names
 from follower_vision.trackers.registry import make_tracker, tracker_names
 
@@ -18,6 +21,21 @@ NETLESS = [name for name in opencv_tracker_names() if not OPENCV_KINDS[name].fil
 
 def no_file(name: str) -> Path:
     raise AssertionError(f"{name} was asked for")
+
+
+class StillSearch(IdentityTracker):
+    """Answers that the target is where it is searched; writes its lessons down."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.learnt: list[tuple[Box, float]] = []
+
+    def search(self, image: np.ndarray, box: Box) -> ResponseMap:  # noqa: ARG002
+        one = np.ones(1)
+        return ResponseMap(corners_of([box]), one, one, one, box.scaled(4))
+
+    def learn(self, image: np.ndarray, box: Box, probability: float) -> None:  # noqa: ARG002
+        self.learnt.append((box, probability))
 
 
 def scene(cx: float, cy: float) -> np.ndarray:
@@ -31,7 +49,7 @@ def scene(cx: float, cy: float) -> np.ndarray:
 
 def test_names_are_unique_and_ours_come_first() -> None:
     names = tracker_names()
-    assert names[:5] == ["identity", "correlation", "nanotrack-v1", "nanotrack-v2", "nanotrack-v3"]
+    assert names[:4] == ["identity", "correlation", "siamese", "siamese-correlation"]
     assert len(set(names)) == len(names)
     assert "mil" in names
 
@@ -53,6 +71,23 @@ def test_one_that_this_opencv_lacks_says_where_it_is() -> None:
 def test_missing_network_names_the_pull_command(tmp_path: Path, name: str) -> None:
     with pytest.raises(ModelError, match="follower models pull"):
         make_tracker(name, lambda file: tmp_path / file)
+
+
+def test_a_joined_tracker_tells_both_places_and_puts_the_second_back() -> None:
+    first, second = StillSearch(), CorrelationTracker()
+    joined, alone = JoinedTracker(first, second), CorrelationTracker()
+    here, there = Box(160, 120, 40, 40), Box(230, 160, 40, 40)
+    for tracker in (joined, alone):
+        tracker.start(scene(here.cx, here.cy), here)
+    moved = scene(here.cx + 3, here.cy)
+    answer = joined.search(moved, here)
+    assert answer.second == alone.update(moved)
+    assert answer.corners == pytest.approx(corners_of([here]))
+    joined.learn(scene(there.cx, there.cy), there, 0.5)
+    assert joined.search(moved, here).second.box.iou(there) == 0.0
+    joined.learn(scene(there.cx, there.cy), there, 0.9)
+    assert joined.search(scene(there.cx, there.cy), there).second.box.iou(there) > 0.8
+    assert first.learnt == [(there, 0.5), (there, 0.9)]
 
 
 @pytest.mark.parametrize("name", ["identity", *NETLESS])

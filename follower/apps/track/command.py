@@ -62,7 +62,8 @@ def track_command(
         str | None,
         typer.Option(
             help="The detector that validates it (Fusion), e.g. yolox-nano, or an .onnx file. "
-            "--select and --paper take the usual one if none is named.",
+            "--select and --paper take the usual one if none is named; where no tracker is named "
+            "either, siamese-correlation with the embedded one follows a --target.",
             rich_help_panel=_HOW,
         ),
     ] = None,
@@ -117,7 +118,11 @@ def track_command(
     Writes the video with overlay, the boxes, a plot of the track over time and, of a recording, the
     setpoints that would have been sent. Ctrl-C ends it early with all files complete.
     """
-    from follower.apps.command_settings import command_settings, with_needed_detector
+    from follower.apps.command_settings import (
+        command_settings,
+        implied_tracker,
+        with_needed_detector,
+    )
     from follower.apps.target_choice import TargetChoice
     from follower.apps.track.run import TrackFiles
     from follower.apps.track.session import track
@@ -129,7 +134,9 @@ def track_command(
         overrides,
         tracker=tracker,
         detector=detector,
-        implied=("fusion.algorithm=paper",) if paper else (),
+        implied=("fusion.algorithm=paper",)
+        if paper
+        else implied_tracker(config, overrides, tracker, detector, *(select or ())),
     )
     settings = with_needed_detector(settings, bool(select or paper))
     video_input = VideoInput(source, realtime, rate_hz, settings.camera.capture)

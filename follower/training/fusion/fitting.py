@@ -130,11 +130,14 @@ def _values(box: Box) -> Floats:
 
 
 class FirstPeak:
-    """Stands for a model before there is one: believes the motion tracker's best place."""
+    """Stands for a model before there is one: believes the last motion tracker's best place."""
 
     noise = FilterNoise(6.0, 0.2, dict.fromkeys(SOURCES, 0.05), dict.fromkeys(SOURCES, 0.08))
 
     def probabilities(self, features: Floats) -> Floats:
         """See `CandidateModel.probabilities`."""
-        believed = np.where(features[:, FEATURES.index("is_first_peak")] > 0, 0.9, 0.05)
+        followed = features[:, FEATURES.index("is_second")]
+        if not followed.any():
+            followed = features[:, FEATURES.index("is_first_peak")]
+        believed = np.where(followed > 0, 0.9, 0.05)
         return np.repeat(believed[:, None], len(THRESHOLDS), axis=1)

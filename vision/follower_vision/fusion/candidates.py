@@ -13,8 +13,10 @@ from follower_vision.geometry.box import Box, keep_best
 from follower_vision.trackers.motion_tracker import ResponseMap
 
 PEAK, DETECTION, MEAN, PREDICTION = "peak", "detection", "mean", "prediction"
-SOURCES = (PEAK, DETECTION, MEAN, PREDICTION)
-"""Best places of the response map; detections; the mean of one of each; the predicted box."""
+SECOND = "second"
+SOURCES = (PEAK, DETECTION, MEAN, PREDICTION, SECOND)
+"""Best places of the response map; detections; the mean of two of them; the predicted box; the
+second motion tracker's place."""
 
 _PENALTY_POWER = 2.2
 """NanoTrack's penalty on changes of size, 0.138, becomes 0.30, which loses fewer targets."""
@@ -68,7 +70,9 @@ def propose(
         for rank, one in enumerate(likeliest[:_MOST_DETECTIONS])
     ]
     mean = _mean(found, detected)
-    return [*found, *mean, *detected, Candidate(expected, PREDICTION)]
+    second = [] if response.second is None else [Candidate(response.second.box, SECOND)]
+    mean += _mean(found, second)
+    return [*found, *second, *mean, *detected, Candidate(expected, PREDICTION)]
 
 
 def _peaks(response: ResponseMap, expected: Box) -> list[Candidate]:

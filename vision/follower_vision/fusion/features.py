@@ -14,6 +14,7 @@ from follower_vision.fusion.candidates import (
     MEAN,
     PEAK,
     PREDICTION,
+    SECOND,
     Candidate,
     corners_of,
 )
@@ -77,6 +78,10 @@ FEATURES = (
     "mean_probability",
     "visible",
     "scale",
+    "is_second",
+    "second_iou",
+    "second_score",
+    "second_peak_iou",
 )
 """Names of the features, in the order of the columns."""
 
@@ -123,6 +128,7 @@ def measure(candidates: list[Candidate], seen: Descriptors, at: Situation) -> Fl
         *_distracting(corners, seen.features, at.target),
         *_foreseen(corners, overlap, at.target),
         *_history(candidates, at),
+        *_seconded(candidates, corners, at.response),
     ]
     table = np.empty((len(candidates), len(FEATURES)))
     for place, column in enumerate(columns):
@@ -259,6 +265,16 @@ def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
         others = np.where(beside, mean[None, :], np.inf).min(axis=1)
         lead = np.where(beside.any(axis=1), np.clip(others - mean, -2.0, 2.0), 0.0)
     return [misfit(known.cx, known.cy, known.likely), lately, before, lead]
+
+
+def _seconded(candidates: list[Candidate], corners: Floats, response: ResponseMap) -> list[Column]:
+    """What the second motion tracker says of the place, and whether the first one agrees."""
+    second = response.second
+    if second is None:
+        return [0.0] * 4
+    overlap = pairwise_iou(corners, corners_of([second.box]))[:, 0]
+    own = np.array([one.source == SECOND for one in candidates], float)
+    return [own, overlap, second.confidence, overlap[0]]
 
 
 def _history(candidates: list[Candidate], at: Situation) -> list[Column]:

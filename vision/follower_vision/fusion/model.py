@@ -18,7 +18,7 @@ from follower_vision.onnx_network import ModelError
 
 Floats = npt.NDArray[np.floating]
 
-FAMILIES = ("nanotrack",)
+FAMILIES = ("nanotrack", "siamese")
 """Motion trackers with a model of their own, by the part of the name before the hyphen."""
 OTHERS = "others"
 """The model of all other ones."""
@@ -78,16 +78,20 @@ class CandidateModel:
         """Make a model from stored numbers.
 
         Raises:
-            ValueError: it was fitted on other features.
+            ValueError: it was fitted on features that are none of ours.
         """
-        if tuple(stored["features"]) != FEATURES:
+        known = {name: place for place, name in enumerate(FEATURES)}
+        if not set(stored["features"]) <= known.keys():
             raise ValueError("the model was fitted on other features: fit it again")
+        # What it was not fitted on has no say: its factor is nothing.
+        places = [known[name] for name in stored["features"]]
+        fitted = np.array(stored["hidden"])
+        offset, factor = np.zeros((2, len(FEATURES)))
+        hidden = np.zeros((len(FEATURES) + 1, fitted.shape[1]))
+        offset[places], factor[places] = stored["offset"], stored["factor"]
+        hidden[places], hidden[-1] = fitted[:-1], fitted[-1]
         return cls(
-            np.array(stored["offset"]),
-            np.array(stored["factor"]),
-            np.array(stored["hidden"]),
-            np.array(stored["output"]),
-            FilterNoise(**stored["noise"]),
+            offset, factor, hidden, np.array(stored["output"]), FilterNoise(**stored["noise"])
         )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -63,6 +64,7 @@ class ResponseMap:
         penalty: (N,) factor, at most 1, for a size or shape unlike the one searched for.
         region: the searched region, in the image's pixels.
         image_features: (H, W, C) the network's features of the region; None without a network.
+        second: where another motion tracker believes the target to be; None without one.
     """
 
     corners: Floats
@@ -71,9 +73,13 @@ class ResponseMap:
     penalty: Floats
     region: Box
     image_features: Floats | None = None
+    second: MotionEstimate | None = None
 
     def finite(self, otherwise: Box) -> ResponseMap:
         """Leave out places whose numbers are not finite; if all are, `otherwise` has likeness 0."""
+        second = self.second
+        if second is not None and not math.isfinite(second.confidence):
+            return replace(self, second=None).finite(otherwise)
         numbers = np.column_stack([self.corners, self.first, self.recent, self.penalty])
         kept = np.isfinite(numbers).all(axis=1)
         if kept.all():
@@ -88,7 +94,7 @@ class ResponseMap:
                 np.ones((1, 1)),
             )
         parts = corners, first[:, 0], recent[:, 0], penalty[:, 0]
-        return ResponseMap(*parts, self.region, self.image_features)
+        return ResponseMap(*parts, self.region, self.image_features, self.second)
 
 
 @runtime_checkable
@@ -106,6 +112,10 @@ class ResponseTracker(Protocol):
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """Learn from the image searched last, in which the target is at `box`, so probably."""
         ...
+
+
+class SearchingTracker(MotionTracker, ResponseTracker, Protocol):
+    """A motion tracker that is a `ResponseTracker` too."""
 
 
 class OnePlaceResponse:
@@ -133,6 +143,46 @@ class OnePlaceResponse:
         """See `ResponseTracker`."""
         if self._found is not None and probability >= _SURE and self._found.iou(box) < _SAME_IOU:
             self._motion.start(image, box)
+            self._found = box
+
+
+class JoinedTracker:
+    """Two motion trackers at once: the first one searches, the second names its best place too.
+
+    Args:
+        first: answers to each place it searches.
+        second: goes its own way; where the target is learnt to be elsewhere, it starts anew there.
+
+    Attributes:
+        name: a short name for tables and logs.
+    """
+
+    def __init__(self, first: SearchingTracker, second: MotionTracker) -> None:
+        self.name = f"{first.name}-{second.name}"
+        self._first, self._second = first, second
+        self._found: Box | None = None
+
+    def start(self, image: Image, box: Box) -> None:
+        """See `MotionTracker`."""
+        self._first.start(image, box)
+        self._second.start(image, box)
+        self._found = None
+
+    def update(self, image: Image) -> MotionEstimate:
+        """See `MotionTracker`; without Fusion the first one counts."""
+        return self._first.update(image)
+
+    def search(self, image: Image, box: Box) -> ResponseMap:
+        """See `ResponseTracker`."""
+        second = self._second.update(image)
+        self._found = second.box
+        return replace(self._first.search(image, box), second=second)
+
+    def learn(self, image: Image, box: Box, probability: float) -> None:
+        """See `ResponseTracker`."""
+        self._first.learn(image, box, probability)
+        if self._found is not None and probability >= _SURE and self._found.iou(box) < _SAME_IOU:
+            self._second.start(image, box)
             self._found = box
 
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from follower_vision.onnx_network import CPU
 from follower_vision.trackers.correlation import CorrelationTracker
-from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
+from follower_vision.trackers.motion_tracker import IdentityTracker, JoinedTracker, MotionTracker
 from follower_vision.trackers.nanotrack import (
     NANOTRACK_SETTINGS,
     SIAMESE_SETTINGS,
@@ -34,6 +34,15 @@ def _nanotrack(version: int, find_file: FindFile, device: str) -> NanoTracker:
     return NanoTracker(network, settings, f"nanotrack-v{version}")
 
 
+def _siamese(find_file: FindFile, device: str) -> NanoTracker:
+    backbone, head = (find_file(f"follower-siamese{part}") for part in (_BACKBONE, _HEAD))
+    return NanoTracker(NanoTrackNetwork(backbone, head, device), SIAMESE_SETTINGS, "siamese")
+
+
+def _joined(find_file: FindFile, device: str) -> JoinedTracker:
+    return JoinedTracker(_siamese(find_file, device), CorrelationTracker())
+
+
 def _re3(find_file: FindFile, device: str) -> Re3Tracker:
     return Re3Tracker(Re3Network(find_file(RE3_FILE), device))
 
@@ -45,6 +54,8 @@ def _opencv(name: str, find_file: FindFile, _device: str) -> OpenCvTracker:
 TRACKERS: dict[str, Callable[[FindFile, str], MotionTracker]] = {
     "identity": lambda _file, _device: IdentityTracker(),
     "correlation": lambda _file, _device: CorrelationTracker(),
+    "siamese": _siamese,
+    "siamese-correlation": _joined,
     **{f"nanotrack-v{number}": partial(_nanotrack, number) for number in NANOTRACK_SETTINGS},
     "re3": _re3,
     **{name: partial(_opencv, name) for name in OPENCV_KINDS},

@@ -63,7 +63,19 @@ def test_what_needs_a_detector_takes_the_usual_one_unless_another_is_named(
 ) -> None:
     assert settings(choice=options).detector == usual_detector() == "yolox-nano"
     assert settings("--detector", "fastestdet", choice=options).detector == "fastestdet"
-    assert settings().detector is None
+
+
+def test_a_target_is_followed_by_our_own_networks_unless_something_else_is_named(
+    settings: Run, tmp_path: Path
+) -> None:
+    usual = settings()
+    assert (usual.tracker, usual.detector) == ("siamese-correlation", "embedded")
+    for named in (("--tracker", "correlation"), ("--set", "tracker=correlation")):
+        alone = settings(*named)
+        assert (alone.tracker, alone.detector) == ("correlation", None)
+    file = tmp_path / "mine.yaml"
+    file.write_text("detector: fastestdet\n", "utf-8")
+    assert settings("-c", file).tracker == "correlation"
 
 
 @pytest.mark.parametrize(
