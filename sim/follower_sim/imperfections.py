@@ -44,12 +44,12 @@ class LensDirt:
             cv2.ellipse(
                 mud if is_mud else dust, box, _MUD_OPACITY if is_mud else _DUST_OPACITY, cv2.FILLED
             )
-        mud, dust = (np.asarray(cv2.GaussianBlur(m, (0, 0), _SOFT * width)) for m in (mud, dust))
-        shine = (dust * (1 - mud))[..., None]
-        self._cover = np.asarray(1 - (1 - mud) * (1 - dust), np.float32)
+        hidden = cv2.GaussianBlur(mud, (0, 0), _SOFT * width)
+        shining = cv2.GaussianBlur(dust, (0, 0), _SOFT * width) * (1 - hidden)
+        self._cover = np.asarray(hidden + shining, np.float32)
         self._clear = 1 - self._cover
-        mix = (mud[..., None] * np.array(_MUD) + shine * np.array(_DUST)).astype(np.float32)
-        self._dirt = (mix / np.maximum(self._cover, 1e-6)[..., None]).clip(0, 255).astype(np.uint8)
+        light = hidden[..., None] * np.array(_MUD) + shining[..., None] * np.array(_DUST)
+        self._dirt = (light / np.maximum(self._cover, 1e-6)[..., None]).astype(np.uint8)
 
     def over(self, image: Image) -> Image:
         """Return the image, (H, W, 3) uint8, behind the dirt."""
@@ -57,7 +57,7 @@ class LensDirt:
 
 
 class RollingShutter:
-    """Lets each row see as the camera is turned at the row's own time; the middle one's is the frame's.
+    """Lets each row see as the camera is turned at its own time; the frame's is the middle one's.
 
     Only the turning counts: what the camera and the targets move meanwhile is left out. At the
     edges pixels repeat that were not in the picture.

@@ -289,6 +289,8 @@ class SimCameraSettings(_Section):
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
     exposure_s: NotNegative = 0.006
     """What moves in the image meanwhile is blurred."""
+    blur_steps: Annotated[int, Field(ge=1, le=32)] = 4
+    """A blurred picture is the mean of at most so many; each takes as long as a sharp one."""
     row_time_s: NotNegative = 0.0
     """From one row's exposure to the next one's (rolling shutter); 0 takes all at once."""
     noise: NotNegative = 2.5
@@ -319,7 +321,10 @@ class SimCameraSettings(_Section):
 
     @model_validator(mode="after")
     def _a_frame_ends_before_the_next(self) -> Self:
-        parts = ("exposure_s", self.exposure_s), ("row_time_s × height", self.row_time_s * self.height)
+        parts = (
+            ("exposure_s", self.exposure_s),
+            ("row_time_s × height", self.row_time_s * self.height),
+        )
         for name, takes_s in parts:
             if takes_s > 1 / self.rate_hz:
                 raise ValueError(

@@ -20,7 +20,6 @@ from follower_vision.images.frame import Image
 _SHADOW = 0.42
 _STILL_PX = 0.8
 _STEP_PX = 2.2
-_MOST_STEPS = 4
 
 
 def pixel_rays(camera: CameraModel) -> PixelRays:
@@ -36,7 +35,7 @@ def pixel_rays(camera: CameraModel) -> PixelRays:
 class Renderer:
     """Draws ground, sky, bodies and weather through a lens, with distortion and motion blur.
 
-    Motion blur is the mean of up to four pictures taken during the exposure, each of which
+    Motion blur is the mean of up to `blur_steps` pictures taken during the exposure, each of which
     moves camera and targets; how many depends on how far things move in the image.
 
     Args:
@@ -52,6 +51,7 @@ class Renderer:
         camera = camera or settings.model
         self._world = world
         self._camera = camera
+        self._most_steps = settings.blur_steps
         self._mount = mount or settings.mount
         rays = pixel_rays(camera)
         visibility = world.scenario.sky.visibility_m
@@ -100,7 +100,7 @@ class Renderer:
         flow = self._flow_px(time_s, body, exposure_s)
         if flow < _STILL_PX:
             return 1
-        return min(_MOST_STEPS, max(2, math.ceil(flow / _STEP_PX)))
+        return min(self._most_steps, max(2, math.ceil(flow / _STEP_PX)))
 
     def _flow_px(self, time_s: float, body: BodyState, exposure_s: float) -> float:
         """Estimate the largest visible motion in the image during the exposure, in pixels.

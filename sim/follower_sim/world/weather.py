@@ -20,7 +20,7 @@ AIR_LIGHT = (208, 205, 201)
 _FOG_LAYER_M = 150.0
 
 _STREAM = 17
-_DROP_M, _FALL_M_S = 0.0025, 7.4
+_DROP_M, _FALL_M_S = 0.0025, (0.0, 0.0, 7.4)
 _LEAST_MM, _PER_M3_MM = 2.0, 8000.0
 _NEAREST_M, _FARTHEST_M = 0.25, 3.0
 _BESIDE = 1.15
@@ -127,7 +127,7 @@ class Rain:
         """Return how the drops move against the turning camera, (N, 3) m/s in its axes."""
         camera_to_body = self._mount.camera_to_body
         world_to_camera = product(body.body_to_world, camera_to_body).T
-        relative = np.array(wind_m_s) + (0.0, 0.0, _FALL_M_S) - body.velocity_m_s
+        relative = np.array(wind_m_s) + np.array(_FALL_M_S) - np.array(body.velocity_m_s)
         turning = camera_to_body.T @ np.array(body.rates_rad_s)
         return np.asarray(world_to_camera @ relative - np.cross(turning, drops))
 
