@@ -72,7 +72,7 @@ def test_a_target_beyond_the_speed_limit_gets_away_steadily_in_view_and_the_log_
     speeds = [math.hypot(*one.vehicle.velocity_m_s[:2]) for one in chased]
     assert rate == pytest.approx(target - most, abs=0.3)
     assert np.abs(np.polyval((rate, start), times) - ahead).max() < 2
-    assert 0.95 * most < min(speeds) <= max(speeds) < 1.05 * most
+    assert 0.9 * most < min(speeds) <= max(speeds) < 1.05 * most
     assert min(one.in_frame_share for one in chased) == 1
     records = [one for one in flight.log.controls if 25 < one.time_s < 44.5]
     assert {one.state for one in records} == {SupervisorState.FOLLOWING}
