@@ -1,6 +1,9 @@
 """How fast the simulated camera renders the scenario `winding`, all imperfections on, on one core.
 
-Run: python benchmarks/render.py [SCENARIO.yaml]
+    python benchmarks/render.py [SCENARIO.yaml [KEY=VALUE ...]]
+
+With keys of the scenario, such as `weather.rain_mm_h=75`, frames with each of them alone are drawn
+in turn with plain ones, and the median ratio of the processor's times is printed.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from follower_sim.scenario.scenario_file import load_scenario
 from follower_sim.world.world import World
 
 WINDING = Path(__file__).parent.parent / "configs" / "scenarios" / "winding.yaml"
-FRAMES = 600
+FRAMES, PAIRS = 600, 60
 
 
 def frame_times(path: Path) -> tuple[list[float], list[float]]:
@@ -38,10 +41,33 @@ def frame_times(path: Path) -> tuple[list[float], list[float]]:
     return wall, processor
 
 
+def ratio(path: Path, change: str) -> float:
+    """Return how many times as long a frame takes with one key changed, drawn in turn."""
+    worlds = [World(load_scenario(path, overrides)) for overrides in ((), (change,))]
+    cameras = [SimCamera(world, Chaser(world)) for world in worlds]
+    times = np.linspace(0.2, 0.9, PAIRS) * worlds[0].scenario.duration_s
+    pairs = [[drawn_s(camera, time_s) for camera in cameras] for time_s in times.tolist()]
+    return float(np.median([changed / plain for plain, changed in pairs]))
+
+
+def drawn_s(camera: SimCamera, time_s: float) -> float:
+    """Return the processor's seconds for the frame of a time."""
+    camera.next_capture_s, began = time_s, time.thread_time()
+    delivery = camera.capture()
+    while delivery is None:
+        delivery = camera.capture()
+    _ = delivery.frame
+    return time.thread_time() - began
+
+
 def main() -> None:
     """Print the medians and percentiles."""
     cv2.setNumThreads(1)
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else WINDING
+    if len(sys.argv) > 2:
+        for change in sys.argv[2:]:
+            print(f"{path.stem}, {change}: {ratio(path, change):.2f} times a plain frame")
+        return
     for name, seconds in zip(("wall", "processor"), frame_times(path), strict=True):
         median, p95 = (1e3 * float(np.quantile(seconds, q)) for q in (0.5, 0.95))
         print(

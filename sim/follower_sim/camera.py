@@ -12,6 +12,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from follower_sim.imperfections import LensDirt, LowLight, RollingShutter, noise
 from follower_sim.kinematics import BodyState
 from follower_sim.scenario.scenario import SimCameraSettings
 from follower_sim.world.render import Renderer
@@ -39,7 +40,7 @@ class Sensor:
     field made beforehand, which is what makes it fast enough.
 
     Args:
-        settings: noise, vignetting and drift of the exposure.
+        settings: noise, light, vignetting and drift of the exposure.
         rng: source of randomness.
     """
 
@@ -48,7 +49,10 @@ class Sensor:
         self._drift = settings.exposure_drift
         self._phases = rng.uniform(0, 2 * math.pi, len(_PERIODS_S))
         self._vignette = _vignette(settings) if settings.vignetting > 0 else None
-        self._noise = _noise(settings, rng) if settings.noise > 0 else None
+        shape = settings.height + _ROOM_PX, settings.width + _ROOM_PX, 3
+        self._noise = noise(settings.noise, shape, rng) if settings.noise > 0 else None
+        dark = settings.low_light
+        self._low_light = LowLight(dark, shape, rng.spawn(1)[0]) if dark.stops > 0 else None
 
     def grain(self) -> Grain:
         """Draw where the next picture's noise is cut out of the field."""
@@ -62,9 +66,11 @@ class Sensor:
             gained = cv2.convertScaleAbs(image, alpha=gain)
         else:
             gained = cv2.multiply(image, self._vignette, scale=gain / 255)
+        (row, column), (height, width) = grain, image.shape[:2]
+        part = slice(row, row + height), slice(column, column + width)
+        if self._low_light is not None:
+            gained = self._low_light.expose(np.asarray(gained, np.uint8), part)
         if self._noise is not None:
-            (row, column), (height, width) = grain, image.shape[:2]
-            part = slice(row, row + height), slice(column, column + width)
             brighter, darker = self._noise
             cv2.subtract(cv2.add(gained, brighter[part]), darker[part], dst=gained)
         return np.asarray(gained, np.uint8)
@@ -84,13 +90,6 @@ def _vignette(settings: SimCameraSettings) -> Image:
     y = np.linspace(-1, 1, settings.height)[:, None]
     light = 255 * (1 - settings.vignetting * (x * x + y * y) / 2)
     return np.repeat(light.round().astype(np.uint8)[..., None], 3, axis=2)
-
-
-def _noise(settings: SimCameraSettings, rng: np.random.Generator) -> tuple[Image, Image]:
-    """Return the positive and the negative part of a field larger than the image."""
-    shape = settings.height + _ROOM_PX, settings.width + _ROOM_PX, 3
-    field = np.round(rng.standard_normal(shape, np.float32) * settings.noise)
-    return np.clip(field, 0, 255).astype(np.uint8), np.clip(-field, 0, 255).astype(np.uint8)
 
 
 class Exposure:
@@ -183,6 +182,7 @@ class SimCamera:
         self._timing = np.random.default_rng([root, 11])
         self._shaking = np.random.default_rng([root, 13])
         self._sensor = Sensor(self._settings, np.random.default_rng([root, 12]))
+        self._optics = _optics(self._settings, np.random.default_rng([root, 14]))
         self._sequence = 0
         self._last: Callable[[], Image] | None = None
         self._under_way = deque[Delivery]()
@@ -235,7 +235,7 @@ class SimCamera:
 
         @cache
         def draw() -> Image:
-            image = self._render(time_s, body, exposure_s)
+            image = self._optics(self._render(time_s, body, exposure_s), body)
             return self._sensor.expose(image, time_s, grain)
 
         self._last = draw
@@ -260,6 +260,23 @@ class SimCamera:
         frame = delivery.frame
         clock.sleep_until(delivery.available_s)
         return frame
+
+
+def _optics(
+    settings: SimCameraSettings, rng: np.random.Generator
+) -> Callable[[Image, BodyState], Image]:
+    """Return what shutter and lens make of a rendered image, seen from a body."""
+    shutter, dirt = None, None
+    if settings.row_time_s > 0:
+        shutter = RollingShutter(settings.row_time_s, settings.model, settings.mount)
+    if settings.lens_dirt > 0:
+        dirt = LensDirt(settings.lens_dirt, (settings.width, settings.height), rng)
+
+    def through(image: Image, body: BodyState) -> Image:
+        image = image if shutter is None else shutter.read(image, body.rates_rad_s)
+        return image if dirt is None else dirt.over(image)
+
+    return through
 
 
 def _shaken(body: BodyState, rng: np.random.Generator) -> BodyState:

@@ -13,6 +13,7 @@ from follower_control.common.strict_config import check_ranges
 from follower_sim.bodies.targets import TargetKind
 from follower_sim.paths.path_generator import PathShape, drawn
 from follower_sim.paths.spline import Corners, Course, SpeedChange, SpeedProfile, TargetPath
+from follower_sim.scenario.weather import LowLightSettings, WeatherSettings
 from follower_sim.vehicle.gimbal import GimbalModel
 from follower_sim.vehicle.response import Drag
 from follower_vision.geometry.camera_model import CameraModel
@@ -287,8 +288,16 @@ class SimCameraSettings(_Section):
     """Holds the camera, which looks along the nose and down by `pitch_deg` at first."""
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
     exposure_s: NotNegative = 0.006
+    """What moves in the image meanwhile is blurred."""
+    blur_steps: Annotated[int, Field(ge=1, le=32)] = 4
+    """A blurred picture is the mean of at most so many; each takes as long as a sharp one."""
+    row_time_s: NotNegative = 0.0
+    """From one row's exposure to the next one's (rolling shutter); 0 takes all at once."""
     noise: NotNegative = 2.5
     """Standard deviation in grey levels."""
+    low_light: LowLightSettings = LowLightSettings()
+    lens_dirt: Annotated[float, Field(ge=0, le=0.8)] = 0.0
+    """Share of the image that dirt on the lens covers."""
     vignetting: Share = 0.15
     """Loss of brightness in the corners."""
     exposure_drift: Annotated[float, Field(ge=0, le=0.5)] = 0.06
@@ -308,6 +317,20 @@ class SimCameraSettings(_Section):
         imaged = self.model.pixels(self.model.rays(corners))
         if not np.allclose(imaged, corners, atol=0.5):
             raise ValueError("with this distortion the lens cannot image its own corners")
+        return self
+
+    @model_validator(mode="after")
+    def _a_frame_ends_before_the_next(self) -> Self:
+        parts = (
+            ("exposure_s", self.exposure_s),
+            ("row_time_s × height", self.row_time_s * self.height),
+        )
+        for name, takes_s in parts:
+            if takes_s > 1 / self.rate_hz:
+                raise ValueError(
+                    f"{name} is {takes_s:.3g} s, longer than a frame's {1 / self.rate_hz:.3g} s at "
+                    f"{self.rate_hz:g} Hz"
+                )
         return self
 
     @property
@@ -367,6 +390,7 @@ class Scenario(_Section):
         seed: of everything random.
         ground: its kind and its roads.
         sky: sun, clouds and haze.
+        weather: fog and rain.
         targets: what moves and can be followed.
         followed: the number of the target that the score is about, from 0.
         scenery: single things that stand on the ground.
@@ -387,6 +411,7 @@ class Scenario(_Section):
     seed: Annotated[int, Field(ge=0)] = 0
     ground: GroundSettings = GroundSettings()
     sky: SkySettings = SkySettings()
+    weather: WeatherSettings = WeatherSettings()
     targets: list[TargetSettings] = Field(min_length=1)
     followed: Annotated[int, Field(ge=0)] = 0
     scenery: list[SceneryItem] = Field(default_factory=list)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from follower_sim.bodies.mesh import Colour
 from follower_sim.view import CameraView
 from follower_sim.world.ground_pyramid import Ground, GroundPyramid, Levels, Plane
+from follower_sim.world.weather import AIR_LIGHT, Fog
 from follower_vision.images.frame import Image
 
 _LOWEST_CAMERA_M = 0.05
@@ -52,9 +53,17 @@ class GroundPainter:
         rays: of the camera's pixels.
         haze: colour of the far distance.
         visibility_m: distance at which haze has taken 63 % of the contrast.
+        fog: over all of it, None in clear air.
     """
 
-    def __init__(self, ground: Ground, rays: PixelRays, haze: Colour, visibility_m: float) -> None:
+    def __init__(
+        self,
+        ground: Ground,
+        rays: PixelRays,
+        haze: Colour,
+        visibility_m: float,
+        fog: Fog | None = None,
+    ) -> None:
         self._ground = ground
         self._focal_px = rays.focal_px
         height, width = rays.x.shape
@@ -62,6 +71,8 @@ class GroundPainter:
         self._strips = [(one, rays.of_rows(one)) for one in rows]
         self._blank = np.full((_STRIP_PX, width, 3), haze, np.uint8)
         self._visibility_m = visibility_m
+        self._fog = fog
+        self._air = np.full_like(self._blank, AIR_LIGHT)
 
     def paint(self, image: Image, view: CameraView) -> None:
         """Paint the ground over an image; pixels that see the sky stay as they are."""
@@ -84,6 +95,8 @@ class GroundPainter:
                 self._paint_far(part, look)
             _paint(part, near, (south, across), self._levels(near, look), shown)
         self._add_haze(part, look)
+        if self._fog is not None:
+            self._fog.over_plane(part, look.distances_m, self._air[: len(part)])
 
     def _paint_far(self, part: Image, look: _Look) -> None:
         far = self._ground.far
@@ -152,6 +165,14 @@ class _Look:
     def farthest(self) -> float:
         """The sink of the farthest ground that is painted."""
         return self.height_m / _FARTHEST_M
+
+    @property
+    def distances_m(self) -> Plane:
+        """How far away the ground is, (rows, W); 0 where there is none."""
+        x, y, sink = self.rays.x, self.rays.y, self.sink
+        per_depth = np.sqrt(x * x + y * y + np.float32(1)) * np.float32(self.height_m)
+        far = per_depth / np.maximum(sink, np.float32(self.farthest))
+        return np.where(sink < np.float32(self.farthest), np.float32(0), far)
 
     def places(self, ground: GroundPyramid) -> tuple[Plane, Plane]:
         """Return how many metres south and east of the ground's upper left corner pixels look."""

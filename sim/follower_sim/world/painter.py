@@ -13,6 +13,7 @@ from follower_sim.bodies.mesh import Faces
 from follower_sim.kinematics import Triple, mix
 from follower_sim.view import CameraView
 from follower_sim.world.solid import Solid
+from follower_sim.world.weather import Fog
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.images.frame import Image
 
@@ -204,8 +205,9 @@ class SolidPainter:
     closes the seams between faces, and bodies look so much larger, without being shifted.
     """
 
-    def __init__(self, lens: LensProjection) -> None:
+    def __init__(self, lens: LensProjection, fog: Fog | None = None) -> None:
         self._lens = lens
+        self._fog = fog
         self._focal_px = max(lens.camera.fx, lens.camera.fy)
 
     def select(self, batches: Sequence[SolidBatch], view: CameraView) -> VisibleFaces:
@@ -225,8 +227,10 @@ class SolidPainter:
         owners = batch.owners[chosen]
         depth = np.linalg.norm(away, axis=1)
         keys = np.column_stack([-depth, batch.layers[chosen], owners, -distances[owners]])
-        corners = batch.vertices[batch.faces[chosen]]
-        return corners, batch.velocities_m_s[owners], batch.colours[chosen], keys
+        corners, colours = batch.vertices[batch.faces[chosen]], batch.colours[chosen]
+        if self._fog is not None:
+            colours = self._fog.over(colours, depth)
+        return corners, batch.velocities_m_s[owners], colours, keys
 
     def _near_solids(
         self, batch: SolidBatch, view: CameraView

@@ -10,7 +10,8 @@ from follower_sim.kinematics import BodyState, Triple
 from follower_sim.view import CameraView
 from follower_sim.world.ground import GroundPainter, PixelRays
 from follower_sim.world.painter import LensProjection, SolidBatch, SolidPainter
-from follower_sim.world.sky import SkyPainter
+from follower_sim.world.sky import SkyPainter, elevations_deg
+from follower_sim.world.weather import Fog, Rain
 from follower_sim.world.world import World
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount
@@ -19,7 +20,6 @@ from follower_vision.images.frame import Image
 _SHADOW = 0.42
 _STILL_PX = 0.8
 _STEP_PX = 2.2
-_MOST_STEPS = 4
 
 
 def pixel_rays(camera: CameraModel) -> PixelRays:
@@ -33,9 +33,9 @@ def pixel_rays(camera: CameraModel) -> PixelRays:
 
 
 class Renderer:
-    """Draws ground, sky and bodies through a camera model, with distortion and motion blur.
+    """Draws ground, sky, bodies and weather through a lens, with distortion and motion blur.
 
-    Motion blur is the mean of up to four pictures taken during the exposure, each of which
+    Motion blur is the mean of up to `blur_steps` pictures taken during the exposure, each of which
     moves camera and targets; how many depends on how far things move in the image.
 
     Args:
@@ -51,12 +51,21 @@ class Renderer:
         camera = camera or settings.model
         self._world = world
         self._camera = camera
+        self._most_steps = settings.blur_steps
         self._mount = mount or settings.mount
         rays = pixel_rays(camera)
         visibility = world.scenario.sky.visibility_m
-        self._ground = GroundPainter(world.ground, rays, world.haze, visibility)
-        self._sky = SkyPainter(world.sky, rays)
-        self._solids = SolidPainter(LensProjection(camera))
+        weather = world.scenario.weather
+        self._fog = fog = Fog.of(weather)
+        self._ground = GroundPainter(world.ground, rays, world.haze, visibility, fog)
+        sky = world.sky if fog is None else fog.over_sky(world.sky, elevations_deg(len(world.sky)))
+        self._sky = SkyPainter(sky, rays)
+        self._solids = SolidPainter(LensProjection(camera), fog)
+        self._rain = (
+            Rain(weather.rain_mm_h, camera, self._mount, world.seed)
+            if weather.rain_mm_h > 0
+            else None
+        )
         self._blank = np.full((camera.height, camera.width, 3), world.haze, np.uint8)
 
     def render(self, time_s: float, body: BodyState, exposure_s: float = 0.0) -> Image:
@@ -79,7 +88,10 @@ class Renderer:
             image = self._background(view, shadows, after_s)
             self._solids.paint(image, selection, view, after_s)
             images.append(image)
-        return _mean(images)
+        if self._rain is None:
+            return _mean(images)
+        wind = self._world.wind.velocity_m_s(time_s)
+        return self._rain.fall(_mean(images), time_s, body, exposure_s, wind)
 
     def _steps(self, time_s: float, body: BodyState, exposure_s: float) -> int:
         """Return how many pictures the blur needs."""
@@ -88,7 +100,7 @@ class Renderer:
         flow = self._flow_px(time_s, body, exposure_s)
         if flow < _STILL_PX:
             return 1
-        return min(_MOST_STEPS, max(2, math.ceil(flow / _STEP_PX)))
+        return min(self._most_steps, max(2, math.ceil(flow / _STEP_PX)))
 
     def _flow_px(self, time_s: float, body: BodyState, exposure_s: float) -> float:
         """Estimate the largest visible motion in the image during the exposure, in pixels.
@@ -126,7 +138,9 @@ class Renderer:
         self._ground.paint(image, view)
         for outline, velocity in shadows:
             moved = outline + np.array(velocity[:2]) * after_s
-            self._solids.shade(image, moved, view, _SHADOW)
+            away = np.append(moved.mean(axis=0), 0.0) - view.position_m
+            clear = 1.0 if self._fog is None else self._fog.clear(float(np.linalg.norm(away)))
+            self._solids.shade(image, moved, view, _SHADOW * clear)
         return image
 
 

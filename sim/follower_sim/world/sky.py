@@ -32,7 +32,7 @@ def panorama(haze: Colour, clouds: float, hills: bool, rng: np.random.Generator)
         rng: source of randomness.
     """
     columns, rows = round(360 * _PX_PER_DEG), round((_HIGHEST_DEG - _LOWEST_DEG) * _PX_PER_DEG)
-    elevation = np.linspace(_HIGHEST_DEG, _LOWEST_DEG, rows)[:, None]
+    elevation = elevations_deg(rows)[:, None]
     depth = 1 - np.exp(-np.maximum(elevation, 0) / 16)
     base = np.array(haze, np.float64) * (1 - depth[..., None]) + _BLUE * depth[..., None]
     sky = np.broadcast_to(base, (rows, columns, 3)).copy()
@@ -43,6 +43,11 @@ def panorama(haze: Colour, clouds: float, hills: bool, rng: np.random.Generator)
     image = np.clip(sky, 0, 255).astype(np.uint8)
     margin = round(_MARGIN_DEG * _PX_PER_DEG)
     return np.hstack([image[:, -margin:], image, image[:, :margin]])
+
+
+def elevations_deg(rows: int) -> Vector:
+    """Return the elevation of each row of a panorama, from the highest down."""
+    return np.linspace(_HIGHEST_DEG, _LOWEST_DEG, rows)
 
 
 def _clouds(rows: int, columns: int, share: float, rng: np.random.Generator) -> Vector:
