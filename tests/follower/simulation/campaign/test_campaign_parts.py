@@ -20,7 +20,7 @@ from follower.simulation.campaign.config import (
     load_campaign,
     planned,
 )
-from follower.simulation.campaign.engine import campaign_progress, row_of
+from follower.simulation.campaign.fly import row_of
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.optimise import present
 from follower.simulation.campaign.report import _groups
@@ -28,6 +28,7 @@ from follower.simulation.campaign.run import check, in_its_place, judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
 from follower.simulation.campaign.summary import cost, summary_of, wilson
 from follower.ui.terminal.console import needed
+from follower.workers import job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.scoring.occlusions import ObservedFrame, hidden_spans, occlusions
@@ -331,9 +332,9 @@ def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
 def test_progress_is_a_line_now_and_then_where_there_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("follower.simulation.campaign.engine._LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("follower.workers._LINE_EVERY_S", 0.0)
     console = Console(file=io.StringIO(), force_terminal=False)
-    with campaign_progress(console, "x", 100, 40) as count_one:
+    with job_progress(console, "x", 100, 40) as count_one:
         count_one()
         count_one()
     assert console.file.getvalue().split("\n")[:2] == ["41 of 100 runs", "42 of 100 runs"]

@@ -1,0 +1,357 @@
+"""Spreads jobs over processes here, or over the workers of a Dask scheduler."""
+
+import faulthandler
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import connection
+from typing import Any, Generic, Protocol, TypeVar, cast
+
+import cv2
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from follower.ui.terminal.console import needed, print_line
+from follower_control.common.strict_config import SettingsError
+
+JobT = TypeVar("JobT")
+ResultT = TypeVar("ResultT")
+
+LONGEST_S = 1800.0
+"""A job that takes longer hangs: its process is ended."""
+_TRIES = 3
+_STDERR = 2
+
+
+class WorkerDiedError(RuntimeError):
+    """The process that did a job died each time that it was tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Done(Generic[JobT, ResultT]):
+    """A job with what came of it: a value, or the error that it raised."""
+
+    job: JobT
+    value: ResultT | None = None
+    error: Exception | None = None
+
+    @property
+    def result(self) -> ResultT:
+        """The value.
+
+        Raises:
+            Exception: the job's error.
+        """
+        if self.error is not None:
+            raise self.error
+        return cast(ResultT, self.value)
+
+
+class Engine(Protocol):
+    """Does jobs, several at a time."""
+
+    def run(
+        self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
+    ) -> Iterator[Done[JobT, ResultT]]:
+        """Yield each job once, when it is done, in whatever order.
+
+        A job that fails, kills its process or hangs in it has an error; it stops no other.
+
+        Args:
+            do: does one; a function of a module, for it goes to other processes.
+            jobs: what it is given, and what can be pickled.
+        """
+        ...
+
+    def close(self) -> None:
+        """End what it has begun."""
+        ...
+
+
+def engine_for(workers: int, dask: str | None, longest_s: float = LONGEST_S) -> Engine:
+    """Return what does jobs: in this process (0 workers), in others, or on a Dask cluster.
+
+    Raises:
+        SettingsError: no scheduler answers at the address, or it has no workers.
+    """
+    if dask is not None:
+        return DaskEngine(dask, longest_s)
+    return LocalEngine(workers, longest_s) if workers else InlineEngine()
+
+
+class InlineEngine:
+    """Does jobs in this process, one after the other."""
+
+    def run(
+        self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
+    ) -> Iterator[Done[JobT, ResultT]]:
+        """See `Engine`; nothing saves this process from what a job does to it."""
+        for job in jobs:
+            try:
+                done = Done(job, do(job))
+            except Exception as error:
+                done = Done(job, error=error)
+            yield done
+
+    def close(self) -> None:
+        """Leave all as it is."""
+
+
+def _attempt(
+    do: Callable[[JobT], ResultT], longest_s: float, job: JobT
+) -> tuple[ResultT | None, Exception | None]:
+    """Do a job in a worker's process, which ends if that takes too long: it shows where it was."""
+    faulthandler.dump_traceback_later(longest_s, exit=True, file=_STDERR)
+    try:
+        return do(job), None
+    except Exception as error:
+        return None, _portable(error)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error, or its text if it cannot go to another process."""
+    with suppress(Exception):
+        return cast(Exception, pickle.loads(pickle.dumps(error)))  # noqa: S301  our own
+    return RuntimeError(describe_error(error))
+
+
+_CONNECT_S = 10
+
+
+class DaskEngine:
+    """A client of a running scheduler.
+
+    Start `dask scheduler` on one machine and `dask worker ADDRESS --nthreads 1` on each, as often
+    as it has cores; `follower` of the same version has to be installed there.
+
+    Args:
+        address: of the scheduler, e.g. "tcp://10.0.0.1:8786".
+        longest_s: a worker that has a job for longer is ended.
+
+    Raises:
+        SettingsError: no scheduler answers there, or no worker is there.
+    """
+
+    def __init__(self, address: str, longest_s: float = LONGEST_S) -> None:
+        self._address, self._longest_s = address, longest_s
+        self._dask = needed("distributed")
+        try:
+            self._client = self._dask.Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise SettingsError(
+                f"--dask {address}: no scheduler answers ({describe_error(error)}); start one "
+                "with `dask scheduler`"
+            ) from None
+        if not self._client.nthreads():
+            self._client.close()
+            raise SettingsError(
+                f"--dask {address}: it has no workers; start some with "
+                f"`dask worker {address} --nthreads 1`"
+            )
+
+    def run(
+        self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
+    ) -> Iterator[Done[JobT, ResultT]]:
+        """See `Engine`. Dask does what a dead worker had in hand on another one.
+
+        Raises:
+            SettingsError: the scheduler is gone.
+        """
+        attempt, blamed = partial(_attempt, do, self._longest_s), []
+        for job, future in self._finished(attempt, list(jobs)):
+            if isinstance(future.exception(), self._dask.KilledWorker):
+                blamed.append(job)
+            else:
+                yield _done(job, future)
+        # Dask blames each job that a dead worker held, not only the one that it was doing.
+        for one in blamed:
+            for job, future in self._finished(attempt, [one]):
+                yield _done(job, future)
+
+    def _finished(
+        self, attempt: Callable[[JobT], Any], jobs: list[JobT]
+    ) -> Iterator[tuple[JobT, Any]]:
+        flying = dict(zip(self._client.map(attempt, jobs, pure=False), jobs, strict=True))
+        for future in self._dask.as_completed(list(flying), loop=self._client.loop):
+            if future.status in ("cancelled", "lost"):
+                raise SettingsError(
+                    f"--dask {self._address}: the scheduler is gone; what is finished is kept"
+                )
+            yield flying.pop(future), future
+            future.release()
+
+    def close(self) -> None:
+        """Leave the scheduler; what was not finished is not done."""
+        self._client.close()
+
+
+def _done(job: JobT, future: Any) -> Done[JobT, Any]:
+    """Return a job with what Dask says came of it."""
+    error = future.exception()
+    return Done(job, error=error) if error else Done(job, *future.result())
+
+
+class _Worker:
+    """A process that does one job at a time.
+
+    Ctrl-C goes to all processes of a terminal; what comes of it is for the first one to say. So the
+    others begin with it blocked, before there is anything in them that could say something.
+    """
+
+    def __init__(self, longest_s: float) -> None:
+        context = multiprocessing.get_context("spawn")  # not forked: threads do not survive that
+        self.answers, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, longest_s), daemon=True)
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        theirs.close()
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self.answers.close()
+
+
+class LocalEngine:
+    """Processes here, one job each at a time.
+
+    When one dies, or hangs and is ended, its job is tried again in a new one, and given up when
+    three have died of it. Other jobs notice nothing of that.
+
+    Args:
+        workers: how many processes.
+        longest_s: a process that has a job for longer is ended.
+    """
+
+    def __init__(self, workers: int, longest_s: float = LONGEST_S) -> None:
+        self.workers = workers
+        self._longest_s = longest_s
+        self._idle: list[_Worker] = []
+
+    def run(
+        self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
+    ) -> Iterator[Done[JobT, ResultT]]:
+        """See `Engine`."""
+        waiting = deque((job, 1) for job in jobs)
+        busy: dict[Any, tuple[_Worker, JobT, int]] = {}
+        try:
+            while waiting or busy:
+                while waiting and len(busy) < self.workers:
+                    worker = self._given(do, waiting[0][0])
+                    busy[worker.answers] = worker, *waiting.popleft()
+                for answers in connection.wait(list(busy)):
+                    worker, job, tries = busy.pop(answers)
+                    try:
+                        done = Done(job, *worker.answers.recv())
+                    except (EOFError, OSError):
+                        worker.end()
+                        if tries < _TRIES:
+                            waiting.appendleft((job, tries + 1))
+                            continue
+                        why = f"its process died, or was ended after {self._longest_s:g} s"
+                        done = Done(job, error=WorkerDiedError(f"{why}, {_TRIES} times"))
+                    else:
+                        self._idle.append(worker)
+                    yield done
+        finally:
+            for worker, _, _ in busy.values():
+                worker.end()
+
+    def _given(self, do: Callable[[JobT], ResultT], job: JobT) -> _Worker:
+        """Return a worker that has the job: one that is idle and lives, or a new one."""
+        while self._idle:
+            worker = self._idle.pop()
+            try:
+                worker.answers.send((do, job))
+            except OSError:
+                worker.end()
+            else:
+                return worker
+        worker = _Worker(self._longest_s)
+        with suppress(OSError):  # it died at once, which its answer will show
+            worker.answers.send((do, job))
+        return worker
+
+    def close(self) -> None:
+        """End the processes; what they still do is lost."""
+        while self._idle:
+            self._idle.pop().end()
+
+
+def _serve(jobs: Any, longest_s: float) -> None:
+    """Do jobs as they come, in a process that lasts no longer than the one that gives them."""
+    end_with_parent()
+    cv2.setNumThreads(1)
+    with suppress(EOFError):
+        while True:
+            do, job = jobs.recv()
+            jobs.send(_attempt(do, longest_s, job))
+
+
+def end_with_parent() -> None:
+    """Let this process end when the one that began it is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+
+    def wait_for_it() -> None:
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_it, name="parent", daemon=True).start()
+
+
+def describe_error(error: BaseException) -> str:
+    """Return an error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+_LINE_EVERY_S, _PACE_OVER_S = 20.0, 3600.0
+
+
+@contextmanager
+def job_progress(
+    console: Console, title: str, total: int, done: int = 0, things: str = "runs"
+) -> Iterator[Callable[[], None]]:
+    """Show a bar on a terminal, else a line now and then; yield what counts one more job.
+
+    Args:
+        console: where to.
+        title: what is done.
+        total: how many jobs there are.
+        done: how many of them were finished before; the time to go does not count them.
+        things: what they are.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    bar = Progress(
+        *columns,
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        speed_estimate_period=_PACE_OVER_S,
+        disable=not console.is_terminal,
+    )
+    task = bar.add_task(title, total=total, completed=done)
+    due_s = time.monotonic() + _LINE_EVERY_S
+
+    def count_one() -> None:
+        nonlocal due_s
+        bar.advance(task)
+        if bar.disable and time.monotonic() > due_s:
+            due_s = time.monotonic() + _LINE_EVERY_S
+            print_line(console, f"{bar.tasks[0].completed:.0f} of {total} {things}")
+
+    with bar:
+        yield count_one
