@@ -44,6 +44,11 @@ class Done(Generic[JobT, ResultT]):
     error: Exception | None = None
 
     @property
+    def failure(self) -> str:
+        """The error in one line, "" without one."""
+        return "" if self.error is None else describe_error(self.error)
+
+    @property
     def result(self) -> ResultT:
         """The value.
 

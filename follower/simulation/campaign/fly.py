@@ -13,7 +13,7 @@ from follower.simulation.campaign.metrics import figures_of
 from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
-from follower.workers import Engine, describe_error
+from follower.workers import Engine
 from follower_control.common.transport import MemoryTransport
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
@@ -22,7 +22,7 @@ from follower_vision.clock import SimulatedClock
 def fly_runs(engine: Engine, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
     """Yield a row for each run as it is finished; one that failed has a row that says why."""
     for done in engine.run(fly_run, specs):
-        yield row_of(done.job, describe_error(done.error)) if done.error else done.result
+        yield row_of(done.job, done.failure) if done.failure else done.result
 
 
 def fly_run(spec: RunSpec) -> dict[str, Any]:

@@ -270,7 +270,7 @@ def fly_case(case: _Case) -> FaultVerdict:
 
 def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path) -> bool:
     """Fly the cases, those in real time one after the other; return whether any failed."""
-    from follower.workers import InlineEngine, describe_error
+    from follower.workers import InlineEngine
 
     results = Results(path)
     failed = 0
@@ -280,7 +280,7 @@ def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path
     for number, done in enumerate(flown, 1):
         fault, setup = done.job
         verdict = done.value or FaultVerdict(
-            fault.name, fault.must, (describe_error(done.error),), FaultMetrics(), "not flown"
+            fault.name, fault.must, (done.failure,), FaultMetrics(), "not flown"
         )
         result = FaultResult(*setup, verdict)
         results.add(result)
@@ -332,15 +332,14 @@ def fly_timed(number: tuple[int, int]) -> tuple[FlightResult, float]:
 
 def _fly_random(console: Console, engine: Engine, flights: int, seed: int, path: Path) -> bool:
     """Fly random flights; return whether any failed."""
-    from follower.workers import describe_error, job_progress
+    from follower.workers import job_progress
 
     tally = Tally.load(path, seed)
     numbers = [(seed, tally.flights + more) for more in range(flights)]
     early: dict[int, tuple[FlightResult, float]] = {}  # the tally goes by number, without gaps
     with job_progress(console, "flights", flights, things="flights") as count_one:
         for done in engine.run(fly_timed, numbers):
-            failed = FlightResult(failure=describe_error(done.error))
-            early[done.job[1]] = done.value or (failed, 0.0)
+            early[done.job[1]] = done.value or (FlightResult(failure=done.failure), 0.0)
             while tally.flights in early:
                 tally.add(*early.pop(tally.flights))
                 tally.save(path)
