@@ -31,7 +31,7 @@ from rich.progress import track as progress
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
 from follower.simulation.campaign.fly import fly_run, fly_runs
-from follower.workers import DaskEngine, InlineEngine
+from follower.workers import DaskEngine, Engine
 
 BEGIN_S = 60.0
 
@@ -56,7 +56,7 @@ def main() -> None:
 def memory(specs: Sequence[RunSpec]) -> None:
     """Fly runs, and print how the resident memory grows."""
     grown = []
-    for row in progress(fly_runs(InlineEngine(), specs), "flights", total=len(specs)):
+    for row in progress(fly_runs(Engine(), specs), "flights", total=len(specs)):
         if row["error"]:
             raise SystemExit(row["error"])
         grown.append(resident_bytes() / 1e6)

@@ -3,7 +3,6 @@
 import faulthandler
 import multiprocessing
 import os
-import pickle
 import signal
 import threading
 import time
@@ -13,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import cv2
 from rich.console import Console
@@ -31,54 +30,50 @@ _TRIES = 3
 _STDERR = 2
 
 
-class WorkerDiedError(RuntimeError):
-    """The process that did a job died each time that it was tried."""
+class JobError(RuntimeError):
+    """What kept a job from being done, in one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Done(Generic[JobT, ResultT]):
-    """A job with what came of it: a value, or the error that it raised."""
+    """A job with what came of it: a value, or the failure in one line."""
 
     job: JobT
     value: ResultT | None = None
-    error: Exception | None = None
-
-    @property
-    def failure(self) -> str:
-        """The error in one line, "" without one."""
-        return "" if self.error is None else describe_error(self.error)
+    failure: str = ""
 
     @property
     def result(self) -> ResultT:
         """The value.
 
         Raises:
-            Exception: the job's error.
+            JobError: the job failed.
         """
-        if self.error is not None:
-            raise self.error
+        if self.failure:
+            raise JobError(self.failure)
         return cast(ResultT, self.value)
 
 
-class Engine(Protocol):
-    """Does jobs, several at a time."""
+class Engine:
+    """Does jobs in this process, one after the other; others of its kind do several at a time."""
 
     def run(
         self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
     ) -> Iterator[Done[JobT, ResultT]]:
         """Yield each job once, when it is done, in whatever order.
 
-        A job that fails, kills its process or hangs in it has an error; it stops no other.
+        A job that raises has failed, and so has one that kills its process, if that is another
+        one, or hangs in it; it stops no other.
 
         Args:
             do: does one; a function of a module, for it goes to other processes.
             jobs: what it is given, and what can be pickled.
         """
-        ...
+        for job in jobs:
+            yield Done(job, *_attempt(do, job))
 
     def close(self) -> None:
         """End what it has begun."""
-        ...
 
 
 def engine_for(workers: int, dask: str | None, longest_s: float = LONGEST_S) -> Engine:
@@ -89,51 +84,32 @@ def engine_for(workers: int, dask: str | None, longest_s: float = LONGEST_S) -> 
     """
     if dask is not None:
         return DaskEngine(dask, longest_s)
-    return LocalEngine(workers, longest_s) if workers else InlineEngine()
+    return LocalEngine(workers, longest_s) if workers else Engine()
 
 
-class InlineEngine:
-    """Does jobs in this process, one after the other."""
-
-    def run(
-        self, do: Callable[[JobT], ResultT], jobs: Iterable[JobT]
-    ) -> Iterator[Done[JobT, ResultT]]:
-        """See `Engine`; nothing saves this process from what a job does to it."""
-        for job in jobs:
-            try:
-                done = Done(job, do(job))
-            except Exception as error:
-                done = Done(job, error=error)
-            yield done
-
-    def close(self) -> None:
-        """Leave all as it is."""
+def _attempt(do: Callable[[JobT], ResultT], job: JobT) -> tuple[ResultT | None, str]:
+    """Do a job; return its value, and why there is none."""
+    try:
+        return do(job), ""
+    except Exception as error:
+        return None, describe_error(error)
 
 
-def _attempt(
+def _attempt_in_time(
     do: Callable[[JobT], ResultT], longest_s: float, job: JobT
-) -> tuple[ResultT | None, Exception | None]:
-    """Do a job in a worker's process, which ends if that takes too long: it shows where it was."""
+) -> tuple[ResultT | None, str]:
+    """Do the same in a process that ends, and shows where it was, if that takes too long."""
     faulthandler.dump_traceback_later(longest_s, exit=True, file=_STDERR)
     try:
-        return do(job), None
-    except Exception as error:
-        return None, _portable(error)
+        return _attempt(do, job)
     finally:
         faulthandler.cancel_dump_traceback_later()
-
-
-def _portable(error: Exception) -> Exception:
-    """Return an error, or its text if it cannot go to another process."""
-    with suppress(Exception):
-        return cast(Exception, pickle.loads(pickle.dumps(error)))  # noqa: S301  our own
-    return RuntimeError(describe_error(error))
 
 
 _CONNECT_S = 10
 
 
-class DaskEngine:
+class DaskEngine(Engine):
     """A client of a running scheduler.
 
     Start `dask scheduler` on one machine and `dask worker ADDRESS --nthreads 1` on each, as often
@@ -172,38 +148,31 @@ class DaskEngine:
         Raises:
             SettingsError: the scheduler is gone.
         """
-        attempt, blamed = partial(_attempt, do, self._longest_s), []
-        for job, future in self._finished(attempt, list(jobs)):
-            if isinstance(future.exception(), self._dask.KilledWorker):
-                blamed.append(job)
+        attempt, blamed = partial(_attempt_in_time, do, self._longest_s), []
+        for done in self._finished(attempt, list(jobs)):
+            if done.failure.startswith(self._dask.KilledWorker.__name__):
+                blamed.append(done.job)
             else:
-                yield _done(job, future)
+                yield done
         # Dask blames each job that a dead worker held, not only the one that it was doing.
-        for one in blamed:
-            for job, future in self._finished(attempt, [one]):
-                yield _done(job, future)
+        for job in blamed:
+            yield from self._finished(attempt, [job])
 
-    def _finished(
-        self, attempt: Callable[[JobT], Any], jobs: list[JobT]
-    ) -> Iterator[tuple[JobT, Any]]:
+    def _finished(self, attempt: Callable[[JobT], Any], jobs: list[JobT]) -> Iterator[Any]:
         flying = dict(zip(self._client.map(attempt, jobs, pure=False), jobs, strict=True))
         for future in self._dask.as_completed(list(flying), loop=self._client.loop):
             if future.status in ("cancelled", "lost"):
                 raise SettingsError(
                     f"--dask {self._address}: the scheduler is gone; what is finished is kept"
                 )
-            yield flying.pop(future), future
+            error = future.exception()
+            answer = (None, describe_error(error)) if error else future.result()
+            yield Done(flying.pop(future), *answer)
             future.release()
 
     def close(self) -> None:
         """Leave the scheduler; what was not finished is not done."""
         self._client.close()
-
-
-def _done(job: JobT, future: Any) -> Done[JobT, Any]:
-    """Return a job with what Dask says came of it."""
-    error = future.exception()
-    return Done(job, error=error) if error else Done(job, *future.result())
 
 
 class _Worker:
@@ -230,7 +199,7 @@ class _Worker:
         self.answers.close()
 
 
-class LocalEngine:
+class LocalEngine(Engine):
     """Processes here, one job each at a time.
 
     When one dies, or hangs and is ended, its job is tried again in a new one, and given up when
@@ -267,7 +236,7 @@ class LocalEngine:
                             waiting.appendleft((job, tries + 1))
                             continue
                         why = f"its process died, or was ended after {self._longest_s:g} s"
-                        done = Done(job, error=WorkerDiedError(f"{why}, {_TRIES} times"))
+                        done = Done(job, failure=f"{why}, {_TRIES} times")
                     else:
                         self._idle.append(worker)
                     yield done
@@ -303,7 +272,7 @@ def _serve(jobs: Any, longest_s: float) -> None:
     with suppress(EOFError):
         while True:
             do, job = jobs.recv()
-            jobs.send(_attempt(do, longest_s, job))
+            jobs.send(_attempt_in_time(do, longest_s, job))
 
 
 def end_with_parent() -> None:

@@ -14,9 +14,8 @@ import pytest
 from follower.workers import (
     DaskEngine,
     Engine,
-    InlineEngine,
+    JobError,
     LocalEngine,
-    WorkerDiedError,
     engine_for,
 )
 from follower_control.common.strict_config import SettingsError
@@ -69,10 +68,10 @@ def engine(request: pytest.FixtureRequest) -> Iterator[Engine]:
 def test_a_job_that_kills_or_hangs_its_process_costs_itself_alone(engine: Engine) -> None:
     jobs = [0, "die", 1, 2, "hang", 3, 4, "fail", 5, 6, 7]
     done = list(engine.run(work, jobs))
-    assert sorted(one.value for one in done if one.error is None) == [0, 1, 4, 9, 16, 25, 36, 49]
-    errors = {one.job: one.error for one in done if one.error is not None}
-    assert sorted(errors) == ["die", "fail", "hang"]
-    assert "StubbornError: nothing" in str(errors["fail"])
+    assert sorted(one.value for one in done if not one.failure) == [0, 1, 4, 9, 16, 25, 36, 49]
+    failures = {one.job: one.failure for one in done if one.failure}
+    assert sorted(failures) == ["die", "fail", "hang"]
+    assert failures["fail"] == "StubbornError: nothing"
     assert len(done) == len(jobs)
 
 
@@ -84,7 +83,7 @@ def test_what_a_dead_process_had_in_hand_is_done_by_another(engine: Engine, tmp_
 def test_a_job_that_is_given_up_says_how_often_it_was_tried() -> None:
     with closing(LocalEngine(1)) as engine:
         (done,) = engine.run(work, ["die"])
-        with pytest.raises(WorkerDiedError, match=r"its process died, .* 3 times"):
+        with pytest.raises(JobError, match=r"its process died, .* 3 times"):
             _ = done.result
 
 
@@ -110,7 +109,7 @@ def test_jobs_that_are_not_waited_for_end_with_the_engine() -> None:
 
 def test_without_workers_jobs_are_done_here_and_in_their_order() -> None:
     engine = engine_for(0, None)
-    assert isinstance(engine, InlineEngine)
+    assert type(engine) is Engine
     assert [one.value for one in engine.run(work, [1, "fail", 2])] == [1, None, 4]
 
 

@@ -29,7 +29,7 @@ from follower.apps.evaluate.scores import (
 from follower.apps.evaluate.toolkit_files import write_toolkit_files
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
-from follower.workers import Engine, WorkerDiedError, engine_for, job_progress
+from follower.workers import Engine, engine_for, job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 from follower_vision.disk import write_whole
@@ -237,21 +237,25 @@ def _run_all(
     with job_progress(console, "evaluating", len(jobs), len(jobs) - len(missing)) as count_one:
         for done in engine.run(attempt, left):
             number, job = done.job
-            if isinstance(done.error, OSError | DatasetError | WorkerDiedError):
-                broken[job[1].name] = str(done.error)
+            outcome = done.failure or done.result
+            if isinstance(outcome, str):
+                broken[job[1].name] = outcome
             else:
-                store.save(*job, done.result)
-                results[number] = done.value
+                store.save(*job, outcome)
+                results[number] = outcome
             count_one()
     flown = zip(jobs, results.values(), strict=True)
     runs = [scored(job[0].name, *job[1:], result) for job, result in flown if result is not None]
     return runs, broken
 
 
-def _attempt(numbered: tuple[int, _Job], threads: int) -> EvaluationResult:
-    """Run a tracker over a sequence."""
+def _attempt(numbered: tuple[int, _Job], threads: int) -> EvaluationResult | str:
+    """Run a tracker over a sequence; return why if it cannot be read or started from."""
     cv2.setNumThreads(threads)
-    return run(*numbered[1], MonotonicClock())
+    try:
+        return run(*numbered[1], MonotonicClock())
+    except (OSError, DatasetError) as error:
+        return str(error)
 
 
 def _others(

@@ -270,13 +270,13 @@ def fly_case(case: _Case) -> FaultVerdict:
 
 def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path) -> bool:
     """Fly the cases, those in real time one after the other; return whether any failed."""
-    from follower.workers import InlineEngine
+    from follower.workers import Engine
 
     results = Results(path)
     failed = 0
     lockstep = [case for case in cases if not case[1].realtime]
     slow = [case for case in cases if case[1].realtime]
-    flown = chain(engine.run(fly_case, lockstep), InlineEngine().run(fly_case, slow))
+    flown = chain(engine.run(fly_case, lockstep), Engine().run(fly_case, slow))
     for number, done in enumerate(flown, 1):
         fault, setup = done.job
         verdict = done.value or FaultVerdict(

@@ -22,7 +22,7 @@ from follower.simulation.campaign.optimise import optimise
 from follower.simulation.campaign.run import fly_missing, run_campaign
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows
 from follower.simulation.run import simulate
-from follower.workers import DaskEngine, InlineEngine, LocalEngine
+from follower.workers import DaskEngine, Engine, LocalEngine
 from follower_control.common.strict_config import SettingsError
 
 pytestmark = pytest.mark.slow
@@ -42,7 +42,7 @@ parameters:
 """
 
 
-class Pretending(InlineEngine):
+class Pretending(Engine):
     """Gives each run the row of a function instead of flying it."""
 
     def __init__(self, row: Callable[[RunSpec], dict[str, Any]]) -> None:
@@ -70,7 +70,7 @@ def specs(tmp_path_factory: pytest.TempPathFactory) -> list[RunSpec]:
 @pytest.fixture(scope="module")
 def rows(specs: list[RunSpec]) -> dict[str, dict[str, Any]]:
     """Return the rows as this process flies them."""
-    return by_key(fly_runs(InlineEngine(), specs))
+    return by_key(fly_runs(Engine(), specs))
 
 
 def by_key(rows: Any) -> dict[str, dict[str, Any]]:
@@ -227,7 +227,7 @@ def test_a_stopped_campaign_flies_only_what_is_missing(
 ) -> None:
     flown: list[int] = []
 
-    class Counting(InlineEngine):
+    class Counting(Engine):
         def run(self, do: Any, jobs: Any) -> Any:  # noqa: ARG002
             flown.extend(spec.number for spec in jobs)
             return super().run(lambda spec: dict(rows[spec.key], wall_s=0.1), jobs)
@@ -345,7 +345,7 @@ def test_a_search_that_cannot_begin_is_refused(tmp_path: Path, key: str) -> None
         optimise(
             campaign,
             planned(campaign),
-            InlineEngine(),
+            Engine(),
             store,
             tmp_path / "out",
             Console(quiet=True),
