@@ -30,7 +30,7 @@ _TRIES = 3
 _STDERR = 2
 
 
-class JobError(RuntimeError):
+class JobError(SettingsError):
     """What kept a job from being done, in one line."""
 
 
