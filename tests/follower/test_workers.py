@@ -58,7 +58,7 @@ def engine(request: pytest.FixtureRequest) -> Iterator[Engine]:
     with (
         pytest.importorskip("dask").config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
         ) as cluster,
         closing(DaskEngine(cluster.scheduler_address, longest_s=3.0)) as remote,
     ):
@@ -116,7 +116,7 @@ def test_without_workers_jobs_are_done_here_and_in_their_order() -> None:
 def test_a_scheduler_that_goes_away_is_named() -> None:
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
     )
     with cluster, closing(DaskEngine(cluster.scheduler_address)) as engine:
         done = engine.run(work, [1, "hang"])

@@ -100,7 +100,7 @@ def test_four_dask_workers_one_of_them_killed_give_the_rows_of_one_process(
 ) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=4, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        n_workers=4, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
         engine = DaskEngine(cluster.scheduler_address)
         flown = []
