@@ -20,7 +20,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
-from follower.simulation.campaign.engine import DaskEngine, LocalEngine, RunEngine
+from follower.simulation.campaign.fly import fly_runs
+from follower.workers import DaskEngine, Engine, LocalEngine
 
 WANTED = 1.8
 
@@ -52,12 +53,12 @@ class Spent:
     processor_s: float
 
 
-def timed(name: str, engine: RunEngine, specs: Sequence[RunSpec]) -> Spent:
+def timed(name: str, engine: Engine, specs: Sequence[RunSpec]) -> Spent:
     """Return what an engine takes for the runs."""
     warm = [replace(specs[0], number=-1 - n, scene=("duration_s=3",)) for n in range(2)]
-    list(engine.fly(warm))
+    list(fly_runs(engine, warm))
     idle_s, own_s, begin_s = idle(), processor(), time.perf_counter()
-    rows = list(engine.fly(specs))
+    rows = list(fly_runs(engine, specs))
     took_s, own_s = time.perf_counter() - begin_s, processor() - own_s
     free = (idle() - idle_s) / (took_s * (os.cpu_count() or 1))
     engine.close()

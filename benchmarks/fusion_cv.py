@@ -21,17 +21,17 @@ import json
 import math
 import subprocess
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 from rich.progress import track as progress
 
 from follower.apps.evaluate.contender import Contender
 from follower.training.fusion.driving import run_fusion
 from follower.training.fusion.settings import FusionSetup
+from follower.workers import LocalEngine
 from follower_vision.clock import MonotonicClock
 from follower_vision.evaluation.intervals import interval, paired_difference, pooled_interval
 from follower_vision.evaluation.multi_start import (
@@ -108,10 +108,9 @@ def _fusion_runs(folder: Path, setup: FusionSetup, models: Path) -> tuple[str, l
 
 
 def _measure(name: str, folders: list[Path], measure: Measure, jobs: int) -> Results:
-    with ProcessPoolExecutor(jobs, initializer=partial(cv2.setNumThreads, 1)) as pool:
-        waiting = [pool.submit(measure, folder) for folder in folders]
-        done = progress(as_completed(waiting), name, total=len(waiting))
-        return dict(sorted(one.result() for one in done))
+    with closing(LocalEngine(jobs, longest_s=86400.0)) as engine:
+        done = progress(engine.run(measure, folders), name, total=len(folders))
+        return dict(sorted(one.result for one in done))
 
 
 def _print(measured: list[tuple[str, Results]]) -> None:

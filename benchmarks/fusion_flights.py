@@ -11,13 +11,11 @@ The first 300 runs are left to measure on.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
-import cv2
 from rich.progress import track as progress
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
@@ -25,6 +23,8 @@ from follower.simulation.components import FlightOptions
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
 from follower.training.fusion.driving import Teacher
+from follower.workers import LocalEngine
+from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
@@ -55,9 +55,8 @@ def fly(spec: RunSpec, out: Path) -> None:
     """Fly one run, and write its choices.
 
     Raises:
-        SystemExit: the scenario does not fly with Fusion.
+        SettingsError: the scenario does not fly with Fusion.
     """
-    cv2.setNumThreads(1)
     options = spec.options()
     scenario, settings = options.resolve()
     world, clock, ends = World(scenario, spec.seed), SimulatedClock(), MemoryTransport.pair()
@@ -65,7 +64,7 @@ def fly(spec: RunSpec, out: Path) -> None:
     extras = FlightOptions(vision=options.vision, video=lesson)
     flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, extras)
     if not isinstance(flight.tracker, FusionTracker):
-        raise SystemExit(f"{scenario.name} does not fly with Fusion: name a detector in it")
+        raise SettingsError(f"{scenario.name} does not fly with Fusion: name a detector in it")
     lesson.flight, lesson.teacher = flight, Teacher(flight.tracker)
     with closing(flight):
         fly_lockstep(flight, clock, lambda: None)
@@ -82,10 +81,10 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     specs = planned(load_campaign("standard"))[options.first :][: options.count]
-    with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(fly, spec, options.out) for spec in specs]
-        for one in progress(as_completed(waiting), "flights", total=len(waiting)):
-            one.result()
+    with closing(LocalEngine(options.jobs)) as engine:
+        flown = engine.run(partial(fly, out=options.out), specs)
+        for done in progress(flown, "flights", total=len(specs)):
+            _ = done.result
 
 
 if __name__ == "__main__":

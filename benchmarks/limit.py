@@ -21,13 +21,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -43,6 +42,7 @@ from follower.simulation.flight import SimulatedFlight
 from follower.simulation.ground_truth import stopped_s
 from follower.simulation.runners import fly_lockstep
 from follower.tuning.tune.run import find_vehicle
+from follower.workers import Engine, LocalEngine
 from follower_control.common.transport import MemoryTransport
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.target.estimate import TargetEstimate, reproject
@@ -53,6 +53,8 @@ from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 Floats = npt.NDArray[np.float64]
+JobT = TypeVar("JobT")
+ResultT = TypeVar("ResultT")
 NO_COVER = ("occlusions.hidden_s=0", "lookalikes.count=0")
 NO_DELAY = ("camera.latency_s=0", "camera.latency_jitter_s=0")
 NO_NOISE = ("stand_in.centre_noise=0", "stand_in.size_noise=0")
@@ -312,23 +314,27 @@ def main() -> None:
     campaign = load_campaign(options.campaign).model_copy(update={"vision": "truth+noise"})
     specs = list(planned(campaign))[: options.runs]
     rows: dict[str, list[Floats]] = {}
-    with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")) as pool:
+    with closing(LocalEngine(options.jobs)) as engine:
         flights: dict[str, list[Pursuit]] = {}
         for part in PARTS:
-            done = pool.map(partial(fly, part=part), specs)
-            flown = progress(done, part, total=len(specs))
+            flown = in_order(engine, partial(fly, part=part), specs, part)
             flights[part] = [one for one in flown if one is not None]
             rows[part] = [flown_figures(one) for one in flights[part]]
         for which in PLANS:
             plan = partial(planned_figures, which=which)
-            same = flights["as it is"]
-            rows[which] = list(
-                progress(pool.map(plan, same), f"knows the {which}", total=len(same))
-            )
+            rows[which] = in_order(engine, plan, flights["as it is"], f"knows the {which}")
     table = {name: summary(figures) for name, figures in rows.items()}
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "limit.json").write_text(json.dumps(table, indent=1), "utf-8")
     show(table)
+
+
+def in_order(
+    engine: Engine, do: Callable[[JobT], ResultT], jobs: list[JobT], title: str
+) -> list[ResultT]:
+    """Do jobs, and return their results in their order."""
+    done = list(progress(engine.run(do, jobs), title, total=len(jobs)))
+    return [one.result for one in sorted(done, key=lambda one: jobs.index(one.job))]
 
 
 def summary(figures: Sequence[Floats]) -> dict[str, float]:

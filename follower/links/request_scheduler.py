@@ -2,6 +2,7 @@
 
 import math
 import struct
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -143,7 +144,8 @@ class MessageRates:
 
 def _rate(name: str, message: _Requested, now_s: float) -> MessageRate:
     # From other threads, too: arrivals may come and go meanwhile.
-    recent = sum(arrival > now_s - _WINDOW_S for arrival in tuple(message.arrivals))
+    arrivals = tuple(message.arrivals)
+    recent = len(arrivals) - bisect_right(arrivals, now_s - _WINDOW_S)
     return MessageRate(name, message.wanted_hz, recent / _WINDOW_S)
 
 

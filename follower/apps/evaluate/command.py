@@ -65,6 +65,13 @@ def evaluate_command(
         float, typer.Option(min=0.1, help="Frames a second where the data set does not say.")
     ] = 30.0,
     threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
+    workers: Annotated[
+        int, typer.Option(min=0, help="Processes; 0: this one. Several slow one another down.")
+    ] = 0,
+    dask: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on this Dask scheduler's workers instead."),
+    ] = None,
 ) -> None:
     """Measure trackers on data sets: success, precision, speed, with intervals; an HTML report."""
     import cv2
@@ -82,6 +89,8 @@ def evaluate_command(
         out=out,
         resume=resume,
         fps=fps,
+        workers=workers,
+        dask=dask,
     )
     raise typer.Exit(evaluate(plan))
 

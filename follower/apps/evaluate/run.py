@@ -1,11 +1,13 @@
 """Runs an evaluation: every tracker on every sequence from every start."""
 
 from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import cv2
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.apps.evaluate.contender import Contender, EvaluationResult, ResultStore, RunStart, run
 from follower.apps.evaluate.output_files import (
@@ -27,6 +29,7 @@ from follower.apps.evaluate.scores import (
 from follower.apps.evaluate.toolkit_files import write_toolkit_files
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
+from follower.workers import Engine, engine_for, job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 from follower_vision.disk import write_whole
@@ -36,6 +39,7 @@ from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.plugins import PluginError
 
 _SUCCESS, _INTERRUPTED = 0, 130
+_LONGEST_S = 86400.0
 _FILES = ("results.csv", "results.json", "report.html")
 
 
@@ -53,6 +57,8 @@ class EvaluationPlan:
         out: takes the run's folder.
         resume: the folder of a run to continue.
         fps: frames a second where the data set does not say.
+        workers: processes that run trackers; 0 is this one. They slow one another down.
+        dask: a Dask scheduler whose workers do it instead; they have the images at the same place.
     """
 
     folders: Iterable[Path]
@@ -64,6 +70,8 @@ class EvaluationPlan:
     out: Path = Path("runs")
     resume: Path | None = None
     fps: float = 30.0
+    workers: int = 0
+    dask: str | None = None
 
 
 def evaluate(plan: EvaluationPlan, console: Console | None = None) -> int:
@@ -128,13 +136,14 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
     folder = plan.resume or new_run_folder(plan.out, "evaluate")
     print_line(console, f"{folder} (if this is stopped: --resume {folder})", style="dim")
     jobs = [
-        (contender, sequence, start)
+        (contender, sequence, start, sequence.rate_hz or plan.fps)
         for contender in contenders
         for sequence in sequences
         for start in _starts(sequence, plan.tre, plan.sre)
     ]
     try:
-        runs, broken = _run_all(jobs, plan.fps, ResultStore(folder / "boxes"), console)
+        with closing(engine_for(plan.workers, plan.dask, _LONGEST_S)) as engine:
+            runs, broken = _run_all(jobs, ResultStore(folder / "boxes"), console, engine)
     except KeyboardInterrupt:
         raise EvaluationInterrupted(folder) from None
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]
@@ -213,34 +222,40 @@ def _starts(sequence: Sequence, tre: int, sre: bool) -> list[RunStart]:
     return starts
 
 
+_Job = tuple[Contender, Sequence, RunStart, float]
+
+
 def _run_all(
-    jobs: list[tuple[Contender, Sequence, RunStart]],
-    fps: float,
-    store: ResultStore,
-    console: Console,
+    jobs: list[_Job], store: ResultStore, console: Console, engine: Engine
 ) -> tuple[list[ScoredRun], dict[str, str]]:
     """Return the runs, and why a sequence broke off: it could not be read or started from."""
-    runs: list[ScoredRun] = []
+    results = {number: store.load(*job) for number, job in enumerate(jobs)}
+    missing = [number for number, result in results.items() if result is None]
     broken: dict[str, str] = {}
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        task = progress.add_task("evaluating", total=len(jobs))
-        for contender, sequence, start in jobs:
-            progress.update(task, description=f"{contender.name} {sequence.name}")
-            progress.advance(task)
-            if sequence.name in broken:
-                continue
-            rate_hz = sequence.rate_hz or fps
-            result = store.load(contender, sequence, start, rate_hz)
-            if result is None:
-                try:
-                    result = run(contender, sequence, start, rate_hz, MonotonicClock())
-                except (OSError, DatasetError) as error:
-                    broken[sequence.name] = str(error)
-                    continue
-                store.save(contender, sequence, start, rate_hz, result)
-            runs.append(scored(contender.name, sequence, start, rate_hz, result))
+    left = ((one, jobs[one]) for one in missing if jobs[one][1].name not in broken)
+    attempt = partial(_attempt, threads=cv2.getNumThreads())
+    with job_progress(console, "evaluating", len(jobs), len(jobs) - len(missing)) as count_one:
+        for done in engine.run(attempt, left):
+            number, job = done.job
+            outcome = done.failure or done.result
+            if isinstance(outcome, str):
+                broken[job[1].name] = outcome
+            else:
+                store.save(*job, outcome)
+                results[number] = outcome
+            count_one()
+    flown = zip(jobs, results.values(), strict=True)
+    runs = [scored(job[0].name, *job[1:], result) for job, result in flown if result is not None]
     return runs, broken
+
+
+def _attempt(numbered: tuple[int, _Job], threads: int) -> EvaluationResult | str:
+    """Run a tracker over a sequence; return why if it cannot be read or started from."""
+    cv2.setNumThreads(threads)
+    try:
+        return run(*numbered[1], MonotonicClock())
+    except (OSError, DatasetError) as error:
+        return str(error)
 
 
 def _others(

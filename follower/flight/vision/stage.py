@@ -65,6 +65,7 @@ class VisionStage:
         finder: TargetFinder | None = None,
     ) -> None:
         self._tracker = tracker
+        self._predicted = tracker if isinstance(tracker, AcceptsPrediction) else None
         self._requests = requests
         self._finder = finder or TargetFinder()
         self._selector: Selector | None = None
@@ -171,9 +172,9 @@ class VisionStage:
         return self._stepped(frame) if self._started else None
 
     def _stepped(self, frame: Frame) -> Track:
-        if self.prospects is not None and isinstance(self._tracker, AcceptsPrediction):
+        if self.prospects is not None and self._predicted is not None:
             self.prospect = self.prospects(frame.captured_s, self.requests_done)
-            self._tracker.expect(self.prospect)
+            self._predicted.expect(self.prospect)
         return self._tracker.step(frame)
 
     def _out_of_order(self, frame: Frame) -> Track | None:

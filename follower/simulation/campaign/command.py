@@ -14,7 +14,7 @@ EPILOG = """
 
 `follower campaign standard --vision truth+noise --workers 4` – a thousand, in four processes
 
-`follower campaign mine.yaml --scheduler tcp://10.0.0.1:8786` – on the workers of a Dask scheduler
+`follower campaign mine.yaml --dask tcp://10.0.0.1:8786` – on the workers of a Dask scheduler
 
 `follower campaign quick --video 3` – fly the three worst again, with video and report
 
@@ -33,9 +33,14 @@ def campaign_command(
     workers: Annotated[
         int, typer.Option(min=1, help="How many processes fly at a time, here.")
     ] = 1,
-    scheduler: Annotated[
+    dask: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Fly on the workers of this Dask scheduler instead."),
+        typer.Option(
+            "--dask",
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Fly on the workers of this Dask scheduler instead.",
+        ),
     ] = None,
     vision: Annotated[
         str | None,
@@ -59,12 +64,11 @@ def campaign_command(
 ) -> None:
     """Fly many simulated flights, count what came of them, and report on it."""
     from follower.simulation.campaign.config import load_campaign
-    from follower.simulation.campaign.engine import DaskEngine, LocalEngine
     from follower.simulation.campaign.run import run_campaign
     from follower.ui.terminal.console import needed
+    from follower.workers import engine_for
 
     needed("pyarrow")
     config = load_campaign(campaign, vision=vision, runs=runs)
     folder = out or Path("runs") / f"campaign-{config.name}"
-    engine = LocalEngine(workers) if scheduler is None else DaskEngine(scheduler)
-    raise typer.Exit(run_campaign(config, folder, engine, video, optimise))
+    raise typer.Exit(run_campaign(config, folder, engine_for(workers, dask), video, optimise))

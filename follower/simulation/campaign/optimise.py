@@ -17,11 +17,12 @@ from follower.simulation.campaign.config import (
     RunSpec,
     significant,
 )
-from follower.simulation.campaign.engine import RunEngine, campaign_progress
+from follower.simulation.campaign.fly import fly_runs
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.store import RunStore
 from follower.simulation.campaign.summary import cost
 from follower.ui.terminal.console import needed, print_line
+from follower.workers import Engine, job_progress
 from follower_control.common.strict_config import SettingsError, merged, read_mapping
 from follower_vision.disk import write_whole
 
@@ -46,7 +47,7 @@ class Trial(NamedTuple):
 def optimise(
     config: CampaignConfig,
     specs: Sequence[RunSpec],
-    engine: RunEngine,
+    engine: Engine,
     store: RunStore,
     folder: Path,
     console: Console,
@@ -67,7 +68,7 @@ def optimise(
     study = _study(flown[0], wanted)
     trials: list[Trial] = []
     stopped = suppress(KeyboardInterrupt)
-    shown = campaign_progress(console, f"{config.name}: trials", wanted.trials)
+    shown = job_progress(console, config.name, wanted.trials, things="trials")
     with stopped, shown as count_one:
         for _ in range(wanted.trials):
             asked = study.ask()
@@ -119,11 +120,11 @@ def present(settings: Settings, key: str) -> float:
 
 
 def _mean_cost(
-    specs: Sequence[RunSpec], values: dict[str, float], engine: RunEngine, store: RunStore
+    specs: Sequence[RunSpec], values: dict[str, float], engine: Engine, store: RunStore
 ) -> float:
     changes = tuple(f"{key}={value}" for key, value in values.items())
     tried = [replace(spec, overrides=(*spec.overrides, *changes)) for spec in specs]
-    for row in engine.fly([spec for spec in tried if spec.key not in store.rows]):
+    for row in fly_runs(engine, [spec for spec in tried if spec.key not in store.rows]):
         store.add(row)
     rows = [store.rows[spec.key] for spec in tried]
     costs = [_NOT_FLOWN if row["error"] else cost(RunMetrics.from_dict(row)) for row in rows]

@@ -15,12 +15,13 @@ from follower.simulation.campaign.config import (
     RunSpec,
     planned,
 )
-from follower.simulation.campaign.engine import RunEngine, campaign_progress
+from follower.simulation.campaign.fly import fly_runs
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.store import RESULTS, RunStore, write_parquet
 from follower.simulation.campaign.summary import CampaignSummary, summary_of
 from follower.simulation.run import simulate
 from follower.ui.terminal.console import print_line
+from follower.workers import Engine, job_progress
 from follower_vision.disk import write_whole
 
 WORST = "worst"
@@ -31,7 +32,7 @@ _SUCCESS, _FAILED, _INTERRUPTED = 0, 1, 130
 def run_campaign(
     config: CampaignConfig,
     folder: Path,
-    engine: RunEngine,
+    engine: Engine,
     videos: int = 0,
     searching: bool = False,
 ) -> int:
@@ -85,13 +86,13 @@ def check(specs: Sequence[RunSpec]) -> None:
 
 
 def fly_missing(
-    specs: Sequence[RunSpec], engine: RunEngine, store: RunStore, console: Console, title: str
+    specs: Sequence[RunSpec], engine: Engine, store: RunStore, console: Console, title: str
 ) -> None:
     """Fly those of the runs whose rows are not in the store, or have an error."""
     missing = [spec for spec in specs if not _is_whole(store.rows.get(spec.key))]
     flown = len(specs) - len(missing)
-    with campaign_progress(console, title, len(specs), flown) as count_one:
-        for row in engine.fly(missing):
+    with job_progress(console, title, len(specs), flown) as count_one:
+        for row in fly_runs(engine, missing):
             store.add(row)
             count_one()
 

@@ -5,11 +5,14 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from follower.simulation.campaign.metrics import RunMetrics
 from follower.ui.terminal.console import needed
 from follower_control.common.strict_config import SettingsError
+from follower_vision.disk import write_whole_bytes
 
 ROWS = "runs.jsonl"
 RESULTS = "results.parquet"
@@ -66,23 +69,39 @@ def read_rows(path: Path) -> dict[str, dict[str, Any]]:
     return rows
 
 
+_COLUMNS = {
+    **dict.fromkeys(("key", "scenario", "autopilot", "vision", "command"), "str"),
+    **dict.fromkeys(("version", "error"), "str"),
+    **dict.fromkeys(("number", "seed"), "int"),
+    **{field.name: str(field.type).removesuffix(" | None") for field in fields(RunMetrics)},
+    "wall_s": "float",
+    "failures": "tuple[str, ...]",
+    "passed": "bool",
+}
+"""The columns of each campaign's results, whatever came of its runs, and what they hold."""
+
+
 def write_parquet(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
     """Write one line a run; the campaign's parameters are columns that begin with "p_".
 
     The file appears whole or not at all. A parameter of several types becomes text.
+
+    Raises:
+        OSError: it cannot be written.
     """
     pa, pq = needed("pyarrow"), needed("pyarrow.parquet")
-    times = pa.list_(pa.float64())
-    types = {"occlusion_s": times, "reacquired_s": times, "failures": pa.list_(pa.string())}
-    names = dict.fromkeys(name for row in rows for name in row if name != "values")
-    columns = {name: pa.array([row.get(name) for row in rows], types.get(name))
-               for name in names}  # fmt: skip
+    kinds = {"str": pa.string(), "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_()}
+    kinds |= {"tuple[str, ...]": pa.list_(pa.string())}
+    kinds |= dict.fromkeys(
+        ("tuple[float, ...]", "tuple[float | None, ...]"), pa.list_(pa.float64())
+    )
+    columns = {name: pa.array([row.get(name) for row in rows], kinds[kind])
+               for name, kind in _COLUMNS.items()}  # fmt: skip
     for name in dict.fromkeys(name for row in rows for name in row["values"]):
         columns[f"p_{name}"] = pa.array(_alike([row["values"].get(name) for row in rows]))
-    draft = path.with_name(f".{path.name}.part")
-    pq.write_table(pa.table(columns), draft)
-    draft.replace(path)
-    return path
+    content = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), content)
+    return write_whole_bytes(path, content.getvalue().to_pybytes())
 
 
 def _alike(values: Sequence[Any]) -> list[Any]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import suppress
-from itertools import product
+from contextlib import closing, suppress
+from itertools import chain, product
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -24,6 +24,11 @@ from follower.simulation.faults.fault import (
 )
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
+
+if TYPE_CHECKING:
+    from follower.simulation.fault_tests.random_flight import FlightResult
+    from follower.simulation.faults.judge import FaultVerdict
+    from follower.workers import Engine
 
 _NICE = 10
 _FAILED = 1
@@ -61,6 +66,12 @@ Only = Annotated[
     int | None, typer.Option("--only", help="Fly the random flight of this number alone.")
 ]
 Out = Annotated[Path, typer.Option(help="Where results are kept from run to run.")]
+Workers = Annotated[
+    int, typer.Option(min=0, help="Processes that fly; 0: this one. Real time flies one by one.")
+]
+Dask = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Fly on this Dask scheduler's workers.")
+]
 
 
 def faults_command(
@@ -72,6 +83,8 @@ def faults_command(
     seed: Seed = 0,
     only: Only = None,
     out: Out = Path("runs/faults"),
+    workers: Workers = 0,
+    dask: Dask = None,
 ) -> None:
     """Put faults into simulated flights and judge what comes of them.
 
@@ -83,10 +96,19 @@ def faults_command(
     if names == ["list"]:
         list_faults(console)
         return
-    if random or only is not None:
-        failed = _fly_random(console, random, seed, only, out / TALLY)
-    else:
-        failed = _fly_matrix(console, list(names or ()), autopilot, link, realtime, out / RESULTS)
+    if only is not None:
+        raise typer.Exit(_FAILED if _fly_one(console, seed, only) else 0)
+    from follower.workers import engine_for
+
+    if random:
+        with suppress(OSError):
+            os.nice(_NICE)
+    with closing(engine_for(workers, dask)) as engine:
+        if random:
+            failed = _fly_random(console, engine, random, seed, out / TALLY)
+        else:
+            cases = list(_cases(list(names or ()), autopilot, link, realtime))
+            failed = _fly_matrix(console, engine, cases, out / RESULTS)
     raise typer.Exit(_FAILED if failed else 0)
 
 
@@ -114,21 +136,36 @@ def applies_to(fault: Fault) -> str:
     return "; ".join((*limited, *clock)) or "all"
 
 
-def _fly_matrix(
-    console: Console, names: list[str], autopilot: str, link: str, realtime: bool, path: Path
-) -> bool:
-    """Fly the cases one after the other; return whether any failed."""
-    cases = list(_cases(names, autopilot, link, realtime))
+_Case = tuple[Fault, FaultSetup]
+
+
+def fly_case(case: _Case) -> FaultVerdict:
+    """Fly a case."""
     import cv2
 
-    from follower.simulation.fault_tests.results import FaultResult, Results
     from follower.simulation.fault_tests.run_fault import fly_fault
 
     cv2.setNumThreads(1)
+    return fly_fault(*case)
+
+
+def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path) -> bool:
+    """Fly the cases, those in real time one after the other; return whether any failed."""
+    from follower.simulation.fault_tests.results import FaultResult, Results
+    from follower.simulation.faults.judge import FaultMetrics, FaultVerdict
+    from follower.workers import Engine
+
     results = Results(path)
     failed = 0
-    for number, (fault, setup) in enumerate(cases, 1):
-        result = FaultResult(*setup, fly_fault(fault, setup))
+    lockstep = [case for case in cases if not case[1].realtime]
+    slow = [case for case in cases if case[1].realtime]
+    flown = chain(engine.run(fly_case, lockstep), Engine().run(fly_case, slow))
+    for number, done in enumerate(flown, 1):
+        fault, setup = done.job
+        verdict = done.value or FaultVerdict(
+            fault.name, fault.must, (done.failure,), FaultMetrics(), "not flown"
+        )
+        result = FaultResult(*setup, verdict)
         results.add(result)
         failed += not result.verdict.passed
         mark, style = ("ok  ", "green") if result.verdict.passed else ("FAIL", "red")
@@ -163,27 +200,39 @@ def _chosen(option: str, value: str, known: tuple[str, ...]) -> tuple[str, ...]:
     return (value,)
 
 
-def _fly_random(console: Console, flights: int, seed: int, only: int | None, path: Path) -> bool:
-    """Fly random flights, or one of them again; return whether any failed."""
-    from follower.flight.log import Stopwatch
-    from follower.simulation.campaign.engine import campaign_progress
+def _fly_one(console: Console, seed: int, number: int) -> bool:
+    """Fly one random flight again; return whether it failed."""
     from follower.simulation.fault_tests.random_flight import fly_random
-    from follower.simulation.fault_tests.results import Tally
 
-    if only is not None:
-        result = fly_random((seed, only))
-        print_line(
-            console, result.failure or f"flight {only} is as it must be: {result.steps} steps"
-        )
-        return bool(result.failure)
-    with suppress(OSError):
-        os.nice(_NICE)
+    result = fly_random((seed, number))
+    print_line(console, result.failure or f"flight {number} is as it must be: {result.steps} steps")
+    return bool(result.failure)
+
+
+def fly_timed(number: tuple[int, int]) -> tuple[FlightResult, float]:
+    """Fly a random flight of a seed and a number, and return how long it took too, in seconds."""
+    from follower.flight.log import Stopwatch
+    from follower.simulation.fault_tests.random_flight import fly_random
+
+    timer = Stopwatch()
+    return fly_random(number), timer.elapsed_s()
+
+
+def _fly_random(console: Console, engine: Engine, flights: int, seed: int, path: Path) -> bool:
+    """Fly random flights; return whether any failed."""
+    from follower.simulation.fault_tests.random_flight import FlightResult
+    from follower.simulation.fault_tests.results import Tally
+    from follower.workers import job_progress
+
     tally = Tally.load(path, seed)
-    with campaign_progress(console, "flights", flights) as count_one:
-        for _ in range(flights):
-            timer = Stopwatch()
-            tally.add(fly_random((seed, tally.flights)), timer.elapsed_s())
-            tally.save(path)
+    numbers = [(seed, tally.flights + more) for more in range(flights)]
+    early: dict[int, tuple[FlightResult, float]] = {}  # the tally goes by number, without gaps
+    with job_progress(console, "flights", flights, things="flights") as count_one:
+        for done in engine.run(fly_timed, numbers):
+            early[done.job[1]] = done.value or (FlightResult(failure=done.failure), 0.0)
+            while tally.flights in early:
+                tally.add(*early.pop(tally.flights))
+                tally.save(path)
             count_one()
     print_line(
         console,

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import torch
 import yaml
 from pydantic import TypeAdapter
-from rich.progress import track as progress
+from rich.console import Console
 
 from follower.training.fusion.driving import Examples, driven, read_sequence, run_fusion
 from follower.training.fusion.fitting import FirstPeak, fit_model, fit_noise
 from follower.training.fusion.settings import FusionConfig, FusionSetup
 from follower.training.trainer import CONFIG
+from follower.workers import LocalEngine, job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
 from follower_vision.evaluation.multi_start import Run, sequence_figures
@@ -30,6 +29,7 @@ from follower_vision.fusion.model import CandidateModel, ProbabilityModel, famil
 from follower_vision.geometry.box import Box
 
 FITTED = "fitted.json"
+_LONGEST_S = 86400.0
 _LOG_ROUNDS = 3
 """Runs of older rounds are forgotten: their models went other ways than the last one will."""
 NameT = TypeVar("NameT")
@@ -164,14 +164,11 @@ class FusionTrainer:
     ) -> dict[NameT, ResultT]:
         """Do jobs in processes; the results come in the jobs' order."""
         results: dict[NameT, ResultT] = {}
-        # Not forked: torch's threads do not survive that.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(self._config.jobs, context, _one_thread) as pool:
-            waiting: dict[Future[ResultT], NameT] = {
-                pool.submit(job): name for name, job in jobs.items()
-            }
-            for one in progress(as_completed(waiting), words, total=len(waiting)):
-                results[waiting[one]] = one.result()
+        shown = job_progress(Console(), words, len(jobs), things="jobs")
+        with closing(LocalEngine(self._config.jobs, _LONGEST_S)) as engine, shown as count_one:
+            for done in engine.run(_done, jobs.items()):
+                results[done.job[0]] = done.result
+                count_one()
         return {name: results[name] for name in jobs}
 
 
@@ -246,5 +243,5 @@ def _dealt(names: Iterable[str], count: int, given: Mapping[str, int] | None) ->
     return folds
 
 
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
+def _done(job: tuple[Any, Callable[[], ResultT]]) -> ResultT:
+    return job[1]()

@@ -73,7 +73,8 @@ class MavlinkEndpoint:
 
     def receive(self) -> list[Any]:
         """Return the messages that have arrived; broken ones are left out."""
-        messages = self._codec.parse_buffer(self._transport.receive()) or []
+        data = self._transport.receive()
+        messages = (self._codec.parse_buffer(data) if data else None) or []
         good = [message for message in messages if message.get_type() != "BAD_DATA"]
         arrived = [] if self._faults.deaf else good
         return [message for message in arrived if not self._is_lost(self._faults.drop_received)]

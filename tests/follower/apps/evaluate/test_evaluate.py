@@ -378,6 +378,25 @@ def test_another_programs_boxes_are_found(data: Path, tmp_path: Path, file: str)
     assert (row["tracker"], row["success@0.5"], row["fps"]) == ("oracle", "1.0", "")
 
 
+@pytest.mark.slow
+def test_two_processes_measure_what_one_does(data: Path, tmp_path: Path) -> None:
+    names = copies(data, 3)
+    measured = []
+    for workers in (0, 2):
+        out = tmp_path / str(workers)
+        trackers = ("identity", "correlation")
+        assert evaluate(EvaluationPlan((data,), trackers, out=out, workers=workers), quiet()) == 0
+        results = json.loads((out / "evaluate" / "results.json").read_text())
+        whole = [(run["tracker"], run["sequence"], run["auc"]) for run in results["runs"]]
+        stored = [
+            (path.relative_to(out), json.loads(path.read_text())[1]["boxes"])
+            for path in sorted((out / "evaluate" / "boxes").rglob("*.json"))
+        ]
+        measured.append((whole, stored))
+    assert len(measured[0][0]) == 2 * len(names)
+    assert measured[0] == measured[1]
+
+
 def test_resuming_runs_only_what_is_missing(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,7 +20,7 @@ from follower.simulation.campaign.config import (
     load_campaign,
     planned,
 )
-from follower.simulation.campaign.engine import campaign_progress, row_of
+from follower.simulation.campaign.fly import row_of
 from follower.simulation.campaign.metrics import RunMetrics
 from follower.simulation.campaign.optimise import present
 from follower.simulation.campaign.report import _groups
@@ -28,6 +28,7 @@ from follower.simulation.campaign.run import check, in_its_place, judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
 from follower.simulation.campaign.summary import cost, summary_of, wilson
 from follower.ui.terminal.console import needed
+from follower.workers import job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.scoring.occlusions import ObservedFrame, hidden_spans, occlusions
@@ -328,12 +329,43 @@ def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
     assert table["failures"] == [[], ["re-acquisition"], ["error"]]
 
 
+def test_results_have_the_same_columns_of_the_same_types_whatever_was_flown(
+    tmp_path: Path,
+) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    flown = judged([row(0), row(1, reacquired_s=(None,), approach_s=None)], Goals())
+    broken = judged([{**row(2, error="it broke"), "of an older version": 1}], Goals())
+    schemas = [
+        pq.read_schema(write_parquet(tmp_path / "results.parquet", rows))
+        for rows in (flown, broken)
+    ]
+    assert schemas[0].equals(schemas[1])
+    types = {name: str(schemas[0].field(name).type) for name in schemas[0].names}
+    assert set(RunMetrics.__dataclass_fields__) <= set(types)
+    assert types["number"] == "int64"
+    assert types["approach_s"] == types["p_wind"] == types["wall_s"] == "double"
+    assert types["reacquired_s"].startswith("list<")
+    assert "double" in types["reacquired_s"]
+    assert types["passed"] == "bool"
+    assert [path.name for path in tmp_path.iterdir()] == ["results.parquet"], "no draft is left"
+
+
+def test_results_that_cannot_be_written_leave_the_old_ones(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    path = write_parquet(tmp_path / "results.parquet", judged([row(0)], Goals()))
+    before = path.read_bytes()
+    (tmp_path / ".results.parquet.part").mkdir()
+    with pytest.raises(OSError, match="results"):
+        write_parquet(path, judged([row(0), row(1)], Goals()))
+    assert path.read_bytes() == before
+
+
 def test_progress_is_a_line_now_and_then_where_there_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("follower.simulation.campaign.engine._LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("follower.workers._LINE_EVERY_S", 0.0)
     console = Console(file=io.StringIO(), force_terminal=False)
-    with campaign_progress(console, "x", 100, 40) as count_one:
+    with job_progress(console, "x", 100, 40) as count_one:
         count_one()
         count_one()
     assert console.file.getvalue().split("\n")[:2] == ["41 of 100 runs", "42 of 100 runs"]

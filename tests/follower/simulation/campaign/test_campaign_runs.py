@@ -17,11 +17,12 @@ import yaml
 from rich.console import Console
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
-from follower.simulation.campaign.engine import DaskEngine, LocalEngine, fly_run
+from follower.simulation.campaign.fly import fly_run, fly_runs
 from follower.simulation.campaign.optimise import optimise
 from follower.simulation.campaign.run import fly_missing, run_campaign
-from follower.simulation.campaign.store import RunStore, read_rows
+from follower.simulation.campaign.store import ROWS, RunStore, read_rows
 from follower.simulation.run import simulate
+from follower.workers import DaskEngine, Engine, LocalEngine
 from follower_control.common.strict_config import SettingsError
 
 pytestmark = pytest.mark.slow
@@ -41,16 +42,18 @@ parameters:
 """
 
 
-class InlineEngine:
-    """Flies runs here, one after the other, without any process."""
+class Pretending(Engine):
+    """Gives each run the row of a function instead of flying it."""
 
-    workers = 1
+    def __init__(self, row: Callable[[RunSpec], dict[str, Any]]) -> None:
+        self._row = row
 
-    def fly(self, specs: Sequence[RunSpec]) -> Any:
-        yield from (fly_run(spec) for spec in specs)
+    def run(self, do: Any, jobs: Any) -> Any:  # noqa: ARG002
+        return super().run(self._row, jobs)
 
-    def close(self) -> None:
-        pass
+
+def same_angle(spec: RunSpec) -> dict[str, Any]:
+    return {**ROW, "key": spec.key, "line_of_sight_box_rms_seen_deg": 2.0}
 
 
 def config(folder: Path, more: str = "") -> str:
@@ -67,7 +70,7 @@ def specs(tmp_path_factory: pytest.TempPathFactory) -> list[RunSpec]:
 @pytest.fixture(scope="module")
 def rows(specs: list[RunSpec]) -> dict[str, dict[str, Any]]:
     """Return the rows as this process flies them."""
-    return by_key(InlineEngine().fly(specs))
+    return by_key(fly_runs(Engine(), specs))
 
 
 def by_key(rows: Any) -> dict[str, dict[str, Any]]:
@@ -88,24 +91,32 @@ def test_runs_follow_and_differ(specs: Sequence[RunSpec], rows: dict[str, Any]) 
 
 def test_two_processes_give_the_rows_of_one(specs: list[RunSpec], rows: dict[str, Any]) -> None:
     engine = LocalEngine(2)
-    assert by_key(engine.fly(specs)) == rows
+    assert by_key(fly_runs(engine, specs)) == rows
     engine.close()
 
 
-def test_dask_gives_the_same_rows(specs: list[RunSpec], rows: dict[str, Any]) -> None:
+def test_four_dask_workers_one_of_them_killed_give_the_rows_of_one_process(
+    specs: list[RunSpec], rows: dict[str, Any]
+) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        n_workers=4, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
         engine = DaskEngine(cluster.scheduler_address)
-        assert by_key(engine.fly(specs)) == rows
+        flown = []
+        for row in fly_runs(engine, specs):
+            if not flown:
+                os.kill(cluster.workers[0].pid, signal.SIGKILL)
+            flown.append(row)
         engine.close()
+    assert len(flown) == len(specs)
+    assert by_key(flown) == rows
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("follower.simulation.campaign.engine._CONNECT_S", 0.3)
-    with pytest.raises(SettingsError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler"):
+    monkeypatch.setattr("follower.workers._CONNECT_S", 0.3)
+    with pytest.raises(SettingsError, match=r"--dask tcp://127.0.0.1:9: no scheduler"):
         DaskEngine("tcp://127.0.0.1:9")
 
 
@@ -114,7 +125,7 @@ def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
 ) -> None:
     engine = LocalEngine(1)
     with RunStore(tmp_path) as store:
-        killer = threading.Thread(target=kill_after_one, args=(store, engine))
+        killer = threading.Thread(target=kill_after_one, args=(store,))
         killer.start()
         fly_missing(specs, engine, store, Console(quiet=True), "small")
         killer.join()
@@ -138,7 +149,7 @@ def test_an_engine_that_ends_kills_what_it_flies_and_nothing_else(specs: list[Ru
     other.start()
     engine = LocalEngine(1)
     try:
-        next(engine.fly(specs))
+        next(fly_runs(engine, specs))
         assert len(multiprocessing.active_children()) == 2
         engine.close()
         assert waited_for(lambda: multiprocessing.active_children() == [other], 20.0)
@@ -172,14 +183,43 @@ def waited_for(condition: Callable[[], Any], longest_s: float) -> Any:
     return answer
 
 
-def kill_after_one(store: RunStore, engine: LocalEngine) -> None:
-    """Kill the process that flies when the first row is kept, and it has begun the next run."""
+def kill_after_one(store: RunStore) -> None:
+    """Kill the process that flies when the first row is kept."""
     while not store.rows:
         time.sleep(0.02)
-    pool = engine._pool
-    assert pool is not None
-    for pid in pool._processes:
-        os.kill(pid, signal.SIGKILL)
+    for worker in multiprocessing.active_children():
+        worker.kill()
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kept", [0, 1])
+def test_a_campaign_that_is_killed_goes_on_to_the_same_table(
+    kept: int, rows: dict[str, Any], tmp_path: Path
+) -> None:
+    """SIGKILL, while it flies its first run or a later one; its last line is half written."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from follower.apps.main import main; main()", "campaign"]
+    command += [config(tmp_path), "--workers", "2", "--out", str(out)]
+    killed = subprocess.Popen(command)
+    try:
+        assert waited_for(lambda: children(killed.pid), 300.0)
+        assert waited_for(lambda: len(read_rows(out / ROWS)) >= kept, 600.0)
+    finally:
+        killed.kill()
+        killed.wait()
+    finished = {key: row["wall_s"] for key, row in read_rows(out / ROWS).items()}
+    with (out / ROWS).open("ab") as file:
+        file.write(b'{"key":"cut of')
+    assert not (out / "results.parquet").exists()
+    resumed = subprocess.run(command, check=False)
+    assert resumed.returncode in (0, 1)
+    table = pq.read_table(out / "results.parquet").to_pylist()
+    assert [row["number"] for row in table] == [0, 1, 2]
+    nearest = {row["key"]: row["nearest_m"] for row in table}
+    assert nearest == {key: row["nearest_m"] for key, row in rows.items()}
+    assert by_key(read_rows(out / ROWS).values()) == rows
+    assert finished.items() <= {row["key"]: row["wall_s"] for row in table}.items(), "flown twice"
 
 
 def test_a_stopped_campaign_flies_only_what_is_missing(
@@ -187,10 +227,10 @@ def test_a_stopped_campaign_flies_only_what_is_missing(
 ) -> None:
     flown: list[int] = []
 
-    class Counting(InlineEngine):
-        def fly(self, specs: Sequence[RunSpec]) -> Any:
-            flown.extend(spec.number for spec in specs)
-            yield from (dict(rows[spec.key], wall_s=0.1) for spec in specs)
+    class Counting(Engine):
+        def run(self, do: Any, jobs: Any) -> Any:  # noqa: ARG002
+            flown.extend(spec.number for spec in jobs)
+            return super().run(lambda spec: dict(rows[spec.key], wall_s=0.1), jobs)
 
     with RunStore(tmp_path) as store:
         store.add(dict(rows[specs[0].key], wall_s=0.1))
@@ -207,7 +247,7 @@ def test_a_run_that_cannot_be_flown_has_a_row_that_says_why(specs: list[RunSpec]
     from dataclasses import replace
 
     engine = LocalEngine(1)
-    (row,) = engine.fly([replace(specs[0], overrides=("servo.distance_m=-1",))])
+    (row,) = fly_runs(engine, [replace(specs[0], overrides=("servo.distance_m=-1",))])
     engine.close()
     assert row["error"].startswith("SettingsError: --set servo.distance_m=-1")
 
@@ -253,18 +293,15 @@ def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) 
     campaign = load_campaign(config(tmp_path, more))
     specs, flown = planned(campaign), []
 
-    class Pretending(InlineEngine):
-        def fly(self, specs: Sequence[RunSpec]) -> Any:
-            for spec in specs:
-                flown.append(spec.key)
-                gain = float(spec.overrides[-1].partition("=")[2])
-                angle = 1.0 + abs(gain - 2.0)
-                yield {**ROW, "key": spec.key, "line_of_sight_box_rms_seen_deg": angle}
+    def pretended(spec: RunSpec) -> dict[str, Any]:
+        flown.append(spec.key)
+        angle = 1.0 + abs(float(spec.overrides[-1].partition("=")[2]) - 2.0)
+        return {**ROW, "key": spec.key, "line_of_sight_box_rms_seen_deg": angle}
 
     for _ in range(2):
         with RunStore(tmp_path / "out") as store:
             quiet = Console(quiet=True)
-            optimise(campaign, specs, Pretending(), store, tmp_path / "out", quiet)
+            optimise(campaign, specs, Pretending(pretended), store, tmp_path / "out", quiet)
     assert len(flown) == 8, "the second search finds every run of the first"
     trials = json.loads((tmp_path / "out" / "trials.json").read_text("utf-8"))
     assert trials[0]["servo.azimuth.kp"] == 1.25, "the scenario's own, which the campaign flies"
@@ -308,7 +345,7 @@ def test_a_search_that_cannot_begin_is_refused(tmp_path: Path, key: str) -> None
         optimise(
             campaign,
             planned(campaign),
-            InlineEngine(),
+            Engine(),
             store,
             tmp_path / "out",
             Console(quiet=True),
@@ -321,14 +358,11 @@ def test_the_best_settings_stand_among_those_of_the_campaigns_file(tmp_path: Pat
     more = "config: base.yaml\noptimise: {trials: 1, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
     campaign = load_campaign(config(tmp_path, more))
 
-    class Pretending(InlineEngine):
-        def fly(self, specs: Sequence[RunSpec]) -> Any:
-            figure = {"line_of_sight_box_rms_seen_deg": 2.0}
-            yield from ({**ROW, "key": spec.key} | figure for spec in specs)
-
     with RunStore(tmp_path / "out") as store:
         quiet = Console(quiet=True)
-        optimise(campaign, planned(campaign), Pretending(), store, tmp_path / "out", quiet)
+        optimise(
+            campaign, planned(campaign), Pretending(same_angle), store, tmp_path / "out", quiet
+        )
     best = yaml.safe_load((tmp_path / "out" / "best.yaml").read_text("utf-8"))
     assert best == {"servo": {"elevation": {"kp": 0.4}, "azimuth": {"kp": 1.25}}}
 
@@ -338,19 +372,20 @@ def test_a_search_that_is_stopped_writes_what_it_has_found(tmp_path: Path) -> No
     more = "optimise: {trials: 5, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
     campaign = load_campaign(config(tmp_path, more))
 
-    class Stopped(InlineEngine):
+    class Stopped(Pretending):
         asked = 0
 
-        def fly(self, specs: Sequence[RunSpec]) -> Any:
+        def run(self, do: Any, jobs: Any) -> Any:
             self.asked += 1
             if self.asked == 3:
                 raise KeyboardInterrupt
-            figure = {"line_of_sight_box_rms_seen_deg": 2.0}
-            yield from ({**ROW, "key": spec.key} | figure for spec in specs)
+            return super().run(do, jobs)
 
     with RunStore(tmp_path / "out") as store:
         quiet = Console(quiet=True)
-        code = optimise(campaign, planned(campaign), Stopped(), store, tmp_path / "out", quiet)
+        code = optimise(
+            campaign, planned(campaign), Stopped(same_angle), store, tmp_path / "out", quiet
+        )
     assert code == 130
     assert len(json.loads((tmp_path / "out" / "trials.json").read_text("utf-8"))) == 2
     assert (tmp_path / "out" / "best.yaml").is_file()

@@ -5,17 +5,20 @@ The whole matrix, both autopilots, is flown by `follower faults`, or here with F
 
 import math
 import os
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter
 from pymavlink.dialects.v20 import common as mavlink
+from rich.console import Console
 
 from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.settings import load_settings
 from follower.settings.supervisor import ReleaseAction
+from follower.simulation.fault_tests.command import _fly_random
 from follower.simulation.fault_tests.random_flight import fly_random
 from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.fault_tests.run_fault import fly_fault
@@ -37,6 +40,7 @@ from follower.simulation.faults.setpoint_rules import (
     pilot_failures,
 )
 from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint, WireTap
+from follower.workers import engine_for
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_control.envelope.settings import EnvelopeSettings
@@ -288,6 +292,16 @@ def test_random_flights_keep_every_rule_and_are_the_same_again() -> None:
     assert sum(result.engaged_steps for result in results) > 500
     assert sum(sum(result.faults.values()) for result in results) > 20
     assert fly_random((2026, 0)) == results[0]
+
+
+@pytest.mark.slow
+def test_random_flights_in_two_processes_come_to_the_sums_of_one(tmp_path: Path) -> None:
+    for workers in (0, 2):
+        with closing(engine_for(workers, None)) as engine:
+            _fly_random(Console(quiet=True), engine, 3, 5, tmp_path / f"{workers}.json")
+    here, spread = (replace(Tally.load(tmp_path / f"{n}.json"), busy_s=0.0) for n in (0, 2))
+    assert here.flights == 3
+    assert spread == here
 
 
 @pytest.mark.slow

@@ -1,0 +1,60 @@
+"""Flies the runs of a campaign, each to a row."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from importlib.metadata import version
+from typing import Any
+
+import cv2
+
+from follower.simulation.campaign.config import RunSpec
+from follower.simulation.campaign.metrics import figures_of
+from follower.simulation.components import FlightOptions
+from follower.simulation.flight import SimulatedFlight
+from follower.simulation.runners import fly_lockstep
+from follower.workers import Engine
+from follower_control.common.transport import MemoryTransport
+from follower_sim.world.world import World
+from follower_vision.clock import SimulatedClock
+
+
+def fly_runs(engine: Engine, specs: Sequence[RunSpec]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each run as it is finished; one that failed has a row that says why."""
+    for done in engine.run(fly_run, specs):
+        yield row_of(done.job, done.failure) if done.failure else done.result
+
+
+def fly_run(spec: RunSpec) -> dict[str, Any]:
+    """Fly a run on this thread alone, and return its row: what it was, what came of it.
+
+    Raises:
+        SettingsError: the scenario or a setting cannot be used.
+    """
+    cv2.setNumThreads(1)
+    begin_s = time.perf_counter()
+    options = spec.options()
+    scenario, settings = options.resolve()
+    clock, ends = SimulatedClock(), MemoryTransport.pair()
+    world, extras = World(scenario, spec.seed), FlightOptions(vision=options.vision)
+    flight = SimulatedFlight(world, settings, spec.autopilot, clock, ends, extras)
+    with closing(flight):
+        fly_lockstep(flight, clock, lambda: None)
+    figures = figures_of(flight).to_dict()
+    return {**row_of(spec), **figures, "wall_s": time.perf_counter() - begin_s}
+
+
+def row_of(spec: RunSpec, error: str = "") -> dict[str, Any]:
+    """Return what is known of a run before it is flown."""
+    return {
+        "key": spec.key,
+        "number": spec.number,
+        "scenario": spec.scenario,
+        "autopilot": spec.autopilot,
+        "seed": spec.seed,
+        "vision": spec.vision,
+        "values": dict(spec.values),
+        "command": spec.options().command,
+        "version": version("drone-target-follower"),
+        "error": error,
+    }
