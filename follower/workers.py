@@ -186,17 +186,37 @@ class _Worker:
         context = multiprocessing.get_context("spawn")  # not forked: threads do not survive that
         self.answers, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, longest_s), daemon=True)
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        with _interrupted_later():
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                self._process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         theirs.close()
 
     def end(self) -> None:
         self._process.kill()
         self._process.join()
         self.answers.close()
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Put a Ctrl-C off to the end: half begun, a process would end with a traceback.
+
+    A mask alone does not: another thread of this process may receive the signal for the first one.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    caught: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+    if caught:
+        signal.raise_signal(signal.SIGINT)
 
 
 class LocalEngine(Engine):

@@ -16,6 +16,7 @@ from follower.workers import (
     Engine,
     JobError,
     LocalEngine,
+    _interrupted_later,
     engine_for,
 )
 from follower_control.common.strict_config import SettingsError
@@ -124,3 +125,12 @@ def test_a_scheduler_that_goes_away_is_named() -> None:
         cluster.close()
         with pytest.raises(SettingsError, match="the scheduler is gone; what is finished is kept"):
             next(done)
+
+
+def test_ctrl_c_waits_until_a_process_has_begun() -> None:
+    begun = False
+    with pytest.raises(KeyboardInterrupt), _interrupted_later():
+        signal.raise_signal(signal.SIGINT)
+        begun = True
+    assert begun
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -155,7 +155,8 @@ def test_several_targets_are_numbered_in_the_order_given(
 ) -> None:
     arguments = ("--select", "person:2", "--select", "person:1")
     if choice == "boxes":
-        arguments = ("--target", "40,150,28,28", "--target", "150,90,28,28")
+        boxes = ("--target", "40,150,28,28", "--target", "150,90,28,28")
+        arguments = (*boxes, "--tracker", "correlation")
     code, out, _ = run(str(pictures), *arguments, "--save", "out.mp4")
     assert code == SUCCESS, out
     rows = rows_of(only_run(tmp_path) / "boxes.csv")
