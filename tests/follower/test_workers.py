@@ -128,9 +128,14 @@ def test_a_scheduler_that_goes_away_is_named() -> None:
 
 
 def test_ctrl_c_waits_until_a_process_has_begun() -> None:
-    begun = False
-    with pytest.raises(KeyboardInterrupt), _interrupted_later():
-        signal.raise_signal(signal.SIGINT)
-        begun = True
-    assert begun
+    done: list[str] = []
+
+    def begin() -> None:
+        with _interrupted_later():
+            signal.raise_signal(signal.SIGINT)
+            done.append("begun")
+
+    with pytest.raises(KeyboardInterrupt):
+        begin()
+    assert done == ["begun"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
