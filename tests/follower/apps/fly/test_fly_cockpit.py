@@ -152,7 +152,7 @@ def test_the_page_shows_what_a_packages_tracker_follows(
         flight.wait(lambda: "Following what the cockpit selects" in flight.said)
         with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
             client.send(json.dumps({"kind": "select_box", "id": 1, **SQUARE}))
-            flight.wait(lambda: state(client)["track"] == "tracking")
+            flight.wait(lambda: state(client).get("track") == "tracking")
             (track,) = told(client, "track")["tracks"]
     finally:
         flight.close()
