@@ -125,25 +125,28 @@ class OnePlaceResponse:
 
     Args:
         motion: the tracker.
+
+    Attributes:
+        found: what it said of the image searched last; None before that.
     """
 
     def __init__(self, motion: MotionTracker) -> None:
         self._motion = motion
-        self._found: Box | None = None
+        self.found: MotionEstimate | None = None
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`; the place does not depend on where it is searched."""
-        estimate = self._motion.update(image)
-        found = self._found = estimate.box
+        self.found = estimate = self._motion.update(image)
+        found = estimate.box
         corners = np.array([[found.left, found.top, found.right, found.bottom]])
         score = np.array([estimate.confidence])
         return ResponseMap(corners, score, score, np.ones(1), box.scaled(_ABOUT))
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """See `ResponseTracker`."""
-        if self._found is not None and probability >= _SURE and self._found.iou(box) < _SAME_IOU:
+        strayed = self.found is not None and self.found.box.iou(box) < _SAME_IOU
+        if strayed and probability >= _SURE:
             self._motion.start(image, box)
-            self._found = box
 
 
 class JoinedTracker:
@@ -151,7 +154,7 @@ class JoinedTracker:
 
     Args:
         first: answers to each place it searches.
-        second: goes its own way; where the target is learnt to be elsewhere, it starts anew there.
+        second: see `OnePlaceResponse`.
 
     Attributes:
         name: a short name for tables and logs.
@@ -160,13 +163,12 @@ class JoinedTracker:
     def __init__(self, first: SearchingTracker, second: MotionTracker) -> None:
         self.name = f"{first.name}-{second.name}"
         self._first, self._second = first, second
-        self._found: Box | None = None
+        self._response = OnePlaceResponse(second)
 
     def start(self, image: Image, box: Box) -> None:
         """See `MotionTracker`."""
         self._first.start(image, box)
         self._second.start(image, box)
-        self._found = None
 
     def update(self, image: Image) -> MotionEstimate:
         """See `MotionTracker`; without Fusion the first one counts."""
@@ -174,16 +176,13 @@ class JoinedTracker:
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`."""
-        second = self._second.update(image)
-        self._found = second.box
-        return replace(self._first.search(image, box), second=second)
+        self._response.search(image, box)
+        return replace(self._first.search(image, box), second=self._response.found)
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """See `ResponseTracker`."""
         self._first.learn(image, box, probability)
-        if self._found is not None and probability >= _SURE and self._found.iou(box) < _SAME_IOU:
-            self._second.start(image, box)
-            self._found = box
+        self._response.learn(image, box, probability)
 
 
 class IdentityTracker:
