@@ -28,20 +28,16 @@ _TAGS: dict[int, tuple[int, float, float]] = {
     _ALTITUDE: (2, *_HEIGHTS_M),
     _ELLIPSOID_HEIGHT: (2, *_HEIGHTS_M),
     _FOV: (2, 0, 180),
-    17: (2, 0, 180),
     _AZIMUTH: (4, 0, 360),
     _ELEVATION: (4, -180, 180),
     _SENSOR_ROLL: (4, 0, 360),
-    23: (4, -90, 90),
-    24: (4, -180, 180),
     _GROUND: (2, *_HEIGHTS_M),
 }
 """Bytes, least and largest value of the tags that we read: degrees, metres above the sea.
 
 Where the limits are opposite, the number is signed, and its most negative one means "unknown".
-17 is the vertical field of view, 23 and 24 are the frame centre's latitude and longitude.
 """
-_COLUMNS = [tag for tag in _TAGS if tag not in (17, 23, 24)]
+_COLUMNS = [*_TAGS]
 
 
 def decode(packet: bytes) -> dict[int, float]:
