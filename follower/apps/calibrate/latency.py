@@ -12,7 +12,7 @@ import yaml
 from rich.console import Console
 
 from follower.apps.calibrate.session import picture_beside
-from follower.apps.import_flight.alignment import align, corner_flows, write_offset_plot
+from follower.apps.import_flight.alignment import align, flows_of, write_offset_plot
 from follower.apps.preflight.session import opened_link
 from follower.apps.replay.replay import replay_settings
 from follower.apps.video_input import VideoInput
@@ -29,7 +29,6 @@ from follower_vision.disk import write_whole
 from follower_vision.geometry.line_of_sight import CameraMount
 from follower_vision.images.camera_rotation import CornerFlow
 from follower_vision.images.frame import Frame
-from follower_vision.sources.frame_source import SourceError
 
 _REACH_S = 2.0
 _STEP_S = 0.02
@@ -142,13 +141,7 @@ def run(turns: Turns, out: Path, config: Path | None = None) -> int:
 
 
 def _flows(frames: Iterable[Frame], name: str, settings: Settings) -> list[CornerFlow]:
-    """Return how the corners moved from frame to frame."""
-    remaining = iter(frames)
-    first = next(remaining, None)
-    if first is None:
-        raise SourceError(f"{name}: no frame could be read")
-    camera = settings.camera.model_of(name, first.width, first.height)
-    return list(corner_flows(remaining, camera))
+    return list(flows_of(frames, name, settings))
 
 
 def _telemetry(name: str, attitudes: Iterable[Attitude]) -> TelemetryLog:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from follower.recording.telemetry_logs import TelemetryLog
 from follower.report import html, style
 from follower.report.style import BLUE, INK, ORANGE
+from follower.settings.settings import Settings
 from follower_control.common.clock_offset import (
     AngularRates,
     TimeOffset,
@@ -19,6 +20,7 @@ from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, rotation
 from follower_vision.images.camera_rotation import CornerFlow, CornerFollower
 from follower_vision.images.frame import Frame
+from follower_vision.sources.frame_source import SourceError
 
 _AGAIN = 2
 _DOWN = np.array([0.0, 0.0, 1.0])
@@ -33,6 +35,19 @@ def corner_flows(frames: Iterable[Frame], camera: CameraModel) -> Iterator[Corne
         flow = follower.step(frame)
         if flow is not None:
             yield flow
+
+
+def flows_of(frames: Iterable[Frame], name: str, settings: Settings) -> Iterator[CornerFlow]:
+    """Return the same by the settings' lens, for the size that the first frame has.
+
+    Raises:
+        SourceError: there is no frame.
+    """
+    remaining = iter(frames)
+    first = next(remaining, None)
+    if first is None:
+        raise SourceError(f"{name}: no frame could be read")
+    return corner_flows(remaining, settings.camera.model_of(name, first.width, first.height))
 
 
 def align(

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from follower.apps.command_settings import command_line
 from follower.apps.import_flight.alignment import (
     align,
-    corner_flows,
+    flows_of,
     offset_facts,
     offset_section,
     write_offset_plot,
@@ -339,11 +339,7 @@ def _found_offset(
     if not len(log.rates.start_s):
         raise NoOverlapError("the telemetry tells no turns")
     with source.open() as frames, _progress(console) as progress:
-        first = frames.read()
-        if first is None:
-            raise SourceError(f"{source.name}: no frame could be read")
-        camera = settings.camera.model_of(source.name, first.width, first.height)
-        flows = islice(corner_flows(iter(frames.read, None), camera), _MOST_FLOWS)
+        flows = islice(flows_of(iter(frames.read, None), source.name, settings), _MOST_FLOWS)
         seen = progress.track(flows, frames.frame_count, description="How the image turns")
         mount = CameraMount() if in_gimbal else settings.camera.mount
         return align(list(seen), log, mount)
