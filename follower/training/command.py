@@ -249,20 +249,19 @@ def export_command(
 
     from follower.training.trainer import load_checkpoint
 
-    state = load_checkpoint(folder, torch.device("cpu"))
-    recipe = folder / "config.yaml"
-    if state.get("kind") == "siamese":
-        from follower.training.siamese.run import export_checkpoint as export_siamese
+    cpu, recipe = torch.device("cpu"), folder / "config.yaml"
+    if load_checkpoint(folder, cpu).get("kind") == "siamese":
+        from follower.training.siamese.run import train_siamese
         from follower.training.siamese.settings import SiameseConfig
 
         siamese, _ = _read_recipe(SiameseConfig, recipe, [], {}, RUNS, folder)
-        exported = export_siamese(siamese, folder, state)
+        exported = train_siamese(siamese, folder, cpu, resume=True, export_only=True)
     else:
-        from follower.training.re3.run import export_checkpoint as export_re3
+        from follower.training.re3.run import train_re3
         from follower.training.re3.settings import Re3Config
 
         re3, _ = _read_recipe(Re3Config, recipe, [], {}, RUNS, folder)
-        exported = [export_re3(re3, folder, state)]
+        exported = [train_re3(re3, folder, cpu, resume=True, export_only=True)]
     for one in exported:
         typer.echo(f"{one.path}\nsha256 {one.sha256}")
 

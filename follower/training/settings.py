@@ -51,6 +51,15 @@ class TrainingConfig(BaseModel):
     """Of the weights, for the model card."""
 
 
+class TrackerTrainingConfig(TrainingConfig):
+    """A motion tracker's training: what it is called and what it sees."""
+
+    data: str = "not stated"
+    """Where the pictures come from, for the model card."""
+    pictures: Path | None = None
+    """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
+
+
 def find_device(name: str) -> torch.device:
     """Return the device named "cpu", "cuda" or "cuda:1"; "auto" is a GPU if there is one.
 

@@ -4,12 +4,13 @@ import copy
 import csv
 import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import cv2
 import torch
+import typer
 import yaml
 from rich.progress import MofNCompleteColumn, Progress
 from torch import Tensor, nn
@@ -18,6 +19,7 @@ from torch.nn.utils import clip_grad_norm_
 from follower.training.settings import TrainingConfig, TrainingPlan
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
+from follower_vision.images.frame import Image
 
 CHECKPOINT, CONFIG, LOG, SAMPLES = "checkpoint.pt", "config.yaml", "log.csv", "samples.png"
 _SMOOTHED = 0.97
@@ -34,6 +36,7 @@ class Trainer(ABC, Generic[NetworkT]):
         network: on its device.
         plan: of the training.
         steps: of the optimiser in the whole training.
+        size: what a checkpoint's network must have in common with this one.
 
     Attributes:
         kind: of network, written into checkpoints.
@@ -47,8 +50,15 @@ class Trainer(ABC, Generic[NetworkT]):
     quality: ClassVar[str]
     largest_gradient: ClassVar[float]
 
-    def __init__(self, network: NetworkT, plan: TrainingPlan, steps: int) -> None:
+    def __init__(
+        self,
+        network: NetworkT,
+        plan: TrainingPlan,
+        steps: int,
+        size: Mapping[str, Any] | None = None,
+    ) -> None:
         self.plan = plan
+        self._size = dict(size or {})
         self.steps = steps
         self.network = network
         self.averaged = copy.deepcopy(network).eval()
@@ -72,6 +82,7 @@ class Trainer(ABC, Generic[NetworkT]):
         """Return all that a resumption needs."""
         return {
             "kind": self.kind,
+            "size": self._size,
             "step": self.step_number,
             "network": self.network.state_dict(),
             "averaged": self.averaged.state_dict(),
@@ -90,13 +101,14 @@ class Trainer(ABC, Generic[NetworkT]):
         self._optimiser.load_state_dict(state["optimiser"])
         self.step_number = int(state["step"])
 
-    @abstractmethod
     def check(self, state: dict[str, Any]) -> None:
         """Make sure that a state fits this network.
 
         Raises:
             SettingsError: it belongs to another network.
         """
+        if (state.get("kind"), state.get("size")) != (self.kind, self._size):
+            raise SettingsError("the checkpoint is of another network, or of another size")
 
     def _descend(self, loss: Tensor, learning_rate: float) -> None:
         """Do one step of the optimiser, and let the averaged weights follow, quickly at first."""
@@ -132,6 +144,21 @@ def open_folder(
     resolved = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     (folder / CONFIG).write_text(resolved, encoding="utf-8")
     return state
+
+
+def begin(
+    trainer: Trainer[Any], folder: Path, state: dict[str, Any] | None, draw: Callable[[], Image]
+) -> None:
+    """Go on from a state, or, where there is none, write a picture of what is learnt from.
+
+    Raises:
+        SettingsError: the state belongs to another network.
+    """
+    if state is not None:
+        trainer.restore(state)
+        return
+    cv2.imwrite(str(folder / SAMPLES), draw())
+    typer.echo(f"{folder / SAMPLES}: look at it.")
 
 
 def train(trainer: Trainer[Any], folder: Path) -> None:

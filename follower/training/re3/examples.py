@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from follower.training.re3.network import Re3Answer, Re3Module, Re3ModuleState
-from follower.training.scenes.scene import Scene
+from follower.training.scenes.scene import LEAST_VISIBLE, Scene, bounded
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.trackers.re3 import (
@@ -23,8 +23,6 @@ from follower_vision.trackers.re3 import (
     template_region,
 )
 
-LEAST_VISIBLE = 0.3
-_LEAST_SIDE_PX = 3.0
 _REACH = 1.4
 _TURNED_AWAY = 0.06
 _LOST_OVERLAP = 0.05
@@ -103,11 +101,6 @@ def strayed(rng: np.random.Generator, box: Box) -> Box:
             box.height * grown[1],
         )
     )
-
-
-def bounded(box: Box) -> Box:
-    """Return a box no smaller than a tracker allows, 3 pixels a side."""
-    return Box(box.cx, box.cy, max(box.width, _LEAST_SIDE_PX), max(box.height, _LEAST_SIDE_PX))
 
 
 def swapped(rng: np.random.Generator, examples: Sequence[Example]) -> list[Example]:

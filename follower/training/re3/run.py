@@ -1,12 +1,10 @@
 """`follower train re3`: from a configuration to an ONNX file."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
-import typer
 from torch import Tensor, nn
 
 from follower.training.onnx_export import (
@@ -24,7 +22,7 @@ from follower.training.re3.trainer import Re3Trainer
 from follower.training.scenes.generator import SceneMaker
 from follower.training.scenes.image_pool import image_source, prepare_once
 from follower.training.scenes.scene import Scene
-from follower.training.trainer import SAMPLES, open_folder, train
+from follower.training.trainer import begin, open_folder, train
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.trackers.re3 import (
@@ -144,6 +142,7 @@ def train_re3(
     device: torch.device,
     resume: bool = False,
     network_type: type[Re3Module] = Re3Module,
+    export_only: bool = False,
 ) -> ExportedNetwork:
     """Train, measure and export.
 
@@ -153,6 +152,7 @@ def train_re3(
         device: where it computes.
         resume: go on from the folder's checkpoint.
         network_type: the network's class.
+        export_only: do no more steps.
 
     Raises:
         SettingsError: the pictures or the checkpoint cannot be used.
@@ -162,27 +162,10 @@ def train_re3(
     prepare_once(config.pictures, folder, training.seed)
     pictures = image_source(folder, training.seed, training.worlds)
     trainer = Re3Trainer(training, pictures, device, network_type)
-    if state is None:
-        maker = SceneMaker(pictures, training.scenes, training.seed)
-        cv2.imwrite(str(folder / SAMPLES), sample_sheet(maker))
-        typer.echo(f"{folder / SAMPLES}: look at it.")
-    else:
-        trainer.restore(state)
-    train(trainer, folder)
-    return finish(trainer, config, folder)
-
-
-def export_checkpoint(config: Re3Config, folder: Path, state: dict[str, Any]) -> ExportedNetwork:
-    """Write the network of a training's checkpoint as it stands, and its card.
-
-    Raises:
-        SettingsError: the checkpoint is of another network.
-    """
-    training = config.training
-    torch.set_num_threads(training.threads)
-    pictures = image_source(folder, training.seed, training.worlds)
-    trainer = Re3Trainer(training, pictures)
-    trainer.restore(state)
+    maker = SceneMaker(pictures, training.scenes, training.seed)
+    begin(trainer, folder, state, lambda: sample_sheet(maker))
+    if not export_only:
+        train(trainer, folder)
     return finish(trainer, config, folder)
 
 

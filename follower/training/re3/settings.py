@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import field
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from follower.training.scenes.generator import SceneSettings
-from follower.training.settings import STRICT, Share, TrainingConfig, TrainingPlan
+from follower.training.settings import STRICT, Share, TrackerTrainingConfig, TrainingPlan
 
 _Units = Annotated[int, Field(ge=8)]
 
@@ -81,12 +80,8 @@ class Re3TrainingSettings(TrainingPlan):
     validation_frames: Annotated[int, Field(ge=2)] = 24
 
 
-class Re3Config(TrainingConfig):
+class Re3Config(TrackerTrainingConfig):
     """A training: what it is called, what it sees, and the recipe."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")] = "follower-re3"
-    data: str = "not stated"
-    """Where the pictures come from, for the model card."""
-    pictures: Path | None = None
-    """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
     training: Re3TrainingSettings = Re3TrainingSettings()

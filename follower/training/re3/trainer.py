@@ -10,11 +10,10 @@ from torch.nn import functional
 
 from follower.training.re3.examples import Batch, Rollout, Tracked, answered, pair, swapped, tracked
 from follower.training.re3.network import Re3Answer, Re3Module
-from follower.training.re3.settings import Re3NetworkSettings, Re3TrainingSettings, TrainingStage
+from follower.training.re3.settings import Re3TrainingSettings, TrainingStage
 from follower.training.scenes.generator import SceneMaker
 from follower.training.scenes.image_source import ImageSource
 from follower.training.trainer import Trainer
-from follower_control.common.strict_config import SettingsError
 from follower_vision.trackers.re3 import CELL_PX, TARGET_PX
 
 _CELL = CELL_PX / TARGET_PX
@@ -110,7 +109,8 @@ class Re3Trainer(Trainer[Re3Module]):
         network = network_type(settings.network).to(device)
         # A fifth faster on a processor; torch's own types do not know this keyword.
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        super().__init__(network, settings, sum(stage.steps for stage in settings.stages))
+        steps = sum(stage.steps for stage in settings.stages)
+        super().__init__(network, settings, steps, asdict(settings.network))
         self._maker = SceneMaker(pictures, settings.scenes, settings.seed)
         self._held_out = SceneMaker(pictures, settings.scenes, settings.seed + _HELD_OUT)
 
@@ -136,16 +136,6 @@ class Re3Trainer(Trainer[Re3Module]):
         numbers = range(part * count, (part + 1) * count)
         scenes = [self._held_out.scene(number, frames) for number in numbers]
         return tracked(self.averaged, scenes, self.device)
-
-    def state(self) -> dict[str, Any]:
-        """Return all that a resumption needs."""
-        return super().state() | {"size": asdict(self.settings.network)}
-
-    def check(self, state: dict[str, Any]) -> None:
-        """Make sure that a state is of a network of this size."""
-        size = Re3NetworkSettings(**state["size"]) if state.get("kind") == self.kind else None
-        if size != self.settings.network:
-            raise SettingsError("the checkpoint is of another network, or of another size")
 
     def _stage(self) -> tuple[int, TrainingStage, float]:
         """Return the present stage with its index, and the share of it that is done."""

@@ -14,8 +14,16 @@ from follower_vision.images.frame import Image
 
 Course = npt.NDArray[np.float64]
 
+LEAST_VISIBLE = 0.3
+"""A target of which less is to be seen counts as hidden."""
+_LEAST_SIDE_PX = 3.0
 _SOFT_LEAST_PX = 0.3
 _GRAIN = np.random.default_rng(0).standard_normal((331, 331, 3), dtype=np.float32)
+
+
+def bounded(box: Box) -> Box:
+    """Return a box no smaller than a tracker allows, 3 pixels a side."""
+    return Box(box.cx, box.cy, max(box.width, _LEAST_SIDE_PX), max(box.height, _LEAST_SIDE_PX))
 
 
 class Deformation:

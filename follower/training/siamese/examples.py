@@ -13,14 +13,12 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from follower.training.scenes.generator import SceneMaker
-from follower.training.scenes.scene import Scene
+from follower.training.scenes.scene import LEAST_VISIBLE, Scene, bounded
 from follower.training.siamese.network import SEARCH_PX, TEMPLATE_PX
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
 from follower_vision.trackers.nanotrack import context_side
 
-LEAST_VISIBLE = 0.3
-_LEAST_SIDE_PX = 3.0
 _TEMPLATE_VISIBLE = 0.5
 _PAIRS_A_SCENE = 4
 _NEAR_FRAMES = 6
@@ -99,12 +97,12 @@ def pair(rng: np.random.Generator, scene: Scene) -> Example | None:
     else:
         near = first + rng.integers(-_NEAR_FRAMES, _NEAR_FRAMES + 1)
         second = int(np.clip(near, 0, frames - 1))
-    target = _bounded(scene.drawn_box(first))
+    target = bounded(scene.drawn_box(first))
     side = context_side(target)
     template = scene.crop(first, Box(target.cx, target.cy, side, side), TEMPLATE_PX)
     if template.visible < _TEMPLATE_VISIBLE:
         return None
-    target = _bounded(scene.drawn_box(second))
+    target = bounded(scene.drawn_box(second))
     zoom = TEMPLATE_PX / (context_side(target) * math.exp(rng.normal(0.0, _ZOOM_SPREAD)))
     centred = rng.uniform() < _CENTRED_SHARE
     right, down = (
@@ -158,7 +156,3 @@ def _relit(rng: np.random.Generator, image: Image) -> Image:
         side = int(rng.choice([3, 5]))
         image = np.asarray(cv2.GaussianBlur(image, (side, side), 0), np.uint8)
     return image
-
-
-def _bounded(box: Box) -> Box:
-    return Box(box.cx, box.cy, max(box.width, _LEAST_SIDE_PX), max(box.height, _LEAST_SIDE_PX))

@@ -1,12 +1,10 @@
 """`follower train siamese`: from a configuration to the two ONNX files."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
-import typer
 from torch import Tensor, nn
 
 from follower.training.onnx_export import (
@@ -29,7 +27,7 @@ from follower.training.siamese.network import (
 )
 from follower.training.siamese.settings import SiameseConfig
 from follower.training.siamese.trainer import SiameseTrainer
-from follower.training.trainer import SAMPLES, open_folder, train
+from follower.training.trainer import begin, open_folder, train
 from follower_vision.images.frame import Image
 
 _COLUMNS = 6
@@ -37,7 +35,11 @@ _VISIBLE, _ABSENT = (80, 220, 60), (60, 60, 255)
 
 
 def train_siamese(
-    config: SiameseConfig, folder: Path, device: torch.device, resume: bool = False
+    config: SiameseConfig,
+    folder: Path,
+    device: torch.device,
+    resume: bool = False,
+    export_only: bool = False,
 ) -> list[ExportedNetwork]:
     """Train, measure and export.
 
@@ -46,6 +48,7 @@ def train_siamese(
         folder: where everything is written.
         device: where it computes.
         resume: go on from the folder's checkpoint.
+        export_only: do no more steps.
 
     Raises:
         SettingsError: the pictures or the checkpoint cannot be used.
@@ -54,28 +57,9 @@ def train_siamese(
     state = open_folder(config, training, folder, device, resume)
     prepare_once(config.pictures, folder, training.seed)
     trainer = SiameseTrainer(training, image_source(folder, training.seed, training.worlds), device)
-    if state is None:
-        cv2.imwrite(str(folder / SAMPLES), sample_sheet(trainer.batch(0)))
-        typer.echo(f"{folder / SAMPLES}: look at it.")
-    else:
-        trainer.restore(state)
-    train(trainer, folder)
-    return finish(trainer, config, folder)
-
-
-def export_checkpoint(
-    config: SiameseConfig, folder: Path, state: dict[str, Any]
-) -> list[ExportedNetwork]:
-    """Write the networks of a training's checkpoint as it stands, and their cards.
-
-    Raises:
-        SettingsError: the checkpoint is of another network.
-    """
-    training = config.training
-    torch.set_num_threads(training.threads)
-    pictures = image_source(folder, training.seed, training.worlds)
-    trainer = SiameseTrainer(training, pictures)
-    trainer.restore(state)
+    begin(trainer, folder, state, lambda: sample_sheet(trainer.batch(0)))
+    if not export_only:
+        train(trainer, folder)
     return finish(trainer, config, folder)
 
 

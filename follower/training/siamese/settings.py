@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import field
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from follower.training.scenes.generator import SceneSettings
-from follower.training.settings import STRICT, TrainingConfig, TrainingPlan
+from follower.training.settings import STRICT, TrackerTrainingConfig, TrainingPlan
 
 _Units = Annotated[int, Field(ge=8)]
 
@@ -57,12 +56,8 @@ class SiameseTrainingSettings(TrainingPlan):
     workers: NonNegativeInt = 1
 
 
-class SiameseConfig(TrainingConfig):
+class SiameseConfig(TrackerTrainingConfig):
     """A training: what it is called, what it sees, and the recipe."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")] = "follower-siamese"
-    data: str = "not stated"
-    """Where the pictures come from, for the model card."""
-    pictures: Path | None = None
-    """Into which the packages of pictures.yaml were unpacked; None makes procedural pictures."""
     training: SiameseTrainingSettings = SiameseTrainingSettings()

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,9 +14,8 @@ from follower.training.scenes.generator import SceneMaker
 from follower.training.scenes.image_source import ImageSource
 from follower.training.siamese.examples import Batch, Batches
 from follower.training.siamese.network import SiameseAnswer, SiameseModule, places
-from follower.training.siamese.settings import SiameseNetworkSettings, SiameseTrainingSettings
+from follower.training.siamese.settings import SiameseTrainingSettings
 from follower.training.trainer import Trainer
-from follower_control.common.strict_config import SettingsError
 
 _WARM_UP = 200
 _HELD_OUT = 1_000_003
@@ -130,7 +129,7 @@ class SiameseTrainer(Trainer[SiameseModule]):
         network = SiameseModule(settings.network).to(device)
         # Faster on a processor; torch's own types do not know this keyword.
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        super().__init__(network, settings, settings.steps)
+        super().__init__(network, settings, settings.steps, asdict(settings.network))
         self._batches, self._held_out = (
             Batches(SceneMaker(pictures, settings.scenes, seed), settings.batch, frames)
             for frames in (settings.scene_frames,)
@@ -161,16 +160,6 @@ class SiameseTrainer(Trainer[SiameseModule]):
             found += overlaps[batch.visible.to(self.device)].tolist()
             number += 1
         return sum(found) / len(found)
-
-    def state(self) -> dict[str, Any]:
-        """Return all that a resumption needs."""
-        return super().state() | {"size": asdict(self.settings.network)}
-
-    def check(self, state: dict[str, Any]) -> None:
-        """Make sure that a state is of a network of this size."""
-        size = SiameseNetworkSettings(**state["size"]) if state.get("kind") == self.kind else None
-        if size != self.settings.network:
-            raise SettingsError("the checkpoint is of another network, or of another size")
 
     def batch(self, number: int) -> Batch:
         """Return what a step learns from."""

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from easy_scenes import EASY
 from onnx import helper, save
 
 from follower.training.onnx_export import AGREEMENT, folded
@@ -31,20 +32,6 @@ from follower_vision.onnx_network import ModelError
 from follower_vision.trackers.re3 import SEARCH_PX, Re3Network, search_region
 
 SMALL = Re3NetworkSettings(channels=16, hidden=16, head=16)
-EASY = SceneSettings(
-    least_scale=40,
-    most_scale=60,
-    motion=0.1,
-    perspective=0.0,
-    deformation=0.0,
-    occlusion=0.0,
-    look_alikes=0.0,
-    leaving=0.0,
-    blur=0.0,
-    low_light=0.0,
-    pieces=0.0,
-    loose=0.0,
-)
 CPU = torch.device("cpu")
 
 

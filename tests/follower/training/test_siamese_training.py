@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from easy_scenes import EASY
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -33,20 +34,6 @@ from follower_vision.trackers.nanotrack import NanoTrackNetwork
 from follower_vision.trackers.registry import make_tracker
 
 SMALL = SiameseNetworkSettings(channels=16, head=16)
-EASY = SceneSettings(
-    least_scale=40,
-    most_scale=60,
-    motion=0.1,
-    perspective=0.0,
-    deformation=0.0,
-    occlusion=0.0,
-    look_alikes=0.0,
-    leaving=0.0,
-    blur=0.0,
-    low_light=0.0,
-    pieces=0.0,
-    loose=0.0,
-)
 CPU = torch.device("cpu")
 RECIPE = """
 name: tiny
