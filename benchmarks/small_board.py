@@ -11,8 +11,8 @@ runs the networks that come along.
 Wanted is this order: vision's rate falls first, then frames are missing in the recording, then in
 people's video; the 50 setpoints a second stay. A quota is harsher than a slow processor: when it is
 spent, the kernel stops every thread, control's too, until the next PERIOD_MS (20) begin. No
-priority helps; a shorter period stops them for less long at a time. On a computer with other work
-the figures are its too: the last column is how many processes wanted to run.
+priority helps; a shorter period stops them for less long at a time. The group comes before other
+work on the computer; the last column is how many processes wanted to run.
 """
 
 from __future__ import annotations
@@ -82,9 +82,11 @@ def quota(share: float, period_us: int) -> Iterator[Path]:
         group.mkdir()
         if second:
             (group / "cpu.max").write_text(f"{quota_us} {period_us}")
+            (group / "cpu.weight").write_text("10000")
         else:
             (group / "cpu.cfs_period_us").write_text(str(period_us))
             (group / "cpu.cfs_quota_us").write_text(str(quota_us))
+            (group / "cpu.shares").write_text("262144")
     except OSError as error:
         sys.exit(f"small_board: no quota can be set here ({error}); run it as root on Linux")
     try:

@@ -76,6 +76,8 @@ def few_collections() -> Iterator[None]:
 _PATIENCE_S = 0.2
 _LONGEST_BRAKING_S = 6.0
 _LAST_WORDS = 5
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.02, 0.1
+_GROWS, _WEARS_OFF = 1.5, 0.95
 _BETWEEN_WORDS_S = 0.06
 
 
@@ -167,6 +169,37 @@ def _started(loop: Callable[[], None]) -> Future[None]:
     return future
 
 
+class VisionPause:
+    """How long vision rests after a frame, so that control is on time on a board that is too small.
+
+    A quota of the kernel stops all threads of a process alike once it is spent, and a slow
+    processor makes them wait for each other: fewer frames cost less, in vision and in whatever
+    records and shows them. The pause grows when control was late since the last frame, and wears
+    off while it is on time.
+
+    Args:
+        late_s: what is late, in seconds.
+    """
+
+    def __init__(self, late_s: float) -> None:
+        self._late_s = late_s
+        self._was_late = False
+        self._pause_s = 0.0
+
+    def note(self, late_s: float) -> None:
+        """Take in how late a control step began, in seconds."""
+        self._was_late |= late_s > self._late_s
+
+    def after_frame(self) -> float:
+        """Return how long to rest now, in seconds."""
+        if self._was_late:
+            self._pause_s = min(max(_GROWS * self._pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
+        else:
+            self._pause_s *= _WEARS_OFF
+        self._was_late = False
+        return self._pause_s if self._pause_s > _FIRST_PAUSE_S / 4 else 0.0
+
+
 class RealtimeRun:
     """Capture, vision and control, each on its own thread, until told to stop."""
 
@@ -184,6 +217,7 @@ class RealtimeRun:
         self._control = control
         self._period_s = 1.0 / control_rate_hz
         self._frames: Mailbox[Frame] = Mailbox()
+        self._pause = VisionPause(late_s=self._period_s / 2)
         self._stop = threading.Event()
 
     def run(self, watch: Callable[[], bool], watch_every_s: float = 0.1) -> None:
@@ -242,12 +276,14 @@ class RealtimeRun:
             if frame is not None:
                 self._vision.tracks.put(self._vision.step(frame))
                 self._vision.learn()
+                self._clock.sleep_until(self._clock.now() + self._pause.after_frame())
 
     def _control_loop(self) -> None:
         due_s = self._clock.now()
         while not self._stop.is_set():
             self._clock.sleep_until(due_s)
             now_s = self._clock.now()
+            self._pause.note(now_s - due_s)
             self._control.step(now_s, now_s - due_s)
             # Steps that were missed are left out, so that a stall is no burst afterwards.
             missed = max(0.0, self._clock.now() - due_s) // self._period_s
