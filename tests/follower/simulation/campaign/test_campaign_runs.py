@@ -323,6 +323,7 @@ ROW: dict[str, Any] = {
     "range_error_p95": 0.1,
     "occlusion_s": [],
     "reacquired_s": [],
+    "wrong_end": None,
     "losses": 0,
     "wrong_box_share": 0.0,
     "delay_median_s": 0.07,
