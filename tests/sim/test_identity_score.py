@@ -86,6 +86,8 @@ NEVER = (99.0, 99.0)
         ((4, 7), frames(1, 4) + frames(5, 6, other=True) + frames(7.2, 10), None),
         ((4, 7), frames(1, 4) + frames(5, 5.2, other=True), WrongEnd.NOT_FOUND),
         ((8, 12), frames(1, 8), None),
+        ((8, 12), frames(1, 8) + frames(8.5, 10, other=True), WrongEnd.COVERED_SWAP),
+        ((8.6, 12), frames(1, 4), WrongEnd.LOST),
         ((6, 9.5), frames(1, 6), None),
         (NEVER, [], None),
     ],

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 from follower_sim.kinematics import TruthSample
 
@@ -20,7 +21,7 @@ MISTAKEN_IOU = 0.3
 
 _HARDLY = 0.1
 _SAME_RUN_S = 0.25
-_TAKEN_S, _SEEN_AGAIN_S = 0.3, 1.0
+TAKEN_S, SEEN_AGAIN_S = 0.3, 1.0
 """For so long another target has to be tracked, or the target to be in the open, to count."""
 
 
@@ -145,8 +146,8 @@ def wrong_end(
 ) -> WrongEnd | None:
     """Return how a pursuit ended wrongly.
 
-    None if its last second in which nothing hid the target has a tracked frame on it, and if it
-    never was tracked.
+    None if after the last tracked frame on the target it was never in the open for a second, nor
+    another one tracked; and if the target never was tracked.
 
     Args:
         truth: samples in the order of time.
@@ -159,12 +160,13 @@ def wrong_end(
         return None
     after = [sample for sample in truth if right_s <= sample.time_s <= until_s]
     covered_s = [sample.time_s for sample in after if sample.visible_share < PLAIN]
-    if not after or after[-1].time_s - max([right_s, *covered_s]) < _SEEN_AGAIN_S:
-        return None
     mistakes = _mistakes([frame for frame in tracked if frame.time_s > right_s])
-    swap_s = next((began for began, last in mistakes if last - began >= _TAKEN_S), None)
+    swap_s = next((began for began, last in mistakes if last - began >= TAKEN_S), None)
     left_s = right_s + LEAST_HIDDEN_S if swap_s is None else swap_s
     covered = any(time_s <= left_s for time_s in covered_s)
-    if swap_s is None:
-        return WrongEnd.NOT_FOUND if covered else WrongEnd.LOST
-    return WrongEnd.COVERED_SWAP if covered else WrongEnd.PLAIN_SWAP
+    if swap_s is not None:
+        return WrongEnd.COVERED_SWAP if covered else WrongEnd.PLAIN_SWAP
+    ends_s = [right_s, *covered_s, *(sample.time_s for sample in after[-1:])]
+    if max((end - start for start, end in pairwise(ends_s)), default=0.0) < SEEN_AGAIN_S:
+        return None
+    return WrongEnd.NOT_FOUND if covered else WrongEnd.LOST
