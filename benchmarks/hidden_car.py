@@ -23,14 +23,12 @@ from follower.simulation.runners import fly_lockstep
 from follower_control.common.transport import MemoryTransport
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings, load_scenario
-from follower_sim.scoring.identity_score import IdentityScore
+from follower_sim.scoring.identity_score import TAKEN_S, IdentityScore
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 SOON_S = 1.0
 """So quickly a target that comes into sight again is to be found."""
-TAKEN_S = 0.3
-"""So long another target has to be tracked to be counted as taken."""
 WAYS = {"Fusion": (), "motion tracker alone": ("detector=null",)}
 
 

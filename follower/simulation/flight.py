@@ -34,7 +34,7 @@ from follower_sim.autopilot.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.camera import BlindCamera
 from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.noisy_tracker import NoisyTracker
-from follower_sim.scoring.identity_score import IdentityScore
+from follower_sim.scoring.identity_score import IdentityScore, TrackedFrame
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
@@ -188,9 +188,9 @@ class SimulatedFlight:
         return self._tracker
 
     @property
-    def overlaps(self) -> list[float]:
-        """Intersection over union with the true box, one for each tracked frame."""
-        return [frame.overlap for frame in self._truth.tracked]
+    def tracked(self) -> Sequence[TrackedFrame]:
+        """What came of each frame in which the target was reported as tracked."""
+        return self._truth.tracked
 
     @property
     def identity(self) -> IdentityScore:
@@ -203,7 +203,7 @@ class SimulatedFlight:
             self.log,
             self.truth,
             self.goal,
-            overlaps=self.overlaps,
+            overlaps=[frame.overlap for frame in self.tracked],
             identity=self.identity,
             chosen_s=self.chosen_s,
         )

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from follower_sim.kinematics import BodyState, TruthSample
-from follower_sim.scoring.identity_score import IdentityScore, TrackedFrame, identity_score
+from follower_sim.scoring.identity_score import (
+    IdentityScore,
+    TrackedFrame,
+    WrongEnd,
+    identity_score,
+    wrong_end,
+)
 
 
 def truth(gone_s: float, back_s: float) -> list[TruthSample]:
@@ -62,3 +68,44 @@ def test_a_short_disappearance_and_one_before_the_first_track_do_not_count() -> 
 
 def test_a_target_that_was_never_tracked_has_no_figures() -> None:
     assert identity_score(truth(4, 7), [], others=False) == IdentityScore()
+
+
+NEVER = (99.0, 99.0)
+"""When a target is hidden that is in the open all the time."""
+
+
+@pytest.mark.parametrize(
+    ("hidden", "tracked", "ends"),
+    [
+        (NEVER, frames(1, 10), None),
+        (NEVER, frames(1, 4) + frames(4, 10, other=True), WrongEnd.PLAIN_SWAP),
+        ((4, 7), frames(1, 4) + frames(7.2, 10, other=True), WrongEnd.COVERED_SWAP),
+        (NEVER, frames(1, 4), WrongEnd.LOST),
+        ((8, 8.5), frames(1, 4), WrongEnd.LOST),
+        ((4, 7), frames(1, 4), WrongEnd.NOT_FOUND),
+        ((4, 7), frames(1, 4) + frames(5, 6, other=True) + frames(7.2, 10), None),
+        ((4, 7), frames(1, 4) + frames(5, 5.2, other=True), WrongEnd.NOT_FOUND),
+        ((8, 12), frames(1, 8), None),
+        ((8, 12), frames(1, 8) + frames(8.5, 10, other=True), WrongEnd.COVERED_SWAP),
+        ((8.6, 12), frames(1, 4), WrongEnd.LOST),
+        ((6, 9.5), frames(1, 6), None),
+        (NEVER, [], None),
+    ],
+)
+def test_a_pursuit_that_ends_without_its_target_is_classed_by_where_it_went(
+    hidden: tuple[float, float], tracked: list[TrackedFrame], ends: WrongEnd | None
+) -> None:
+    assert wrong_end(truth(*hidden), tracked, 10.0) is ends
+
+
+def test_what_comes_after_the_end_of_a_pursuit_does_not_count() -> None:
+    tracked = frames(1, 5)
+    assert wrong_end(truth(*NEVER), tracked, 5.5) is None
+    assert wrong_end(truth(*NEVER), tracked, 10.0) is WrongEnd.LOST
+
+
+def test_two_of_the_classes_are_of_another_target() -> None:
+    assert [one.value for one in WrongEnd if one.is_swap] == [
+        "swap in plain sight",
+        "swap under cover",
+    ]

@@ -107,7 +107,7 @@ class Goals(_Section):
     keep_out: bool = True
 
     def failures(self, figures: RunMetrics) -> list[str]:
-        """Return which goals a run missed, by the figures' names; none if it reached them all."""
+        """Return which goals a run missed, by the figures' names, and how it lost its target."""
         if figures.time_to_acquire_s is None:
             return ["never followed"]
         if figures.approach_s is None:
@@ -120,7 +120,8 @@ class Goals(_Section):
             "envelope": figures.envelope_violations > self.max_violations,
             "keep-out": self.keep_out and figures.is_too_near,
         }
-        return [name for name, failed in found.items() if failed]
+        missed = [name for name, failed in found.items() if failed]
+        return missed if figures.wrong_end is None else [*missed, figures.wrong_end]
 
     def short(self, figures: RunMetrics) -> list[float | None]:
         """Return the times to re-acquisition, s, after the occlusions that count; None: never."""

@@ -15,6 +15,7 @@ from follower.simulation.flight import SimulatedFlight
 from follower.simulation.ground_truth import stopped_s
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_sim.kinematics import TruthSample
+from follower_sim.scoring.identity_score import wrong_end
 from follower_sim.scoring.occlusions import HIDDEN, ObservedFrame, Occlusion, occlusions
 from follower_sim.scoring.score import IN_FRAME, PursuitScore, line_of_sight_errors
 from follower_vision.trackers.track import TrackState
@@ -42,6 +43,7 @@ class RunMetrics:
         range_error_p95: its 95th percentile.
         occlusion_s: length of each occlusion.
         reacquired_s: from the end of each until the target was rightly seen again; None: never.
+        wrong_end: how it ended without its target, by the name of a `WrongEnd`; None: with it.
         losses: how often the supervisor began to search.
         wrong_box_share: share of the frames with a track whose box misses the target.
         delay_median_s: from a frame's capture to its setpoint.
@@ -63,6 +65,7 @@ class RunMetrics:
     range_error_p95: float | None
     occlusion_s: tuple[float, ...]
     reacquired_s: tuple[float | None, ...]
+    wrong_end: str | None
     losses: int
     wrong_box_share: float | None
     delay_median_s: float | None
@@ -114,6 +117,7 @@ def figures_of(flight: SimulatedFlight) -> RunMetrics:
         score.range_error_p95,
         tuple(round(one.length_s, 6) for one in hidden),
         tuple(None if t is None else round(t, 6) for t in (one.reacquired_s for one in hidden)),
+        wrong_end(flight.truth, flight.tracked, end_s),
         score.losses,
         score.wrong_box_share,
         score.delay_median_s,
@@ -158,8 +162,8 @@ def _occlusions(
     offset_s = flight.scenario.camera.stamp_offset_s
     seen_frames = [
         ObservedFrame(record.captured_s - offset_s, record.done_s)
-        for record, overlap in zip(tracked, flight.overlaps, strict=True)
-        if overlap > 0
+        for record, frame in zip(tracked, flight.tracked, strict=True)
+        if frame.overlap > 0
     ]
     return occlusions(flight.truth, seen_frames, scored[0].time_s, min(end_s, scored[-1].time_s))
 

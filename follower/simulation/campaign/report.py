@@ -14,7 +14,12 @@ from follower.report.html import Cell, Html
 from follower.report.series import ReportMeta
 from follower.simulation.campaign.config import CampaignConfig, Goals
 from follower.simulation.campaign.metrics import RunMetrics
-from follower.simulation.campaign.summary import CampaignSummary, share_text, wilson
+from follower.simulation.campaign.summary import (
+    CampaignSummary,
+    reacquired_by_length,
+    share_text,
+    wilson,
+)
 from follower.simulation.options import VisionSource
 from follower_sim.noisy_tracker import LABEL
 
@@ -42,6 +47,12 @@ def goals_table(summary: CampaignSummary) -> str:
         for line in summary.lines
     ]
     return html.table(("Goal", "Reached", "Wanted", ""), rows)
+
+
+def _by_length(rows: Sequence[Row], goals: Goals) -> str:
+    figures = [RunMetrics.from_dict(row) for row in rows]
+    head = ("Hidden for", f"Re-acquired within {goals.reacquired_s:g} s")
+    return html.table(head, reacquired_by_length(figures, goals.reacquired_s))
 
 
 def worst_table(summary: CampaignSummary, seen: Mapping[int, str]) -> str:
@@ -242,6 +253,7 @@ def render(
             html.tiles((("Runs that reached every goal of their own", passed),)),
             html.section("Goals", goals_table(summary), html.paragraph(_HOW_SURE)),
             html.section("What was missed", html.table(("Runs that missed", "Share"), missed)),
+            html.section("Re-acquisition by length of cover", _by_length(flown, config.goals)),
             html.section("Distributions", distributions(flown, config.goals)),
             html.section("Passing by parameter", failures_by_parameter(rows)),
             html.section("The worst runs", worst_table(summary, seen)),

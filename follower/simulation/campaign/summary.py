@@ -8,9 +8,10 @@ from typing import Any
 
 from follower.simulation.campaign.config import Goals
 from follower.simulation.campaign.metrics import RunMetrics
+from follower_sim.scoring.identity_score import WrongEnd
 
 _NOT_FOLLOWED = 20.0
-_VIOLATION = 5.0
+_VIOLATION = _WRONG_END = 5.0
 
 
 def cost(figures: RunMetrics) -> float:
@@ -19,7 +20,8 @@ def cost(figures: RunMetrics) -> float:
     The line-of-sight error over 3 degrees, occlusions left out, and the range error over 12 %
     count once each, time out of the frame ten times, a late second of re-acquisition half;
     smoothness a little, so that of two settings that follow as well, the quieter one is cheaper. A
-    broken limit costs 5, not to follow at all 20.
+    broken limit costs 5, a target that is gone at the end too, another one in its place 10, not to
+    follow at all 20.
     """
     if figures.line_of_sight_box_rms_seen_deg is None or figures.approach_s is None:
         return _NOT_FOLLOWED
@@ -29,6 +31,8 @@ def cost(figures: RunMetrics) -> float:
     total += 0.5 * sum(waits) / max(1, len(waits))
     total += 0.2 * (figures.acceleration_rms_m_s2 or 0.0)
     total += 0.005 * (figures.yaw_acceleration_rms_deg_s2 or 0.0)
+    if figures.wrong_end is not None:
+        total += _WRONG_END * (1 + WrongEnd(figures.wrong_end).is_swap)
     return total + _VIOLATION * (figures.envelope_violations + figures.is_too_near)
 
 
@@ -188,6 +192,23 @@ def _reacquired(figures: Sequence[RunMetrics], goals: Goals) -> GoalLine:
     wanted = f"≥ {100 * goals.reacquired_share:g} % of them"
     met = count > 0 and good / count >= goals.reacquired_share
     return GoalLine(name, share_text(good, count), wanted, met, count > 0)
+
+
+def reacquired_by_length(figures: Sequence[RunMetrics], within_s: float) -> list[tuple[str, str]]:
+    """Return for each whole second of cover, in words, the share re-acquired within a time."""
+    pairs = [
+        (int(length), took)
+        for one in figures
+        for length, took in zip(one.occlusion_s, one.reacquired_s, strict=True)
+    ]
+    waits = {
+        second: [math.inf if took is None else took for length, took in pairs if length == second]
+        for second in sorted({length for length, _ in pairs})
+    }
+    return [
+        (f"{s}–{s + 1} s", share_text(sum(wait <= within_s for wait in of_length), len(of_length)))
+        for s, of_length in waits.items()
+    ]
 
 
 def _line_of_sight(

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
 
 from follower_sim.kinematics import TruthSample
 
@@ -19,6 +21,8 @@ MISTAKEN_IOU = 0.3
 
 _HARDLY = 0.1
 _SAME_RUN_S = 0.25
+TAKEN_S, SEEN_AGAIN_S = 0.3, 1.0
+"""For so long another target has to be tracked, or the target to be in the open, to count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +108,65 @@ def _wait(back_s: float, right: Sequence[float]) -> float | None:
 
 def _longest_mistake(tracked: Sequence[TrackedFrame]) -> float:
     """Return the longest run of frames on another target."""
-    longest, began_s, last_s = 0.0, 0.0, float("-inf")
+    return max((last_s - began_s for began_s, last_s in _mistakes(tracked)), default=0.0)
+
+
+def _mistakes(tracked: Sequence[TrackedFrame]) -> list[tuple[float, float]]:
+    """Return the first and the last time of each run of frames on another target."""
+    runs: list[tuple[float, float]] = []
+    goes_on = False
     for frame in tracked:
         if frame.other < MISTAKEN_IOU or frame.overlap >= _HARDLY:
-            last_s = float("-inf")
+            goes_on = False
             continue
-        if frame.time_s - last_s > _SAME_RUN_S:
-            began_s = frame.time_s
-        last_s = frame.time_s
-        longest = max(longest, last_s - began_s)
-    return longest
+        goes_on = goes_on and frame.time_s - runs[-1][1] <= _SAME_RUN_S
+        runs.append((runs.pop()[0] if goes_on else frame.time_s, frame.time_s))
+        goes_on = True
+    return runs
+
+
+class WrongEnd(StrEnum):
+    """How a pursuit came to end without its target, though nothing hid that any more."""
+
+    PLAIN_SWAP = "swap in plain sight"
+    COVERED_SWAP = "swap under cover"
+    LOST = "lost"
+    """It went out of the track or out of the image while nothing hid it."""
+    NOT_FOUND = "not found"
+    """It was hidden, and not found again."""
+
+    @property
+    def is_swap(self) -> bool:
+        """Whether another target was followed instead."""
+        return self in (WrongEnd.PLAIN_SWAP, WrongEnd.COVERED_SWAP)
+
+
+def wrong_end(
+    truth: Sequence[TruthSample], tracked: Sequence[TrackedFrame], until_s: float
+) -> WrongEnd | None:
+    """Return how a pursuit ended wrongly.
+
+    None if after the last tracked frame on the target it was never in the open for a second, nor
+    another one tracked; and if the target never was tracked.
+
+    Args:
+        truth: samples in the order of time.
+        tracked: the frames said to be tracked, in the order of time.
+        until_s: the end of the pursuit.
+    """
+    tracked = [frame for frame in tracked if frame.time_s <= until_s]
+    right_s = max((one.time_s for one in tracked if one.overlap >= FOUND_IOU), default=None)
+    if right_s is None:
+        return None
+    after = [sample for sample in truth if right_s <= sample.time_s <= until_s]
+    covered_s = [sample.time_s for sample in after if sample.visible_share < PLAIN]
+    mistakes = _mistakes([frame for frame in tracked if frame.time_s > right_s])
+    swap_s = next((began for began, last in mistakes if last - began >= TAKEN_S), None)
+    left_s = right_s + LEAST_HIDDEN_S if swap_s is None else swap_s
+    covered = any(time_s <= left_s for time_s in covered_s)
+    if swap_s is not None:
+        return WrongEnd.COVERED_SWAP if covered else WrongEnd.PLAIN_SWAP
+    ends_s = [right_s, *covered_s, *(sample.time_s for sample in after[-1:])]
+    if max((end - start for start, end in pairwise(ends_s)), default=0.0) < SEEN_AGAIN_S:
+        return None
+    return WrongEnd.NOT_FOUND if covered else WrongEnd.LOST

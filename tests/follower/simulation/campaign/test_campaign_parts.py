@@ -26,7 +26,7 @@ from follower.simulation.campaign.optimise import present
 from follower.simulation.campaign.report import _groups
 from follower.simulation.campaign.run import check, in_its_place, judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
-from follower.simulation.campaign.summary import cost, summary_of, wilson
+from follower.simulation.campaign.summary import cost, reacquired_by_length, summary_of, wilson
 from follower.ui.terminal.console import needed
 from follower.workers import job_progress
 from follower_control.common.strict_config import SettingsError
@@ -58,6 +58,7 @@ GOOD = RunMetrics(
     range_error_p95=0.2,
     occlusion_s=(2.0,),
     reacquired_s=(0.3,),
+    wrong_end=None,
     losses=1,
     wrong_box_share=0.0,
     delay_median_s=0.07,
@@ -282,6 +283,7 @@ def test_re_acquisition_is_measured_from_the_occlusions_end_to_what_control_knew
         ({"nearest_m": 3.9, "keep_out_m": None}, []),
         ({"approach_s": None}, ["never approached"]),
         ({"time_to_acquire_s": None}, ["never followed"]),
+        ({"wrong_end": "lost"}, ["lost"]),
     ],
 )
 def test_each_goal_is_held_against_its_figure(changes: dict[str, Any], failures: list[str]) -> None:
@@ -297,9 +299,32 @@ def test_worse_costs_more() -> None:
         {"acceleration_rms_m_s2": 2.0},
         {"envelope_violations": 1},
         {"approach_s": None},
+        {"wrong_end": "not found"},
     )
     for change in worse:
         assert cost(replace(GOOD, **change)) > cost(GOOD)  # type: ignore[arg-type]
+
+
+def test_another_target_in_the_place_of_ones_own_costs_twice_as_much_as_none() -> None:
+    def more(end: str) -> float:
+        return cost(replace(GOOD, wrong_end=end)) - cost(GOOD)
+
+    assert (
+        more("swap in plain sight") == more("swap under cover") == pytest.approx(2 * more("lost"))
+    )
+
+
+def test_re_acquisition_is_counted_by_whole_seconds_of_cover() -> None:
+    figures = [
+        replace(GOOD, occlusion_s=(0.4, 5.2), reacquired_s=(0.1, None)),
+        replace(GOOD, occlusion_s=(5.9, 0.99), reacquired_s=(1.0, 1.1)),
+    ]
+    counted = reacquired_by_length(figures, 1.0)
+    assert [(name, text.split("; ")[1]) for name, text in counted] == [
+        ("0–1 s", "1 of 2)"),
+        ("5–6 s", "1 of 2)"),
+    ]
+    assert reacquired_by_length([], 1.0) == []
 
 
 def test_goals_are_pooled_over_the_runs() -> None:

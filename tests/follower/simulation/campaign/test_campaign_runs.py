@@ -280,6 +280,7 @@ def test_a_whole_campaign_writes_results_and_a_report_that_needs_no_network(
     assert {"p_course", "p_wind", "passed", "failures"} <= set(table.column_names)
     page = (out / "report.html").read_text("utf-8")
     assert "no pixels: vision from truth + noise" in page
+    assert "Re-acquisition by length of cover" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
     worst = [row for row in table.to_pylist() if not row["passed"]]
@@ -323,6 +324,7 @@ ROW: dict[str, Any] = {
     "range_error_p95": 0.1,
     "occlusion_s": [],
     "reacquired_s": [],
+    "wrong_end": None,
     "losses": 0,
     "wrong_box_share": 0.0,
     "delay_median_s": 0.07,
