@@ -3,8 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-from faults_page import PAGE, passed_of, renewed, sections
+from faults_page import PAGE, passed_of, sections
 
 from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.faults.fault import catalogue, fault_named
@@ -31,8 +30,3 @@ def test_the_page_tells_what_was_not_flown_and_what_does_not_apply(tmp_path: Pat
     assert "1/1 cases passed; worst: hold 0.5 s.\n\n- `vision-dies`" in text
     alone = replace(fault_named("vision-dies"), links=("pymavlink",))
     assert passed_of(alone, "mavsdk", list(results)) == "does not apply"
-
-
-def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="faults: begin"):
-        renewed("no marks\n", tmp_path)

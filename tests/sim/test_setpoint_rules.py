@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from follower_sim.autopilot.arducopter import arducopter_setpoint
-from follower_sim.autopilot.flight_controller import STOP, PositionTarget, Setpoint
+from follower_sim.autopilot.flight_controller import PositionTarget, Setpoint
 from follower_sim.autopilot.px4 import px4_setpoint
 
 VELOCITY_AND_YAW_RATE = 0x5C7

@@ -5,29 +5,17 @@ from pathlib import Path
 
 import pytest
 import yaml
+from small_scenario import small_scenario
 
 from follower.simulation.options import SimulationOptions
 from follower.simulation.run import simulate
-
-SCENARIO = """
-name: small
-title: A car stands in a meadow.
-duration_s: 11
-seed: 5
-targets:
-  - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}
-camera: {width: 320, height: 240, exposure_s: 0.0}
-takeoff_height_m: 5
-start: {at: [0, 0]}
-select: {colour: "#e0401c"}
-"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "flavour"), [("pymavlink", "px4"), ("mavsdk", "ardupilot")])
 def test_a_pursuit_is_flown(kind: str, flavour: str, tmp_path: Path) -> None:
     scenario = tmp_path / "small.yaml"
-    scenario.write_text(SCENARIO)
+    scenario.write_text(small_scenario(11, 5))
     simulate(
         SimulationOptions(
             str(scenario),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flying_vehicle import Vehicle, flying_vehicle, write_square
+from waiting import until
 
 import follower
 
@@ -52,13 +53,6 @@ def pursuit(port: int, video: Path, tmp_path: Path) -> follower.Pursuit:
 
 def speeds(message: Any) -> tuple[float, ...]:
     return (message.vx, message.vy, message.vz, message.yaw_rate)
-
-
-def until(condition: Callable[[], object], within_s: float = 90.0) -> None:
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "it did not come about"
-        time.sleep(0.02)
 
 
 def follow(there: Vehicle, pursuit: follower.Pursuit) -> None:
