@@ -262,14 +262,13 @@ def test_at_full_speed_the_vehicle_stops_at_the_fence():
     assert stop_m - 2.0 <= reach <= stop_m + PAST
 
 
-def test_at_full_descent_the_vehicle_stops_at_the_minimum_height():
-    heights = heights_flown(VelocitySetpoint(down_m_s=1.5))
-    assert SETTINGS.min_height_m - PAST <= min(heights) <= SETTINGS.min_height_m + PAST
-
-
-def test_at_full_climb_the_vehicle_stops_at_the_ceiling():
-    heights = heights_flown(VelocitySetpoint(down_m_s=-2.0))
-    assert SETTINGS.ceiling_m - PAST <= max(heights) <= SETTINGS.ceiling_m + PAST
+@pytest.mark.parametrize(
+    ("down_m_s", "extreme", "limit_m"),
+    [(1.5, min, SETTINGS.min_height_m), (-2.0, max, SETTINGS.ceiling_m)],
+)
+def test_at_full_descent_or_climb_the_vehicle_stops_at_the_limit(down_m_s, extreme, limit_m):
+    heights = heights_flown(VelocitySetpoint(down_m_s=down_m_s))
+    assert limit_m - PAST <= extreme(heights) <= limit_m + PAST
 
 
 def test_a_standing_target_is_never_nearer_than_the_minimum_distance():
