@@ -1,7 +1,7 @@
 """The same promises of both links, to both autopilots.
 
 MAVSDK runs by itself: it flies over UDP in real time. The other link flies in memory, on a
-simulated clock; `test_links_fly.py` and `follower fly` fly it over UDP.
+simulated clock; `test_links.py` and `follower fly` fly it over UDP.
 """
 
 import random

@@ -1,9 +1,15 @@
 """What a link is refused, hears and says; `test_link_contract.py` has what both links promise."""
 
+import json
+from pathlib import Path
+
 import pytest
+import yaml
 from pymavlink.dialects.v20 import common as mavlink
+from small_scenario import small_scenario
 
 from follower.links.connections import ConnectionFailedError
+from follower.links.mavsdk_link import stands_still
 from follower.links.pymavlink_link import MavlinkLink
 from follower.links.vehicle_monitor import mode_name, set_mode_params
 from follower.settings.link import LinkSettings
@@ -108,3 +114,48 @@ def test_mavsdk_in_lockstep_is_refused() -> None:
 def test_a_link_that_there_is_not_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(SettingsError, match="--link dronekit: choose pymavlink or mavsdk"):
         simulate(SimulationOptions("demo", link="dronekit"))
+
+
+@pytest.mark.parametrize(
+    ("values", "still"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), True),
+        ((0.0, -0.0, 0.0, 0.0), True),
+        ((0.0, 0.0, 0.1, 0.0), False),
+        ((3.0, 0.0, 0.0, 0.0), False),
+        ((0.0, 0.0, 0.0, -0.2), False),
+    ],
+)
+def test_only_a_setpoint_without_any_motion_stands_still(
+    values: tuple[float, float, float, float], still: bool
+) -> None:
+    vx, vy, vz, yaw_rate = values
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        12345, 1, 1, 8, 0x5C7, 0, 0, 0, vx, vy, vz, 0, 0, 0, 0, yaw_rate
+    )
+    assert stands_still(message.pack(mavlink.MAVLink(None, 1, 191))) is still
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "flavour"), [("pymavlink", "px4"), ("mavsdk", "ardupilot")])
+def test_a_pursuit_is_flown(kind: str, flavour: str, tmp_path: Path) -> None:
+    scenario = tmp_path / "small.yaml"
+    scenario.write_text(small_scenario(11, 5))
+    simulate(
+        SimulationOptions(
+            str(scenario),
+            autopilot=flavour,
+            out=tmp_path,
+            video=False,
+            link=kind,
+        )
+    )
+    score = json.loads((tmp_path / "small" / "score.json").read_text())["score"]
+    assert score["following_share"] > 0.8
+    assert score["in_frame_share"] > 0.9
+    assert score["range_error_median"] < 0.25
+    config = yaml.safe_load((tmp_path / "small" / "config.yaml").read_text())
+    assert config["settings"]["link"]["kind"] == kind
+    report = (tmp_path / "small" / "report.html").read_text()
+    assert f"{kind} to {flavour} 1, " in report
+    assert (tmp_path / "small" / "mavlink.tlog").stat().st_size > 100_000
