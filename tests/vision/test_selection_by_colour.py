@@ -115,9 +115,3 @@ def test_a_colour_is_read_from_hex(text):
 def test_what_is_no_colour_is_refused(text):
     with pytest.raises(ValueError, match="rrggbb"):
         colour_from_hex(text)
-
-
-def test_settings_refuse_nonsense():
-    for wrong in ({"hue_tolerance_deg": 0}, {"min_area_px": -1}, {"saturation_ratio": 2}):
-        with pytest.raises(ValueError, match=r"lies?|positive"):
-            ColourSearchSettings(**wrong)

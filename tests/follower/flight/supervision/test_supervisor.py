@@ -413,9 +413,3 @@ def test_the_shell_counts_the_time_in_a_state_and_keeps_the_reason_of_the_releas
     assert supervisor.state is SupervisorState.RELEASED
     assert supervisor.reason is SupervisorReason.PILOT_TOOK_OVER
     assert supervisor.in_state_s(14.0) == 1.0
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), inf])
-def test_a_timeout_that_is_no_time_is_refused(value: float) -> None:
-    with pytest.raises(ValueError, match=r"search_s lies between 0\.001 and 3600"):
-        SupervisorSettings(search_s=value)
