@@ -67,7 +67,7 @@ def fly(folder: Path, seconds: float, settings: RecorderSettings) -> tuple[Recor
     clock, took = MonotonicClock(), []
     with Recorder(folder, FlightConfig.of("real", Settings()), clock, settings) as recorder:
         number = 0
-        while (now_s := clock.now()) < seconds:
+        while (now_s := clock.now()) < seconds or not took:
             began = time.perf_counter()
             recorder.add_frame(Frame(IMAGE, now_s, number), now_s)
             recorder.log.note(now_s, "test", f"frame {number}")
