@@ -25,12 +25,12 @@ import sys
 import venv
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
 from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.geometry.box import Box
+from follower_vision.sources.frame_source import ClosesItself
 
 WORKER = Path(__file__).with_name("csrt_worker.py")
 PACKAGE = "opencv-contrib-python-headless>=5.0,<6"
@@ -45,7 +45,7 @@ class Result:
     processor_ms: float
 
 
-class Worker:
+class Worker(ClosesItself):
     """A tracker in a process of its own."""
 
     def __init__(self, python: Path, tracker: str, threads: int) -> None:
@@ -58,16 +58,7 @@ class Worker:
             text=True,
         )
 
-    def __enter__(self) -> Worker:
-        """Return the worker, which is ready at once."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """End the process."""
         self._process.communicate()
 

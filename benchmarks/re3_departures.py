@@ -12,21 +12,19 @@ import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.one_pass import Sequence
-from follower_vision.geometry.box import Box
-from follower_vision.images.frame import Image
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionTracker
 from follower_vision.trackers.re3 import (
     Re3Memory,
     Re3Network,
     Re3Output,
     Re3Settings,
-    Re3State,
     Re3Tracker,
 )
 
@@ -36,51 +34,28 @@ NEVER = 1_000_000
 class WithoutMemory(Re3Network):
     """Knows the target from the frame before alone, as the paper's network (and GOTURN) does."""
 
-    def predict(
-        self,
-        view: Image,
-        image: Image,
-        box: Box,
-        fill: tuple[float, ...],
-        memory: Re3Memory,
-        state: Re3State,
-    ) -> Re3Output:
+    def predict(self, *look: Any) -> Re3Output:
         """Look with the features of the frame before as memory."""
-        seen = super().predict(view, image, box, fill, memory, state).features
+        *where, _, state = look
+        seen, box = super().predict(*look).features, look[2]
         ratios = np.array([[box.width / box.scale, box.height / box.scale]], np.float32)
-        return super().predict(view, image, box, fill, Re3Memory(seen, ratios), state)
+        return super().predict(*where, Re3Memory(seen, ratios), state)
 
 
 class WithoutRecurrence(Re3Network):
     """Both LSTM layers stay as they were before the first frame."""
 
-    def predict(
-        self,
-        view: Image,
-        image: Image,
-        box: Box,
-        fill: tuple[float, ...],
-        memory: Re3Memory,
-        state: Re3State,  # noqa: ARG002  part of the interface
-    ) -> Re3Output:
+    def predict(self, *look: Any) -> Re3Output:
         """Look with no state."""
-        return super().predict(view, image, box, fill, memory, self.first_state)
+        return super().predict(*look[:-1], self.first_state)
 
 
 class ConstantSize(Re3Network):
     """Its box never grows: a tracker that only finds places, as the first SiamFC's one scale."""
 
-    def predict(
-        self,
-        view: Image,
-        image: Image,
-        box: Box,
-        fill: tuple[float, ...],
-        memory: Re3Memory,
-        state: Re3State,
-    ) -> Re3Output:
+    def predict(self, *look: Any) -> Re3Output:
         """Look, and leave the size alone."""
-        output = super().predict(view, image, box, fill, memory, state)
+        output = super().predict(*look)
         kept = output.box * np.array([1, 1, 0, 0], np.float32)
         return replace(output, box=kept)
 

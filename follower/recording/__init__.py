@@ -3,9 +3,6 @@
 Uses: `flight` and below.
 Start at: `recorder.Recorder`, `recorded_flight.RecordedFlight`.
 
-Uses: `flight` and below.
-Start at: `recorder.Recorder`, `recorded_flight.RecordedFlight`.
-
 A flight is one folder:
 
     flight.mcap    the log: every message of the table in `messages.py`, as JSON with its schema

@@ -36,12 +36,15 @@ def test_right_of_the_centre_is_positive_azimuth_and_above_is_positive_elevation
     assert observed.line_of_sight.elevation_rad > 0.1
 
 
-def test_heading_is_added_and_the_mount_s_pitch_lowers_the_centre():
-    observed = BearingObserver(CAMERA, DOWN_20).observe(
-        track(Box(320, 240, 30, 30)), known(yaw=2.0)
-    )
-    assert observed.frame is BearingFrame.WORLD
-    assert observed.line_of_sight.azimuth_rad == pytest.approx(2.0)
+@pytest.mark.parametrize(
+    ("history", "frame", "azimuth_rad"),
+    [(known(yaw=2.0), BearingFrame.WORLD, 2.0), (AttitudeHistory(), BearingFrame.BODY, 0.0)],
+    ids=["heading is added", "without telemetry it is the body's"],
+)
+def test_the_mount_s_pitch_lowers_the_centre(history, frame, azimuth_rad):
+    observed = BearingObserver(CAMERA, DOWN_20).observe(track(Box(320, 240, 30, 30)), history)
+    assert observed.frame is frame
+    assert observed.line_of_sight.azimuth_rad == pytest.approx(azimuth_rad)
     assert observed.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
 
 
@@ -71,15 +74,6 @@ def test_the_attitude_is_the_one_at_the_exposure_not_the_present_one():
     )
     assert observed.time_s == pytest.approx(0.4)
     assert observed.line_of_sight.azimuth_rad == pytest.approx(0.4)
-
-
-def test_without_telemetry_the_direction_is_the_body_s():
-    observed = BearingObserver(CAMERA, DOWN_20).observe(
-        track(Box(320, 240, 20, 20)), AttitudeHistory()
-    )
-    assert observed.frame is BearingFrame.BODY
-    assert observed.line_of_sight.azimuth_rad == pytest.approx(0)
-    assert observed.line_of_sight.elevation_rad == pytest.approx(math.radians(-20))
 
 
 @pytest.mark.parametrize("time_s", [5.0, 15.0])

@@ -7,15 +7,11 @@ writes it again between the page's two marks; a test checks that it is up to dat
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from marked_part import with_part
+from marked_part import MarkedPart
 
 from follower.flight.supervision import flight_end as ends
 from follower.flight.supervision.flight_end import FlightEnd
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "supervisor.md"
-BEGIN, END = "<!-- ends: begin -->", "<!-- ends: end -->"
 FLOWN = {
     "`sim`, `demo`: flown to its end, the limits kept": ends.SUCCEEDED,
     "`sim`, `demo`: flown to its end, a limit not kept": ends.MISSED,
@@ -41,19 +37,7 @@ def _row(what: str, end: FlightEnd) -> str:
     return f"| {what} | {end.sentence.format(held='the cause')} | {end.exit_code} |"
 
 
-def renewed(page: str) -> str:
-    """Return the page with its table made anew.
-
-    Raises:
-        ValueError: a mark is missing.
-    """
-    return with_part(page, BEGIN, END, ends_markdown())
-
-
-def main() -> None:
-    """Renew the page."""
-    PAGE.write_text(renewed(PAGE.read_text("utf-8")), "utf-8")
-
+ENDS = MarkedPart("reference/supervisor.md", "ends", ends_markdown)
 
 if __name__ == "__main__":
-    main()
+    ENDS.renew()

@@ -11,17 +11,14 @@ import dataclasses
 from collections.abc import Iterator
 from enum import Enum
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
-from marked_part import with_part
+from marked_part import MarkedPart
 
 from follower.recording.codec import SHAPES, Field, fields_of
 from follower.recording.messages import BY_RECORD, MESSAGES
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "flight-log.md"
 _WORDS = 8
-BEGIN, END = "<!-- messages: begin -->", "<!-- messages: end -->"
 
 
 def messages_markdown() -> str:
@@ -43,15 +40,6 @@ def nested_records() -> list[type]:
         kinds = dict.fromkeys(field.kind for field in fields_of(record))
         found += [k for k in kinds if dataclasses.is_dataclass(k) and k not in found]
     return found[len(MESSAGES) :]
-
-
-def renewed(page: str) -> str:
-    """Return the page with its messages made anew.
-
-    Raises:
-        ValueError: a mark is missing.
-    """
-    return with_part(page, BEGIN, END, messages_markdown())
 
 
 def _fields(record: type) -> Iterator[str]:
@@ -96,10 +84,7 @@ def _link(record: type) -> str:
     return f"[{record.__name__}](#{record.__name__.lower()})"
 
 
-def main() -> None:
-    """Renew the page."""
-    PAGE.write_text(renewed(PAGE.read_text("utf-8")), "utf-8")
-
+MESSAGE_LISTS = MarkedPart("reference/flight-log.md", "messages", messages_markdown)
 
 if __name__ == "__main__":
-    main()
+    MESSAGE_LISTS.renew()

@@ -8,16 +8,12 @@ writes it again between the page's two marks; a test checks that it is up to dat
 from __future__ import annotations
 
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
-from marked_part import with_part
+from marked_part import MarkedPart
 
 from follower.apps.preflight.check import BOTH, PreflightCheck
 from follower.apps.preflight.checklist import CHECKS
-
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "fly.md"
-BEGIN, END = "<!-- checks: begin -->", "<!-- checks: end -->"
 
 
 def checks_markdown() -> str:
@@ -37,19 +33,7 @@ def _item(check: PreflightCheck[Any]) -> str:
     return f"- `{check.name}`{'' if check.needed else ' (optional)'}: {check.rule}"
 
 
-def renewed(page: str) -> str:
-    """Return the page with its list made anew.
-
-    Raises:
-        ValueError: a mark is missing.
-    """
-    return with_part(page, BEGIN, END, checks_markdown())
-
-
-def main() -> None:
-    """Renew the page."""
-    PAGE.write_text(renewed(PAGE.read_text("utf-8")), "utf-8")
-
+CHECK_LIST = MarkedPart("how-to/fly.md", "checks", checks_markdown)
 
 if __name__ == "__main__":
-    main()
+    CHECK_LIST.renew()

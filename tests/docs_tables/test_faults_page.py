@@ -1,10 +1,11 @@
-"""The tables of the page on faults: each fault with its sentence, and what was flown of it."""
+"""The page on faults, and what a program writes into a page."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from faults_page import PAGE, passed_of, renewed, sections
+from faults_page import PAGE, passed_of, sections
+from marked_part import with_part
 
 from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.faults.fault import catalogue, fault_named
@@ -33,6 +34,16 @@ def test_the_page_tells_what_was_not_flown_and_what_does_not_apply(tmp_path: Pat
     assert passed_of(alone, "mavsdk", list(results)) == "does not apply"
 
 
-def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="faults: begin"):
-        renewed("no marks\n", tmp_path)
+SHORT_PAGE = "before\n<a>\nold\n</a>\nafter\n"
+
+
+def test_the_text_between_the_marks_is_another_one_and_nothing_else() -> None:
+    page = with_part(SHORT_PAGE, "<a>", "</a>", "new")
+    assert page == SHORT_PAGE.replace("old", "new")
+    assert with_part(page, "<a>", "</a>", "new") == page
+
+
+@pytest.mark.parametrize("page", ["", "<a>\nold\n", "old\n</a>\n", "</a>\nold\n<a>\n"])
+def test_a_page_without_its_marks_is_refused(page: str) -> None:
+    with pytest.raises(ValueError, match="<a>"):
+        with_part(page, "<a>", "</a>", "new")

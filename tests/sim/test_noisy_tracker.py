@@ -137,14 +137,6 @@ def test_it_has_to_be_started() -> None:
         stand_in(QUIET, lambda _: truth()).step(frame(0))
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"centre_noise": -1.0}, {"size_factor": 0.0}, {"false_share": 1.5}]
-)
-def test_settings_that_mean_nothing_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        NoisyTrackerSettings(**wrong)  # type: ignore[arg-type]
-
-
 def test_the_blind_camera_has_the_times_of_the_seeing_one() -> None:
     scenario = Scenario.model_validate(
         {

@@ -1,4 +1,4 @@
-"""The table of frames and masks in facts/autopilots.md, row by row, without flying."""
+"""Rules of frames and masks that `test_autopilot_setpoints.py` does not fly."""
 
 import math
 
@@ -7,13 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from follower_sim.autopilot.arducopter import arducopter_setpoint
-from follower_sim.autopilot.flight_controller import STOP, PositionTarget, Setpoint
+from follower_sim.autopilot.flight_controller import PositionTarget, Setpoint
 from follower_sim.autopilot.px4 import px4_setpoint
 
 VELOCITY_AND_YAW_RATE = 0x5C7
-VELOCITY_ALONE = 0xDC7
 VELOCITY_AND_YAW = 0x9C7
-WITHOUT_DOWN = VELOCITY_AND_YAW_RATE | 0x20
 HEADING = math.radians(60.0)
 HERE = (10.0, 20.0, -15.0)
 
@@ -21,11 +19,9 @@ HERE = (10.0, 20.0, -15.0)
 def target(
     frame: int,
     mask: int = VELOCITY_AND_YAW_RATE,
-    velocity: tuple[float, float, float] = (3.0, 0.0, 0.0),
-    yaw: float = 0.5,
     yaw_rate: float = 0.25,
 ) -> PositionTarget:
-    return PositionTarget(frame, mask, (0.0, 0.0, 0.0), velocity, yaw, yaw_rate)
+    return PositionTarget(frame, mask, (0.0, 0.0, 0.0), (3.0, 0.0, 0.0), 0.5, yaw_rate)
 
 
 def ardupilot(message: PositionTarget) -> Setpoint | None:
@@ -36,48 +32,8 @@ def px4(message: PositionTarget) -> Setpoint | str:
     return px4_setpoint(message, HEADING)
 
 
-@pytest.mark.parametrize("frame", [8, 9])
-def test_ardupilot_turns_body_frames_by_the_heading(frame: int) -> None:
-    setpoint = ardupilot(target(frame))
-    assert isinstance(setpoint, Setpoint)
-    assert setpoint.velocity_m_s == pytest.approx((1.5, 3 * math.sin(HEADING), 0.0))
-    assert setpoint.yaw_rate_rad_s == 0.25
-
-
-@pytest.mark.parametrize("frame", [1, 7])
-def test_ardupilot_takes_local_frames_as_they_are(frame: int) -> None:
-    setpoint = ardupilot(target(frame, velocity=(1.0, 2.0, 0.5)))
-    assert isinstance(setpoint, Setpoint)
-    assert setpoint.velocity_m_s == (1.0, 2.0, 0.5)
-
-
-def test_px4_flies_frames_1_and_8() -> None:
-    local, body = px4(target(1)), px4(target(8, velocity=(0.0, 3.0, 0.0)))
-    assert isinstance(local, Setpoint)
-    assert isinstance(body, Setpoint)
-    assert local.velocity_m_s == (3.0, 0.0, 0.0)
-    assert body.velocity_m_s == pytest.approx((-3 * math.sin(HEADING), 1.5, 0.0))
-
-
-@pytest.mark.parametrize("frame", [0, 7, 9, 12])
-def test_px4_complains_of_every_other_frame(frame: int) -> None:
-    assert px4(target(frame)) == (
-        f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
-    )
-
-
 def test_ardupilot_leaves_out_unknown_frames_in_silence() -> None:
     assert ardupilot(target(12)) is None
-
-
-def test_velocity_without_yaw_turns_ardupilots_nose_and_keeps_px4s() -> None:
-    turning, holding = ardupilot(target(8, VELOCITY_ALONE)), px4(target(8, VELOCITY_ALONE))
-    assert isinstance(turning, Setpoint)
-    assert isinstance(holding, Setpoint)
-    assert turning.faces_velocity
-    assert turning.yaw_rate_rad_s is None
-    assert not holding.faces_velocity
-    assert holding.yaw_rate_rad_s == 0.0
 
 
 def test_yaw_is_relative_for_ardupilot_in_a_body_frame_and_absolute_for_px4() -> None:
@@ -89,26 +45,6 @@ def test_yaw_is_relative_for_ardupilot_in_a_body_frame_and_absolute_for_px4() ->
     assert relative.yaw_rad == pytest.approx(HEADING + 0.5)
     assert absolute.yaw_rad == pytest.approx(0.5)
     assert local.yaw_rad == pytest.approx(0.5)
-
-
-def test_ignoring_the_vertical_velocity_alone_stops_ardupilot_and_is_invalid_for_px4() -> None:
-    assert ardupilot(target(8, WITHOUT_DOWN)) == STOP
-    assert px4(target(8, WITHOUT_DOWN)) == "SET_POSITION_TARGET_LOCAL_NED invalid"
-
-
-def test_mask_0_flies_the_velocity_on_ardupilot_and_to_the_origin_on_px4() -> None:
-    flying, going = ardupilot(target(1, 0)), px4(target(1, 0))
-    assert isinstance(flying, Setpoint)
-    assert isinstance(going, Setpoint)
-    assert flying.position_m is None
-    assert flying.velocity_m_s == (3.0, 0.0, 0.0)
-    assert going.position_m == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("number", [math.nan, math.inf])
-def test_a_velocity_that_is_not_finite_stops_both(number: float) -> None:
-    assert ardupilot(target(8, velocity=(number, 0.0, 0.0))) == STOP
-    assert px4(target(8, velocity=(number, 0.0, 0.0))) == STOP
 
 
 def test_a_yaw_rate_that_is_not_a_number_is_left_out_by_both() -> None:

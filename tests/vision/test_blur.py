@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from follower_vision.appearance.blur import BlurDetector, BlurSettings, sharpness
+from follower_vision.appearance.blur import BlurDetector, sharpness
 from follower_vision.geometry.box import Box
 
 BOX = Box(160, 120, 60, 40)
@@ -76,9 +76,3 @@ def test_reset_forgets_the_past():
 @pytest.mark.parametrize("box", [Box(-500, 0, 10, 10), Box(0, 0, 1, 1), Box(160, 120, 5000, 5000)])
 def test_odd_boxes_give_finite_sharpness(box):
     assert np.isfinite(sharpness(texture(), box))
-
-
-def test_settings_refuse_nonsense():
-    for wrong in ({"ratio": 0}, {"ratio": 1.5}, {"window_s": 0.1}, {"least_history_s": -1}):
-        with pytest.raises(ValueError, match="blur"):
-            BlurSettings(**wrong)

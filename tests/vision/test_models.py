@@ -185,18 +185,12 @@ def test_a_transfer_that_breaks_too_often_is_kept_for_the_next_pull(
     assert only_file(tmp_path).read_bytes() == CONTENT
 
 
-def test_a_server_without_ranges_starts_over(server: Server, tmp_path: Path) -> None:
-    server.ranges = False
-    folder = tmp_path / "models"
-    folder.mkdir()
-    (folder / "network.onnx.part").write_bytes(b"something older")
-    model = tiny(server.address)
-    store_of(tmp_path, model).pull(model)
-    assert only_file(tmp_path).read_bytes() == CONTENT
-
-
+@pytest.mark.parametrize("ranges", [True, False], ids=["", "a server without ranges"])
 @pytest.mark.parametrize("stale", [b"of another version", CONTENT[::-1], CONTENT + b"longer"])
-def test_a_stale_part_does_no_harm(server: Server, tmp_path: Path, stale: bytes) -> None:
+def test_a_stale_part_does_no_harm(
+    server: Server, tmp_path: Path, stale: bytes, ranges: bool
+) -> None:
+    server.ranges = ranges
     folder = tmp_path / "models"
     folder.mkdir()
     (folder / "network.onnx.part").write_bytes(stale)

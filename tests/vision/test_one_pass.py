@@ -1,4 +1,4 @@
-"""One-pass evaluation: the measures, the loading of sequences and the running of trackers."""
+"""One-pass evaluation: measures, curves, starts and the loading of sequences."""
 
 import importlib.util
 from pathlib import Path
@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from follower_vision.evaluation.datasets import DatasetError, load_dataset
-from follower_vision.evaluation.metrics import OpeScore, mean_score, ope_score
+from follower_vision.evaluation.metrics import (
+    OpeScore,
+    mean_score,
+    ope_curves,
+    ope_score,
+    spatial_starts,
+    temporal_starts,
+)
 from follower_vision.geometry.box import Box
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,6 +50,8 @@ def test_measures_agree_with_the_independent_reference(seed):
     assert score.precision == pytest.approx(expected["precision"], abs=1e-9)
     assert score.auc == pytest.approx(expected["auc"], abs=1e-9)
     assert score.frames == expected["frames"]
+    curves = ope_curves(boxes, truth)
+    assert np.mean(curves.success) == pytest.approx(expected["auc"], abs=1e-9)
 
 
 def test_perfect_boxes_score_full_marks_but_for_the_threshold_of_one():
@@ -81,6 +90,39 @@ def test_what_cannot_be_scored_is_refused():
 def test_sequences_weigh_the_same_in_the_mean_whatever_their_length():
     mean = mean_score([OpeScore(1.0, 1.0, 0.8, 10), OpeScore(0.0, 0.5, 0.2, 990)])
     assert mean == OpeScore(0.5, 0.75, pytest.approx(0.5), 1000)
+
+
+def test_a_perfect_track_misses_only_the_threshold_one():
+    curves = ope_curves([Box(9, 9, 4, 6)] * 3, [Box(9, 9, 4, 6)] * 3)
+    assert curves.success == (1.0,) * 20 + (0.0,)
+    assert curves.normalised_precision == 1.0
+    assert curves.precision[0] == 1.0
+
+
+def test_a_shift_has_its_closed_form():
+    true, shifted = Box(50, 50, 40, 20), Box(60, 50, 40, 20)
+    curves = ope_curves([true, shifted], [true, true])
+    assert sum(curves.success) == 12  # The overlap is 0.6: thresholds 0 to 0.55 lie below.
+    assert (curves.precision[9], curves.precision[10]) == (0.0, 1.0)
+    assert curves.normalised_precision == pytest.approx(26 / 51)  # 0.25 of the width
+
+
+def test_a_missing_box_is_a_miss_at_every_threshold():
+    curves = ope_curves([Box(1, 1, 1, 1), None], [Box(1, 1, 1, 1)] * 2)
+    assert max(*curves.success, *curves.precision, *curves.normalised) == 0.0
+
+
+def test_temporal_starts_have_a_box_and_one_to_score():
+    box = Box(5, 5, 2, 2)
+    truth = [box, None, None, None, box, box, None, box]
+    assert temporal_starts(truth, 4) == [0, 4]
+
+
+def test_the_twelve_spatial_starts():
+    starts = spatial_starts(Box(50, 50, 40, 20))
+    assert len(set(starts)) == 12
+    assert {round(start.cx) for start in starts} == {46, 50, 54}
+    assert [round(start.width) for start in starts[8:]] == [32, 36, 44, 48]
 
 
 def make_sequence(folder, lines, images=3):

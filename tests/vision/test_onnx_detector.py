@@ -342,14 +342,6 @@ def test_a_network_of_another_kind_is_one_line_with_the_file_name(tmp_path: Path
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "changes", [{"min_score": 1.1}, {"max_overlap": -0.1}, {"most": 0}, {"edge_px": float("nan")}]
-)
-def test_nonsense_settings_are_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(changes))):
-        DetectorSettings(**changes)
-
-
 @given(st.floats(20, 900), st.floats(20, 900), st.sampled_from(list(Placement)))
 def test_the_view_contains_the_region(width: float, height: float, placement: Placement) -> None:
     region = Box(500, 400, width, height)

@@ -154,10 +154,3 @@ def test_odd_candidates_get_a_finite_score(box):
 def test_scoring_before_learning_is_an_error():
     with pytest.raises(RuntimeError, match="learnt"):
         Reidentifier().score(scene(), HERE)
-
-
-def test_settings_refuse_nonsense():
-    wrongs = ({"epsilon": 2.5}, {"max_templates": 0}, {"shift_ratio": 0.6}, {"max_recent": -1})
-    for wrong in wrongs:
-        with pytest.raises(ValueError, match="re-identification"):
-            ReidentifySettings(**wrong)

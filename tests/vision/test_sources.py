@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 from follower_vision.clock import SimulatedClock
-from follower_vision.sources.open import (
-    ImageFolder,
-    RealtimePlayback,
-    SourceError,
-    VideoFile,
-    natural_key,
-    open_source,
-)
+from follower_vision.sources.frame_source import RealtimePlayback, SourceError
+from follower_vision.sources.open import ImageFolder, natural_key, open_source
+from follower_vision.sources.video_file import VideoFile
 
 
 def picture(number: int, width: int = 64, height: int = 48) -> np.ndarray:

@@ -15,6 +15,7 @@ from follower.apps.evaluate.output_files import (
     terminal_tables,
     write_csv,
     write_json,
+    write_toolkit_files,
 )
 from follower.apps.evaluate.report import render
 from follower.apps.evaluate.scores import (
@@ -26,7 +27,6 @@ from follower.apps.evaluate.scores import (
     scored,
     toolkit_rows,
 )
-from follower.apps.evaluate.toolkit_files import write_toolkit_files
 from follower.recording.run_folder import new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
 from follower.workers import Engine, engine_for, job_progress

@@ -35,3 +35,8 @@ def run_command(
         return Outcome(ended.value.code, *capfd.readouterr())
 
     return run
+
+
+@pytest.fixture
+def port(free_port: Callable[[], int]) -> int:
+    return free_port()

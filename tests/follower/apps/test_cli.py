@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from small_scenario import small_scenario
 
 from follower.apps.main import INTERRUPTED, SUCCESS, UNUSABLE
 from follower.recording import open_flight
@@ -25,18 +26,7 @@ RunCommand = Callable[..., Any]
 FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 
 
-SMALL = """
-name: small
-title: A car stands in a meadow.
-duration_s: 60
-seed: 5
-targets:
-  - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}
-camera: {width: 320, height: 240, exposure_s: 0.0}
-takeoff_height_m: 4
-start: {at: [0, 0]}
-select: {colour: "#e0401c"}
-"""
+SMALL = small_scenario(60)
 
 
 @pytest.fixture(scope="module")

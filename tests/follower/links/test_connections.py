@@ -42,11 +42,17 @@ def test_what_is_no_connection_is_answered_with_examples(text: str) -> None:
         open_connection(text)
 
 
-def test_tcp_carries_bytes_both_ways(free_port: Callable[[], int]) -> None:
+def test_a_port_that_there_is_not_is_told() -> None:
+    with pytest.raises(ConnectionFailedError, match="between 1 and 65535"):
+        open_connection("udpin:h:99999")
+
+
+@pytest.mark.parametrize(("listens", "calls"), [("tcpin", "tcp"), ("udpin", "udpout")])
+def test_bytes_go_both_ways(listens: str, calls: str, free_port: Callable[[], int]) -> None:
     port = free_port()
     with (
-        closing(open_connection(f"tcpin:127.0.0.1:{port}")) as server,
-        closing(open_connection(f"tcp:127.0.0.1:{port}")) as client,
+        closing(open_connection(f"{listens}:127.0.0.1:{port}")) as server,
+        closing(open_connection(f"{calls}:127.0.0.1:{port}")) as client,
     ):
         server.send(b"nobody is there yet")
         client.send(b"hello")

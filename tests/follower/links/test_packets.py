@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.links.packet_channel import SequenceCounter
-from follower.links.packet_parser import PacketReader, checksum, crc_extra_of, message_id_of
+from follower.links.packet_parser import (
+    PacketReader,
+    Unpacker,
+    checksum,
+    crc_extra_of,
+    message_id_of,
+)
 from follower.links.pymavlink_link import MavlinkLink
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import MemoryTransport
@@ -193,3 +199,23 @@ def _numbered(packet: bytes, number: int) -> bytes:
     if crc_extra is not None:
         data[-2:] = checksum(bytes(data[:-2]), crc_extra)
     return bytes(data)
+
+
+NUMBERS = st.floats(-100, 100, width=32)
+
+
+@given(st.tuples(*[NUMBERS] * 6), st.booleans())
+def test_an_attitude_is_unpacked_as_pymavlink_does(
+    numbers: tuple[float, ...], first_protocol: bool
+) -> None:
+    message = mavlink.MAVLink_attitude_message(12345, *numbers)
+    data = message.pack(mavlink.MAVLink(None, 3, 1), force_mavlink1=first_protocol)
+    (packet,) = PacketReader().feed(bytes(data))
+    expected = mavlink.MAVLink(None).decode(bytearray(data))
+    assert Unpacker().message(packet).to_dict() == expected.to_dict()
+
+
+def test_a_text_is_unpacked_too() -> None:
+    data = mavlink.MAVLink_statustext_message(6, b"Ready").pack(mavlink.MAVLink(None, 3, 1))
+    (packet,) = PacketReader().feed(bytes(data))
+    assert Unpacker().message(packet).text == "Ready"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_scenario import small_scenario
 
 from follower.apps.inspect import inspect_flight
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY, SUCCESS
@@ -23,18 +24,7 @@ from follower.recording.run_folder import RunFiles, write_setpoints
 from follower_vision.images.frame import Frame
 
 FOLLOWER = (sys.executable, "-c", "from follower.apps.main import main; main()")
-SMALL = """
-name: small
-title: A car stands in a meadow.
-duration_s: 16
-seed: 5
-targets:
-  - {kind: car, colour: "#e0401c", path: {points: [[15, 0], [25, 0]]}}
-camera: {width: 320, height: 240, exposure_s: 0.0}
-takeoff_height_m: 4
-start: {at: [0, 0]}
-select: {colour: "#e0401c"}
-"""
+SMALL = small_scenario(16)
 MOUNTED = ("unshare", "-rm", "sh", "-ec", 'mount -t tmpfs -o size=800k none "$0"; exec "$@"')
 MOST_BYTES = 250_000
 SETTINGS = ("--set", "recorder.keep_free_mb=0")

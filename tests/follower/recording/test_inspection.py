@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from html_page import Page
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -25,36 +25,6 @@ from follower.tuning.identify.readers import read_flight
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.track import Track, TrackState
-
-_VOID = {"meta", "link", "br", "img", "hr", "input"}
-
-
-class Page(HTMLParser):
-    """Checks that elements are closed in order; collects headings, what is loaded, and text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.headings: list[str] = []
-        self.loads: list[str] = []
-        self.text = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.loads += [value or "" for name, value in attrs if name in ("src", "href")]
-        if tag not in _VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, _tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.loads += [value or "" for name, value in attrs if name in ("src", "href")]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-        if self.open[-1:] == ["h2"]:
-            self.headings.append(data)
 
 
 def inspected(folder: Path) -> tuple[Page, str]:

@@ -21,7 +21,10 @@ def copied(flight: Any, folder: Path) -> Path:
     return folder
 
 
-def one_line(error: pytest.ExceptionInfo[FlightFileError]) -> str:
+def refusal(folder: Path) -> str:
+    """Why a folder is not opened, in one line."""
+    with pytest.raises(FlightFileError) as error:
+        open_flight(folder)
     text = str(error.value)
     assert "\n" not in text
     return text
@@ -100,25 +103,17 @@ def test_damage_inside_a_video_costs_the_pictures_there_and_no_other_is_taken_fo
 
 
 def test_a_folder_that_is_no_flight_says_what_is_there(small_flight: Any, tmp_path: Path) -> None:
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path / "nowhere")
-    assert "no such folder" in one_line(error)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    assert "flight.mcap is missing" in one_line(error)
+    assert "no such folder" in refusal(tmp_path / "nowhere")
+    assert "flight.mcap is missing" in refusal(tmp_path)
     folder = copied(small_flight, tmp_path / "flight")
     (folder / "flight.mcap").unlink()
-    with pytest.raises(FlightFileError) as error:
-        open_flight(folder)
-    assert "only config.yaml, mavlink.tlog, video.mkv" in one_line(error)
+    assert "only config.yaml, mavlink.tlog, video.mkv" in refusal(folder)
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"PK\x03\x04 a zip, not a log" * 9, b"\0" * 99])
 def test_another_kind_of_file_is_no_log(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "flight.mcap").write_bytes(content)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    assert "not in the MCAP format" in one_line(error)
+    assert "not in the MCAP format" in refusal(tmp_path)
 
 
 def write_foreign(path: Path, profile: str, metadata: dict[str, str] | None) -> None:
@@ -138,9 +133,7 @@ def write_foreign(path: Path, profile: str, metadata: dict[str, str] | None) -> 
 
 def test_a_log_of_another_program_is_named(tmp_path: Path) -> None:
     write_foreign(tmp_path / "flight.mcap", "ros2", None)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    text = one_line(error)
+    text = refusal(tmp_path)
     assert "somebody else 2.0" in text
     assert "'ros2'" in text
 
@@ -148,9 +141,7 @@ def test_a_log_of_another_program_is_named(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused_and_says_what_can_be_read(tmp_path: Path) -> None:
     newer = {"format": "7", "epoch_ns": "0", "config": ""}
     write_foreign(tmp_path / "flight.mcap", PROFILE, newer)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    text = one_line(error)
+    text = refusal(tmp_path)
     assert "format 7" in text
     assert "mavlink.tlog and video.mkv can be read" in text
 
@@ -168,9 +159,7 @@ def test_messages_that_nobody_knows_are_passed_over_and_counted(
 
 def test_a_message_that_does_not_fit_names_its_topic(tmp_path: Path) -> None:
     write_foreign(tmp_path / "flight.mcap", PROFILE, None)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    text = one_line(error)
+    text = refusal(tmp_path)
     assert "a message of /vision/track cannot be read" in text
     assert "the 0 messages before it, up to 0.00 s, could be" in text
     assert "mavlink.tlog and video.mkv can be read" in text
@@ -180,9 +169,7 @@ def test_a_message_that_does_not_fit_names_its_topic(tmp_path: Path) -> None:
 def test_a_log_that_does_not_know_itself_says_so(tmp_path: Path, key: str) -> None:
     known = {"format": "1", "epoch_ns": "0", "config": ""}
     write_foreign(tmp_path / "flight.mcap", PROFILE, {k: known[k] for k in known if k != key})
-    with pytest.raises(FlightFileError) as error:
-        open_flight(tmp_path)
-    assert f"what the log says of itself is damaged (KeyError('{key}'))" in one_line(error)
+    assert f"what the log says of itself is damaged (KeyError('{key}'))" in refusal(tmp_path)
 
 
 def test_without_its_configuration_file_the_log_still_knows_it(
@@ -236,9 +223,7 @@ def test_no_configuration_at_all_is_named(
     (folder / "flight.mcap").write_bytes(data[:100])
     if config is not None:
         (folder / "config.yaml").write_bytes(config)
-    with pytest.raises(FlightFileError) as error:
-        open_flight(folder)
-    text = one_line(error)
+    text = refusal(folder)
     assert "config.yaml: missing" in text or "config.yaml: not a flight's configuration" in text
     assert "of flight.mcap 0 messages could be read" in text
 

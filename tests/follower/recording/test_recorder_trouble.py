@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from follower.flight.log import TrackRecord
 from follower.recording import (
     FlightConfig,
     RecordedFlight,
@@ -26,7 +27,7 @@ from follower.recording import (
 )
 from follower.recording.append_file import AppendFile, BacklogError
 from follower.settings.settings import Settings
-from follower_vision.clock import MonotonicClock
+from follower_vision.clock import MonotonicClock, SimulatedClock
 from follower_vision.images.frame import Frame
 
 PROGRAM = Path(__file__).with_name("record_until_killed.py")
@@ -66,7 +67,7 @@ def fly(folder: Path, seconds: float, settings: RecorderSettings) -> tuple[Recor
     clock, took = MonotonicClock(), []
     with Recorder(folder, FlightConfig.of("real", Settings()), clock, settings) as recorder:
         number = 0
-        while (now_s := clock.now()) < seconds:
+        while (now_s := clock.now()) < seconds or not took:
             began = time.perf_counter()
             recorder.add_frame(Frame(IMAGE, now_s, number), now_s)
             recorder.log.note(now_s, "test", f"frame {number}")
@@ -291,3 +292,29 @@ def test_a_codec_that_is_not_there_ends_the_video_alone(
     assert any("the video ends here" in remark for remark in recorder.remarks)
     notes = [event for event in open_flight(tmp_path).log.events if event.source == "test"]
     assert len(notes) == len(took)
+
+
+KEPT = 10
+TRACKS = 95
+
+
+def test_memory_keeps_the_newest_and_the_recording_keeps_all(tmp_path: Path) -> None:
+    config = FlightConfig.of("simulated", Settings())
+    with Recorder(tmp_path, config, SimulatedClock(), threaded=False, kept=KEPT) as recorder:
+        for number in range(TRACKS):
+            recorder.log.add_track(TrackRecord(None, number, 0.1 * number, 0.0, 0.0, 0.0))
+            held = [record.sequence for record in recorder.log.tracks]
+            assert held[-1] == number
+            assert min(number + 1, KEPT) <= len(held) <= 2 * KEPT
+            assert held == list(range(held[0], number + 1))
+    assert [record.sequence for record in open_flight(tmp_path).log.tracks] == list(range(TRACKS))
+
+
+def test_what_is_said_does_not_fill_the_memory_either(tmp_path: Path) -> None:
+    config = FlightConfig.of("simulated", Settings())
+    with Recorder(tmp_path, config, SimulatedClock(), threaded=False, kept=KEPT) as recorder:
+        for number in range(TRACKS):
+            recorder.log.note(0.1 * number, "operator", f"stop, by {number}")
+        assert recorder.log.events[-1].text == f"stop, by {TRACKS - 1}"
+        assert len(recorder.log.events) <= 2 * KEPT
+    assert len(open_flight(tmp_path).log.events) == TRACKS

@@ -15,19 +15,9 @@ from follower.report.series import LoggedFlight
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, GimbalState, RcChannels, VehicleState
 
+UNCHOSEN = SupervisorState.IDLE, SupervisorReason.NO_TARGET
 EMPTY = ControlRecord(
-    time_s=0.0,
-    late_s=0.0,
-    busy_s=0.0,
-    state=SupervisorState.IDLE,
-    reason=SupervisorReason.NO_TARGET,
-    estimate=None,
-    track_captured_s=None,
-    vehicle=VehicleState(),
-    asked=HOLD,
-    allowed=HOLD,
-    limits=(),
-    sent=False,
+    *(0.0, 0.0, 0.0, *UNCHOSEN, None, None, VehicleState(), HOLD, HOLD, ()), sent=False
 )
 HELD = GimbalState(Attitude(0.0, math.radians(-30), math.radians(10), 0.0, 0.0, 0.0, 0.5))
 TOLD = VehicleHealth(

@@ -59,15 +59,6 @@ SMALL = DetectorTraining(
 ANCHORS = np.array([[0.5, 0.5], [0.7, 0.7], [0.9, 0.9], [1.1, 1.1], [1.3, 1.3]])
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    """Torch's own threads only wait for each other with networks as small as these."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 class Squares:
     """Red and blue squares on grey noise."""
 

@@ -6,7 +6,6 @@ import csv
 from pathlib import Path
 
 import pytest
-import torch
 from typer.testing import CliRunner
 
 from follower.apps.main import app
@@ -25,13 +24,6 @@ training:
   validation_frames: 3
   save_every: 1
 """
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    yield
-    torch.set_num_threads(before)
 
 
 def follower(*arguments: str) -> str:

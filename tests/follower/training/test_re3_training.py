@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from easy_scenes import EASY
+from easy_scenes import EASY, check_interrupted
 from onnx import helper, save
 
 from follower.training.onnx_export import AGREEMENT, folded
@@ -23,8 +23,7 @@ from follower.training.re3.settings import (
 )
 from follower.training.re3.trainer import Re3Trainer, re3_loss
 from follower.training.scenes.generator import SceneMaker, SceneSettings
-from follower.training.scenes.image_source import ImageSource, procedural
-from follower.training.trainer import load_checkpoint, save_checkpoint
+from follower.training.scenes.image_source import ImageSource
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
@@ -33,19 +32,6 @@ from follower_vision.trackers.re3 import SEARCH_PX, Re3Network, search_region
 
 SMALL = Re3NetworkSettings(channels=16, hidden=16, head=16)
 CPU = torch.device("cpu")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module")
-def pictures() -> ImageSource:
-    return procedural(np.random.default_rng(3), 6)
 
 
 def settings(*stages: TrainingStage, scenes: SceneSettings = EASY) -> Re3TrainingSettings:
@@ -89,21 +75,7 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
     pictures: ImageSource, tmp_path: Path, unroll: int
 ) -> None:
     plan = settings(TrainingStage(steps=4, batch=3, unroll=unroll, own_boxes=0.5))
-    through = Re3Trainer(plan, pictures)
-    for _ in range(4):
-        through.train_step()
-    first = Re3Trainer(plan, pictures)
-    for _ in range(2):
-        first.train_step()
-    save_checkpoint(tmp_path, first.state())
-    resumed = Re3Trainer(plan, pictures)
-    resumed.restore(load_checkpoint(tmp_path, CPU))
-    while not resumed.done:
-        resumed.train_step()
-    for one, other in zip(
-        through.averaged.parameters(), resumed.averaged.parameters(), strict=True
-    ):
-        torch.testing.assert_close(one, other, rtol=0, atol=0)
+    check_interrupted(lambda: Re3Trainer(plan, pictures), tmp_path)
 
 
 @pytest.mark.slow
@@ -229,12 +201,6 @@ def test_a_perfect_answer_costs_less(pictures: ImageSource) -> None:
 def test_the_sheet_of_samples_shows_six_scenes(pictures: ImageSource) -> None:
     sheet = sample_sheet(SceneMaker(pictures, SceneSettings(), 1))
     assert sheet.shape == (6 * 256, 4 * 342 + 2 * 192, 3)
-
-
-@pytest.mark.parametrize("stage", [{"steps": 0}, {"steps": 1, "rate": 0.0}])
-def test_nonsense_is_refused_in_a_stage(stage: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="greater than 0"):
-        TrainingStage(**stage)
 
 
 def test_confidence_is_calibrated() -> None:

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from easy_scenes import EASY
+from easy_scenes import EASY, check_interrupted
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from follower.apps.main import app
 from follower.training.scenes.generator import SceneMaker, SceneSettings
-from follower.training.scenes.image_source import ImageSource, procedural
+from follower.training.scenes.image_source import ImageSource
 from follower.training.siamese.examples import Batches
 from follower.training.siamese.network import (
     CELLS,
@@ -27,7 +27,6 @@ from follower.training.siamese.network import (
 from follower.training.siamese.run import export_siamese, sample_sheet
 from follower.training.siamese.settings import SiameseNetworkSettings, SiameseTrainingSettings
 from follower.training.siamese.trainer import SiameseTrainer, siamese_loss
-from follower.training.trainer import load_checkpoint, save_checkpoint
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.nanotrack import NanoTrackNetwork
@@ -48,19 +47,6 @@ training:
   save_every: 1
   workers: 0
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module")
-def pictures() -> ImageSource:
-    return procedural(np.random.default_rng(3), 6)
 
 
 def settings(steps: int, batch: int = 3, **changes: object) -> SiameseTrainingSettings:
@@ -148,21 +134,7 @@ def test_a_tiny_run_learns_to_find_the_target(pictures: ImageSource) -> None:
 def test_an_interrupted_training_ends_as_an_uninterrupted_one(
     pictures: ImageSource, tmp_path: Path
 ) -> None:
-    through = SiameseTrainer(settings(4), pictures)
-    while not through.done:
-        through.train_step()
-    first = SiameseTrainer(settings(4), pictures)
-    for _ in range(2):
-        first.train_step()
-    save_checkpoint(tmp_path, first.state())
-    resumed = SiameseTrainer(settings(4), pictures)
-    resumed.restore(load_checkpoint(tmp_path, CPU))
-    while not resumed.done:
-        resumed.train_step()
-    for one, other in zip(
-        through.averaged.parameters(), resumed.averaged.parameters(), strict=True
-    ):
-        torch.testing.assert_close(one, other, rtol=0, atol=0)
+    check_interrupted(lambda: SiameseTrainer(settings(4), pictures), tmp_path)
 
 
 def test_a_checkpoint_of_another_size_is_refused(pictures: ImageSource) -> None:

@@ -60,17 +60,6 @@ def test_a_pattern_asks_for_no_more_than_is_set_and_ends_where_it_began(kind: Pa
     assert pattern.setpoint(-1.0) == pattern.setpoint(pattern.length_s + 1.0) == HOLD
 
 
-def test_what_is_no_pattern_is_refused() -> None:
-    for wrong in (
-        {"forward_m_s": -1.0},
-        {"yaw_deg_s": math.nan},
-        {"hold_s": 0.0},
-        {"forward_m_s": 0, "right_m_s": 0, "vertical_m_s": 0, "yaw_deg_s": 0},
-    ):
-        with pytest.raises(ValueError, match=r"within|axis"):
-            ExcitationSettings(**wrong)
-
-
 def test_nothing_moves_before_it_is_ready_and_the_pilot_chose_the_mode() -> None:
     stage = stage_of()
     for i in range(20):

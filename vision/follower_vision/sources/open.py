@@ -25,7 +25,6 @@ from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.sources.frame_source import (
     ClosesItself,
     FrameSource,
-    RealtimePlayback,
     SourceError,
 )
 from follower_vision.sources.live_source import LiveSettings, LiveSource
@@ -35,19 +34,6 @@ from follower_vision.sources.plugin_connection import (
     source_errors,
 )
 from follower_vision.sources.video_file import VideoFile
-
-__all__ = [
-    "CaptureSettings",
-    "FrameSource",
-    "ImageFolder",
-    "LiveSettings",
-    "LiveSource",
-    "RealtimePlayback",
-    "SourceError",
-    "VideoFile",
-    "is_live",
-    "open_source",
-]
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
 _ADDRESS = re.compile(r"(rtsp|rtsps|rtmp|rtp|udp|tcp|srt|http|https)://", re.IGNORECASE)

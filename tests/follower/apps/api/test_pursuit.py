@@ -8,13 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from flying_vehicle import Vehicle, flying_vehicle, write_square
+from waiting import until
 
 import follower
 
@@ -33,11 +34,6 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def port(free_port: Callable[[], int]) -> int:
-    return free_port()
-
-
-@pytest.fixture
 def there(port: int) -> Iterator[Vehicle]:
     with flying_vehicle("px4", port, HEIGHT_M) as vehicle:
         yield vehicle
@@ -52,13 +48,6 @@ def pursuit(port: int, video: Path, tmp_path: Path) -> follower.Pursuit:
 
 def speeds(message: Any) -> tuple[float, ...]:
     return (message.vx, message.vy, message.vz, message.yaw_rate)
-
-
-def until(condition: Callable[[], object], within_s: float = 90.0) -> None:
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "it did not come about"
-        time.sleep(0.02)
 
 
 def follow(there: Vehicle, pursuit: follower.Pursuit) -> None:

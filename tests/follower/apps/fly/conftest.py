@@ -17,11 +17,6 @@ MakeVehicle = Callable[..., Vehicle]
 
 
 @pytest.fixture
-def port(free_port: Callable[[], int]) -> int:
-    return free_port()
-
-
-@pytest.fixture
 def vehicle(port: int) -> Iterator[MakeVehicle]:
     """Make vehicles that speak to `port`, and end them."""
     made: list[Vehicle] = []

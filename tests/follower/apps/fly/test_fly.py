@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from waiting import until
 
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
@@ -84,13 +85,6 @@ class Program:
         with self.process.stdout as stream:
             for line in stream:
                 self._lines.put(line)
-
-
-def until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "it did not come about"
-        time.sleep(0.02)
 
 
 @pytest.fixture

@@ -170,25 +170,26 @@ def test_a_format_that_pymavlink_does_not_know_is_named(
     gc.collect()
 
 
-def test_a_missing_column_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("time_s,roll_deg,pitch_deg\n0,0,0\n")
-    with pytest.raises(TelemetryError, match="yaw_deg is missing"):
-        read_telemetry(path)
-
-
-def test_a_cell_that_is_no_number_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,north,0\n")
-    with pytest.raises(TelemetryError, match="line 3: pitch_deg is no number, but 'north'"):
-        read_telemetry(path)
-
-
-def test_an_unknown_ending_and_a_missing_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(TelemetryError, match="unknown kind"):
-        read_telemetry(tmp_path / "log.txt")
-    with pytest.raises(TelemetryError, match="no such file"):
-        read_telemetry(tmp_path / "log.tlog")
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("log.csv", "time_s,roll_deg,pitch_deg\n0,0,0\n", "yaw_deg is missing"),
+        (
+            "log.csv",
+            "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,north,0\n",
+            "line 3: pitch_deg is no number, but 'north'",
+        ),
+        ("log.txt", None, "unknown kind"),
+        ("log.tlog", None, "no such file"),
+    ],
+)
+def test_what_cannot_be_read_is_named(
+    tmp_path: Path, name: str, text: str | None, said: str
+) -> None:
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(TelemetryError, match=said):
+        read_telemetry(tmp_path / name)
 
 
 def test_other_systems_in_a_tlog_are_not_mistaken_for_the_vehicle(

@@ -3,18 +3,11 @@
 from typing import Any
 
 import pytest
+from people_flights import CONTROL_S, OURS, PILOTS, F, R, flavours
 
 from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower_control.vehicle.setpoint import HOLD
-
-F, R = SupervisorState.FOLLOWING, SupervisorState.RELEASED
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
-PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
-
-CONTROL_S = 0.02
-
-flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
 @pytest.mark.parametrize("gone_s", [0.3, 1.3, 2.0, 4.0])

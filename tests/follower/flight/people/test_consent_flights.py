@@ -3,18 +3,14 @@
 from typing import Any
 
 import pytest
+from people_flights import OURS, PILOTS, F, R, flavours
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower_control.vehicle.setpoint import HOLD
 
-F, R = SupervisorState.FOLLOWING, SupervisorState.RELEASED
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
-PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
 MIDDLE = (1500, 1500, 1500, 1500)
-
-flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
 @flavours

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from people_flights import CONTROL_S, OURS, PILOTS, SHORT, C, F, H, R, S
 
 from follower.apps.replay.comparison import compare
 from follower.apps.replay.replay import Replay, replay_settings
@@ -14,18 +15,7 @@ from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower_control.vehicle.setpoint import HOLD
 
-F, C, S, H, R = (
-    SupervisorState.FOLLOWING,
-    SupervisorState.COASTING,
-    SupervisorState.SEARCHING,
-    SupervisorState.HOLDING,
-    SupervisorState.RELEASED,
-)
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
-PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
-CONTROL_S = 0.02
 MIDDLE = (1500, 1500, 1500, 1500)
-SHORT = ("supervisor.search_s=1.0", "supervisor.hold_s=1.0")
 
 
 @pytest.mark.slow

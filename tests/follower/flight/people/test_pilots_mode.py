@@ -3,25 +3,13 @@
 from typing import Any
 
 import pytest
+from people_flights import CONTROL_S, OURS, PILOTS, C, F, H, R, S, flavours
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.log import FlightLog
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower_control.vehicle.setpoint import HOLD
-
-F, C, S, H, R = (
-    SupervisorState.FOLLOWING,
-    SupervisorState.COASTING,
-    SupervisorState.SEARCHING,
-    SupervisorState.HOLDING,
-    SupervisorState.RELEASED,
-)
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
-PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
-CONTROL_S = 0.02
-
-flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
 @pytest.mark.slow

@@ -3,23 +3,11 @@
 from typing import Any
 
 import pytest
+from people_flights import OURS, PILOTS, SHORT, C, H, R, S, flavours
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.flight.supervision.supervisor import SupervisorReason
 from follower_control.vehicle.setpoint import HOLD
-
-C, S, H, R = (
-    SupervisorState.COASTING,
-    SupervisorState.SEARCHING,
-    SupervisorState.HOLDING,
-    SupervisorState.RELEASED,
-)
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
-PILOTS = {"px4": "POSCTL", "ardupilot": "LOITER"}
-SHORT = ("supervisor.search_s=1.0", "supervisor.hold_s=1.0")
-
-flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
-
 
 RELEASES = [
     ("px4", "loiter", "LOITER"),

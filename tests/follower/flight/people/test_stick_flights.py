@@ -4,16 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from people_flights import OURS, F, R, flavours
 
 from follower.flight.log import ControlRecord
-from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.flight.supervision.supervisor import SupervisorReason
 from follower_control.vehicle.setpoint import HOLD
 
-F, R = SupervisorState.FOLLOWING, SupervisorState.RELEASED
-OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 MIDDLE = (1500, 1500, 1500, 1500)
-
-flavours = pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 
 
 Right = Callable[[ControlRecord], float]

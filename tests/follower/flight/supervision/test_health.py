@@ -65,12 +65,3 @@ def test_what_was_told_long_ago_is_no_objection() -> None:
 def test_without_gps_nothing_is_asked_of_it() -> None:
     indoors = replace(WELL, gps=replace(WELL.gps, fix_type=0))
     assert judge(indoors, HealthSettings(gps_fix=None), True, NOW) == FINE
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{"battery_to_start": 0.1}, {"battery_to_start": 1.5}, {"stale_s": 0.0}],
-)
-def test_nonsense_is_refused(options: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"does not hold|positive"):
-        HealthSettings(**options)

@@ -294,22 +294,20 @@ def both(first: str, second: str) -> dict[str, Any]:
     return NAMED[second].changes | NAMED[first].changes
 
 
-@pytest.mark.parametrize("pair", orders(BEFORE_ORDER), ids=" before ".join)
+BEFORE = (SupervisorState.IDLE, SupervisorState.TRACKING, SupervisorState.READY)
+
+
 @pytest.mark.parametrize(
-    "state", [SupervisorState.IDLE, SupervisorState.TRACKING, SupervisorState.READY]
+    ("state", "first", "second"),
+    [
+        (state, *pair)
+        for states, order in ((BEFORE, BEFORE_ORDER), (sorted(ENGAGED), ENGAGED_ORDER))
+        for state in states
+        for pair in orders(order)
+    ],
 )
-def test_the_higher_row_decides_before_following(
-    state: SupervisorState, pair: tuple[str, str]
-) -> None:
-    assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
-
-
-@pytest.mark.parametrize("pair", orders(ENGAGED_ORDER), ids=" before ".join)
-@pytest.mark.parametrize("state", sorted(ENGAGED))
-def test_the_higher_row_decides_while_following(
-    state: SupervisorState, pair: tuple[str, str]
-) -> None:
-    assert decide(state, **both(*pair)) == NAMED[pair[0]].expected(state)
+def test_the_higher_row_decides(state: SupervisorState, first: str, second: str) -> None:
+    assert decide(state, **both(first, second)) == NAMED[first].expected(state)
 
 
 ages = st.floats(0, 20) | st.just(inf)
@@ -415,9 +413,3 @@ def test_the_shell_counts_the_time_in_a_state_and_keeps_the_reason_of_the_releas
     assert supervisor.state is SupervisorState.RELEASED
     assert supervisor.reason is SupervisorReason.PILOT_TOOK_OVER
     assert supervisor.in_state_s(14.0) == 1.0
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), inf])
-def test_a_timeout_that_is_no_time_is_refused(value: float) -> None:
-    with pytest.raises(ValueError, match=r"search_s lies between 0\.001 and 3600"):
-        SupervisorSettings(search_s=value)

@@ -125,19 +125,9 @@ def test_a_release_is_judged_by_mode_and_silence() -> None:
 
 
 def released_at(time_s: float) -> ControlRecord:
+    released = SupervisorState.RELEASED, SupervisorReason.CONSENT_WITHDRAWN
     return ControlRecord(
-        time_s=time_s,
-        late_s=0.0,
-        busy_s=0.0,
-        state=SupervisorState.RELEASED,
-        reason=SupervisorReason.CONSENT_WITHDRAWN,
-        estimate=None,
-        track_captured_s=None,
-        vehicle=VehicleState(),
-        asked=HOLD,
-        allowed=HOLD,
-        limits=(),
-        sent=True,
+        *(time_s, 0.0, 0.0, *released, None, None, VehicleState(), HOLD, HOLD, ()), sent=True
     )
 
 

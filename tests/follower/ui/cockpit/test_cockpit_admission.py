@@ -172,12 +172,3 @@ def make_certificate(folder: Path) -> tuple[Path, Path]:
     secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     (folder / "key.pem").write_bytes(secret)
     return folder / "cert.pem", folder / "key.pem"
-
-
-@pytest.mark.slow
-def test_guessing_tokens_is_slow(guarded: Any) -> None:
-    codes = [
-        httpx.post(f"{guarded.url}/api/session", json={"token": f"guess {n}"}).status_code
-        for n in range(15)
-    ]
-    assert 429 in codes

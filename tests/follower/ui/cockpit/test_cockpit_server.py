@@ -7,7 +7,6 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from cockpit_client import (
 )
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from waiting import until
 from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
@@ -61,13 +61,6 @@ def test_one_controls_the_others_watch_and_anybody_may_stop(served: Any) -> None
         until(lambda: message(second, "control")["yours"])
     asked = [request["kind"] for request in served.station.operator.asked[before:]]
     assert asked == ["stop", "consent", "select_point"]
-
-
-def until(condition: Callable[[], Any]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_what_was_asked_before_somebody_let_go_comes_too_late(served: Any) -> None:

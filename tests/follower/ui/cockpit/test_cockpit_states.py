@@ -6,7 +6,6 @@ And what is pressed does what it said when it was pressed.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
+from waiting import until
 
 from follower_vision.images.frame import Frame
 
@@ -62,7 +62,7 @@ def page(browser: Browser, open_page: Any, served: Any, feed: Feed) -> Iterator[
         page.wait_for_selector("#control:has-text('in control')")
         page.wait_for_selector("#state[data-state=following]")
         # Not `wait_for_function`: what that polls in the page, the page's own policy forbids.
-        wait_until(lambda: page.evaluate("seenAt !== null"))
+        until(lambda: page.evaluate("seenAt !== null"))
         yield page
 
 
@@ -75,15 +75,8 @@ def one_more(served: Any, kind: str) -> Iterator[None]:
     """Expect just one more request of a kind."""
     before = len(asked(served, kind))
     yield
-    wait_until(lambda: len(asked(served, kind)) > before)
+    until(lambda: len(asked(served, kind)) > before)
     assert len(asked(served, kind)) == before + 1
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_a_flight_that_says_nothing_is_shown_as_silent_though_frames_come(

@@ -149,6 +149,13 @@ class Rig:
         peer.send(gcs_heartbeat())
         return peer
 
+    def station_peer(self, **options: Any) -> Peer:
+        """Return somebody whom every step hears, after the first ones."""
+        peer = self.peer(**options)
+        self.everybody.append(peer)
+        self.run(0.1)
+        return peer
+
     def run(self, seconds: float, each: Callable[[float], object] = float) -> None:
         """Let time pass; `each` is called with every moment."""
         for _ in range(round(seconds / STEP_S)):
@@ -202,3 +209,15 @@ def make_rig() -> Iterator[MakeRig]:
             return rig
 
         yield make
+
+
+@pytest.fixture
+def rig(make_rig: MakeRig) -> Rig:
+    """The usual one."""
+    return make_rig()
+
+
+@pytest.fixture
+def qgc(rig: Rig) -> Peer:
+    """A ground station that hears the usual one."""
+    return rig.station_peer()

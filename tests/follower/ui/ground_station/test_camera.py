@@ -15,7 +15,9 @@ from follower.flight.target.request import (
     PointSelection,
     RequestOutcome,
 )
+from follower.links.packet_parser import checksum, crc_extra_of
 from follower.ui.ground_station.camera_messages import Endpoint
+from follower.ui.ground_station.server import HEARD
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.track import TrackState
 
@@ -29,13 +31,6 @@ IMAGE_STATUS, GEO_STATUS = 275, 276
 VIDEO = "rtsp://192.168.1.5:8554/live"
 
 
-def station(rig: Any, **options: Any) -> Any:
-    peer = rig.peer(**options)
-    rig.everybody.append(peer)
-    rig.run(0.1)
-    return peer
-
-
 def answer(rig: Any, peer: Any, command: int, *params: float, **options: Any) -> int:
     """Send a command and return what it was acknowledged with."""
     before = len(peer.of("COMMAND_ACK"))
@@ -47,9 +42,7 @@ def answer(rig: Any, peer: Any, command: int, *params: float, **options: Any) ->
     return int(ack.result)
 
 
-def test_it_is_heard_once_a_second_as_a_camera_of_the_vehicle(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_it_is_heard_once_a_second_as_a_camera_of_the_vehicle(rig: Any, qgc: Any) -> None:
     rig.run(5.0)
     beats = qgc.of("HEARTBEAT", 100)
     assert 5 <= len(beats) <= 6
@@ -115,7 +108,7 @@ class QGroundControl:
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_the_whole_handshake_of_qgroundcontrol(make_rig: MakeRig, loss: float, seed: int) -> None:
     rig = make_rig(video_uri=VIDEO)
-    peer = station(rig, loss=loss, seed=seed)
+    peer = rig.station_peer(loss=loss, seed=seed)
     qgc = QGroundControl(peer)
     rig.run(25.0, qgc.step)
     for name in QGroundControl.OLD_AND_NEW:
@@ -131,9 +124,7 @@ def test_the_whole_handshake_of_qgroundcontrol(make_rig: MakeRig, loss: float, s
     assert {ack.result for ack in peer.of("COMMAND_ACK")} == {ACCEPTED}
 
 
-def test_without_video_none_is_told_of(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_without_video_none_is_told_of(rig: Any, qgc: Any) -> None:
     assert answer(rig, qgc, REQUEST, 259) == ACCEPTED
     assert not qgc.of("CAMERA_INFORMATION")[0].flags & 256
     assert answer(rig, qgc, REQUEST, 269) == DENIED
@@ -145,7 +136,7 @@ def test_without_video_none_is_told_of(make_rig: MakeRig) -> None:
 )
 def test_rtp_by_udp_is_told_as_a_port_or_an_address(make_rig: MakeRig, uri: str, told: str) -> None:
     rig = make_rig(video_uri=uri)
-    qgc = station(rig)
+    qgc = rig.station_peer()
     answer(rig, qgc, REQUEST, 269)
     video = qgc.of("VIDEO_STREAM_INFORMATION")[0]
     assert (video.uri, video.type) == (told, mavlink.VIDEO_STREAM_TYPE_RTPUDP)
@@ -180,18 +171,14 @@ def test_rtp_by_udp_is_told_as_a_port_or_an_address(make_rig: MakeRig, uri: str,
     ],
 )
 def test_what_cannot_be_done_is_refused_and_nothing_happens(
-    make_rig: MakeRig, command: int, params: tuple[float, ...], result: int
+    rig: Any, qgc: Any, command: int, params: tuple[float, ...], result: int
 ) -> None:
-    rig = make_rig()
-    qgc = station(rig)
     assert answer(rig, qgc, command, *params) == result
     assert rig.requests.take_target() is None
     assert not qgc.of("CAMERA_TRACKING_IMAGE_STATUS")
 
 
-def test_a_refusal_says_why(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_refusal_says_why(rig: Any, qgc: Any) -> None:
     answer(rig, qgc, RECTANGLE, 0.4, 0.4, 0.401, 0.401)
     (text,) = qgc.of("STATUSTEXT")
     assert "too small" in text.text
@@ -209,9 +196,7 @@ def test_a_long_text_ends_with_a_part_that_is_not_full(length: int) -> None:
     assert all(len(part.text) == 50 for part in parts[:-1])
 
 
-def test_a_drawn_rectangle_and_a_click_become_wishes(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_drawn_rectangle_and_a_click_become_wishes(rig: Any, qgc: Any) -> None:
     assert answer(rig, qgc, RECTANGLE, 0.25, 0.5, 0.5, 0.75) == ACCEPTED
     request = rig.requests.take_target()
     assert request.selection == BoxSelection(0.25, 0.5, 0.5, 0.75)
@@ -220,9 +205,7 @@ def test_a_drawn_rectangle_and_a_click_become_wishes(make_rig: MakeRig) -> None:
     assert rig.requests.take_target().selection == PointSelection(0.5, 0.25)
 
 
-def test_what_came_of_a_wish_is_told(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_what_came_of_a_wish_is_told(rig: Any, qgc: Any) -> None:
     for outcome in (
         RequestOutcome(True, "the car there"),
         RequestOutcome(False, "nothing stands out there"),
@@ -233,9 +216,7 @@ def test_what_came_of_a_wish_is_told(make_rig: MakeRig) -> None:
         assert outcome.text in qgc.of("STATUSTEXT")[-1].text
 
 
-def test_a_command_that_comes_again_is_answered_again_and_done_once(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_command_that_comes_again_is_answered_again_and_done_once(rig: Any, qgc: Any) -> None:
     corners = 0.25, 0.5, 0.5, 0.75
     assert answer(rig, qgc, RECTANGLE, *corners) == ACCEPTED
     assert rig.requests.take_target() is not None
@@ -247,9 +228,7 @@ def test_a_command_that_comes_again_is_answered_again_and_done_once(make_rig: Ma
     assert rig.requests.take_target() is not None
 
 
-def test_a_stop_is_carried_out_however_soon_after_another_one(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_stop_is_carried_out_however_soon_after_another_one(rig: Any, qgc: Any) -> None:
     for confirmation in (0, 0, 1):
         assert answer(rig, qgc, STOP, confirmation=confirmation) == ACCEPTED
         assert rig.requests.take_target().selection == ClearSelection()
@@ -257,9 +236,7 @@ def test_a_stop_is_carried_out_however_soon_after_another_one(make_rig: MakeRig)
         assert isinstance(rig.requests.take_target().selection, PointSelection)
 
 
-def test_the_box_streams_from_the_drawing_to_the_button_off(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_the_box_streams_from_the_drawing_to_the_button_off(rig: Any, qgc: Any) -> None:
     answer(rig, qgc, RECTANGLE, 0.25, 0.5, 0.5, 0.75)
     assert answer(rig, qgc, INTERVAL, IMAGE_STATUS, 500_000) == ACCEPTED
     rig.run(4.0, lambda _: rig.show(Box(320, 240, 64, 48)))
@@ -293,15 +270,13 @@ def test_what_each_state_of_the_track_is_told_as(
     make_rig: MakeRig, state: TrackState, active_only: bool, status: int
 ) -> None:
     rig = make_rig(active_only=active_only)
-    qgc = station(rig)
+    qgc = rig.station_peer()
     rig.show(Box(320, 240, 64, 48), state)
     answer(rig, qgc, REQUEST, IMAGE_STATUS)
     assert qgc.of("CAMERA_TRACKING_IMAGE_STATUS")[-1].tracking_status == status
 
 
-def test_a_picture_that_stands_still_has_no_box(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_picture_that_stands_still_has_no_box(rig: Any, qgc: Any) -> None:
     rig.show(Box(320, 240, 64, 48))
     rig.run(1.5)
     answer(rig, qgc, REQUEST, IMAGE_STATUS)
@@ -310,7 +285,7 @@ def test_a_picture_that_stands_still_has_no_box(make_rig: MakeRig) -> None:
 
 def test_the_interval_can_be_asked_for_and_zero_is_the_usual_one(make_rig: MakeRig) -> None:
     rig = make_rig(image_rate_hz=4.0)
-    qgc = station(rig)
+    qgc = rig.station_peer()
     asked = mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
     answer(rig, qgc, asked, IMAGE_STATUS)
     answer(rig, qgc, INTERVAL, IMAGE_STATUS, 0.0)
@@ -320,18 +295,14 @@ def test_the_interval_can_be_asked_for_and_zero_is_the_usual_one(make_rig: MakeR
     assert [one.interval_us for one in qgc.of("MESSAGE_INTERVAL")] == [-1, 250_000, 0]
 
 
-def test_an_interval_that_cannot_be_told_is_refused(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_an_interval_that_cannot_be_told_is_refused(rig: Any, qgc: Any) -> None:
     assert answer(rig, qgc, INTERVAL, IMAGE_STATUS, 3e9) == DENIED
     assert answer(rig, qgc, INTERVAL, IMAGE_STATUS, 2e9) == ACCEPTED
     answer(rig, qgc, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, IMAGE_STATUS)
     assert qgc.of("MESSAGE_INTERVAL")[-1].interval_us == 2_000_000_000
 
 
-def test_a_geo_status_without_a_place_has_no_numbers(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_a_geo_status_without_a_place_has_no_numbers(rig: Any, qgc: Any) -> None:
     rig.show(Box(320, 240, 64, 48))
     answer(rig, qgc, REQUEST, GEO_STATUS)
     (status,) = qgc.of("CAMERA_TRACKING_GEO_STATUS")
@@ -339,9 +310,7 @@ def test_a_geo_status_without_a_place_has_no_numbers(make_rig: MakeRig) -> None:
     assert math.isnan(status.dist)
 
 
-def test_commands_to_others_are_left_to_them(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_commands_to_others_are_left_to_them(rig: Any, qgc: Any) -> None:
     for component in (0, 1, 101, 154):
         qgc.command(RECTANGLE, 0.25, 0.5, 0.5, 0.75, component=component)
     rig.run(0.2)
@@ -349,8 +318,7 @@ def test_commands_to_others_are_left_to_them(make_rig: MakeRig) -> None:
     assert not qgc.of("COMMAND_ACK", 100)
 
 
-def test_the_autopilot_asks_once_a_second_as_ardupilot_does(make_rig: MakeRig) -> None:
-    rig = make_rig()
+def test_the_autopilot_asks_once_a_second_as_ardupilot_does(rig: Any) -> None:
     rig.autopilot.command(REQUEST, 259)
     rig.run(0.1)
     assert rig.autopilot.of("CAMERA_INFORMATION", 100)
@@ -359,9 +327,8 @@ def test_the_autopilot_asks_once_a_second_as_ardupilot_does(make_rig: MakeRig) -
     assert rig.requests.take_target() is not None
 
 
-def test_another_camera_of_the_same_number_silences_ours(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc, other = station(rig), rig.peer(1, 100)
+def test_another_camera_of_the_same_number_silences_ours(rig: Any) -> None:
+    qgc, other = rig.station_peer(), rig.peer(1, 100)
     rig.run(0.1)
     before = len(qgc.of("HEARTBEAT", 100))
     other.command(POINT, 0.5, 0.5)
@@ -370,9 +337,7 @@ def test_another_camera_of_the_same_number_silences_ours(make_rig: MakeRig) -> N
     assert any("camera_component" in note for note in rig.requests.take().notes)
 
 
-def test_one_that_comes_later_or_pretends_does_not_silence_ours(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    qgc = station(rig)
+def test_one_that_comes_later_or_pretends_does_not_silence_ours(rig: Any, qgc: Any) -> None:
     rig.run(4.0)
     forged = rig.peer(1, 100)
     rig.run(0.1)
@@ -404,7 +369,7 @@ def test_any_command_whatever_is_answered_just_once(
     make_rig: MakeRig, command: int, params: list[float], confirmation: int
 ) -> None:
     rig = make_rig(video_uri=VIDEO)
-    qgc = station(rig)
+    qgc = rig.station_peer()
     before = len(qgc.of("COMMAND_ACK"))
     qgc.command(command, *params, confirmation=confirmation)
     rig.run(0.06)
@@ -416,7 +381,7 @@ def test_any_command_whatever_is_answered_just_once(
 @given(st.binary(min_size=1, max_size=300))
 def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:
     rig = make_rig()
-    qgc = station(rig)
+    qgc = rig.station_peer()
     qgc._socket.sendto(garbage, qgc._address)
     for _ in range(12):  # what looked like a packet's beginning waits for its end
         qgc.command(REQUEST, 259)
@@ -425,8 +390,7 @@ def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_an_error_that_ends_it_is_told(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = make_rig()
+def test_an_error_that_ends_it_is_told(rig: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def fail(*_: float) -> None:
         raise ZeroDivisionError
@@ -435,3 +399,40 @@ def test_an_error_that_ends_it_is_told(make_rig: MakeRig, monkeypatch: pytest.Mo
     rig.station.start()
     rig.station._thread.join(5.0)
     assert any("nobody answers" in note for note in rig.requests.take().notes)
+
+
+def packet(message_id: int, payload: bytes, version: int, component: int) -> bytes:
+    """Return a packet of MAVLink 1 or 2 with any payload and the right checksum."""
+    extra = crc_extra_of(message_id)
+    assert extra is not None
+    if version == 1:
+        head = bytes((0xFE, len(payload), 0, 255, component, message_id & 0xFF))
+    else:
+        head = bytes((0xFD, len(payload), 0, 0, 0, 255, component))
+        head += message_id.to_bytes(3, "little")
+    return head + payload + checksum(head + payload, extra)
+
+
+payloads = st.binary(max_size=255) | st.binary(max_size=40).map(
+    lambda data: bytes((1, 100)) + data.ljust(20, b"\1")
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [1, 2])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.sampled_from(sorted(HEARD)), payloads), max_size=4))
+def test_any_content_whatever_is_survived(
+    make_rig: MakeRig, version: int, packets: list[tuple[int, bytes]]
+) -> None:
+    rig = make_rig(video_uri="rtsp://10.0.0.5/live")
+    peer = rig.peer()
+    for message_id, payload in packets:
+        if version == 2 or message_id < 256:
+            peer._socket.sendto(packet(message_id, payload, version, 190), peer._address)
+    rig.run(0.06)
+    rig.everybody.append(peer)
+    before = len(peer.of("CAMERA_INFORMATION"))
+    peer.command(REQUEST, 259)
+    rig.run(0.06)
+    assert len(peer.of("CAMERA_INFORMATION")) >= before + 1

@@ -21,12 +21,6 @@ COMPANION = 191
 KP = "SRV_AZ_KP"
 
 
-def station(rig: Any, **options: Any) -> Any:
-    peer = rig.peer(**options)
-    rig.everybody.append(peer)
-    return peer
-
-
 def put(peer: Any, name: str, value: float, kind: int = REAL, component: int = COMPANION) -> None:
     peer.send(mavlink.MAVLink_param_set_message(1, component, name.encode(), value, kind))
 
@@ -105,10 +99,9 @@ class QGroundControl:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_every_parameter_that_is_announced_arrives_though_packets_are_lost(
-    make_rig: MakeRig, seed: int
+    rig: Any, seed: int
 ) -> None:
-    rig = make_rig()
-    qgc = QGroundControl(station(rig, loss=0.3, seed=seed))
+    qgc = QGroundControl(rig.station_peer(loss=0.3, seed=seed))
     rig.run(60.0, qgc.step)
     values = qgc.peer.of("PARAM_VALUE", COMPANION)
     assert {one.param_count for one in values} == {len(parameters())}
@@ -119,35 +112,26 @@ def test_every_parameter_that_is_announced_arrives_though_packets_are_lost(
 
 
 @pytest.mark.parametrize("component", [COMPANION, 0])
-def test_a_list_brings_all_of_them_soon(make_rig: MakeRig, component: int) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    rig.run(0.1)
-    ask_for_all(peer, component)
+def test_a_list_brings_all_of_them_soon(rig: Any, qgc: Any, component: int) -> None:
+    ask_for_all(qgc, component)
     rig.run(2.0)
-    assert set(told(peer)) == {one.name for one in parameters()}
-    assert all(one.param_type == REAL for one in peer.of("PARAM_VALUE"))
+    assert set(told(qgc)) == {one.name for one in parameters()}
+    assert all(one.param_type == REAL for one in qgc.of("PARAM_VALUE"))
 
 
-def test_a_list_that_is_asked_for_again_and_again_comes_to_its_end(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = rig.peer()
-    rig.everybody.append(peer)
+def test_a_list_that_is_asked_for_again_and_again_comes_to_its_end(rig: Any, qgc: Any) -> None:
     for _ in range(8):
-        peer.send(mavlink.MAVLink_param_request_list_message(1, 191))
+        qgc.send(mavlink.MAVLink_param_request_list_message(1, 191))
         rig.run(0.5)
-    names = {one.param_id for one in peer.of("PARAM_VALUE", 191)}
+    names = {one.param_id for one in qgc.of("PARAM_VALUE", 191)}
     assert names == {one.name for one in parameters()}
 
 
-def test_it_is_announced_after_a_ground_station_was_heard_and_not_for_ever(
-    make_rig: MakeRig,
-) -> None:
-    rig = make_rig()
+def test_it_is_announced_after_a_ground_station_was_heard_and_not_for_ever(rig: Any) -> None:
     peer = rig.peer(1, 154)  # a component of the vehicle is no ground station
     rig.everybody.append(peer)
     rig.run(3.0)
-    qgc = station(rig)
+    qgc = rig.station_peer()
     rig.run(100.0, qgc.say_hello)
     announced = qgc.of("PARAM_VALUE", COMPANION)
     assert 10 <= len(announced) <= 12
@@ -156,43 +140,36 @@ def test_it_is_announced_after_a_ground_station_was_heard_and_not_for_ever(
 
 def test_without_parameters_nothing_is_announced_or_answered(make_rig: MakeRig) -> None:
     rig = make_rig(parameters=False)
-    peer = station(rig)
-    rig.run(0.1)
+    peer = rig.station_peer()
     ask_for_all(peer)
     rig.run(3.0, peer.say_hello)
     assert not peer.of("PARAM_VALUE")
 
 
-def test_a_gain_is_set_told_and_taken_by_control(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    put(peer, KP, 0.7)
+def test_a_gain_is_set_told_and_taken_by_control(rig: Any, qgc: Any) -> None:
+    put(qgc, KP, 0.7)
     rig.run(0.1)
-    assert told(peer)[KP] == float32(0.7)
+    assert told(qgc)[KP] == float32(0.7)
     taken = rig.requests.take()
     assert taken.settings.servo.azimuth.kp == 0.7, "the decimal, not its neighbour of 32 bits"
     assert "255" in taken.notes[0]
-    put(peer, KP, 0.7)
+    put(qgc, KP, 0.7)
     rig.run(0.1)
     assert rig.requests.take().settings is None, "said twice, done once"
-    assert len(peer.of("PARAM_VALUE")) >= 2
+    assert len(qgc.of("PARAM_VALUE")) >= 2
 
 
-def test_a_mode_is_a_number(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    put(peer, "SRV_MODE", list(FollowMode).index(FollowMode.ORBIT))
+def test_a_mode_is_a_number(rig: Any, qgc: Any) -> None:
+    put(qgc, "SRV_MODE", list(FollowMode).index(FollowMode.ORBIT))
     rig.run(0.1)
     assert rig.requests.settings.servo.mode is FollowMode.ORBIT
 
 
-def test_none_is_a_number_too(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    put(peer, "SRV_TGTSIZE", 1.5)
+def test_none_is_a_number_too(rig: Any, qgc: Any) -> None:
+    put(qgc, "SRV_TGTSIZE", 1.5)
     rig.run(0.1)
     assert rig.requests.settings.servo.target_size_m == 1.5
-    put(peer, "SRV_TGTSIZE", NONE)
+    put(qgc, "SRV_TGTSIZE", NONE)
     rig.run(0.1)
     assert rig.requests.settings.servo.target_size_m is None
 
@@ -215,83 +192,64 @@ def test_none_is_a_number_too(make_rig: MakeRig) -> None:
     ],
 )
 def test_a_bad_value_is_refused_with_the_old_one(
-    make_rig: MakeRig, name: str, value: float, kind: int
+    rig: Any, qgc: Any, name: str, value: float, kind: int
 ) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    put(peer, name, value, kind)
+    put(qgc, name, value, kind)
     rig.run(0.1)
     old = by_name()[name].number(rig.settings)
-    assert [one.param_value for one in peer.of("PARAM_VALUE") if one.param_id == name][-1] == old
-    (error,) = peer.of("PARAM_ERROR")
+    assert [one.param_value for one in qgc.of("PARAM_VALUE") if one.param_id == name][-1] == old
+    (error,) = qgc.of("PARAM_ERROR")
     assert (error.param_id, error.target_system) == (name, 255)
     assert error.error == mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
-    assert peer.of("STATUSTEXT")
+    assert qgc.of("STATUSTEXT")
     assert rig.requests.settings == rig.settings
 
 
 @pytest.mark.parametrize("ask", ["read", "set", "index"])
-def test_what_is_not_there_is_said_not_to_be(make_rig: MakeRig, ask: str) -> None:
-    rig = make_rig()
-    peer = station(rig)
+def test_what_is_not_there_is_said_not_to_be(rig: Any, qgc: Any, ask: str) -> None:
     if ask == "read":
-        read(peer, "MPC_XY_VEL_MAX")
+        read(qgc, "MPC_XY_VEL_MAX")
     elif ask == "set":
-        put(peer, "MPC_XY_VEL_MAX", 1.0)
+        put(qgc, "MPC_XY_VEL_MAX", 1.0)
     else:
-        read(peer, index=500)
+        read(qgc, index=500)
     rig.run(0.1)
-    assert peer.of("PARAM_ERROR")[0].error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+    assert qgc.of("PARAM_ERROR")[0].error == mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 
 
-def test_what_is_asked_of_others_is_left_to_them(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    rig.run(0.1)
-    before = len(peer.messages)
-    put(peer, KP, 0.7, component=1)
-    read(peer, "MPC_XY_VEL_MAX", component=0)
-    ask_for_all(peer, 1)
+def test_what_is_asked_of_others_is_left_to_them(rig: Any, qgc: Any) -> None:
+    before = len(qgc.messages)
+    put(qgc, KP, 0.7, component=1)
+    read(qgc, "MPC_XY_VEL_MAX", component=0)
+    ask_for_all(qgc, 1)
     rig.run(0.5)
-    assert not [one for one in peer.messages[before:] if one.get_type().startswith("PARAM")]
+    assert not [one for one in qgc.messages[before:] if one.get_type().startswith("PARAM")]
     assert rig.requests.settings == rig.settings
 
 
-def test_what_another_front_end_changes_is_told(make_rig: MakeRig) -> None:
-    rig = make_rig()
-    peer = station(rig)
-    rig.run(0.1)
+def test_what_another_front_end_changes_is_told(rig: Any, qgc: Any) -> None:
     rig.requests.change("servo.azimuth.kp", 0.9, "a web page")
     rig.run(0.1)
-    assert told(peer)[KP] == float32(0.9)
+    assert told(qgc)[KP] == float32(0.9)
 
 
-def test_settings_are_saved_on_request(make_rig: MakeRig) -> None:
+@pytest.mark.parametrize("full", [False, True])
+def test_settings_are_saved_on_request_or_it_is_refused(make_rig: MakeRig, full: bool) -> None:
     saved: list[int] = []
 
     def save() -> str:
         saved.append(1)
+        if full:
+            raise RequestRefusedError("the disk is full")
         return "saved to mine.yaml"
 
     rig = make_rig(save=save)
-    peer = station(rig)
+    peer = rig.station_peer()
     put(peer, "CFG_SAVE", 1.0)
     rig.run(0.1)
-    assert told(peer)["CFG_SAVE"] == 1.0
-    assert "mine.yaml" in peer.of("STATUSTEXT")[0].text
+    assert told(peer)["CFG_SAVE"] == float(not full)
+    assert ("disk is full" if full else "mine.yaml") in peer.of("STATUSTEXT")[0].text
     assert len(saved) == 1
-
-
-def test_what_cannot_be_saved_is_refused(make_rig: MakeRig) -> None:
-    def save() -> str:
-        raise RequestRefusedError("the disk is full")
-
-    rig = make_rig(save=save)
-    peer = station(rig)
-    put(peer, "CFG_SAVE", 1.0)
-    rig.run(0.1)
-    assert told(peer)["CFG_SAVE"] == 0.0
-    assert "disk is full" in peer.of("STATUSTEXT")[0].text
 
 
 def test_the_defaults_are_what_they_are_said_to_be() -> None:

@@ -25,6 +25,7 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
 )
 from cryptography.x509.oid import NameOID
+from waiting import until
 
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.supervision.inputs import ConsentRequest
@@ -43,13 +44,6 @@ from follower_vision.trackers.track import Track, TrackState
 
 PATIENCE_S = 30.0
 IMAGE = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
-
-
-def until(condition: Callable[[], object]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 # What it is made of.

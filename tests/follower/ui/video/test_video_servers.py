@@ -16,6 +16,7 @@ import av
 import cv2
 import pytest
 from video_pictures import PATIENCE_S, SETTINGS, picture
+from waiting import until
 
 from follower.settings.ui import Address
 from follower.ui.video.channel import VideoChannel
@@ -319,10 +320,3 @@ def test_a_server_that_is_not_there_is_told_and_costs_nothing(live: Live) -> Non
     assert push.problem in said[0]
     leave()
     push.close()
-
-
-def until(condition: Callable[[], object]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)

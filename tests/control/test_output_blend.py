@@ -1,4 +1,4 @@
-"""How fast a target below may be closed in on: the sinking that keeps its elevation."""
+"""How fast a target below may be closed in on, and the speed after an unseen target."""
 
 import math
 
@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_control.servo.output_blend import fastest_closing_m_s
+from follower_control.servo.output_blend import fastest_closing_m_s, slowed
+from follower_control.vehicle.setpoint import VelocitySetpoint
 
 BELOW = math.radians(-25)
 
@@ -35,3 +36,19 @@ def test_it_is_never_negative_and_a_number(
     elevation: float, error: float, range_m: float, sink_m_s: float
 ) -> None:
     assert fastest_closing_m_s(elevation, error, range_m, sink_m_s) >= 0
+
+
+ASKED = VelocitySetpoint(6.0, -2.0, 1.0, 0.5)
+
+
+def test_a_blink_costs_no_speed_and_the_end_of_the_coast_all_of_it() -> None:
+    assert slowed(ASKED, 0.4, 0.8) == ASKED
+    assert slowed(ASKED, 0.6, 0.8).values == pytest.approx((3.0, -1.0, 0.5, 0.5))
+    for unseen_s in (0.8, 5.0, float("inf")):
+        assert slowed(ASKED, unseen_s, 0.8).values == pytest.approx((0.0, 0.0, 0.0, 0.5))
+
+
+@given(st.floats(0, 2), st.floats(0, 0.01))
+def test_the_speed_falls_and_never_jumps(unseen_s: float, later_s: float) -> None:
+    before, after = (slowed(ASKED, at, 1.0).forward_m_s for at in (unseen_s, unseen_s + later_s))
+    assert before - 6.0 * 3.1 * later_s - 1e-9 <= after <= before + 1e-9

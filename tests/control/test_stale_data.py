@@ -1,9 +1,17 @@
-"""Attitudes and positions that repeat themselves to the last bit are not believed."""
+"""What repeats itself to the last bit is not believed; what is no number goes no further."""
 
 import math
+from dataclasses import fields, replace
 
-from follower_control.vehicle.stale_data import REPEATS, StuckPositionDetector, StuckSensorDetector
-from follower_control.vehicle.state import Attitude, LocalPosition
+import pytest
+
+from follower_control.vehicle.stale_data import (
+    REPEATS,
+    FiniteTelemetryFilter,
+    StuckPositionDetector,
+    StuckSensorDetector,
+)
+from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 
 def fed(speed_m_s: float, seconds: float, moves: bool) -> float:
@@ -87,3 +95,33 @@ def test_a_place_that_changes_is_believed_however_far_the_vehicle_is_sent() -> N
         now_s = 0.1 * step
         liveness.note(LocalPosition(1e-3 * (step // 4), 0, -10, 0, 0, 0, now_s), now_s, 0.4)
         assert liveness.age_s(now_s) == 0.0
+
+
+ATTITUDE = Attitude(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 5.0)
+POSITION = LocalPosition(1.0, 2.0, -3.0, 0.0, 0.0, 0.0, 5.0)
+SOUND = VehicleState(ATTITUDE, POSITION, "GUIDED", True, True, False, 5.0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", [field.name for field in fields(Attitude)])
+def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) -> None:
+    sound = FiniteTelemetryFilter()
+    assert sound.of(SOUND) is SOUND
+    attitude = replace(replace(ATTITUDE, time_s=6.0), **{name: bad})
+    broken = replace(SOUND, attitude=attitude, heartbeat_s=6.0)
+    kept = sound.of(broken)
+    assert kept == replace(SOUND, heartbeat_s=6.0)
+    assert kept.attitude_age_s(6.0) == 1.0
+
+
+def test_a_position_that_is_no_number_is_the_one_before() -> None:
+    sound = FiniteTelemetryFilter()
+    sound.of(SOUND)
+    newer = replace(ATTITUDE, time_s=6.0)
+    broken = replace(SOUND, attitude=newer, position=replace(POSITION, down_m=math.nan))
+    assert sound.of(broken) == replace(SOUND, attitude=newer)
+
+
+def test_before_the_first_sound_one_there_is_none() -> None:
+    broken = replace(SOUND, attitude=replace(ATTITUDE, roll_rad=math.nan))
+    assert FiniteTelemetryFilter().of(broken) == replace(SOUND, attitude=None)
