@@ -41,6 +41,7 @@ from follower_vision.evaluation.multi_start import (
     from_rows,
     run_all,
     sequence_figures,
+    starts,
     to_rows,
 )
 from follower_vision.fusion.model import model_for
@@ -104,7 +105,7 @@ def _out_of_fold(name: str, options: argparse.Namespace) -> Measure:
 
 def _fusion_runs(folder: Path, setup: FusionSetup, models: Path) -> tuple[str, list[Run]]:
     model = model_for(setup.tracker, str(models / f"fold-{FOLDS[folder.name]}.json"))
-    return folder.name, run_fusion(folder, setup, model, models / "detections")
+    return folder.name, run_fusion(folder, setup, model, models / "detections", starts)
 
 
 def _measure(name: str, folders: list[Path], measure: Measure, jobs: int) -> Results:

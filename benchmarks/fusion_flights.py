@@ -1,6 +1,6 @@
 """What Fusion chose from in simulated flights: for `follower train fusion --choices`.
 
-    python benchmarks/fusion_flights.py OUT [--first 300] [--count 24] [--jobs 2]
+    python benchmarks/fusion_flights.py OUT [--first 300] [--count 24] [--jobs 2] [--set KEY=VALUE]
 
 Flies runs of the standard campaign with pixels. Fusion is put back on its target some time after
 a loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth,
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -78,9 +79,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=300, help="number of the first run")
     parser.add_argument("--count", type=int, default=24, help="how many runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--set", action="append", default=[], help="a setting of the follower")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    specs = planned(load_campaign("standard"))[options.first :][: options.count]
+    runs = planned(load_campaign("standard"))[options.first :][: options.count]
+    specs = [replace(run, overrides=(*run.overrides, *options.set)) for run in runs]
     with closing(LocalEngine(options.jobs)) as engine:
         flown = engine.run(partial(fly, out=options.out), specs)
         for done in progress(flown, "flights", total=len(specs)):

@@ -36,6 +36,7 @@ from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.noisy_tracker import NoisyTracker
 from follower_sim.scoring.identity_score import IdentityScore, TrackedFrame
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
+from follower_sim.world.silhouettes import SeenBody
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
@@ -181,6 +182,10 @@ class SimulatedFlight:
     def box_direction(self, sample: TruthSample) -> LineOfSight:
         """Work out the direction of the true box's middle from the heading, for one sample."""
         return self._truth.box_direction(sample)
+
+    def true_target(self, stamp_s: float) -> SeenBody:
+        """Return where the target truly is in a frame with this capture stamp."""
+        return self._truth.of_frame(stamp_s)
 
     @property
     def tracker(self) -> TargetTracker:

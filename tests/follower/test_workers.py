@@ -127,6 +127,15 @@ def test_a_scheduler_that_goes_away_is_named() -> None:
             next(done)
 
 
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Ctrl-C raises: whoever is begun in the background of a shell ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_waits_until_a_process_has_begun() -> None:
     done: list[str] = []
 

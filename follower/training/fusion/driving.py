@@ -18,7 +18,7 @@ from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detection, Detector, make_detector
 from follower_vision.disk import write_whole_bytes
 from follower_vision.evaluation.datasets import load_dataset
-from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run, starts
+from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run
 from follower_vision.evaluation.one_pass import DatasetError, Sequence, start_box
 from follower_vision.fusion.candidates import SOURCES, corners_of
 from follower_vision.fusion.features import FEATURES
@@ -241,16 +241,22 @@ def driven(
     logs = []
     for setup in setups:
         with _tracker(setup, images, cache / f"{place.name}.pkl") as make:
-            logs += [drive(make(model), images, sequence, one) for one in _ends(sequence)]
+            logs += [drive(make(model), images, sequence, one) for one in ends(sequence)]
     return Examples.joined(logs)
 
 
-def run_fusion(place: Path, setup: FusionSetup, model: ProbabilityModel, cache: Path) -> list[Run]:
-    """Run over one sequence by the protocol of `multi_start`."""
+def run_fusion(
+    place: Path,
+    setup: FusionSetup,
+    model: ProbabilityModel,
+    cache: Path,
+    begins: Callable[[Sequence], Iterable[Start]],
+) -> list[Run]:
+    """Run over one sequence from each of the starts that `begins` gives, without correction."""
     sequence = read_sequence(place)
     images = list(sequence.frames())
     with _tracker(setup, images, cache / f"{place.name}.pkl") as make:
-        return [run(make(model), images, sequence, start) for start in starts(sequence)]
+        return [run(make(model), images, sequence, start) for start in begins(sequence)]
 
 
 @contextmanager
@@ -270,7 +276,7 @@ def _tracker(
         detector.save()
 
 
-def _ends(sequence: Sequence) -> Iterator[Start]:
+def ends(sequence: Sequence) -> Iterator[Start]:
     """The first frame, forwards, and the last one with the target, backwards."""
     yield Start("forwards", 0, 1, sequence.initial)
     last, box = max((k, box) for k, box in enumerate(sequence.truth) if box is not None)

@@ -17,7 +17,7 @@ import yaml
 from pydantic import TypeAdapter
 from rich.console import Console
 
-from follower.training.fusion.driving import Examples, driven, read_sequence, run_fusion
+from follower.training.fusion.driving import Examples, driven, ends, read_sequence, run_fusion
 from follower.training.fusion.fitting import FirstPeak, fit_model, fit_noise
 from follower.training.fusion.settings import FusionConfig, FusionSetup
 from follower.training.trainer import CONFIG
@@ -146,7 +146,7 @@ class FusionTrainer:
         found = {}
         for setup in self._config.setups:
             jobs = {
-                name: partial(run_fusion, place, setup, self._model(name), self._cache)
+                name: partial(run_fusion, place, setup, self._model(name), self._cache, ends)
                 for name, place in self._places.items()
             }
             found[setup] = self._spread(jobs, f"score of {setup.tracker}")

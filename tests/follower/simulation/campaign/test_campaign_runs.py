@@ -280,7 +280,6 @@ def test_a_whole_campaign_writes_results_and_a_report_that_needs_no_network(
     assert {"p_course", "p_wind", "passed", "failures"} <= set(table.column_names)
     page = (out / "report.html").read_text("utf-8")
     assert "no pixels: vision from truth + noise" in page
-    assert "Re-acquisition by length of cover" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
     worst = [row for row in table.to_pylist() if not row["passed"]]
