@@ -1,5 +1,9 @@
 """Makes the link that the settings ask for."""
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 from follower.links.connections import ConnectionFailedError
 from follower.links.link import Link
 from follower.links.pymavlink_link import MavlinkLink
@@ -7,6 +11,9 @@ from follower.links.signing import Signer, SigningKey
 from follower.settings.link import LINK_PLUGINS, LinkSettings
 from follower_control.common.transport import Transport
 from follower_vision.clock import Clock
+from follower_vision.plugins import Plugin, PluginGuard
+
+_PACKAGES_OWN = ("_receive", "_send_setpoint", "_send_fields")
 
 
 def open_link(transport: Transport, settings: LinkSettings, clock: Clock, epoch_ns: int) -> Link:
@@ -28,10 +35,21 @@ def open_link(transport: Transport, settings: LinkSettings, clock: Clock, epoch_
     if settings.kind == "pymavlink":
         return MavlinkLink(transport, settings, signer)
     if settings.kind != "mavsdk" and (plugin := LINK_PLUGINS.find(settings.kind)) is not None:
-        added: Link = plugin.make(transport, settings, signer)
-        return added
+        return _guarded(plugin.make(transport, settings, signer), plugin)
     try:
         from follower.links.mavsdk_link import MavsdkLink
     except ImportError as error:
         raise ConnectionFailedError(f"the mavsdk link cannot be used here: {error}") from error
     return MavsdkLink(transport, settings, signer, clock)
+
+
+def _guarded(link: Link, plugin: Plugin) -> Link:
+    """Make what fails in another package's link as good as silence, which the supervisor knows."""
+    guard = PluginGuard(plugin, "it is silent")
+    for name in _PACKAGES_OWN:
+        setattr(link, name, partial(_run, guard, getattr(link, name)))
+    return link
+
+
+def _run(guard: PluginGuard, call: Callable[..., None], *arguments: Any) -> None:
+    guard.run(partial(call, *arguments), None, lambda _: True)

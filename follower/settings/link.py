@@ -11,7 +11,9 @@ _OFTEN_HZ = 4.0
 
 LinkKind: TypeAlias = Literal["pymavlink", "mavsdk"]
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
-LINK_PLUGINS = PluginGroup("follower.links", "link", ("poll", "send", "take_notes", "close"))
+LINK_PLUGINS = PluginGroup(
+    "follower.links", "link", ("poll", "send", "_receive", "_send_setpoint", "_send_fields")
+)
 """Each makes a `Link` when it is called like `pymavlink_link.MavlinkLink`."""
 
 

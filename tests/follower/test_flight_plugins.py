@@ -63,6 +63,36 @@ def test_a_link_that_cannot_be_used_is_named(site: Site) -> None:
         open_link(MemoryTransport.pair()[0], settings, MonotonicClock(), 0)
 
 
+HOARSE = """
+from follower.links.pymavlink_link import MavlinkLink
+
+class Hoarse(MavlinkLink):
+    sent = 0
+    def _send_setpoint(self, setpoint, vehicle):
+        self.sent += 1
+        if self.sent > 200:
+            raise RuntimeError("the radio is gone")
+        super()._send_setpoint(setpoint, vehicle)
+
+make = Hoarse
+"""
+
+
+@pytest.mark.slow
+def test_a_link_that_fails_in_flight_is_named_and_the_flight_goes_on_to_its_end(
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    site.add("follower-hoarse", "links", "hoarse", HOARSE)
+    rows = flown(tmp_path, "link.kind=hoarse", vision=VisionSource.TRUTH)
+    assert float(rows[-1]["time"]) > 13.0
+    assert rows[-1]["state"] == "released"
+    (line,) = warnings_in(caplog)
+    assert line == (
+        "the link 'hoarse' of follower-hoarse 1.0 fails, and it is silent: "
+        "RuntimeError: the radio is gone"
+    )
+
+
 LEASH = """
 from dataclasses import replace
 

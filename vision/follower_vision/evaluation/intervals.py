@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -48,11 +49,20 @@ def pooled_interval(
 
 
 def paired_p(differences: Values, seed: int = 0) -> float:
-    """Return how often flipped signs give a mean difference at least this far from nothing."""
-    rng = np.random.default_rng(seed)
-    signs = rng.choice((-1.0, 1.0), (RESAMPLES, len(differences)))
+    """Return how often flipped signs give a mean difference at least this far from nothing.
+
+    Of all ways to flip them where these are few, else of `RESAMPLES` drawn ones.
+    """
+    count = len(differences)
+    if 2**count <= RESAMPLES:
+        signs = np.array(list(product((1.0, -1.0), repeat=count)))
+        unflipped = 0
+    else:
+        signs = np.random.default_rng(seed).choice((-1.0, 1.0), (RESAMPLES, count))
+        unflipped = 1
     flipped = np.abs((signs * differences).mean(axis=1))
-    return float((1 + np.sum(flipped >= abs(differences.mean()) - _ROUNDING)) / (1 + RESAMPLES))
+    as_far = np.sum(flipped >= abs(differences.mean()) - _ROUNDING)
+    return float((unflipped + as_far) / (unflipped + len(signs)))
 
 
 @dataclass(frozen=True, slots=True)
