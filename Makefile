@@ -19,7 +19,8 @@ $(VENV)/core.stamp: $(DEPS)
 
 $(VENV)/dev.stamp: $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-deps vot-toolkit
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-deps \
+		vot-toolkit MAVProxy pyserial
 	@touch $@
 
 demo: $(VENV)/core.stamp ## Fly a pursuit in the simulator and write a report

@@ -29,7 +29,7 @@ pytestmark = [
     pytest.mark.skipif(
         find_spec("MAVProxy") is None
         or shutil.which("mavproxy.py", path=Path(sys.executable).parent) is None,
-        reason="needs MAVProxy beside this Python: pip install MAVProxy",
+        reason="needs MAVProxy beside this Python: make .venv/dev.stamp",
     ),
 ]
 
