@@ -62,7 +62,8 @@ def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() ->
     assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
     assert modules.isdisjoint({"dask", "distributed", "optuna", "pyarrow"})
     assert modules.isdisjoint({"aiortc", "aioice", "fastapi", "starlette", "uvicorn", "websockets"})
-    assert modules.isdisjoint({"prometheus_client", "foxglove", "rerun"})
+    assert modules.isdisjoint({"prometheus_client", "foxglove", "rerun", "rclpy", "rosbags"})
+    assert modules.isdisjoint({"pandas", "supervision", "got10k", "vot", "MAVProxy"})
 
 
 @pytest.mark.slow
