@@ -60,7 +60,7 @@ def test_it_follows_what_is_seen(fusion: Trackers, motion: ToldMotion) -> None:
     for number, (track, ((box, _),)) in enumerate(zip(tracks, sights, strict=True), 1):
         assert track.state is TrackState.TRACKING
         assert track.produced_by == "peak"
-        assert track.box.distance(box) < 1e-9
+        assert track.box.iou(box) == pytest.approx(1.0)
         assert (track.captured_s, track.sequence) == (number / RATE_HZ, number)
 
 
@@ -147,8 +147,10 @@ def test_what_is_doubtful_is_followed_but_neither_called_seen_nor_learnt(
 ) -> None:
     tracker = fusion()
     tracker.start(frame(0), BOX)
-    (track,) = follow(tracker, motion, [[(BOX, 0.49)]])
+    doubtful = Box(BOX.cx + 5, BOX.cy, 1.3 * BOX.width, BOX.height)
+    (track,) = follow(tracker, motion, [[(doubtful, 0.49)]])
     assert (track.state, track.produced_by) == (TrackState.COASTING, "peak")
+    assert track.box.iou(doubtful) == pytest.approx(1.0), "as it was seen, however doubtful"
     assert motion.learnt == []
     follow(tracker, motion, [[(BOX, 0.9)]], 2)
     assert len(motion.learnt) == 1

@@ -55,7 +55,8 @@ class Target:
         first_box: at the start, pixels.
         usual_size: log of width and height, (2,), as confirmed over the last second.
         memory: how it looks.
-        box: in the last frame, pixels.
+        box: in the last frame, pixels, of the filter's size: what is learnt from.
+        reported: the same as it was seen: sizes err slowly, so that a filter only makes them late.
         captured_s: time of the last frame.
         seen_s: time of the last frame in which it was observed.
         detector: what the detector sees of it.
@@ -78,6 +79,7 @@ class Target:
     usual_size: Floats
     memory: AppearanceMemory
     box: Box
+    reported: Box
     captured_s: float
     seen_s: float
     detector: DetectorMemory = field(default_factory=DetectorMemory)
@@ -111,7 +113,7 @@ class Target:
     def place_at(self, box: Box) -> None:
         """Take a box in the last frame, in pixels, for certain; all that was learnt stays."""
         self.filter.place_at(box)
-        self.box, self.state = box, TrackState.TRACKING
+        self.box, self.reported, self.state = box, box, TrackState.TRACKING
         self.probability = self.confidence = 1.0
         self.seen_s = self.captured_s
         self.history[self.index] = box
@@ -125,7 +127,7 @@ class Target:
             self.filter.place_at(Box(box.cx, box.cy, expected.width, expected.height))
         self.filter.observe(box, winner.source, max(probability, _LEAST_PROBABILITY))
         filtered = self.filter.box
-        self.produced_by = winner.source
+        self.reported, self.produced_by = box, winner.source
         if not seen:
             self.box = filtered
             self.state = self._unseen_state()
@@ -139,7 +141,7 @@ class Target:
 
     def coast(self, why: str) -> None:
         """Take the prediction for the target, and say why."""
-        self.box = self.filter.box
+        self.box = self.reported = self.filter.box
         self.produced_by = why
         self.state = self._unseen_state()
         if self.lost:  # however well the prediction fits, nobody has seen the target for long
@@ -215,7 +217,12 @@ class Target:
         """Return the track in a frame."""
         confidence = min(max(self.confidence, 0.0), 1.0)
         return Track(
-            self.box, self.state, confidence, self.produced_by, frame.captured_s, frame.sequence
+            self.reported,
+            self.state,
+            confidence,
+            self.produced_by,
+            frame.captured_s,
+            frame.sequence,
         )
 
     def _former_forecasts(self) -> list[MotionForecast]:
