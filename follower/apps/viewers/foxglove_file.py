@@ -12,7 +12,7 @@ import foxglove
 from foxglove import channels
 from foxglove import messages as fox
 
-from follower.apps.viewers.scene import COLOURS, FlightScene, Point, Pose, emptied
+from follower.apps.viewers.scene import COLOURS, FlightScene, Point, Pose, Quaternion, emptied
 from follower.flight.log import ControlRecord, TrackRecord
 from follower.recording import RecordedFlight
 from follower.recording.codec import encode, json_schema, schema_name
@@ -20,11 +20,19 @@ from follower.recording.messages import MESSAGES
 from follower_vision.trackers.track import Track
 
 IMAGE, BOXES, CALIBRATION = "/camera/image", "/camera/boxes", "/camera/calibration"
-TRANSFORMS, SCENE, FIX = "/tf", "/scene", "/vehicle/fix"
+TRANSFORMS, AXES, FIX = "/tf", "/tf_static", "/vehicle/fix"
+SCENE, PATHS = "/scene", "/scene/paths"
+"""What is written once has topics of its own: a viewer that jumps in time shows each topic's newest
+message, not what is left of older ones."""
 WORLD, NED, BODY, CAMERA = "world", "ned", "body", "camera"
 """Frames: east, north, up; north, east, down; forward, right, down; right, down, forward."""
-_UP = fox.Quaternion(x=math.sqrt(0.5), y=math.sqrt(0.5), z=0.0, w=0.0)
+VEHICLE = "vehicle"
+"""Frame at the body, but east, north, up: a view that follows a frame has its z axis upwards."""
+_UP = math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0
+"""From north, east, down to east, north, up, or back: x, y, z, w."""
 _TARGET = "target"
+_USUAL_WIDTH = 640
+"""Lines and letters are in pixels of the picture, which is shown as wide as the panel."""
 
 
 def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
@@ -36,7 +44,7 @@ def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
     """
     scene, context = FlightScene(recorded), foxglove.Context()
     with foxglove.open_mcap(str(emptied(out, recorded)), allow_overwrite=True, context=context):
-        writer = _Writer(context, recorded.config.epoch_ns)
+        writer = _Writer(context, recorded)
         writer.messages(recorded)
         writer.pictures(scene)
         for track in recorded.log.tracks:
@@ -55,13 +63,16 @@ def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
 class _Writer:
     """Puts things into an open file; times in seconds on the flight's clock."""
 
-    def __init__(self, context: foxglove.Context, epoch_ns: int) -> None:
-        self._context, self._epoch_ns = context, epoch_ns
+    def __init__(self, context: foxglove.Context, recorded: RecordedFlight) -> None:
+        self._context, self._epoch_ns = context, recorded.config.epoch_ns
+        self._scale = recorded.frames[0].width / _USUAL_WIDTH if recorded.frames else 1.0
         self._image = channels.CompressedImageChannel(IMAGE, context=context)
         self._boxes = channels.ImageAnnotationsChannel(BOXES, context=context)
         self._calibration = channels.CameraCalibrationChannel(CALIBRATION, context=context)
         self._transforms = channels.FrameTransformsChannel(TRANSFORMS, context=context)
+        self._axes = channels.FrameTransformsChannel(AXES, context=context)
         self._scene = channels.SceneUpdateChannel(SCENE, context=context)
+        self._paths = channels.SceneUpdateChannel(PATHS, context=context)
         self._fix = channels.LocationFixChannel(FIX, context=context)
 
     def messages(self, recorded: RecordedFlight) -> None:
@@ -87,8 +98,8 @@ class _Writer:
     def boxes(self, record: TrackRecord) -> None:
         """Write the box of a frame, or that there is none."""
         stamp, track = self._stamp(record.captured_s), record.track
-        points = [] if track is None else [_outline(track, stamp)]
-        texts = [] if track is None else [_label(track, stamp)]
+        points = [] if track is None else [_outline(track, stamp, self._scale)]
+        texts = [] if track is None else [_label(track, stamp, self._scale)]
         annotations = fox.ImageAnnotations(timestamp=stamp, points=points, texts=texts)
         self._boxes.log(annotations, log_time=self._ns(record.captured_s))
 
@@ -96,16 +107,16 @@ class _Writer:
         """Write what stays as it is: axes, lens, paths."""
         stamp, now_ns = self._stamp(time_s), self._ns(time_s)
         up = fox.FrameTransform(
-            timestamp=stamp, parent_frame_id=WORLD, child_frame_id=NED, rotation=_UP
+            timestamp=stamp, parent_frame_id=WORLD, child_frame_id=NED, rotation=_rotation(_UP)
         )
-        self._transforms.log(fox.FrameTransforms(transforms=[up]), log_time=now_ns)
+        self._axes.log(fox.FrameTransforms(transforms=[up]), log_time=now_ns)
         lines = {"path": (scene.path(), "tracking"), "true path": (scene.true_path(), "coasting")}
         entities = [
             _entity(name, stamp, lines=[_line(points, colour)])
             for name, (points, colour) in lines.items()
             if len(points) > 1
         ]
-        self._scene.log(fox.SceneUpdate(entities=entities), log_time=now_ns)
+        self._paths.log(fox.SceneUpdate(entities=entities), log_time=now_ns)
         lens = scene.camera
         if lens is not None:
             K = lens.matrix.ravel().tolist()
@@ -125,7 +136,9 @@ class _Writer:
     def poses(self, scene: FlightScene, record: ControlRecord) -> None:
         """Write where the vehicle and its camera are."""
         stamp = self._stamp(record.time_s)
-        known = ((BODY, scene.body(record)), (CAMERA, scene.eye(record)))
+        body = scene.body(record)
+        level = None if body is None else Pose(body.position_m, _UP)
+        known = ((VEHICLE, level), (BODY, body), (CAMERA, scene.eye(record)))
         found = [_transform(name, pose, stamp) for name, pose in known if pose is not None]
         if found:
             transforms = fox.FrameTransforms(transforms=found)
@@ -169,7 +182,7 @@ class _Writer:
         return fox.Timestamp(*divmod(self._ns(time_s), 10**9))
 
 
-def _outline(track: Track, stamp: fox.Timestamp) -> fox.PointsAnnotation:
+def _outline(track: Track, stamp: fox.Timestamp, scale: float) -> fox.PointsAnnotation:
     box = track.box
     corners = [(box.left, box.top), (box.right, box.top), (box.right, box.bottom)]
     return fox.PointsAnnotation(
@@ -177,29 +190,33 @@ def _outline(track: Track, stamp: fox.Timestamp) -> fox.PointsAnnotation:
         type=fox.PointsAnnotationType.LineLoop,
         points=[fox.Point2(x=x, y=y) for x, y in (*corners, (box.left, box.bottom))],
         outline_color=_colour(track.state),
-        thickness=2.0,
+        thickness=2.0 * scale,
     )
 
 
-def _label(track: Track, stamp: fox.Timestamp) -> fox.TextAnnotation:
+def _label(track: Track, stamp: fox.Timestamp, scale: float) -> fox.TextAnnotation:
     return fox.TextAnnotation(
         timestamp=stamp,
-        position=fox.Point2(x=track.box.left, y=track.box.top - 4),
+        position=fox.Point2(x=track.box.left, y=track.box.top - 4 * scale),
         text=f"{track.state} {track.confidence:.2f} {track.produced_by}",
-        font_size=12.0,
+        font_size=12.0 * scale,
         text_color=_colour(track.state),
     )
 
 
 def _transform(name: str, pose: Pose, stamp: fox.Timestamp) -> fox.FrameTransform:
-    x, y, z, w = pose.turn
     return fox.FrameTransform(
         timestamp=stamp,
         parent_frame_id=NED,
         child_frame_id=name,
         translation=_vector(pose.position_m),
-        rotation=fox.Quaternion(x=x, y=y, z=z, w=w),
+        rotation=_rotation(pose.turn),
     )
+
+
+def _rotation(turn: Quaternion) -> fox.Quaternion:
+    x, y, z, w = turn
+    return fox.Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _entity(name: str, stamp: fox.Timestamp, **primitives: Any) -> fox.SceneEntity:

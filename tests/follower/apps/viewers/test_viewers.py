@@ -132,18 +132,44 @@ def test_the_target_in_the_scene_seen_through_the_camera_is_in_the_box(
     drawn = at(exported, "/camera/boxes", flight).points[0].points
     assert drawn[0].x < x < drawn[2].x
     assert drawn[0].y < y < drawn[2].y
-    _, first = next(messages(exported, "/scene"))
-    (path,) = (one for one in first.entities if one.id == "true path")
+    ((_, paths),) = messages(exported, "/scene/paths")
+    (path,) = (one for one in paths.entities if one.id == "true path")
     points = path.lines[0].points
     off_m = min(math.dist((place.x, place.y, place.z), (p.x, p.y, p.z)) for p in points)
     assert off_m < 2.0, "beside the target's true path"
 
 
 def test_up_in_the_viewer_is_up(exported: Path, flight: RecordedFlight) -> None:
-    world = at(exported, "/tf", flight, 0.0).transforms[0]
+    (world,) = at(exported, "/tf_static", flight).transforms
     assert (world.parent_frame_id, world.child_frame_id) == ("world", "ned")
     north_east_down = turned(world.rotation, (1.0, 2.0, 3.0))
     assert north_east_down == pytest.approx((2.0, 1.0, -3.0)), "east, north, up"
+    view = json.loads((VIEWERS / "foxglove.json").read_text("utf-8"))["configById"]["3D!world"]
+    assert view["fixedFrame"] == "world"
+    frames = {one.child_frame_id: one for one in at(exported, "/tf", flight).transforms}
+    followed = frames[view["followTf"]]
+    assert turned(followed.rotation, (0, 0, 1)) == pytest.approx((0, 0, -1)), "not upside down"
+    assert followed.translation == frames["body"].translation
+
+
+def test_what_is_written_once_is_not_hidden_by_later_messages(
+    exported: Path, flight: RecordedFlight
+) -> None:
+    # A viewer that jumps to a time has each topic's newest message, and no older one.
+    newest = [at(exported, topic, flight).transforms for topic in ("/tf_static", "/tf")]
+    frames = {one.child_frame_id for transforms in newest for one in transforms}
+    assert frames == {"ned", "vehicle", "body", "camera"}
+    scenes = [at(exported, topic, flight).entities for topic in ("/scene/paths", "/scene")]
+    things = {one.id for entities in scenes for one in entities}
+    assert things == {"path", "true path", "target"}
+
+
+def test_labels_are_as_large_on_every_size_of_picture(
+    exported: Path, flight: RecordedFlight
+) -> None:
+    assert flight.frames[0].width == 320
+    seen = at(exported, "/camera/boxes", flight)
+    assert (seen.texts[0].font_size, seen.points[0].thickness) == (6.0, 1.0)
 
 
 def test_a_flight_without_its_video_says_so_and_one_of_unknown_settings_is_refused(
@@ -189,7 +215,11 @@ def test_the_foxglove_layout_names_what_is_in_the_file(exported: Path) -> None:
     assert {topics[name] for name in mode["annotations"]} == {"foxglove.ImageAnnotations"}
     assert topics["/tf"] == "foxglove.FrameTransforms"
     assert set(panels["3D!world"]["topics"]) <= set(topics)
+    assert {name for name, kind in topics.items() if kind.endswith("SceneUpdate")} <= set(
+        panels["3D!world"]["topics"]
+    )
     for name, panel in panels.items():
+        assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"]
         for path in panel.get("paths", ()):
             topic, *names = path["value"].split(".")
             logged = {topic: [message for _, message in messages(exported, topic)]}
