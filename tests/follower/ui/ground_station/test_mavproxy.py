@@ -133,8 +133,9 @@ def test_select_release_and_status_in_a_real_mavproxy(rig: Any, console: Console
 def test_the_status_follows_the_track_and_says_what_was_said(
     rig: Any, console: Console, keep_terminal: Any
 ) -> None:
-    console.type("follower status")
-    console.wait("follower: (nothing heard|no target)")
+    console.type("follower select 0.45 0.45 0.55 0.55")
+    console.wait("follower: accepted")
+    assert rig.requests.take_target() is not None
     for _ in range(40):
         rig.show(Box(320, 240, 64, 48))
         console.pass_time()
@@ -144,6 +145,8 @@ def test_the_status_follows_the_track_and_says_what_was_said(
     console.wait("follower: denied")
     console.type("follower status")
     console.wait("it said: .*rectangle")
+    console.type("follower release")
+    console.wait("follower: accepted")
     shown = Terminal(record=True, width=100, file=io.StringIO())
     text = console.text()
     text = text[text.index("Detected") :].replace("\nMAV> ", "\n")
