@@ -3,7 +3,7 @@
 from typing import Any
 
 from follower.apps.ros.conversion import stamp_s
-from follower.apps.ros.io_node import IoNode
+from follower.apps.ros.io_node import IoNode, interfaces
 from follower_vision.detection import Detection
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
@@ -25,16 +25,15 @@ class TopicDetector:
         class_names: those seen so far, and those that were asked for.
 
     Raises:
-        ImportError: vision_msgs is not installed.
+        SettingsError: vision_msgs is not installed.
     """
 
     def __init__(self, io: IoNode, topic: str) -> None:
-        from vision_msgs.msg import Detection2DArray
-
+        kind = interfaces("vision_msgs").Detection2DArray
         self._clock, self.topic = io.clock, io.name_of(topic)
         self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
         self.class_names: tuple[str, ...] = ()
-        io.subscribe(Detection2DArray, topic, self._take)
+        io.subscribe(kind, topic, self._take)
 
     def know(self, name: str) -> None:
         """Take a class to be one that can be asked for, seen yet or not."""

@@ -1,8 +1,10 @@
 """A node that only takes messages in, on a thread of its own, and the clock of its time."""
 
 import contextlib
+import importlib
 import threading
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import rclpy
@@ -11,6 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -22,6 +25,21 @@ _AHEAD_S, _OLD_S = 0.1, 5.0
 _TICK_S = 0.002
 _STANDS_S = 0.25
 _LOOK_S = 0.05
+
+
+def interfaces(package: str, kind: str = "msg") -> ModuleType:
+    """Import the messages ("msg") or services ("srv") of a package that not everybody has.
+
+    Raises:
+        SettingsError: it is not installed; names what is.
+    """
+    try:
+        return importlib.import_module(f"{package}.{kind}")
+    except ImportError as error:
+        raise SettingsError(
+            f"{package} is not here ({error}): apt install "
+            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, and source the ROS set-up"
+        ) from error
 
 
 class RosClock(MonotonicClock):

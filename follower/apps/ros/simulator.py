@@ -25,7 +25,7 @@ from follower.apps.ros.conversion import (
     set_stamp,
     turned_to_body,
 )
-from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR
+from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR, interfaces
 from follower.apps.ros.vehicle_topics import LATCHED, mode_name_of
 from follower.links.connections import open_connection
 from follower.settings.settings import find_scenario
@@ -155,8 +155,7 @@ class SimulatedMavros:
     """
 
     def __init__(self, node: Node, transport: Transport, vehicle: SimulatedVehicle) -> None:
-        from mavros_msgs import msg, srv
-
+        msg, srv = (interfaces("mavros_msgs", kind) for kind in ("msg", "srv"))
         self._msg, self._transport, self._vehicle = msg, transport, vehicle
         self._codec = mavlink.MAVLink(None, SYSTEM_ID, mavlink.MAV_COMP_ID_UDP_BRIDGE)
         self._beat: Any = None

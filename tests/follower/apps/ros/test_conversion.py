@@ -122,15 +122,39 @@ def test_the_packages_files_are_what_the_settings_and_configs_have() -> None:
     assert yaml.safe_load(text)["follower"]["ros__parameters"] == flat_settings(Settings())
 
 
+def without(package: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command where a package is not installed."""
+    code = (
+        f"import sys; sys.modules[{package!r}] = None; sys.argv = ['follower', *{arguments!r}]; "
+        "from follower.apps.main import main; main()"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["ros", "ros-demo"])
 def test_without_ros_it_says_which_extra_to_install(command: str) -> None:
-    code = (
-        "import sys; sys.modules['rclpy'] = None; "
-        f"sys.argv = ['follower', {command!r}]; "
-        "from follower.apps.main import main; main()"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    result = without("rclpy", command)
     assert result.returncode == 2
     assert "pip install -e '.[ros]'" in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("package", "code", "arguments"),
+    [
+        ("vision_msgs", 1, ("ros", "--detections", "/others", "--activate")),
+        ("mavros_msgs", 1, ("ros", "--mode", "mavros", "--activate")),
+        ("mavros_msgs", 2, ("ros-demo", "--mode", "mavros")),
+    ],
+)
+def test_without_a_package_of_messages_one_line_names_it(
+    package: str, code: int, arguments: tuple[str, ...]
+) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    result = without(package, *arguments)
+    assert result.returncode == code
+    assert f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not result.stdout
