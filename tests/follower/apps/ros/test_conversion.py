@@ -23,6 +23,7 @@ from follower.apps.ros.conversion import (
     turned_to_world,
 )
 from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
 
 ROOT = Path(__file__).parents[4]
 
@@ -158,3 +159,10 @@ def test_without_a_package_of_messages_one_line_names_it(
     assert f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}" in result.stderr
     assert result.stderr.count("\n") == 1
     assert not result.stdout
+
+
+@pytest.mark.parametrize("mode", ["perception", "sideways"])
+def test_the_demo_refuses_modes_in_which_nobody_flies(mode: str) -> None:
+    result = CliRunner().invoke(app, ["ros-demo", "--mode", mode])
+    assert isinstance(result.exception, SettingsError)
+    assert str(result.exception) == f"--mode {mode}: the demo is flown by mavros or direct"
