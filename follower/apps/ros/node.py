@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_srvs.srv import Trigger
 
-from follower.apps.ros.conversion import camera_overrides, flat_settings
+from follower.apps.ros.conversion import flat_settings, lens_of
 from follower.apps.ros.detections import TopicDetector, box_of
 from follower.apps.ros.io_node import RELIABLE, IoNode
 from follower.apps.ros.outputs import Outputs
@@ -250,7 +250,11 @@ class FollowerNode(LifecycleNode):
         lens: list[str] = []
         if not any(key in given for key in _LENS):
             info = self._info.newest or self._info.wait(_WAIT_S)
-            lens = [] if info is None else camera_overrides(info)
+            found = {} if info is None else lens_of(info)
+            if info is not None and not found:
+                said = "camera_info is left out: not calibrated, not finite, or no lens of ours"
+                self.get_logger().warning(said)
+            lens = [f"camera.{key}={np.asarray(one).tolist()}" for key, one in found.items()]
         plain = {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in given.items()}
         return [*lens, *(f"{key}={value}" for key, value in plain.items())]
 

@@ -21,6 +21,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from follower.apps.ros.conversion import (
     fill_attitude,
     fill_image,
+    fill_info,
     fill_vector,
     set_stamp,
     turned_to_body,
@@ -137,11 +138,8 @@ class SimulatedVehicle:
 
     def _publish_info(self, header: Any) -> None:
         model = self.scenario.camera.model
-        info = CameraInfo(header=header, width=model.width, height=model.height)
-        info.distortion_model, info.d = "plumb_bob", [*model.distortion]
-        # ROS counts from the middle of the first pixel, we from its corner.
-        cx, cy = model.cx - 0.5, model.cy - 0.5
-        info.k = [*map(float, (model.fx, 0.0, cx, 0.0, model.fy, cy, 0.0, 0.0, 1.0))]
+        info = CameraInfo(header=header, d=[*model.distortion])
+        fill_info(info, model)
         self._info.publish(info)
 
 

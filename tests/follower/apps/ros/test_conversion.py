@@ -13,10 +13,11 @@ from typer.testing import CliRunner
 from follower.apps.main import app
 from follower.apps.ros.conversion import (
     attitude_of,
-    camera_overrides,
     fill_attitude,
+    fill_turn,
     flat_settings,
     image_of,
+    lens_of,
     set_stamp,
     stamp_s,
     turned_to_body,
@@ -43,6 +44,17 @@ def test_a_body_that_looks_north_has_its_forward_axis_there() -> None:
     world = turned_to_world(q, SimpleNamespace(x=2.0, y=0.5, z=-1.0))
     assert world == pytest.approx((2.0, -0.5, 1.0))
     assert turned_to_body(q, world) == pytest.approx((2.0, 0.5, -1.0))
+
+
+def test_a_turn_to_north_east_down_becomes_one_to_east_north_up() -> None:
+    """Of a camera (right, down, forward) that looks north: up is its image's top."""
+    half = 0.5
+    q = SimpleNamespace()
+    fill_turn(q, (half, half, half, half))  # right is east, down is down, forward is north
+    right = turned_to_world(q, SimpleNamespace(x=1.0, y=0.0, z=0.0))
+    forward = turned_to_world(q, SimpleNamespace(x=0.0, y=0.0, z=1.0))
+    assert right == pytest.approx((0.0, 1.0, 0.0))
+    assert forward == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_stamps_keep_their_nanoseconds() -> None:
@@ -85,10 +97,11 @@ def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
 def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> None:
     k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
     info = SimpleNamespace(k=k, d=[0.1, 0, 0, 0, 0], width=640, distortion_model="plumb_bob")
-    assert "camera.focal_px=500.0" in camera_overrides(info)
-    assert "camera.center_px=[320.0, 240.0]" in camera_overrides(info)
+    distortion = (0.1, 0.0, 0.0, 0.0, 0.0)
+    lens = {"focal_px": 500.0, "focal_width_px": 640, "center_px": (320.0, 240.0)}
+    assert lens_of(info) == {**lens, "distortion": distortion}
     info.k = [0.0] * 9
-    assert camera_overrides(info) == []
+    assert lens_of(info) == {}
 
 
 @pytest.mark.parametrize(
@@ -97,12 +110,17 @@ def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> No
         ([500.0, 0, 319.5, 0, 450.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
         ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 4, "equidistant"),
         ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 8, "rational_polynomial"),
+        ([math.nan, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, math.nan, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, 300.0, math.inf, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.0, math.nan, 0, 0, 0], "plumb_bob"),
+        ([300.0, 0, 9999.5, 0, 300.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
     ],
 )
 def test_a_lens_that_ours_cannot_be_does_not_count(k: list, d: list, model: str) -> None:
     """Its lines of sight would be wrong, and the preflight check would say that all is well."""
     info = SimpleNamespace(k=k, d=d, width=640, distortion_model=model)
-    assert camera_overrides(info) == []
+    assert lens_of(info) == {}
 
 
 def test_a_mistyped_option_is_no_argument_of_ros() -> None:
