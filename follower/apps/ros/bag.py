@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -280,6 +281,7 @@ class BagImages(ClosesItself):
     """Gives the images of a bag's first topic that has some, raw or compressed.
 
     Attributes:
+        topic: of the images.
         first_s: the first one's stamp, from which `captured_s` counts.
         nominal_rate_hz, frame_count, problem: as of any source.
 
@@ -298,9 +300,9 @@ class BagImages(ClosesItself):
             self._next = next(self._messages, None)
             if self._next is None:
                 raise SourceError(f"{bag}: there are no images in this bag")
-            self._topic, self.first_s, _ = self._next
+            self.topic, self.first_s, _ = self._next
             self.frame_count = sum(
-                one.msgcount for one in reader.connections if one.topic == self._topic
+                one.msgcount for one in reader.connections if one.topic == self.topic
             )
             self.nominal_rate_hz = self.frame_count / max(reader.duration * 1e-9, 1e-3)
             self._open = stack.pop_all()
@@ -315,7 +317,7 @@ class BagImages(ClosesItself):
         while self._next is not None:
             topic, time_s, message = self._next
             with _errors(self._bag):
-                image = image_of(message) if topic == self._topic else None
+                image = image_of(message) if topic == self.topic else None
                 self._next = next(self._messages, None)
             if image is not None and time_s > self._newest_s:
                 self._newest_s, self._sequence = time_s, self._sequence + 1
@@ -328,18 +330,20 @@ class BagImages(ClosesItself):
         self._open.close()
 
 
-def read_bag(bag: Path, first_s: float) -> TelemetryLog | None:
-    """Return a bag's telemetry, None if it has none.
+def read_bag(bag: Path) -> TelemetryLog | None:
+    """Return a bag's telemetry, None if it has none; time 0 is the first image's stamp.
 
-    That is Imu, Odometry, the mode of MAVROS, and without Odometry a PoseStamped or a NavSatFix.
+    That is Imu, Odometry, the mode of MAVROS, and without Odometry a PoseStamped or a NavSatFix;
+    the lens by the CameraInfo beside the image.
 
     Args:
         bag: its folder, or ROS 1's file.
-        first_s: stamp of the image that is the video's time 0.
 
     Raises:
-        SourceError: it cannot be read.
+        SourceError: it cannot be read, or has no images.
     """
+    with BagImages(bag) as images:
+        first_s, beside = images.first_s, images.topic.removesuffix("/compressed")
     with _opened(bag) as reader, TemporaryDirectory() as folder:
         table = Path(folder) / TABLE
         start_s = _unpack_telemetry(reader, table)
@@ -347,6 +351,10 @@ def read_bag(bag: Path, first_s: float) -> TelemetryLog | None:
         start_s = first_s if start_s is None else start_s
         if not samples.positions:
             _take_places(samples, reader, start_s)
+        info = f"{beside.rpartition('/')[0]}/camera_info"
+        told = (vars(m) for topic, _, m in _messages(reader, (_INFO,)) if topic == info)
+        first = {name.lower(): one for name, one in next(told, {}).items()}  # ROS 1 has K and D
+        samples.lens = lens_of(SimpleNamespace(**first)) if first else {}
     if not samples.attitudes and not samples.places:
         return None
     samples.on_video_clock = True
@@ -380,6 +388,7 @@ def _messages(reader: AnyReader, kinds: tuple[str, ...]) -> Iterator[tuple[str, 
 
 
 _ODOMETRY, _STATE = "nav_msgs/msg/Odometry", "mavros_msgs/msg/State"
+_INFO = "sensor_msgs/msg/CameraInfo"
 
 
 def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:

@@ -11,10 +11,14 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags is not here: pip install -e .[ros]")
 
 from mcap.reader import make_reader
+from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
 
 from follower import open_flight, simulate
-from follower.apps.ros.bag import CLIP, TABLE, pack, unpack
+from follower.apps.main import app
+from follower.apps.ros.bag import CLIP, TABLE, pack, read_bag, unpack
 from follower.apps.ros.conversion import attitude_of, turned_to_body
 from follower.apps.viewers.scene import FlightScene
 from follower.recording import RecordedFlight
@@ -137,6 +141,28 @@ def test_transforms_put_the_target_into_the_middle_of_the_box(flight: Path, bag:
     box = messages(bag, "/follower/detection")[-1].bbox
     assert x == pytest.approx(box.center.position.x, abs=max(box.size_x, 20.0))
     assert y == pytest.approx(box.center.position.y, abs=max(box.size_y, 20.0))
+
+
+def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> None:
+    path, topics = tmp_path / "flight.bag", ("/image/compressed", "/camera_info", "/imu")
+    store, nothing = get_typestore(Stores.ROS1_NOETIC), ("", 0, None, "", None)
+    convert([bag], path, *nothing, store, (), topics, (), ())
+    known, new = read_bag(path), read_bag(bag)
+    assert known is not None
+    assert new is not None
+    assert known.lens == new.lens != {}
+
+
+def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path: Path) -> None:
+    flown = FlightScene(open_flight(flight)).camera
+    assert flown is not None
+    result = CliRunner().invoke(app, ["import", str(bag), "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    (folder,) = tmp_path.glob("import-*")
+    lens = FlightScene(open_flight(folder)).camera
+    assert lens is not None
+    assert (lens.width, lens.fx, lens.cx) == pytest.approx((flown.width, flown.fx, flown.cx))
+    assert lens.distortion == flown.distortion
 
 
 def test_what_comes_back_is_what_was_flown(flight: Path, bag: Path, tmp_path: Path) -> None:
