@@ -44,6 +44,13 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ros_interfaces.build(tmp_path_factory.mktemp("ros_interfaces"))
 
 
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Give a domain of ROS that no other test of this computer has."""
+    with free_domain() as number:
+        yield number
+
+
 @contextmanager
 def free_domain() -> Iterator[int]:
     """Give a domain of ROS that no other rig of this computer has."""
