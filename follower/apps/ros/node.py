@@ -40,6 +40,8 @@ _WAIT_S = 5.0
 """For the lens and /clock, which come on another thread."""
 _CONFIGURED = ("mode", "mavros", "detections", "config")
 """Parameters by which the topics are opened: the transport is made with them."""
+_SHOWN = 3
+"""So many lines of why it cannot begin are in the diagnostics."""
 _LENS = ("camera.focal_px", "camera.fov_deg")
 _DEFAULTS = flat_settings(Settings())
 
@@ -157,8 +159,10 @@ class FollowerNode(LifecycleNode):
         try:
             do()
         except (ValueError, OSError, ImportError) as error:
-            self._failure = f"cannot {what}: {' '.join(str(error).split())}"
-            self.get_logger().error(self._failure)
+            lines = [" ".join(one.split()) for one in str(error).splitlines()] or [repr(error)]
+            more = [f"and {len(lines) - _SHOWN} more, see the log"] if len(lines) > _SHOWN else []
+            self._failure = f"cannot {what}: {'; '.join([*lines[:_SHOWN], *more])}"
+            self.get_logger().error("\n  ".join([f"cannot {what}: {lines[0]}", *lines[1:]]))
             return FAILURE
         self._failure = ""
         return None

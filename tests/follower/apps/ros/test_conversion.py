@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -177,6 +178,19 @@ def test_without_a_package_of_messages_one_line_names_it(
     assert f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}" in result.stderr
     assert result.stderr.count("\n") == 1
     assert not result.stdout
+
+
+@pytest.mark.slow
+def test_without_an_autopilot_each_failed_check_has_its_line(free_port: Any) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    connect = ("--connect", f"udpin:127.0.0.1:{free_port()}")
+    result = without("nothing", "ros", "--mode", "direct", *connect, "--activate")
+    assert result.returncode == 1
+    first, *others = result.stderr.splitlines()
+    assert "cannot activate: preflight: " in first
+    assert len(others) > 5
+    assert all(line.startswith("  ") and ": " in line for line in others)
+    assert max(map(len, (first, *others))) < 400
 
 
 @pytest.mark.parametrize("mode", ["perception", "sideways"])
