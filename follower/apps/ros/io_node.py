@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import math
 import threading
 from collections.abc import Callable
 from types import ModuleType
@@ -25,6 +26,7 @@ _AHEAD_S, _OLD_S = 0.1, 5.0
 _TICK_S = 0.002
 _STANDS_S = 0.25
 _LOOK_S = 0.05
+_SAY_S = 5.0
 
 
 def interfaces(package: str, kind: str = "msg") -> ModuleType:
@@ -133,6 +135,7 @@ class IoNode(ClosesItself):
         )
         self.clock = RosClock(self.node.get_clock(), simulated)
         self._owner = owner
+        self._said_s: dict[str, float] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
@@ -154,10 +157,17 @@ class IoNode(ClosesItself):
             try:
                 take(message)
             except Exception as error:  # whatever it is, the thread has to live on
-                said = f"a message of {topic} is left out: {' '.join(str(error).split())}"
-                self.node.get_logger().warning(said, throttle_duration_sec=5.0)
+                self.left_out(f"a message of {topic}", error)
 
         return taken
+
+    def left_out(self, what: str, why: Exception) -> None:
+        """Say what cannot be taken, each not more often than every 5 s."""
+        now_s = self.clock.now()
+        if now_s - self._said_s.get(what, -math.inf) >= _SAY_S:
+            self._said_s[what] = now_s
+            said = f"{what} is left out: {' '.join(str(why).split())}"
+            self.node.get_logger().warning(said)
 
     def start(self) -> None:
         """Begin to take messages."""

@@ -267,9 +267,7 @@ class FollowerNode(LifecycleNode):
             self._select_box(Box.from_xywh(m.x_offset, m.y_offset, m.width, m.height))
 
     def _take_detection(self, message: Any) -> None:
-        box = box_of(message)
-        if box is not None:
-            self._select_box(box)
+        self._select_box(box_of(message))
 
     def _select_box(self, box: Box) -> None:
         pursuit = self._pursuit  # the flight may end meanwhile
