@@ -221,7 +221,7 @@ class FollowerNode(LifecycleNode):
         outputs.clock, outputs.image_frame = io.clock, "camera"
         ends = TopicEnds(source, io.clock, vehicle, self._detector, outputs.show, outputs)
         steers = mode != "perception"
-        skips = self._value("skip_preflight").split() if steers else PERCEPTION_SKIPS
+        skips = [*self._value("skip_preflight").split(), *(() if steers else PERCEPTION_SKIPS)]
         try:
             pursuit = TopicPursuit(
                 ends,
