@@ -194,6 +194,20 @@ class Rig:
     def stands(self) -> bool:
         return self.speed < STILL_M_S
 
+    def assert_ends_following(self, what: str, fault: str) -> None:
+        """Follow, spoil the image or the pose, and see that it ends, stands, and asked for numbers.
+
+        The fault is taken away again.
+        """
+        self.follow()
+        self.set("simulator", **{what: fault})
+        self.wait(lambda: not self.state.startswith(("following", "coasting")))
+        self.wait(lambda: self.stands)
+        for one in self.seen["/taken"]:
+            v = one.twist.linear
+            assert all(map(math.isfinite, (v.x, v.y, v.z)))
+        self.set("simulator", **{what: ""})
+
     def follow(self) -> None:
         """Have the pilot consent, and wait until it follows and moves."""
         from std_srvs.srv import Trigger
