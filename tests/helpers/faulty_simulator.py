@@ -2,11 +2,11 @@
 
 `faulty_simulator.py AUTOPILOT [CONNECT]`: with a simulated MAVROS, or MAVLink at CONNECT.
 
-Parameters: `image` and `pose` (of MAVROS): "", "missing", "nan" (pose alone), "ahead" or "back" (of
-their stamps); `mode`: the pilot's; `clock`: "" for none, "running", "standing" or "back", from
-where it runs on, and all stamps are of it. What the vehicle is asked to fly is told on `taken`, its
-own motion on `truth`, both with the mode as frame. It hovers in the air from the beginning, and
-the target stands still.
+Parameters: `image` and `pose`: "", "missing", "nan" (pose alone), "ahead" or "back" (of their
+stamps; pose by MAVROS alone); `info`: "" or "nan"; `mode`: the pilot's; `clock`: "" for none,
+"running", "standing" or "back", from where it runs on, and all stamps are of it. What the vehicle
+is asked to fly is told on `taken`, its own motion on `truth`, both with the mode as frame. It
+hovers in the air from the beginning, and the target stands still.
 """
 
 import sys
@@ -18,6 +18,7 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo
 
 from follower.apps.ros import simulator
 from follower.apps.ros.conversion import fill_vector, set_stamp, stamp_s
@@ -72,6 +73,21 @@ class Vehicle(simulator.SimulatedVehicle):
 
         controller.take_setpoint = told
 
+    def spoil_pose(self):
+        """Have `pose` hold for what goes out by MAVLink."""
+        send = self.autopilot._link.send
+
+        def sent(message):
+            fault = self.node.get_parameter("pose").value
+            posed = message.get_type() in ("ATTITUDE", "LOCAL_POSITION_NED")
+            if posed and fault == "nan":
+                for name in {"roll", "yawspeed", "x", "vx"} & set(message.get_fieldnames()):
+                    setattr(message, name, float("nan"))
+            if not (posed and fault == "missing"):
+                send(message)
+
+        self.autopilot._link.send = sent
+
     def stamp(self, header, age_s=0.0, frame_id="camera"):
         super().stamp(header, age_s, frame_id)
         if self.clock_is:
@@ -106,6 +122,12 @@ class Vehicle(simulator.SimulatedVehicle):
         if self.node.get_parameter("image").value != "missing":
             super().show(frame)
 
+    def _publish_info(self, header):
+        if self.node.get_parameter("info").value == "nan":
+            self._info.publish(CameraInfo(header=header, width=640, k=[float("nan")] * 9))
+        else:
+            super()._publish_info(header)
+
     def tell(self, publisher, x, y, z):
         message = TwistStamped()
         self.stamp(message.header, frame_id=self.autopilot.mode)
@@ -127,7 +149,7 @@ def main() -> None:
     simulator.start_state, simulator.load_scenario = in_the_air, at_15_hz
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("simulator")
-    for name in ("image", "pose", "mode", "clock"):
+    for name in ("image", "pose", "info", "mode", "clock"):
         node.declare_parameter(name, "")
     autopilot, *connect = sys.argv[1:]
     with ExitStack() as stack:
@@ -136,6 +158,8 @@ def main() -> None:
             theirs = stack.enter_context(closing(open_connection(*connect)))
         vehicle = Vehicle(node, "winding", theirs, autopilot)
         mavros = None if connect else Mavros(node, ours, vehicle)
+        if connect:
+            vehicle.spoil_pose()
 
         def step():
             if mavros is not None:

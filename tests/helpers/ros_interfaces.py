@@ -108,7 +108,7 @@ def build(folder: Path) -> Path:
     """Build all packages; return what has to be on PYTHONPATH and LD_LIBRARY_PATH."""
     if shutil.which("g++") is None:
         pytest.skip("builds ROS messages, which needs g++")
-    pytest.importorskip("catkin_pkg", reason="builds ROS messages: pip install -e .[dev]")
+    pytest.importorskip("catkin_pkg", reason="builds ROS messages, by catkin_pkg: make ros")
     site = folder / "site"
     for package, definitions in MESSAGES.items():
         root = folder / package

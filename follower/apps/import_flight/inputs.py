@@ -41,11 +41,9 @@ class BagInput(VideoInput):
     def telemetry(self) -> TelemetryLog | None:
         """Return what it tells of the vehicle, None if nothing; raises what `open` does."""
         check_extra("a bag", "ros", "rosbags")
-        from follower.apps.ros.bag import BagImages, read_bag
+        from follower.apps.ros.bag import read_bag
 
-        with BagImages(Path(self.name)) as images:
-            first_s = images.first_s
-        return read_bag(Path(self.name), first_s)
+        return read_bag(Path(self.name))
 
 
 def sort_inputs(

@@ -265,11 +265,12 @@ def _with_camera_of(log: TelemetryLog, settings: Settings, lens_given: bool) -> 
     changed: dict[str, Any] = {}
     if log.gimbals and log.attitudes:
         changed["gimbal"] = replace(settings.gimbal, enabled=True)
-    if log.fov_deg is not None and not lens_given:
+    lens = dict(log.lens)
+    if log.fov_deg is not None:
         focal_px = _LENS_WIDTH_PX / 2 / math.tan(math.radians(log.fov_deg) / 2)
-        changed["camera"] = replace(
-            settings.camera, focal_px=min(max(focal_px, 1.0), 1e5), focal_width_px=_LENS_WIDTH_PX
-        )
+        lens = {"focal_px": min(max(focal_px, 1.0), 1e5), "focal_width_px": _LENS_WIDTH_PX}
+    if lens and not lens_given:
+        changed["camera"] = replace(settings.camera, **lens)
     return settings.model_copy(update=changed)
 
 

@@ -240,7 +240,7 @@ class PreflightResult:
 
 
 class PreflightError(ValueError):
-    """Preflight checks refuse the flight; the message says what to mend.
+    """Preflight checks refuse the flight; the message says what to mend, a line for each.
 
     Args:
         results: of all checks.
@@ -260,5 +260,5 @@ class PreflightError(ValueError):
 
     def __init__(self, results: Iterable[PreflightResult]) -> None:
         self.failed = tuple(result for result in results if result.refuses)
-        said = "; ".join(result.line for result in self.failed)
+        said = "\n".join(result.line for result in self.failed)
         super().__init__(f"preflight: {said or 'the camera gave no frame'}")

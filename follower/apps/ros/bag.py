@@ -6,25 +6,36 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from follower.apps.ros.conversion import (
+    TARGET_FRAME,
     attitude_of,
     fill_attitude,
+    fill_detection,
+    fill_fix,
+    fill_info,
     fill_region,
+    fill_turn,
     fill_twist,
+    fill_vector,
     image_of,
+    lens_of,
+    track_values,
     turned_to_body,
     turned_to_world,
 )
+from follower.apps.viewers.scene import FlightScene, Pose
 from follower.flight.log import ControlRecord, TrackRecord
-from follower.recording import RecordedFlight, open_flight
+from follower.recording import open_flight
 from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME, read_csv
 from follower.recording.telemetry_logs.samples import TelemetryLog, TelemetrySamples
 from follower.recording.video_writer import VIDEO
@@ -37,8 +48,38 @@ METADATA = "metadata.yaml"
 TABLE, CLIP = "telemetry.csv", "video.mp4"
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _T: dict[str, Any] = _STORE.types
+_VISION = {
+    "Point2D": "float64 x\nfloat64 y",
+    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+    "ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "Detection2D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox2D bbox\nstring id"
+    ),
+}
+"""Of vision_msgs 4, which rosbags does not know."""
+for _name, _text in _VISION.items():
+    _STORE.register(get_types_from_msg(_text, f"vision_msgs/msg/{_name}"))
 _QUALITY = 92
-_COVARIANCE_3, _COVARIANCE_6 = np.zeros(9), np.zeros(36)
+
+
+def _new(kind: str, **fields: Any) -> Any:
+    """Return a message whose other fields are zeros and empty, as rclpy makes them."""
+    others = [one for one in _STORE.fielddefs[kind][1] if one[0] not in fields]
+    return _T[kind](**{name: _zero(*of) for name, of in others}, **fields)
+
+
+def _zero(node: Nodetype, of: Any) -> Any:
+    if node is Nodetype.NAME:
+        return _new(of)
+    if node is Nodetype.BASE:
+        return "" if of[0] == "string" else 0
+    (inner, (name, *_)), length = of
+    return np.zeros(length, name) if inner is Nodetype.BASE and name != "string" else []
 
 
 class _Bag:
@@ -51,10 +92,12 @@ class _Bag:
     def stamp_ns(self, time_s: float) -> int:
         return max(self._epoch_ns + round(time_s * 1e9), 0)
 
-    def header(self, time_s: float, frame_id: str) -> Any:
-        seconds, rest = divmod(self.stamp_ns(time_s), 1_000_000_000)
-        stamp = _T["builtin_interfaces/msg/Time"](seconds, rest)
-        return _T["std_msgs/msg/Header"](stamp, frame_id)
+    def new(self, kind: str, time_s: float, frame_id: str, **fields: Any) -> Any:
+        """Return a message with a header, and zeros."""
+        message = _new(kind, **fields)
+        message.header.frame_id, stamp = frame_id, message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.stamp_ns(time_s), 1_000_000_000)
+        return message
 
     def write(self, topic: str, message: Any, time_s: float) -> None:
         kind = message.__msgtype__
@@ -63,90 +106,104 @@ class _Bag:
         data = _STORE.serialize_cdr(message, kind)
         self._writer.write(self._topics[topic], self.stamp_ns(time_s), data)
 
+    def transform(self, child: str, time_s: float, place: Any, turn: Any = None) -> None:
+        """Write where a frame is in the map, and how it is turned, on /tf."""
+        kind = "geometry_msgs/msg/TransformStamped"
+        message = self.new(kind, time_s, "map", child_frame_id=child)
+        move = message.transform
+        fill_vector(move.translation, place.x, place.y, place.z)
+        move.rotation.w = 1.0
+        if turn is not None:
+            move.rotation = turn
+        self.write("/tf", _new("tf2_msgs/msg/TFMessage", transforms=[message]), time_s)
+
 
 def pack(flight: Path, out: Path) -> Path:
     """Write a flight as a bag; return its folder.
 
-    Topics as the node has them: image/compressed, imu, odometry, follower/roi,
-    follower/track, follower/setpoint, /diagnostics.
+    Topics as the node has them: image/compressed, camera_info, imu, odometry, follower/roi,
+    follower/track, follower/detection, follower/target, follower/setpoint, /diagnostics; and /tf
+    of vehicle, camera and target.
 
     Args:
         flight: its folder.
         out: must not exist yet.
 
     Raises:
-        FlightFileError: it is no flight.
+        FlightFileError: it is no flight, or its settings are not understood.
         SourceError: `out` exists.
     """
     recorded = open_flight(flight)
+    scene = FlightScene(recorded)
     if out.exists():
         raise SourceError(f"{out}: exists already; give another --out")
     with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         bag = _Bag(writer, recorded.config.epoch_ns)
         if (recorded.folder / VIDEO).is_file():
-            _pack_pictures(bag, recorded)
+            for frame in recorded.pictures():
+                _pack_picture(bag, frame, scene)
         position: LocalPosition | None = None
         for record in recorded.log.controls:
             for attitude in record.attitudes:
                 _pack_attitude(bag, attitude)
             if record.vehicle.position not in (None, position) and record.vehicle.attitude:
                 position = record.vehicle.position
-                _pack_position(bag, position, record.vehicle.attitude)
-            _pack_control(bag, record)
+                _pack_position(bag, position, record.vehicle.attitude, scene.eye(record))
+            _pack_control(bag, record, scene)
         for track in recorded.log.tracks:
             _pack_track(bag, track)
     return out
 
 
-def _pack_pictures(bag: _Bag, recorded: RecordedFlight) -> None:
-    for frame in recorded.pictures():
-        good, data = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        if good:
-            header = bag.header(frame.captured_s, "camera")
-            kind = _T["sensor_msgs/msg/CompressedImage"]
-            bag.write("/image/compressed", kind(header, "jpeg", data.ravel()), frame.captured_s)
-
-
-def _quaternion(attitude: Attitude) -> Any:
-    q = _T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    fill_attitude(q, (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad))
-    return q
-
-
-def _vector(x: float, y: float, z: float) -> Any:
-    return _T["geometry_msgs/msg/Vector3"](float(x), float(y), float(z))
+def _pack_picture(bag: _Bag, frame: Frame, scene: FlightScene) -> None:
+    time_s, lens = frame.captured_s, scene.camera
+    good, data = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if good:
+        kind = "sensor_msgs/msg/CompressedImage"
+        picture = bag.new(kind, time_s, "camera", format="jpeg", data=data.ravel())
+        bag.write("/image/compressed", picture, time_s)
+    if lens is not None:
+        distortion = np.array(lens.distortion)
+        info = bag.new("sensor_msgs/msg/CameraInfo", time_s, "camera", d=distortion)
+        fill_info(info, lens.resized(*frame.image.shape[1::-1]))
+        bag.write("/camera_info", info, time_s)
 
 
 def _pack_attitude(bag: _Bag, a: Attitude) -> None:
-    header = bag.header(a.time_s, "base_link")
-    turn = _vector(a.roll_rate_rad_s, -a.pitch_rate_rad_s, -a.yaw_rate_rad_s)
-    none, free = np.array([-1.0, *[0.0] * 8]), _vector(0, 0, 0)
-    kind = _T["sensor_msgs/msg/Imu"]
-    message = kind(header, _quaternion(a), _COVARIANCE_3, turn, _COVARIANCE_3, free, none)
+    message = bag.new("sensor_msgs/msg/Imu", a.time_s, "base_link")
+    fill_attitude(message.orientation, (a.roll_rad, a.pitch_rad, a.yaw_rad))
+    turn = message.angular_velocity
+    fill_vector(turn, a.roll_rate_rad_s, -a.pitch_rate_rad_s, -a.yaw_rate_rad_s)
+    message.linear_acceleration_covariance[0] = -1.0
     bag.write("/imu", message, a.time_s)
 
 
-def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude) -> None:
-    point = _T["geometry_msgs/msg/Point"](p.east_m, p.north_m, -p.down_m)
-    pose = _T["geometry_msgs/msg/Pose"](point, _quaternion(a))
+def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude, eye: Pose | None) -> None:
+    message = bag.new("nav_msgs/msg/Odometry", p.time_s, "map", child_frame_id="base_link")
+    pose = message.pose.pose
+    fill_vector(pose.position, p.east_m, p.north_m, -p.down_m)
+    fill_attitude(pose.orientation, (a.roll_rad, a.pitch_rad, a.yaw_rad))
     body = turned_to_body(pose.orientation, (p.north_m_s, p.east_m_s, p.down_m_s))
-    twist = _T["geometry_msgs/msg/Twist"](_vector(*body), _vector(0, 0, 0))
-    message = _T["nav_msgs/msg/Odometry"](
-        bag.header(p.time_s, "map"),
-        "base_link",
-        _T["geometry_msgs/msg/PoseWithCovariance"](pose, _COVARIANCE_6),
-        _T["geometry_msgs/msg/TwistWithCovariance"](twist, _COVARIANCE_6),
-    )
+    fill_vector(message.twist.twist.linear, *body)
     bag.write("/odometry", message, p.time_s)
+    bag.transform("base_link", p.time_s, pose.position, pose.orientation)
+    if eye is not None:
+        turn = _new("geometry_msgs/msg/Quaternion")
+        fill_turn(turn, eye.turn)
+        bag.transform("camera", p.time_s, pose.position, turn)
 
 
-def _pack_control(bag: _Bag, record: ControlRecord) -> None:
+def _pack_control(bag: _Bag, record: ControlRecord, scene: FlightScene) -> None:
     if record.sent:
-        twist = _T["geometry_msgs/msg/Twist"](_vector(0, 0, 0), _vector(0, 0, 0))
-        fill_twist(twist, record.allowed)
-        header = bag.header(record.time_s, "base_link")
-        message = _T["geometry_msgs/msg/TwistStamped"](header, twist)
+        message = bag.new("geometry_msgs/msg/TwistStamped", record.time_s, "base_link")
+        fill_twist(message.twist, record.allowed)
         bag.write("/follower/setpoint", message, record.time_s)
+    fix = scene.fix(record)
+    if fix is not None:
+        target = bag.new("geometry_msgs/msg/PoseWithCovarianceStamped", fix.time_s, "map")
+        fill_fix(target.pose, fix)
+        bag.write("/follower/target", target, fix.time_s)
+        bag.transform(TARGET_FRAME, fix.time_s, target.pose.pose.position)
     said = f"{record.state}: {record.reason}"
     _pack_status(bag, "/diagnostics", "follower: supervisor", said, {}, record.time_s)
 
@@ -155,13 +212,14 @@ def _pack_track(bag: _Bag, record: TrackRecord) -> None:
     track = record.track
     if track is None:
         return
-    box = dict(zip(("x", "y", "width", "height"), track.box.xywh, strict=True))
-    values = {**box, "probability": track.confidence}
-    time_s = record.captured_s
+    time_s, values = record.captured_s, track_values(track)
     _pack_status(bag, "/follower/track", "track", str(track.state), values, time_s)
-    region = _T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    region = _new("sensor_msgs/msg/RegionOfInterest")
     fill_region(region, track.box)
     bag.write("/follower/roi", region, time_s)
+    detection = bag.new("vision_msgs/msg/Detection2D", time_s, "camera")
+    fill_detection(detection, _new("vision_msgs/msg/ObjectHypothesisWithPose"), track)
+    bag.write("/follower/detection", detection, time_s)
 
 
 def _pack_status(
@@ -170,8 +228,8 @@ def _pack_status(
     pair = _T["diagnostic_msgs/msg/KeyValue"]
     pairs = [pair(key, f"{value:.6g}") for key, value in values.items()]
     status = _T["diagnostic_msgs/msg/DiagnosticStatus"](0, name, said, "follower", pairs)
-    array = _T["diagnostic_msgs/msg/DiagnosticArray"](bag.header(time_s, "camera"), [status])
-    bag.write(topic, array, time_s)
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    bag.write(topic, bag.new(kind, time_s, "camera", status=[status]), time_s)
 
 
 def unpack(bag: Path, out: Path) -> str:
@@ -223,6 +281,7 @@ class BagImages(ClosesItself):
     """Gives the images of a bag's first topic that has some, raw or compressed.
 
     Attributes:
+        topic: of the images.
         first_s: the first one's stamp, from which `captured_s` counts.
         nominal_rate_hz, frame_count, problem: as of any source.
 
@@ -241,9 +300,9 @@ class BagImages(ClosesItself):
             self._next = next(self._messages, None)
             if self._next is None:
                 raise SourceError(f"{bag}: there are no images in this bag")
-            self._topic, self.first_s, _ = self._next
+            self.topic, self.first_s, _ = self._next
             self.frame_count = sum(
-                one.msgcount for one in reader.connections if one.topic == self._topic
+                one.msgcount for one in reader.connections if one.topic == self.topic
             )
             self.nominal_rate_hz = self.frame_count / max(reader.duration * 1e-9, 1e-3)
             self._open = stack.pop_all()
@@ -258,7 +317,7 @@ class BagImages(ClosesItself):
         while self._next is not None:
             topic, time_s, message = self._next
             with _errors(self._bag):
-                image = image_of(message) if topic == self._topic else None
+                image = image_of(message) if topic == self.topic else None
                 self._next = next(self._messages, None)
             if image is not None and time_s > self._newest_s:
                 self._newest_s, self._sequence = time_s, self._sequence + 1
@@ -271,18 +330,20 @@ class BagImages(ClosesItself):
         self._open.close()
 
 
-def read_bag(bag: Path, first_s: float) -> TelemetryLog | None:
-    """Return a bag's telemetry, None if it has none.
+def read_bag(bag: Path) -> TelemetryLog | None:
+    """Return a bag's telemetry, None if it has none; time 0 is the first image's stamp.
 
-    That is Imu, Odometry, the mode of MAVROS, and without Odometry a PoseStamped or a NavSatFix.
+    That is Imu, Odometry, the mode of MAVROS, and without Odometry a PoseStamped or a NavSatFix;
+    the lens by the CameraInfo beside the image.
 
     Args:
         bag: its folder, or ROS 1's file.
-        first_s: stamp of the image that is the video's time 0.
 
     Raises:
-        SourceError: it cannot be read.
+        SourceError: it cannot be read, or has no images.
     """
+    with BagImages(bag) as images:
+        first_s, beside = images.first_s, images.topic.removesuffix("/compressed")
     with _opened(bag) as reader, TemporaryDirectory() as folder:
         table = Path(folder) / TABLE
         start_s = _unpack_telemetry(reader, table)
@@ -290,6 +351,10 @@ def read_bag(bag: Path, first_s: float) -> TelemetryLog | None:
         start_s = first_s if start_s is None else start_s
         if not samples.positions:
             _take_places(samples, reader, start_s)
+        info = f"{beside.rpartition('/')[0]}/camera_info"
+        told = (vars(m) for topic, _, m in _messages(reader, (_INFO,)) if topic == info)
+        first = {name.lower(): one for name, one in next(told, {}).items()}  # ROS 1 has K and D
+        samples.lens = lens_of(SimpleNamespace(**first)) if first else {}
     if not samples.attitudes and not samples.places:
         return None
     samples.on_video_clock = True
@@ -323,6 +388,7 @@ def _messages(reader: AnyReader, kinds: tuple[str, ...]) -> Iterator[tuple[str, 
 
 
 _ODOMETRY, _STATE = "nav_msgs/msg/Odometry", "mavros_msgs/msg/State"
+_INFO = "sensor_msgs/msg/CameraInfo"
 
 
 def _unpack_telemetry(reader: AnyReader, path: Path) -> float | None:

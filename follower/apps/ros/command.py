@@ -40,6 +40,8 @@ _EXTRA = (
     "ROS 2's Python packages are not here ({}): source a ROS 2 set-up, or pip install -e '.[ros]'"
 )
 
+_STEERED = ("mavros", "direct")
+
 Mode = Annotated[
     str,
     typer.Option(
@@ -104,7 +106,10 @@ def ros_command(
 
 
 def ros_demo_command(
-    mode: Mode = "direct",
+    mode: Annotated[
+        str,
+        typer.Option(metavar="|".join(_STEERED), help="Through which the node steers."),
+    ] = "direct",
     scenario: Annotated[
         str, typer.Option(help="A scenario file (YAML) or a name from `follower scenarios`.")
     ] = "winding",
@@ -116,6 +121,8 @@ def ros_demo_command(
     The recording, its report and a picture of the overlay topic are left in the flight's folder.
     Exit code 0: it followed; 1: it did not; 2: an option cannot be used, or ROS is missing.
     """
+    if mode not in _STEERED:
+        raise SettingsError(f"--mode {mode}: the demo is flown by {' or '.join(_STEERED)}")
     _needs_ros()
     from follower.apps.ros.demo import fly_demo
 

@@ -11,11 +11,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from follower.settings.settings import Settings
+from follower.settings.settings import CameraSettings, Settings
+from follower_control.servo.position_fix import TargetPosition
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import wrap_angle
 from follower_vision.images.frame import Image
+from follower_vision.trackers.track import Track
 
 Triple = tuple[float, float, float]
 
@@ -33,6 +36,9 @@ _TO_BGR = {
     "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUYV),
 }
 """Bytes of a pixel, and OpenCV's code, by sensor_msgs' name of an encoding."""
+TARGET_FRAME = "follower_target"
+_NED_TO_ENU = (1, 0, 2)
+_SIGNS = (1.0, 1.0, -1.0)
 _SQUARE = 0.02
 """By what share focal lengths across and down may differ: our pixels are square."""
 
@@ -111,6 +117,12 @@ def fill_attitude(q: Any, attitude_rad: Triple) -> None:
     q.y, q.z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
 
 
+def fill_turn(q: Any, turn: tuple[float, float, float, float]) -> None:
+    """Set a quaternion to x, y, z, w of a turn, whose result is east, north, up instead of NED."""
+    half, (x, y, z, w) = math.sqrt(0.5), turn
+    q.w, q.x, q.y, q.z = -half * (x + y), half * (w + z), half * (w - z), half * (y - x)
+
+
 def turned_to_world(q: Any, v: Any) -> Triple:
     """Return a vector of the body (forward, left, up) as north, east, down."""
     w, x, y, z = q.w, q.x, q.y, q.z
@@ -149,27 +161,67 @@ def fill_region(region: Any, box: Box | None) -> None:
         region.height = max(round(box.bottom) - top, 0)
 
 
-def camera_overrides(info: Any) -> list[str]:
-    """Return the settings, `key=value` each, of a calibrated sensor_msgs/CameraInfo; else none.
+def fill_detection(detection: Any, result: Any, track: Track) -> None:
+    """Put a track into a vision_msgs/Detection2D, by an ObjectHypothesisWithPose of its state."""
+    place = detection.bbox.center.position
+    place.x, place.y = float(track.box.cx), float(track.box.cy)
+    detection.bbox.size_x, detection.bbox.size_y = map(float, track.box.xywh[2:])
+    result.hypothesis.class_id = str(track.state)
+    result.hypothesis.score = float(track.confidence)
+    detection.results = [result]
 
-    None either of a lens that our model does not fit: its lines of sight would be wrong unseen.
+
+def track_values(track: Track) -> dict[str, float]:
+    """Return what the topic `track` tells in numbers."""
+    box = dict(zip(("x", "y", "width", "height"), track.box.xywh, strict=True))
+    return {**box, "probability": track.confidence}
+
+
+def fill_fix(pose: Any, fix: TargetPosition) -> None:
+    """Put the target's place into a PoseWithCovariance."""
+    north, east, down = fix.position_m
+    fill_vector(pose.pose.position, east, north, -down)
+    pose.pose.orientation.w = 1.0
+    for row, (of, sign) in enumerate(zip(_NED_TO_ENU, _SIGNS, strict=True)):
+        for column, (to, other) in enumerate(zip(_NED_TO_ENU, _SIGNS, strict=True)):
+            pose.covariance[6 * row + column] = sign * other * float(fix.covariance[of, to])
+
+
+def fill_info(info: Any, model: CameraModel) -> None:
+    """Put a lens into a CameraInfo, all but the distortion: it is made with `d`."""
+    info.width, info.height, info.distortion_model = model.width, model.height, "plumb_bob"
+    # ROS counts from the middle of the first pixel, we from its corner.
+    rows = (model.fx, 0.0, model.cx - 0.5), (0.0, model.fy, model.cy - 0.5), (0.0, 0.0, 1.0)
+    for n, row in enumerate(rows):
+        info.k[3 * n : 3 * n + 3] = info.p[4 * n : 4 * n + 3] = row
+        info.r[4 * n] = 1.0
+
+
+def lens_of(info: Any) -> dict[str, Any]:
+    """Return what a calibrated sensor_msgs/CameraInfo sets in `CameraSettings`; else nothing.
+
+    Nothing either of a lens that our model does not fit: its lines of sight would be wrong unseen.
     """
     fx, fy, cx, cy = info.k[0], info.k[4], info.k[2], info.k[5]
     if not (math.isfinite(fx + fy + cx + cy) and fx > 0 and info.width > 0):
-        return []
+        return {}
     if abs(fy - fx) > _SQUARE * fx:
-        return []
-    given = [*info.d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
+        return {}
+    given = tuple(map(float, [*info.d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]))
     plain = info.distortion_model in ("plumb_bob", "rational_polynomial", "")
     if not plain or any(info.d[5:]) or not all(map(math.isfinite, given)):
-        return []
-    return [
-        f"camera.focal_px={fx}",
-        f"camera.focal_width_px={info.width}",
-        # ROS counts from the middle of the first pixel, we from its corner.
-        f"camera.center_px=[{cx + 0.5}, {cy + 0.5}]",
-        f"camera.distortion={given}",
-    ]
+        return {}
+    lens: dict[str, Any] = {
+        "focal_px": float(fx),
+        "focal_width_px": int(info.width),
+        "center_px": (float(cx) + 0.5, float(cy) + 0.5),
+        "distortion": given,
+    }
+    try:
+        CameraSettings(**lens)
+    except ValueError:
+        return {}
+    return lens
 
 
 def flat_settings(settings: Settings) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from sensor_msgs.msg import Image
 
 from follower.apps.inspect import inspect_recorded
 from follower.apps.ros.conversion import image_of
-from follower.apps.ros.io_node import NEWEST, RELIABLE
+from follower.apps.ros.io_node import NEWEST, RELIABLE, interfaces
 from follower.links.connections import ConnectionFailedError
 from follower.recording import open_flight
 from follower.settings.settings import configs_folder, find_scenario
@@ -102,8 +102,11 @@ def fly_demo(mode: str, scenario: str, seconds: float, out: Path) -> int:
         out: takes the flight's folder.
 
     Raises:
+        SettingsError: mavros_msgs is not installed, and wanted.
         ConnectionFailedError: the node does not answer.
     """
+    if mode == "mavros":
+        interfaces("mavros_msgs")
     console = Console()
     loaded = load_scenario(find_scenario(scenario))
     out = out / "ros-demo"

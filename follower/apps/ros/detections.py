@@ -1,9 +1,10 @@
 """What another node detects, as a detector."""
 
+import math
 from typing import Any
 
 from follower.apps.ros.conversion import stamp_s
-from follower.apps.ros.io_node import IoNode
+from follower.apps.ros.io_node import IoNode, interfaces
 from follower_vision.detection import Detection
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
@@ -25,16 +26,15 @@ class TopicDetector:
         class_names: those seen so far, and those that were asked for.
 
     Raises:
-        ImportError: vision_msgs is not installed.
+        SettingsError: vision_msgs is not installed.
     """
 
     def __init__(self, io: IoNode, topic: str) -> None:
-        from vision_msgs.msg import Detection2DArray
-
-        self._clock, self.topic = io.clock, io.name_of(topic)
+        kind = interfaces("vision_msgs").Detection2DArray
+        self._io, self._clock, self.topic = io, io.clock, io.name_of(topic)
         self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
         self.class_names: tuple[str, ...] = ()
-        io.subscribe(Detection2DArray, topic, self._take)
+        io.subscribe(kind, topic, self._take)
 
     def know(self, name: str) -> None:
         """Take a class to be one that can be asked for, seen yet or not."""
@@ -55,28 +55,34 @@ class TopicDetector:
 
     def _take(self, message: Any) -> None:
         stamped_s = self._clock.of_stamp(stamp_s(message.header.stamp))
-        if stamped_s is not None:
-            found = [one for m in message.detections for one in self._read(m)]
-            self._newest = stamped_s, sorted(found, key=lambda one: -one.score)
+        if stamped_s is None:
+            return
+        found = []
+        for one in message.detections:
+            try:
+                found.append(self._read(one))
+            except ValueError as error:
+                self._io.left_out(f"a detection of {self.topic}", error)
+        self._newest = stamped_s, sorted(found, key=lambda one: -one.score)
 
-    def _read(self, m: Any) -> list[Detection]:
-        box = box_of(m)
-        best = max(m.results, key=lambda one: one.hypothesis.score, default=None)
-        if box is None or best is None or not 0 <= best.hypothesis.score <= 1:
-            return []
+    def _read(self, m: Any) -> Detection:
+        box, scores = box_of(m), [one.hypothesis.score for one in m.results]
+        if not all(map(math.isfinite, scores)) or not 0 <= max(scores, default=-1) <= 1:
+            raise ValueError(f"it needs a score from 0 to 1, not {scores}")
+        best = max(m.results, key=lambda one: one.hypothesis.score)
         name = best.hypothesis.class_id
         self.know(name)
-        return [Detection(box, self.class_names.index(name), name, best.hypothesis.score)]
+        return Detection(box, self.class_names.index(name), name, best.hypothesis.score)
 
 
-def box_of(detection: Any) -> Box | None:
-    """Return the box of a vision_msgs/Detection2D in pixels; None if it is none."""
+def box_of(detection: Any) -> Box:
+    """Return the box of a vision_msgs/Detection2D in pixels.
+
+    Raises:
+        ValueError: it is none.
+    """
     place, box = detection.bbox.center.position, detection.bbox
-    left, top = place.x - box.size_x / 2, place.y - box.size_y / 2
-    try:
-        return Box.from_xywh(left, top, box.size_x, box.size_y)
-    except ValueError:
-        return None
+    return Box(place.x, place.y, box.size_x, box.size_y)
 
 
 def _is_inside(box: Box, region: Box) -> bool:

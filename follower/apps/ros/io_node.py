@@ -1,8 +1,11 @@
 """A node that only takes messages in, on a thread of its own, and the clock of its time."""
 
 import contextlib
+import importlib
+import math
 import threading
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import rclpy
@@ -11,6 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -22,6 +26,22 @@ _AHEAD_S, _OLD_S = 0.1, 5.0
 _TICK_S = 0.002
 _STANDS_S = 0.25
 _LOOK_S = 0.05
+_SAY_S = 5.0
+
+
+def interfaces(package: str, kind: str = "msg") -> ModuleType:
+    """Import the messages ("msg") or services ("srv") of a package that not everybody has.
+
+    Raises:
+        SettingsError: it is not installed; names what is.
+    """
+    try:
+        return importlib.import_module(f"{package}.{kind}")
+    except ImportError as error:
+        raise SettingsError(
+            f"{package} is not here ({error}): apt install "
+            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, and source the ROS set-up"
+        ) from error
 
 
 class RosClock(MonotonicClock):
@@ -115,6 +135,7 @@ class IoNode(ClosesItself):
         )
         self.clock = RosClock(self.node.get_clock(), simulated)
         self._owner = owner
+        self._said_s: dict[str, float] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
@@ -136,10 +157,17 @@ class IoNode(ClosesItself):
             try:
                 take(message)
             except Exception as error:  # whatever it is, the thread has to live on
-                said = f"a message of {topic} is left out: {' '.join(str(error).split())}"
-                self.node.get_logger().warning(said, throttle_duration_sec=5.0)
+                self.left_out(f"a message of {topic}", error)
 
         return taken
+
+    def left_out(self, what: str, why: Exception) -> None:
+        """Say what cannot be taken, each not more often than every 5 s."""
+        now_s = self.clock.now()
+        if now_s - self._said_s.get(what, -math.inf) >= _SAY_S:
+            self._said_s[what] = now_s
+            said = f"{what} is left out: {' '.join(str(why).split())}"
+            self.node.get_logger().warning(said)
 
     def start(self) -> None:
         """Begin to take messages."""

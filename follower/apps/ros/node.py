@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_srvs.srv import Trigger
 
-from follower.apps.ros.conversion import camera_overrides, flat_settings
+from follower.apps.ros.conversion import flat_settings, lens_of
 from follower.apps.ros.detections import TopicDetector, box_of
 from follower.apps.ros.io_node import RELIABLE, IoNode
 from follower.apps.ros.outputs import Outputs
@@ -40,6 +40,8 @@ _WAIT_S = 5.0
 """For the lens and /clock, which come on another thread."""
 _CONFIGURED = ("mode", "mavros", "detections", "config")
 """Parameters by which the topics are opened: the transport is made with them."""
+_SHOWN = 3
+"""So many lines of why it cannot begin are in the diagnostics."""
 _LENS = ("camera.focal_px", "camera.fov_deg")
 _DEFAULTS = flat_settings(Settings())
 
@@ -157,8 +159,10 @@ class FollowerNode(LifecycleNode):
         try:
             do()
         except (ValueError, OSError, ImportError) as error:
-            self._failure = f"cannot {what}: {' '.join(str(error).split())}"
-            self.get_logger().error(self._failure)
+            lines = [" ".join(one.split()) for one in str(error).splitlines()] or [repr(error)]
+            more = [f"and {len(lines) - _SHOWN} more, see the log"] if len(lines) > _SHOWN else []
+            self._failure = f"cannot {what}: {'; '.join([*lines[:_SHOWN], *more])}"
+            self.get_logger().error("\n  ".join([f"cannot {what}: {lines[0]}", *lines[1:]]))
             return FAILURE
         self._failure = ""
         return None
@@ -217,7 +221,7 @@ class FollowerNode(LifecycleNode):
         outputs.clock, outputs.image_frame = io.clock, "camera"
         ends = TopicEnds(source, io.clock, vehicle, self._detector, outputs.show, outputs)
         steers = mode != "perception"
-        skips = self._value("skip_preflight").split() if steers else PERCEPTION_SKIPS
+        skips = [*self._value("skip_preflight").split(), *(() if steers else PERCEPTION_SKIPS)]
         try:
             pursuit = TopicPursuit(
                 ends,
@@ -250,7 +254,11 @@ class FollowerNode(LifecycleNode):
         lens: list[str] = []
         if not any(key in given for key in _LENS):
             info = self._info.newest or self._info.wait(_WAIT_S)
-            lens = [] if info is None else camera_overrides(info)
+            found = {} if info is None else lens_of(info)
+            if info is not None and not found:
+                said = "camera_info is left out: not calibrated, not finite, or no lens of ours"
+                self.get_logger().warning(said)
+            lens = [f"camera.{key}={np.asarray(one).tolist()}" for key, one in found.items()]
         plain = {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in given.items()}
         return [*lens, *(f"{key}={value}" for key, value in plain.items())]
 
@@ -259,9 +267,7 @@ class FollowerNode(LifecycleNode):
             self._select_box(Box.from_xywh(m.x_offset, m.y_offset, m.width, m.height))
 
     def _take_detection(self, message: Any) -> None:
-        box = box_of(message)
-        if box is not None:
-            self._select_box(box)
+        self._select_box(box_of(message))
 
     def _select_box(self, box: Box) -> None:
         pursuit = self._pursuit  # the flight may end meanwhile

@@ -8,7 +8,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
 from sensor_msgs.msg import Image, RegionOfInterest
 
-from follower.apps.ros.conversion import fill_image, fill_region, fill_twist, set_stamp
+from follower.apps.ros.conversion import (
+    TARGET_FRAME,
+    fill_detection,
+    fill_fix,
+    fill_image,
+    fill_region,
+    fill_twist,
+    fill_vector,
+    set_stamp,
+    track_values,
+)
 from follower.apps.ros.io_node import NEWEST, RELIABLE, RosClock
 from follower.flight.log import ControlRecord, LogRecord, TrackRecord
 from follower.flight.status import LiveStatus
@@ -19,10 +29,6 @@ from follower_vision.drawing.overlay import draw_tracks
 from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
 from follower_vision.trackers.track import Track
-
-_TARGET_FRAME = "follower_target"
-_NED_TO_ENU = (1, 0, 2)
-_SIGNS = (1.0, 1.0, -1.0)
 
 
 class Outputs:
@@ -112,10 +118,7 @@ class Outputs:
         region = RegionOfInterest()
         fill_region(region, None if track is None else track.box)
         if track is not None:
-            box, names = track.box.xywh, ("x", "y", "width", "height")
-            status.values = _pairs(
-                {**dict(zip(names, box, strict=True)), "probability": track.confidence}
-            )
+            status.values = _pairs(track_values(track))
         array = DiagnosticArray(status=[status])
         self._stamp(array.header, record.captured_s, self.image_frame)
         self._track.publish(array)
@@ -123,13 +126,7 @@ class Outputs:
         if self._detection is not None and track is not None:
             kind, hypothesis, publisher = self._detection
             message = kind(header=array.header)
-            place = message.bbox.center.position
-            place.x, place.y = float(track.box.cx), float(track.box.cy)
-            message.bbox.size_x, message.bbox.size_y = map(float, track.box.xywh[2:])
-            one = hypothesis()
-            one.hypothesis.class_id = str(track.state)
-            one.hypothesis.score = float(track.confidence)
-            message.results = [one]
+            fill_detection(message, hypothesis(), track)
             publisher.publish(message)
 
     def _show_control(self, record: ControlRecord) -> None:
@@ -146,20 +143,13 @@ class Outputs:
     def _show_target(self, fix: TargetPosition) -> None:
         message = PoseWithCovarianceStamped()
         self._stamp(message.header, fix.time_s, self.map_frame)
-        north, east, down = fix.position_m
-        place = message.pose.pose.position
-        place.x, place.y, place.z = float(east), float(north), -float(down)
-        message.pose.pose.orientation.w = 1.0
-        covariance = message.pose.covariance
-        for row, (of, sign) in enumerate(zip(_NED_TO_ENU, _SIGNS, strict=True)):
-            for column, (to, other) in enumerate(zip(_NED_TO_ENU, _SIGNS, strict=True)):
-                covariance[6 * row + column] = sign * other * float(fix.covariance[of, to])
+        fill_fix(message.pose, fix)
         self._target.publish(message)
         if self._tf is not None:
             kind, publisher = self._tf
-            transform = TransformStamped(header=message.header, child_frame_id=_TARGET_FRAME)
-            move = transform.transform.translation
-            move.x, move.y, move.z = place.x, place.y, place.z
+            transform = TransformStamped(header=message.header, child_frame_id=TARGET_FRAME)
+            place = message.pose.pose.position
+            fill_vector(transform.transform.translation, place.x, place.y, place.z)
             publisher.publish(kind(transforms=[transform]))
 
     def _draw(self) -> None:

@@ -21,11 +21,12 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from follower.apps.ros.conversion import (
     fill_attitude,
     fill_image,
+    fill_info,
     fill_vector,
     set_stamp,
     turned_to_body,
 )
-from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR
+from follower.apps.ros.io_node import NEWEST, RELIABLE, SENSOR, interfaces
 from follower.apps.ros.vehicle_topics import LATCHED, mode_name_of
 from follower.links.connections import open_connection
 from follower.settings.settings import find_scenario
@@ -137,11 +138,8 @@ class SimulatedVehicle:
 
     def _publish_info(self, header: Any) -> None:
         model = self.scenario.camera.model
-        info = CameraInfo(header=header, width=model.width, height=model.height)
-        info.distortion_model, info.d = "plumb_bob", [*model.distortion]
-        # ROS counts from the middle of the first pixel, we from its corner.
-        cx, cy = model.cx - 0.5, model.cy - 0.5
-        info.k = [*map(float, (model.fx, 0.0, cx, 0.0, model.fy, cy, 0.0, 0.0, 1.0))]
+        info = CameraInfo(header=header, d=[*model.distortion])
+        fill_info(info, model)
         self._info.publish(info)
 
 
@@ -155,8 +153,7 @@ class SimulatedMavros:
     """
 
     def __init__(self, node: Node, transport: Transport, vehicle: SimulatedVehicle) -> None:
-        from mavros_msgs import msg, srv
-
+        msg, srv = (interfaces("mavros_msgs", kind) for kind in ("msg", "srv"))
         self._msg, self._transport, self._vehicle = msg, transport, vehicle
         self._codec = mavlink.MAVLink(None, SYSTEM_ID, mavlink.MAV_COMP_ID_UDP_BRIDGE)
         self._beat: Any = None

@@ -26,8 +26,7 @@ from follower.apps.ros.conversion import (
     stamp_s,
     turned_to_world,
 )
-from follower.apps.ros.io_node import RELIABLE, SENSOR, IoNode
-from follower.links.connections import ConnectionFailedError
+from follower.apps.ros.io_node import RELIABLE, SENSOR, IoNode, interfaces
 
 VEHICLE, AUTOPILOT = 1, 1
 _MOST_WAITING = 2000
@@ -159,17 +158,11 @@ class MavrosTopics(VehicleTopics):
         prefix: the namespace of MAVROS.
 
     Raises:
-        ConnectionFailedError: MAVROS' messages are not installed.
+        SettingsError: MAVROS' messages are not installed.
     """
 
     def __init__(self, io: IoNode, prefix: str = "mavros") -> None:
-        try:
-            from mavros_msgs import msg, srv
-        except ImportError as error:
-            raise ConnectionFailedError(
-                f"MAVROS' messages are not here ({error}): apt install ros-$ROS_DISTRO-mavros-msgs,"
-                " and source the ROS set-up"
-            ) from error
+        msg, srv = (interfaces("mavros_msgs", kind) for kind in ("msg", "srv"))
         super().__init__(io, f"{prefix}/imu/data", f"{prefix}/local_position/odom")
         self._srv, self._target = srv, msg.PositionTarget
         self._autopilot, self._kind = mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC

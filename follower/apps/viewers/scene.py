@@ -16,7 +16,7 @@ from follower.recording.recorder import CONFIG, LOG, TLOG
 from follower.recording.video_writer import VIDEO
 from follower.settings.settings import Settings, as_recorded, load_settings
 from follower_control.common.strict_config import SettingsError
-from follower_control.servo.position_fix import target_fix
+from follower_control.servo.position_fix import TargetPosition, target_fix
 from follower_control.vehicle.gimbal import camera_to_world
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import rotation
@@ -93,8 +93,15 @@ class FlightScene:
         estimate = record.estimate
         if estimate is None or estimate.age_s > _SHOW_TARGET_S:
             return None
-        fix = target_fix(estimate, record.vehicle, self._settings.servo)
+        fix = self.fix(record)
         return None if fix is None else fix.position_m
+
+    def fix(self, record: ControlRecord) -> TargetPosition | None:
+        """Return where the estimate has the target, however long ago it was seen."""
+        estimate = record.estimate
+        if estimate is None:
+            return None
+        return target_fix(estimate, record.vehicle, self._settings.servo)
 
     def path(self) -> list[Point]:
         """Return the vehicle's places, at most ten a second."""

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class TelemetryLog:
         gimbals: how the camera is held; none if it is fixed, or nobody knows.
         origin: where local positions count from, None if that is not told.
         fov_deg: the camera's horizontal field of view, None if that is not told.
+        lens: what is told of a calibrated lens, as `CameraSettings` has it.
         on_video_clock: times are the video's, as the recording tells them.
     """
 
@@ -60,6 +61,7 @@ class TelemetryLog:
     gimbals: tuple[GimbalState, ...] = ()
     origin: Origin | None = None
     fov_deg: float | None = None
+    lens: dict[str, Any] = field(default_factory=dict)
     on_video_clock: bool = False
 
     @property
@@ -133,7 +135,7 @@ class TelemetrySamples:
         places: (time, north, east, down) where nobody measures velocities.
         gimbals: (time, roll, pitch, yaw) of the camera.
         gimbal_from_north: those are against the horizon and from north; else against the body.
-        origin, fov_deg, on_video_clock: see `TelemetryLog`.
+        origin, fov_deg, lens, on_video_clock: see `TelemetryLog`.
     """
 
     attitudes: list[tuple[float, ...]] = field(default_factory=list)
@@ -146,6 +148,7 @@ class TelemetrySamples:
     gimbal_from_north: bool = False
     origin: Origin | None = None
     fov_deg: float | None = None
+    lens: dict[str, Any] = field(default_factory=dict)
     on_video_clock: bool = False
 
     def add_fix(
@@ -201,6 +204,7 @@ class TelemetrySamples:
             self._held(),
             self.origin,
             self.fov_deg,
+            self.lens,
             self.on_video_clock,
         )
 

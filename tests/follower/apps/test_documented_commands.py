@@ -20,7 +20,10 @@ from follower.simulation.faults.fault import fault_named
 from follower_control.common.strict_config import SettingsError
 
 ROOT = Path(__file__).parents[3]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md")))
+PAGES = (
+    *(ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))),
+    *sorted((ROOT / "examples").glob("*/README.md")),
+)
 FENCED = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(follower [^`\n]+)`")
 OTHER_SETTINGS = ("detector", "fusion", "campaign")

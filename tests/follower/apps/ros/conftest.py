@@ -44,6 +44,13 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ros_interfaces.build(tmp_path_factory.mktemp("ros_interfaces"))
 
 
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Give a domain of ROS that no other test of this computer has."""
+    with free_domain() as number:
+        yield number
+
+
 @contextmanager
 def free_domain() -> Iterator[int]:
     """Give a domain of ROS that no other rig of this computer has."""
@@ -186,6 +193,20 @@ class Rig:
     @property
     def stands(self) -> bool:
         return self.speed < STILL_M_S
+
+    def assert_ends_following(self, what: str, fault: str) -> None:
+        """Follow, spoil the image or the pose, and see that it ends, stands, and asked for numbers.
+
+        The fault is taken away again.
+        """
+        self.follow()
+        self.set("simulator", **{what: fault})
+        self.wait(lambda: not self.state.startswith(("following", "coasting")))
+        self.wait(lambda: self.stands)
+        for one in self.seen["/taken"]:
+            v = one.twist.linear
+            assert all(map(math.isfinite, (v.x, v.y, v.z)))
+        self.set("simulator", **{what: ""})
 
     def follow(self) -> None:
         """Have the pilot consent, and wait until it follows and moves."""

@@ -1,18 +1,27 @@
 """A recorded flight becomes a bag that others open, and a bag becomes a flight again."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags is not here: pip install -e .[ros]")
 
 from mcap.reader import make_reader
+from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
 
 from follower import open_flight, simulate
-from follower.apps.ros.bag import CLIP, TABLE, pack, unpack
+from follower.apps.main import app
+from follower.apps.ros.bag import CLIP, TABLE, pack, read_bag, unpack
+from follower.apps.ros.conversion import attitude_of, turned_to_body
+from follower.apps.viewers.scene import FlightScene
+from follower.recording import RecordedFlight
 from follower.recording.telemetry_logs import read_telemetry
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.video_file import VideoFile
@@ -39,7 +48,10 @@ def test_the_bag_is_mcap_with_the_schemas_of_ros(flight: Path, bag: Path) -> Non
         "sensor_msgs/msg/CompressedImage",
         "sensor_msgs/msg/Imu",
         "nav_msgs/msg/Odometry",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
         "geometry_msgs/msg/TwistStamped",
+        "tf2_msgs/msg/TFMessage",
+        "vision_msgs/msg/Detection2D",
         "diagnostic_msgs/msg/DiagnosticArray",
     }
     assert {one.message_encoding for one in summary.channels.values()} == {"cdr"}
@@ -48,6 +60,109 @@ def test_the_bag_is_mcap_with_the_schemas_of_ros(flight: Path, bag: Path) -> Non
         counts = {one.topic: one.msgcount for one in reader.connections}
     assert counts["/image/compressed"] == len(recorded.frames)
     assert counts["/follower/setpoint"] == sum(one.sent for one in recorded.log.controls)
+
+
+def messages(bag: Path, topic: str) -> list[Any]:
+    """Return a topic's messages, in the order of time."""
+    with AnyReader([bag]) as reader:
+        wanted = [one for one in reader.connections if one.topic == topic]
+        return [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(wanted)]
+
+
+def since(message: Any, flight: RecordedFlight) -> float:
+    """Return a message's time on the flight's clock, in seconds."""
+    stamp = message.header.stamp
+    return stamp.sec + stamp.nanosec * 1e-9 - flight.config.epoch_ns * 1e-9
+
+
+def test_the_bag_has_the_lens_with_each_picture(flight: Path, bag: Path) -> None:
+    infos, lens = messages(bag, "/camera_info"), FlightScene(open_flight(flight)).camera
+    assert lens is not None
+    pictures = messages(bag, "/image/compressed")
+    assert [str(one.header) for one in infos] == [str(one.header) for one in pictures]
+    info = infos[-1]
+    assert (info.header.frame_id, info.width, info.height) == ("camera", lens.width, lens.height)
+    k = [lens.fx, 0, lens.cx - 0.5, 0, lens.fy, lens.cy - 0.5, 0, 0, 1]
+    assert info.k.tolist() == pytest.approx(k)
+    assert info.p.reshape(3, 4)[:, :3].ravel().tolist() == pytest.approx(k)
+    assert info.d.tolist() == pytest.approx(lens.distortion)
+
+
+def test_the_bag_has_each_tracks_box(flight: Path, bag: Path) -> None:
+    recorded = open_flight(flight)
+    tracks = [one for one in recorded.log.tracks if one.track is not None]
+    boxes = messages(bag, "/follower/detection")
+    assert len(boxes) == len(tracks) > 0
+    for record, message in zip(tracks, boxes, strict=True):
+        track, place = record.track, message.bbox.center.position
+        assert message.header.frame_id == "camera"
+        assert since(message, recorded) == pytest.approx(record.captured_s, abs=1e-5)
+        box = place.x, place.y, message.bbox.size_x, message.bbox.size_y
+        assert box == pytest.approx((track.box.cx, track.box.cy, track.box.width, track.box.height))
+        (result,) = message.results
+        assert result.hypothesis.class_id == str(track.state)
+        assert result.hypothesis.score == pytest.approx(track.confidence)
+
+
+def test_the_bag_has_the_targets_place_in_the_map(flight: Path, bag: Path) -> None:
+    recorded = open_flight(flight)
+    scene = FlightScene(recorded)
+    fixes = [fix for one in recorded.log.controls if (fix := scene.fix(one)) is not None]
+    told = messages(bag, "/follower/target")
+    assert len(told) == len(fixes) > 0
+    fix, message = fixes[-1], told[-1]
+    place, (north, east, down) = message.pose.pose.position, fix.position_m
+    assert message.header.frame_id == "map"
+    assert since(message, recorded) == pytest.approx(fix.time_s, abs=1e-5)
+    assert (place.x, place.y, place.z) == pytest.approx((east, north, -down))
+    variances = message.pose.covariance.reshape(6, 6)
+    assert variances[0, 0] == pytest.approx(fix.covariance[1, 1])
+    assert variances[0, 2] == pytest.approx(-fix.covariance[1, 2])
+    true = recorded.truth[-1].target_position_m
+    began = recorded.truth[0].vehicle.position_m
+    assert math.hypot(place.y + began[0] - true[0], place.x + began[1] - true[1]) < 8.0
+
+
+def test_transforms_put_the_target_into_the_middle_of_the_box(flight: Path, bag: Path) -> None:
+    """Through the frames of the bag alone: from the map into the camera, by its lens a pixel."""
+    moved = [one.transforms[0] for one in messages(bag, "/tf")]
+    assert {one.header.frame_id for one in moved} == {"map"}
+    last = {one.child_frame_id: one.transform for one in moved}
+    assert last.keys() == {"base_link", "camera", "follower_target"}
+    vehicle = open_flight(flight).log.controls[-1].vehicle
+    body = last["base_link"]
+    assert attitude_of(body.rotation) == pytest.approx(vehicle.attitude.numbers[:3], abs=0.02)
+    assert body.translation.z == pytest.approx(-vehicle.position.down_m, abs=0.2)
+    camera, target = last["camera"], last["follower_target"].translation
+    e, n, u = (getattr(target, a) - getattr(camera.translation, a) for a in "xyz")
+    right, down, forward = turned_to_body(camera.rotation, (n, e, -u))
+    k = messages(bag, "/camera_info")[-1].k.reshape(3, 3)
+    x, y, _ = k @ (right / forward, down / forward, 1.0)
+    box = messages(bag, "/follower/detection")[-1].bbox
+    assert x == pytest.approx(box.center.position.x, abs=max(box.size_x, 20.0))
+    assert y == pytest.approx(box.center.position.y, abs=max(box.size_y, 20.0))
+
+
+def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> None:
+    path, topics = tmp_path / "flight.bag", ("/image/compressed", "/camera_info", "/imu")
+    store, nothing = get_typestore(Stores.ROS1_NOETIC), ("", 0, None, "", None)
+    convert([bag], path, *nothing, store, (), topics, (), ())
+    known, new = read_bag(path), read_bag(bag)
+    assert known is not None
+    assert new is not None
+    assert known.lens == new.lens != {}
+
+
+def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path: Path) -> None:
+    flown = FlightScene(open_flight(flight)).camera
+    assert flown is not None
+    result = CliRunner().invoke(app, ["import", str(bag), "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    (folder,) = tmp_path.glob("import-*")
+    lens = FlightScene(open_flight(folder)).camera
+    assert lens is not None
+    assert (lens.width, lens.fx, lens.cx) == pytest.approx((flown.width, flown.fx, flown.cx))
+    assert lens.distortion == flown.distortion
 
 
 def test_what_comes_back_is_what_was_flown(flight: Path, bag: Path, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +14,18 @@ from typer.testing import CliRunner
 from follower.apps.main import app
 from follower.apps.ros.conversion import (
     attitude_of,
-    camera_overrides,
     fill_attitude,
+    fill_turn,
     flat_settings,
     image_of,
+    lens_of,
     set_stamp,
     stamp_s,
     turned_to_body,
     turned_to_world,
 )
 from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
 
 ROOT = Path(__file__).parents[4]
 
@@ -42,6 +45,17 @@ def test_a_body_that_looks_north_has_its_forward_axis_there() -> None:
     world = turned_to_world(q, SimpleNamespace(x=2.0, y=0.5, z=-1.0))
     assert world == pytest.approx((2.0, -0.5, 1.0))
     assert turned_to_body(q, world) == pytest.approx((2.0, 0.5, -1.0))
+
+
+def test_a_turn_to_north_east_down_becomes_one_to_east_north_up() -> None:
+    """Of a camera (right, down, forward) that looks north: up is its image's top."""
+    half = 0.5
+    q = SimpleNamespace()
+    fill_turn(q, (half, half, half, half))  # right is east, down is down, forward is north
+    right = turned_to_world(q, SimpleNamespace(x=1.0, y=0.0, z=0.0))
+    forward = turned_to_world(q, SimpleNamespace(x=0.0, y=0.0, z=1.0))
+    assert right == pytest.approx((0.0, 1.0, 0.0))
+    assert forward == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_stamps_keep_their_nanoseconds() -> None:
@@ -84,10 +98,11 @@ def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
 def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> None:
     k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
     info = SimpleNamespace(k=k, d=[0.1, 0, 0, 0, 0], width=640, distortion_model="plumb_bob")
-    assert "camera.focal_px=500.0" in camera_overrides(info)
-    assert "camera.center_px=[320.0, 240.0]" in camera_overrides(info)
+    distortion = (0.1, 0.0, 0.0, 0.0, 0.0)
+    lens = {"focal_px": 500.0, "focal_width_px": 640, "center_px": (320.0, 240.0)}
+    assert lens_of(info) == {**lens, "distortion": distortion}
     info.k = [0.0] * 9
-    assert camera_overrides(info) == []
+    assert lens_of(info) == {}
 
 
 @pytest.mark.parametrize(
@@ -96,12 +111,17 @@ def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> No
         ([500.0, 0, 319.5, 0, 450.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
         ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 4, "equidistant"),
         ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.1] * 8, "rational_polynomial"),
+        ([math.nan, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, math.nan, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, 300.0, math.inf, 0, 0, 1], [0.0] * 5, "plumb_bob"),
+        ([300.0, 0, 319.5, 0, 300.0, 239.5, 0, 0, 1], [0.0, math.nan, 0, 0, 0], "plumb_bob"),
+        ([300.0, 0, 9999.5, 0, 300.0, 239.5, 0, 0, 1], [0.0] * 5, "plumb_bob"),
     ],
 )
 def test_a_lens_that_ours_cannot_be_does_not_count(k: list, d: list, model: str) -> None:
     """Its lines of sight would be wrong, and the preflight check would say that all is well."""
     info = SimpleNamespace(k=k, d=d, width=640, distortion_model=model)
-    assert camera_overrides(info) == []
+    assert lens_of(info) == {}
 
 
 def test_a_mistyped_option_is_no_argument_of_ros() -> None:
@@ -122,15 +142,59 @@ def test_the_packages_files_are_what_the_settings_and_configs_have() -> None:
     assert yaml.safe_load(text)["follower"]["ros__parameters"] == flat_settings(Settings())
 
 
+def without(package: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command where a package is not installed."""
+    code = (
+        f"import sys; sys.modules[{package!r}] = None; sys.argv = ['follower', *{arguments!r}]; "
+        "from follower.apps.main import main; main()"
+    )
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["ros", "ros-demo"])
 def test_without_ros_it_says_which_extra_to_install(command: str) -> None:
-    code = (
-        "import sys; sys.modules['rclpy'] = None; "
-        f"sys.argv = ['follower', {command!r}]; "
-        "from follower.apps.main import main; main()"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    result = without("rclpy", command)
     assert result.returncode == 2
     assert "pip install -e '.[ros]'" in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("package", "code", "arguments"),
+    [
+        ("vision_msgs", 1, ("ros", "--detections", "/others", "--activate")),
+        ("mavros_msgs", 1, ("ros", "--mode", "mavros", "--activate")),
+        ("mavros_msgs", 2, ("ros-demo", "--mode", "mavros")),
+    ],
+)
+def test_without_a_package_of_messages_one_line_names_it(
+    package: str, code: int, arguments: tuple[str, ...]
+) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    result = without(package, *arguments)
+    assert result.returncode == code
+    assert f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not result.stdout
+
+
+@pytest.mark.slow
+def test_without_an_autopilot_each_failed_check_has_its_line(free_port: Any) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    connect = ("--connect", f"udpin:127.0.0.1:{free_port()}")
+    result = without("nothing", "ros", "--mode", "direct", *connect, "--activate")
+    assert result.returncode == 1
+    first, *others = result.stderr.splitlines()
+    assert "cannot activate: preflight: " in first
+    assert len(others) > 5
+    assert all(line.startswith("  ") and ": " in line for line in others)
+    assert max(map(len, (first, *others))) < 400
+
+
+@pytest.mark.parametrize("mode", ["perception", "sideways"])
+def test_the_demo_refuses_modes_in_which_nobody_flies(mode: str) -> None:
+    result = CliRunner().invoke(app, ["ros-demo", "--mode", mode])
+    assert isinstance(result.exception, SettingsError)
+    assert str(result.exception) == f"--mode {mode}: the demo is flown by mavros or direct"

@@ -54,16 +54,7 @@ def test_nothing_moves_before_the_pilot_consents_and_then_it_follows(flying) -> 
 def test_what_is_missing_not_finite_or_of_another_time_ends_the_following(
     flying, what: str, fault: str
 ) -> None:
-    flying.follow()
-    flying.set("simulator", **{what: fault})
-    flying.wait(lambda: not flying.state.startswith(("following", "coasting")))
-    flying.wait(lambda: flying.stands)
-    assert all(
-        math.isfinite(v)
-        for one in flying.seen["/taken"]
-        for v in (one.twist.linear.x, one.twist.linear.y, one.twist.linear.z)
-    )
-    flying.set("simulator", **{what: ""})
+    flying.assert_ends_following(what, fault)
 
 
 def reliabilities(ends: list[Any]) -> list[ReliabilityPolicy]:
