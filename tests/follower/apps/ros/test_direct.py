@@ -29,16 +29,6 @@ def flying(make_rig, free_port) -> Iterator:
         yield rig
 
 
-@pytest.mark.parametrize(
-    ("what", "fault"),
-    [("image", "missing"), ("image", "ahead"), ("pose", "missing"), ("pose", "nan")],
-)
-def test_what_is_missing_not_finite_or_of_another_time_ends_the_following(
-    flying, what: str, fault: str
-) -> None:
-    flying.assert_ends_following(what, fault)
-
-
 def test_it_follows_and_deactivated_it_releases_the_vehicle_first(flying) -> None:
     flying.spin(2.0)
     assert not flying.state.startswith("following")
