@@ -56,7 +56,6 @@ class Target:
         usual_size: log of width and height, (2,), as confirmed over the last second.
         memory: how it looks.
         box: in the last frame, pixels, of the filter's size: what is learnt from.
-        reported: the same as it was seen: sizes err slowly, so that a filter only makes them late.
         captured_s: time of the last frame.
         seen_s: time of the last frame in which it was observed.
         detector: what the detector sees of it.
@@ -72,6 +71,7 @@ class Target:
         foreseen: where control expects it in the frame; None where control knows nothing.
         other_place: where something like the target was detected while it is lost, pixels.
         history: the box by index, for the answers of a detector in the background.
+        reported: the box as it was seen: sizes err slowly, so that a filter only makes them late.
     """
 
     filter: BoxFilter
@@ -79,7 +79,6 @@ class Target:
     usual_size: Floats
     memory: AppearanceMemory
     box: Box
-    reported: Box
     captured_s: float
     seen_s: float
     detector: DetectorMemory = field(default_factory=DetectorMemory)
@@ -96,6 +95,10 @@ class Target:
     other_place: Box | None = None
     interval_s: float = 0.0
     history: dict[int, Box] = field(default_factory=dict)
+    reported: Box = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reported = self.box
 
     @property
     def lost(self) -> bool:

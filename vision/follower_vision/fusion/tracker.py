@@ -168,7 +168,7 @@ class FusionTracker:
         )
         size, now_s = log_sides(box), frame.captured_s
         filter_ = BoxFilter(self._model.noise, box)
-        self._target = Target(filter_, box, size, memory, box, box, now_s, now_s)
+        self._target = Target(filter_, box, size, memory, box, now_s, now_s)
         self._target.remember_box()
         self._ask(frame.image, self._target)
         return self.conclude(frame)
