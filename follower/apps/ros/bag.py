@@ -265,9 +265,9 @@ def _errors(bag: Path) -> Iterator[None]:
     """Make one line of what rosbags raises of a broken file, which has many kinds."""
     try:
         yield
+    except SourceError:
+        raise
     except Exception as error:
-        if isinstance(error, SourceError):
-            raise
         raise SourceError(f"{bag}: cannot be read as a bag: {error}") from error
 
 

@@ -31,7 +31,7 @@ class TopicDetector:
 
     def __init__(self, io: IoNode, topic: str) -> None:
         kind = interfaces("vision_msgs").Detection2DArray
-        self._io, self._clock, self.topic = io, io.clock, io.name_of(topic)
+        self._io, self.topic = io, io.name_of(topic)
         self._newest: tuple[float, list[Detection]] = (float("-inf"), [])
         self.class_names: tuple[str, ...] = ()
         io.subscribe(kind, topic, self._take)
@@ -45,7 +45,7 @@ class TopicDetector:
         """Return what the other node saw last; only centres in `region` count, if it is given."""
         stamped_s, found = self._newest
         height, width = image.shape[:2]
-        fresh = self._clock.now() - stamped_s <= _FRESH_S
+        fresh = self._io.clock.now() - stamped_s <= _FRESH_S
         return [
             one
             for one in (found if fresh else ())
@@ -54,7 +54,7 @@ class TopicDetector:
         ]
 
     def _take(self, message: Any) -> None:
-        stamped_s = self._clock.of_stamp(stamp_s(message.header.stamp))
+        stamped_s = self._io.clock.of_stamp(stamp_s(message.header.stamp))
         if stamped_s is None:
             return
         found = []
