@@ -68,6 +68,7 @@ class SimulationResult:
         end: how it ended.
         score: held against the truth; units stand in the names, shares go from 0 to 1.
         violations: what went over the wire that never may, of a program's flight.
+        frames_late: whether this computer was too slow to fly in real time.
 
     Examples:
         >>> import follower
@@ -81,6 +82,7 @@ class SimulationResult:
     end: FlightEnd
     score: PursuitScore
     violations: tuple[str, ...] = ()
+    frames_late: bool = False
 
 
 def simulate(options: SimulationOptions, console: Console | None = None) -> SimulationResult:
@@ -143,7 +145,8 @@ class _Simulation:
             code = end.exit_code
         else:
             code = SUCCESS if passed and not violations else FAILED
-        return SimulationResult(code, folder, end, flight.score(), violations)
+        late = self._late_frames(flight) is not None
+        return SimulationResult(code, folder, end, flight.score(), violations, late)
 
     def _fly(
         self,

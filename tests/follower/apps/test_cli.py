@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -18,8 +19,9 @@ import numpy as np
 import pytest
 from small_scenario import small_scenario
 
-from follower.apps.main import INTERRUPTED, SUCCESS, UNUSABLE
+from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE
 from follower.recording import open_flight
+from follower.simulation.options import SimulationOptions
 from follower_vision.sources.open import open_source
 
 RunCommand = Callable[..., Any]
@@ -115,6 +117,35 @@ def test_an_autopilot_that_never_answers_is_not_waited_for_for_ever(
     assert result.code == UNUSABLE
     assert "no autopilot answered within 1 s" in result.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "late", "flown"),
+    [
+        ([], True, [False, True]),
+        ([], False, [False]),
+        (["--lockstep"], False, [True]),
+        (["--link", "mavsdk"], True, [False]),  # which cannot be flown in lockstep
+    ],
+)
+def test_a_demo_that_failed_on_a_slow_computer_is_flown_once_more_in_lockstep(
+    run_command: RunCommand,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    late: bool,
+    flown: list[bool],
+) -> None:
+    asked: list[SimulationOptions] = []
+
+    def fly(options: SimulationOptions) -> SimpleNamespace:
+        asked.append(options)
+        code = SUCCESS if options.lockstep else FAILED
+        return SimpleNamespace(exit_code=code, frames_late=late and not options.lockstep)
+
+    monkeypatch.setattr("follower.simulation.run.simulate", fly)
+    result = run_command("demo", *arguments)
+    assert [one.lockstep for one in asked] == flown
+    assert result.code == (SUCCESS if flown[-1] else FAILED)
 
 
 @pytest.mark.slow
