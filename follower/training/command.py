@@ -207,6 +207,12 @@ def _train_fusion(
             help="Folder of choices written down elsewhere, as by benchmarks/fusion_flights.py."
         ),
     ] = None,
+    begin: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of an earlier fit with the same folds, whose models drive the first round."
+        ),
+    ] = None,
     out: _Out = RUNS,
 ) -> None:
     """Fit the probability by which Fusion chooses to annotated footage.
@@ -228,7 +234,7 @@ def _train_fusion(
     places = sequence_folders(sequences)
     known = None if folds is None else read_folds(folds)
     elsewhere = () if choices is None else read_choices(choices)
-    fitted = FusionTrainer(settings, places, folder, known, elsewhere).train()
+    fitted = FusionTrainer(settings, places, folder, known, elsewhere, begin).train()
     for setup in settings.setups:
         figures = fitted.figures(setup)
         typer.echo(

@@ -25,10 +25,11 @@ from follower.workers import LocalEngine, job_progress
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
 from follower_vision.evaluation.multi_start import Run, sequence_figures
-from follower_vision.fusion.model import CandidateModel, ProbabilityModel, family_of
+from follower_vision.fusion.model import CandidateModel, ProbabilityModel, family_of, model_for
 from follower_vision.geometry.box import Box
 
 FITTED = "fitted.json"
+_FOLD = "fold-{}.json"
 _LONGEST_S = 86400.0
 _LOG_ROUNDS = 3
 """Runs of older rounds are forgotten: their models went other ways than the last one will."""
@@ -68,9 +69,12 @@ class FusionTrainer:
         folder: where everything is written.
         folds: number of each sequence's fold, by name; None deals them by name.
         choices: written down elsewhere, as in simulated flights; every fit learns from them too.
+        begin: folder of an earlier fit with the same folds, whose models drive the first round;
+            None: it follows the motion tracker's best place.
 
     Raises:
         SettingsError: there are too few sequences, or one cannot be read.
+        ModelError: a model of the earlier fit cannot be read.
     """
 
     def __init__(
@@ -80,15 +84,14 @@ class FusionTrainer:
         folder: Path,
         folds: Mapping[str, int] | None = None,
         choices: Sequence[Examples] = (),
+        begin: Path | None = None,
     ) -> None:
         self._choices = list(choices)
         self._config, self._folder = config, folder
         self._places = {one.name: one for one in folders}
         self._folds = _dealt(self._places, config.folds, folds)
         self._truths = {name: read_sequence(place).truth for name, place in self._places.items()}
-        self._models: dict[int, ProbabilityModel] = dict.fromkeys(
-            set(self._folds.values()), FirstPeak()
-        )
+        self._models = {fold: self._first_model(fold, begin) for fold in set(self._folds.values())}
 
     def train(self) -> FittedFusion:
         """Do all rounds, score out of fold, and write the model that was fitted to everything."""
@@ -113,8 +116,13 @@ class FusionTrainer:
         for fold, model in self._models.items():
             if isinstance(model, CandidateModel):
                 stored = {"models": {family: model.to_json()}}
-                write_whole(self._folder / f"fold-{fold}.json", json.dumps(stored))
+                write_whole(self._folder / _FOLD.format(fold), json.dumps(stored))
         return FittedFusion(path, self._scored())
+
+    def _first_model(self, fold: int, begin: Path | None) -> ProbabilityModel:
+        if begin is None:
+            return FirstPeak()
+        return model_for(self._config.setups[0].tracker, str(begin / _FOLD.format(fold)))
 
     def _fit_folds(self, rounds: list[dict[str, Examples]], words: str) -> None:
         jobs = {

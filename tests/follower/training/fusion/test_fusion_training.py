@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -44,6 +45,7 @@ from follower_vision.fusion.model import model_for
 from follower_vision.fusion.tracker import Choice, FusionTracker
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
+from follower_vision.onnx_network import ModelError
 from follower_vision.trackers.motion_tracker import IdentityTracker, MotionEstimate
 
 FRAMES = 30
@@ -104,6 +106,19 @@ def test_a_fit_follows_what_it_has_not_seen(fitted: FittedFusion) -> None:
     assert 0 < model.noise.place["peak"] < 1
     names = sorted(path.name for path in fitted.path.parent.glob("fold-*.json"))
     assert names == ["fold-0.json", "fold-1.json"]
+
+
+@pytest.mark.slow
+def test_a_fit_goes_on_from_an_earlier_one_with_its_folds(
+    fitted: FittedFusion, footage: Path, tmp_path: Path
+) -> None:
+    places, earlier = sequence_folders([footage]), fitted.path.parent
+    trainer = FusionTrainer(a_config(), places, tmp_path / "on", FOLDS, (), earlier)
+    assert trainer.train().path.read_text("utf-8") != fitted.path.read_text("utf-8")
+    (tmp_path / "half").mkdir()
+    shutil.copy(earlier / "fold-0.json", tmp_path / "half")
+    with pytest.raises(ModelError, match=r"fold-1\.json"):
+        FusionTrainer(a_config(), places, tmp_path / "on", FOLDS, (), tmp_path / "half")
 
 
 @pytest.mark.slow
