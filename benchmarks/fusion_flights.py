@@ -4,8 +4,9 @@
 
 Flies runs of the standard campaign with pixels. Fusion is put back on its target some time after
 a loss, and writes OUT/NUMBER.npz: each candidate's features and its overlap with the truth,
-control's predictions among them. A target of which less than 0.3 is to be seen counts as absent.
-The first 300 runs are left to measure on.
+control's predictions among them. The truth is the part of the target that was chosen, as a person's
+shirt: held against the whole person, every right box would be a wrong one. A target of which less
+than 0.3 is to be seen counts as absent. The first 300 runs are left to measure on.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -30,10 +31,40 @@ from follower_control.common.transport import MemoryTransport
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 from follower_vision.fusion import FusionTracker
+from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.track import Track
 
 LEAST_SEEN = 0.3
+_CHOSEN = "start"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The part of a target that was chosen, in sizes of the whole.
+
+    Attributes:
+        right: of its middle from the whole's.
+        down: the same downwards.
+        width: of it.
+        height: of it.
+    """
+
+    right: float = 0.0
+    down: float = 0.0
+    width: float = 1.0
+    height: float = 1.0
+
+    @classmethod
+    def chosen(cls, box: Box, whole: Box) -> Part:
+        """Return the part of a whole that a box is."""
+        right, down = (box.cx - whole.cx) / whole.width, (box.cy - whole.cy) / whole.height
+        return cls(right, down, box.width / whole.width, box.height / whole.height)
+
+    def of(self, whole: Box) -> Box:
+        """Return where the part is, by where the whole is."""
+        cx, cy = whole.cx + self.right * whole.width, whole.cy + self.down * whole.height
+        return Box(cx, cy, self.width * whole.width, self.height * whole.height)
 
 
 class Lesson:
@@ -42,6 +73,7 @@ class Lesson:
     def __init__(self) -> None:
         self.teacher: Teacher | None = None
         self.flight: SimulatedFlight | None = None
+        self._part = Part()
 
     def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Take a frame's answer."""
@@ -49,7 +81,10 @@ class Lesson:
         if self.teacher is not None and self.flight is not None and tracks:
             seen = self.flight.true_target(frame.captured_s)
             there = seen.visible_share * seen.in_frame_share > LEAST_SEEN
-            self.teacher.correct(tracks[0], seen.box if there else None)
+            if tracks[0].produced_by == _CHOSEN and seen.box is not None:
+                self._part = Part.chosen(tracks[0].box, seen.box)
+            truth = self._part.of(seen.box) if there and seen.box is not None else None
+            self.teacher.correct(tracks[0], truth)
 
 
 def fly(spec: RunSpec, out: Path) -> None:
