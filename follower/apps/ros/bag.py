@@ -33,7 +33,7 @@ from follower.apps.ros.conversion import (
     turned_to_body,
     turned_to_world,
 )
-from follower.apps.viewers.scene import FlightScene, Pose
+from follower.apps.viewers.scene import FlightScene
 from follower.flight.log import ControlRecord, TrackRecord
 from follower.recording import open_flight
 from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME, read_csv
@@ -106,8 +106,8 @@ class _Bag:
         data = _STORE.serialize_cdr(message, kind)
         self._writer.write(self._topics[topic], self.stamp_ns(time_s), data)
 
-    def transform(self, child: str, time_s: float, place: Any, turn: Any = None) -> None:
-        """Write where a frame is in the map, and how it is turned, on /tf."""
+    def transform(self, child: str, time_s: float, place: Any, turn: Any = None) -> Any:
+        """Return where a frame is in the map, and how it is turned, for /tf."""
         kind = "geometry_msgs/msg/TransformStamped"
         message = self.new(kind, time_s, "map", child_frame_id=child)
         move = message.transform
@@ -115,7 +115,7 @@ class _Bag:
         move.rotation.w = 1.0
         if turn is not None:
             move.rotation = turn
-        self.write("/tf", _new("tf2_msgs/msg/TFMessage", transforms=[message]), time_s)
+        return message
 
 
 def pack(flight: Path, out: Path) -> Path:
@@ -148,7 +148,7 @@ def pack(flight: Path, out: Path) -> Path:
                 _pack_attitude(bag, attitude)
             if record.vehicle.position not in (None, position) and record.vehicle.attitude:
                 position = record.vehicle.position
-                _pack_position(bag, position, record.vehicle.attitude, scene.eye(record))
+                _pack_position(bag, position, record.vehicle.attitude, record, scene)
             _pack_control(bag, record, scene)
         for track in recorded.log.tracks:
             _pack_track(bag, track)
@@ -178,7 +178,9 @@ def _pack_attitude(bag: _Bag, a: Attitude) -> None:
     bag.write("/imu", message, a.time_s)
 
 
-def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude, eye: Pose | None) -> None:
+def _pack_position(
+    bag: _Bag, p: LocalPosition, a: Attitude, record: ControlRecord, scene: FlightScene
+) -> None:
     message = bag.new("nav_msgs/msg/Odometry", p.time_s, "map", child_frame_id="base_link")
     pose = message.pose.pose
     fill_vector(pose.position, p.east_m, p.north_m, -p.down_m)
@@ -186,11 +188,18 @@ def _pack_position(bag: _Bag, p: LocalPosition, a: Attitude, eye: Pose | None) -
     body = turned_to_body(pose.orientation, (p.north_m_s, p.east_m_s, p.down_m_s))
     fill_vector(message.twist.twist.linear, *body)
     bag.write("/odometry", message, p.time_s)
-    bag.transform("base_link", p.time_s, pose.position, pose.orientation)
+    frames = [bag.transform("base_link", p.time_s, pose.position, pose.orientation)]
+    eye, fix = scene.eye(record), scene.fix(record)
     if eye is not None:
         turn = _new("geometry_msgs/msg/Quaternion")
         fill_turn(turn, eye.turn)
-        bag.transform("camera", p.time_s, pose.position, turn)
+        frames.append(bag.transform("camera", p.time_s, pose.position, turn))
+    if fix is not None:
+        north, east, down = fix.position_m
+        place = SimpleNamespace(x=east, y=north, z=-down)
+        frames.append(bag.transform(TARGET_FRAME, fix.time_s, place))
+    # In one message: of each topic, a viewer that jumps in time has the last one only.
+    bag.write("/tf", _new("tf2_msgs/msg/TFMessage", transforms=frames), record.time_s)
 
 
 def _pack_control(bag: _Bag, record: ControlRecord, scene: FlightScene) -> None:
@@ -203,7 +212,6 @@ def _pack_control(bag: _Bag, record: ControlRecord, scene: FlightScene) -> None:
         target = bag.new("geometry_msgs/msg/PoseWithCovarianceStamped", fix.time_s, "map")
         fill_fix(target.pose, fix)
         bag.write("/follower/target", target, fix.time_s)
-        bag.transform(TARGET_FRAME, fix.time_s, target.pose.pose.position)
     said = f"{record.state}: {record.reason}"
     _pack_status(bag, "/diagnostics", "follower: supervisor", said, {}, record.time_s)
 

@@ -125,7 +125,7 @@ def test_the_bag_has_the_targets_place_in_the_map(flight: Path, bag: Path) -> No
 
 def test_transforms_put_the_target_into_the_middle_of_the_box(flight: Path, bag: Path) -> None:
     """Through the frames of the bag alone: from the map into the camera, by its lens a pixel."""
-    moved = [one.transforms[0] for one in messages(bag, "/tf")]
+    moved = [one for message in messages(bag, "/tf") for one in message.transforms]
     assert {one.header.frame_id for one in moved} == {"map"}
     last = {one.child_frame_id: one.transform for one in moved}
     assert last.keys() == {"base_link", "camera", "follower_target"}
@@ -141,6 +141,22 @@ def test_transforms_put_the_target_into_the_middle_of_the_box(flight: Path, bag:
     box = messages(bag, "/follower/detection")[-1].bbox
     assert x == pytest.approx(box.center.position.x, abs=max(box.size_x, 20.0))
     assert y == pytest.approx(box.center.position.y, abs=max(box.size_y, 20.0))
+
+
+def test_each_message_of_tf_has_all_frames_that_are_known(bag: Path) -> None:
+    """A viewer that jumps in time has the last message before it only."""
+    moved = [one.transforms for one in messages(bag, "/tf")]
+    names, vehicle = (
+        [[one.child_frame_id for one in each] for each in moved],
+        ["base_link", "camera"],
+    )
+    seen = names.count([*vehicle, "follower_target"])
+    assert 0 < seen < len(names) == len(messages(bag, "/odometry"))
+    assert names == [vehicle] * (len(names) - seen) + [[*vehicle, "follower_target"]] * seen
+    places = {str(one.header): one.pose.pose.position for one in messages(bag, "/follower/target")}
+    for *_, target in moved[-seen:]:
+        place, move = places[str(target.header)], target.transform.translation
+        assert (move.x, move.y, move.z) == (place.x, place.y, place.z)
 
 
 def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> None:
