@@ -35,6 +35,7 @@ from follower.apps.ros.conversion import (
 )
 from follower.apps.viewers.scene import FlightScene
 from follower.flight.log import ControlRecord, TrackRecord
+from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 from follower.recording.telemetry_logs.readers import ANGLES, MODE, PLACE, RATES, TIME, read_csv
 from follower.recording.telemetry_logs.samples import TelemetryLog, TelemetrySamples
@@ -43,6 +44,7 @@ from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_vision.drawing.video_writer import VideoWriter
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself, SourceError
+from follower_vision.trackers.track import TrackState
 
 METADATA = "metadata.yaml"
 TABLE, CLIP = "telemetry.csv", "video.mp4"
@@ -65,6 +67,7 @@ _VISION = {
 for _name, _text in _VISION.items():
     _STORE.register(get_types_from_msg(_text, f"vision_msgs/msg/{_name}"))
 _QUALITY = 92
+_OK, _WARN = 0, 1
 
 
 def _new(kind: str, **fields: Any) -> Any:
@@ -142,6 +145,9 @@ def pack(flight: Path, out: Path) -> Path:
         if (recorded.folder / VIDEO).is_file():
             for frame in recorded.pictures():
                 _pack_picture(bag, frame, scene)
+        lost = {
+            t.sequence for t in recorded.log.tracks if t.track and t.track.state == TrackState.LOST
+        }
         position: LocalPosition | None = None
         for record in recorded.log.controls:
             for attitude in record.attitudes:
@@ -150,6 +156,10 @@ def pack(flight: Path, out: Path) -> Path:
                 position = record.vehicle.position
                 _pack_position(bag, position, record.vehicle.attitude, record, scene)
             _pack_control(bag, record, scene)
+            warns = record.state == SupervisorState.RELEASED or record.track_sequence in lost
+            said = f"{record.state}: {record.reason}"
+            status = _status("follower: supervisor", said, {}, _WARN if warns else _OK)
+            _pack_status(bag, "/diagnostics", status, record.time_s)
         for track in recorded.log.tracks:
             _pack_track(bag, track)
     return out
@@ -212,32 +222,30 @@ def _pack_control(bag: _Bag, record: ControlRecord, scene: FlightScene) -> None:
         target = bag.new("geometry_msgs/msg/PoseWithCovarianceStamped", fix.time_s, "map")
         fill_fix(target.pose, fix)
         bag.write("/follower/target", target, fix.time_s)
-    said = f"{record.state}: {record.reason}"
-    _pack_status(bag, "/diagnostics", "follower: supervisor", said, {}, record.time_s)
 
 
 def _pack_track(bag: _Bag, record: TrackRecord) -> None:
-    track = record.track
-    if track is None:
-        return
-    time_s, values = record.captured_s, track_values(track)
-    _pack_status(bag, "/follower/track", "track", str(track.state), values, time_s)
+    track, time_s = record.track, record.captured_s
+    said, values = ("none", {}) if track is None else (str(track.state), track_values(track))
+    _pack_status(bag, "/follower/track", _status("track", said, values), time_s, "camera")
     region = _new("sensor_msgs/msg/RegionOfInterest")
-    fill_region(region, track.box)
+    fill_region(region, None if track is None else track.box)
     bag.write("/follower/roi", region, time_s)
-    detection = bag.new("vision_msgs/msg/Detection2D", time_s, "camera")
-    fill_detection(detection, _new("vision_msgs/msg/ObjectHypothesisWithPose"), track)
-    bag.write("/follower/detection", detection, time_s)
+    if track is not None:
+        detection = bag.new("vision_msgs/msg/Detection2D", time_s, "camera")
+        fill_detection(detection, _new("vision_msgs/msg/ObjectHypothesisWithPose"), track)
+        bag.write("/follower/detection", detection, time_s)
 
 
-def _pack_status(
-    bag: _Bag, topic: str, name: str, said: str, values: dict[str, float], time_s: float
-) -> None:
+def _status(name: str, said: str, values: dict[str, float], level: int = _OK) -> Any:
     pair = _T["diagnostic_msgs/msg/KeyValue"]
     pairs = [pair(key, f"{value:.6g}") for key, value in values.items()]
-    status = _T["diagnostic_msgs/msg/DiagnosticStatus"](0, name, said, "follower", pairs)
+    return _T["diagnostic_msgs/msg/DiagnosticStatus"](level, name, said, "follower", pairs)
+
+
+def _pack_status(bag: _Bag, topic: str, status: Any, time_s: float, frame_id: str = "") -> None:
     kind = "diagnostic_msgs/msg/DiagnosticArray"
-    bag.write(topic, bag.new(kind, time_s, "camera", status=[status]), time_s)
+    bag.write(topic, bag.new(kind, time_s, frame_id, status=[status]), time_s)
 
 
 def unpack(bag: Path, out: Path) -> str:

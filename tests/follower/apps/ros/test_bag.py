@@ -104,6 +104,23 @@ def test_the_bag_has_each_tracks_box(flight: Path, bag: Path) -> None:
         assert result.hypothesis.score == pytest.approx(track.confidence)
 
 
+def test_the_bag_says_that_there_is_no_track_and_warns_of_a_release(
+    flight: Path, bag: Path
+) -> None:
+    recorded = open_flight(flight)
+    told, boxes = messages(bag, "/follower/track"), messages(bag, "/follower/roi")
+    assert len(told) == len(boxes) == len(recorded.log.tracks)
+    for record, message, box in zip(recorded.log.tracks, told, boxes, strict=True):
+        said = "none" if record.track is None else str(record.track.state)
+        assert (message.status[0].message, message.header.frame_id) == (said, "camera")
+        assert (box.width > 0) == (record.track is not None)
+    released = [one.state == "released" for one in recorded.log.controls]
+    assert any(released)
+    health = messages(bag, "/diagnostics")
+    assert [one.status[0].level for one in health] == released
+    assert {one.header.frame_id for one in health} == {""}
+
+
 def test_the_bag_has_the_targets_place_in_the_map(flight: Path, bag: Path) -> None:
     recorded = open_flight(flight)
     scene = FlightScene(recorded)
