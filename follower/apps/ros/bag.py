@@ -66,12 +66,15 @@ _VISION = {
 """Of vision_msgs 4, which rosbags does not know."""
 for _name, _text in _VISION.items():
     _STORE.register(get_types_from_msg(_text, f"vision_msgs/msg/{_name}"))
+_QUATERNION = "geometry_msgs/msg/Quaternion"
 _QUALITY = 92
 _OK, _WARN = 0, 1
 
 
 def _new(kind: str, **fields: Any) -> Any:
-    """Return a message whose other fields are zeros and empty, as rclpy makes them."""
+    """Return a message whose other fields are zeros, empty, or no turn, as rclpy makes them."""
+    if kind == _QUATERNION:
+        fields = {"w": 1.0, **fields}
     others = [one for one in _STORE.fielddefs[kind][1] if one[0] not in fields]
     return _T[kind](**{name: _zero(*of) for name, of in others}, **fields)
 
@@ -115,7 +118,6 @@ class _Bag:
         message = self.new(kind, time_s, "map", child_frame_id=child)
         move = message.transform
         fill_vector(move.translation, place.x, place.y, place.z)
-        move.rotation.w = 1.0
         if turn is not None:
             move.rotation = turn
         return message
@@ -201,7 +203,7 @@ def _pack_position(
     frames = [bag.transform("base_link", p.time_s, pose.position, pose.orientation)]
     eye, fix = scene.eye(record), scene.fix(record)
     if eye is not None:
-        turn = _new("geometry_msgs/msg/Quaternion")
+        turn = _new(_QUATERNION)
         fill_turn(turn, eye.turn)
         frames.append(bag.transform("camera", p.time_s, pose.position, turn))
     if fix is not None:

@@ -102,6 +102,7 @@ def test_the_bag_has_each_tracks_box(flight: Path, bag: Path) -> None:
         (result,) = message.results
         assert result.hypothesis.class_id == str(track.state)
         assert result.hypothesis.score == pytest.approx(track.confidence)
+        assert result.pose.pose.orientation.w == 1.0
 
 
 def test_the_bag_says_that_there_is_no_track_and_warns_of_a_release(
