@@ -1,8 +1,11 @@
 """A recorded flight becomes a bag that others open, and a bag becomes a flight again."""
 
+import json
 import math
+import re
 import subprocess
 import sys
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from follower.apps.ros.conversion import attitude_of, turned_to_body
 from follower.apps.viewers.scene import FlightScene
 from follower.recording import RecordedFlight
 from follower.recording.telemetry_logs import read_telemetry
+from follower.settings.settings import configs_folder
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.video_file import VideoFile
 
@@ -80,6 +84,33 @@ def test_by_the_bags_own_definitions_each_message_reads_at_its_time(bag: Path) -
                 assert 0 <= late_ns <= (0 if one is told else 20_000_000)
                 kinds.add(schema.name)
     assert stores.keys() - kinds == {"sensor_msgs/msg/RegionOfInterest"}
+
+
+def test_the_layout_names_what_is_in_the_bag(bag: Path) -> None:
+    layout = json.loads((configs_folder() / "viewers" / "bag.json").read_text("utf-8"))
+    panels = layout["configById"]
+    assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == sorted(panels)
+    with AnyReader([bag]) as reader:
+        kinds = {one.topic: one.msgtype.rpartition("/")[2] for one in reader.connections}
+    camera, world = panels["Image!camera"]["imageMode"], panels["3D!map"]
+    assert kinds[camera["imageTopic"]] == "CompressedImage"
+    assert kinds[camera["calibrationTopic"]] == "CameraInfo"
+    assert [kinds[one] for one in world["topics"]] == [
+        "PoseWithCovarianceStamped",
+        "CameraInfo",
+        "CompressedImage",
+    ]
+    last = messages(bag, "/tf")[-1].transforms
+    assert {world["fixedFrame"]} == {one.header.frame_id for one in last}
+    assert world["followTf"] in {one.child_frame_id for one in last}
+    for panel in panels.values():
+        assert kinds[panel.get("topicToRender", "/diagnostics")] == "DiagnosticArray"
+        for path in panel.get("paths", ()):
+            topic, *names = path["value"].split(".")
+            assert isinstance(reduce(getattr, names, messages(bag, topic)[-1]), float), path
+    (track,) = messages(bag, "/follower/track")[-1].status
+    shown = panels["DiagnosticStatusPanel!track"]
+    assert (shown["selectedHardwareId"], shown["selectedName"]) == (track.hardware_id, track.name)
 
 
 def messages(bag: Path, topic: str) -> list[Any]:
