@@ -13,6 +13,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.task import Future
 
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
@@ -138,6 +139,7 @@ class IoNode(ClosesItself):
         self._said_s: dict[str, float] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+        self._ended: Any = Future()
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
 
     def name_of(self, topic: str) -> str:
@@ -175,11 +177,13 @@ class IoNode(ClosesItself):
 
     def _spin(self) -> None:
         with contextlib.suppress(ExternalShutdownException):
-            self._executor.spin()
+            self._executor.spin_until_future_complete(self._ended)
 
     def close(self) -> None:
         """Take no more, and destroy the node."""
-        self._executor.shutdown()
+        # The thread first: what a shutdown destroys it would still use; rclpy's waits for no one.
+        self._ended.set_result(None)
         if self._thread.is_alive():
             self._thread.join()
+        self._executor.shutdown()
         self.node.destroy_node()
