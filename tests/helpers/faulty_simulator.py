@@ -2,19 +2,24 @@
 
 `faulty_simulator.py AUTOPILOT [CONNECT]`: with a simulated MAVROS, or MAVLink at CONNECT.
 
-Parameters: `image` and `pose`: "", "missing", "nan" (pose alone), "ahead" or "back" (of their
-stamps; pose by MAVROS alone); `info`: "" or "nan"; `mode`: the pilot's; `clock`: "" for none,
-"running", "standing" or "back", from where it runs on, and all stamps are of it. What the vehicle
-is asked to fly is told on `taken`, its own motion on `truth`, both with the mode as frame. It
-hovers in the air from the beginning, and the target stands still.
+Parameters: `image` and `pose`: "", "missing", "ahead" or "back" (of their stamps; pose by MAVROS
+alone), and `pose` also "attitude nan" or "position nan"; `info`: "" or "nan"; `mode`: the pilot's,
+tried until it is entered; `clock`: "" for none, "running", "standing" or "back", from where it runs
+on, and all stamps are of it; `evidence`: a file into which what a watcher saw is pickled at once,
+"" begins it anew. The vehicle's motion is told on `truth`, with the mode as frame. It hovers in the
+air from the beginning, and the target stands still.
 """
 
+import pickle
 import sys
+import time
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from pathlib import Path
 
 import rclpy
 from geometry_msgs.msg import TwistStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
@@ -24,6 +29,7 @@ from follower.apps.ros import simulator
 from follower.apps.ros.conversion import fill_vector, set_stamp, stamp_s
 from follower.links.connections import open_connection
 from follower.simulation.components import start_state
+from follower.simulation.faults.wire_tap import FlightEvidence, WireTap
 from follower.ui.terminal.interrupt import stop_signals
 from follower_control.common.transport import MemoryTransport
 from follower_sim.scenario.scenario_file import load_scenario
@@ -33,60 +39,41 @@ CLOCK_START_S, CLOCK_BACK_S = 100.0, 50.0
 HEIGHT_M = 9.0
 
 
-def spoiled(message, fault):
-    """Change a message as a fault wants; None is none."""
-    if fault == "missing":
-        return None
-    if fault in JUMPS_S:
-        set_stamp(message.header.stamp, stamp_s(message.header.stamp) + JUMPS_S[fault])
-    if fault == "nan":
-        for field in ("orientation", "angular_velocity"):
-            if hasattr(message, field):
-                getattr(message, field).x = float("nan")
-        if hasattr(message, "pose"):
-            message.pose.pose.position.x = float("nan")
-    return message
-
-
 class Mavros(simulator.SimulatedMavros):
     def publish(self, topic, message):
         if topic in ("imu/data", "local_position/odom"):
-            message = spoiled(message, self._vehicle.node.get_parameter("pose").value)
-        if message is not None:
-            super().publish(topic, message)
+            fault = self._vehicle.node.get_parameter("pose").value
+            jumped_s = stamp_s(message.header.stamp) + JUMPS_S.get(fault, 0.0)
+            set_stamp(message.header.stamp, jumped_s)
+        super().publish(topic, message)
+
+
+class Computer:
+    """The computer's own monotonic time, which the test has, too."""
+
+    now = staticmethod(time.monotonic)
 
 
 class Vehicle(simulator.SimulatedVehicle):
-    def __init__(self, node, *arguments):
-        super().__init__(node, *arguments)
+    def __init__(self, node, scenario, end, flavour):
+        self.tap = WireTap(end, Computer)
+        super().__init__(node, scenario, self.tap, flavour)
+        self.watched = FlightEvidence(flavour)
         self.wanted, self.clock_is = "", ""
         self.ros_s, self.looked_s = CLOCK_START_S, self.clock.now()
         self.ticks = node.create_publisher(Clock, "/clock", 1)
-        self.taken = node.create_publisher(TwistStamped, "taken", 50)
         self.truth = node.create_publisher(TwistStamped, "truth", 1)
-        controller = self.autopilot._controller
-        take = controller.take_setpoint
+        node.add_on_set_parameters_callback(self.on_parameters)
 
-        def told(target):
-            take(target)
-            self.tell(self.taken, *target.velocity_m_s)
-
-        controller.take_setpoint = told
-
-    def spoil_pose(self):
-        """Have `pose` hold for what goes out by MAVLink."""
-        send = self.autopilot._link.send
-
-        def sent(message):
-            fault = self.node.get_parameter("pose").value
-            posed = message.get_type() in ("ATTITUDE", "LOCAL_POSITION_NED")
-            if posed and fault == "nan":
-                for name in {"roll", "yawspeed", "x", "vx"} & set(message.get_fieldnames()):
-                    setattr(message, name, float("nan"))
-            if not (posed and fault == "missing"):
-                send(message)
-
-        self.autopilot._link.send = sent
+    def on_parameters(self, parameters):
+        for path in (one.value for one in parameters if one.name == "evidence"):
+            evidence = replace(self.watched, setpoints=[], mode_heartbeats=[])
+            evidence.read(self.tap.received, self.tap.sent)
+            if path:
+                Path(path).write_bytes(pickle.dumps(evidence))
+            else:
+                self.watched.motion, self.tap.received, self.tap.sent = [], [], []
+        return SetParametersResult(successful=True)
 
     def stamp(self, header, age_s=0.0, frame_id="camera"):
         super().stamp(header, age_s, frame_id)
@@ -98,11 +85,16 @@ class Vehicle(simulator.SimulatedVehicle):
 
     def fly(self):
         self.autopilot.step(self.clock.now())  # the world's time does not begin: the car stands
+        self.watched.watch(self.autopilot, Computer.now())
 
     def step(self):
-        if self.node.get_parameter("mode").value != self.wanted:
-            self.wanted = self.node.get_parameter("mode").value
-            self.autopilot.switch_mode(self.wanted)
+        mode = self.node.get_parameter("mode").value
+        if mode != self.wanted and self.autopilot.switch_mode(mode):
+            self.wanted = mode
+        pose, faults = self.node.get_parameter("pose").value, self.autopilot.faults
+        faults.telemetry_stopped = pose == "missing"
+        faults.attitude_nan = pose == "attitude nan"
+        faults.position_nan = pose == "position nan"
         self.tick(self.node.get_parameter("clock").value)
         self.tell(self.truth, *self.autopilot.state.velocity_m_s)
 
@@ -149,7 +141,7 @@ def main() -> None:
     simulator.start_state, simulator.load_scenario = in_the_air, at_15_hz
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("simulator")
-    for name in ("image", "pose", "info", "mode", "clock"):
+    for name in ("image", "pose", "info", "mode", "clock", "evidence"):
         node.declare_parameter(name, "")
     autopilot, *connect = sys.argv[1:]
     with ExitStack() as stack:
@@ -158,8 +150,6 @@ def main() -> None:
             theirs = stack.enter_context(closing(open_connection(*connect)))
         vehicle = Vehicle(node, "winding", theirs, autopilot)
         mavros = None if connect else Mavros(node, ours, vehicle)
-        if connect:
-            vehicle.spoil_pose()
 
         def step():
             if mavros is not None:

@@ -6,44 +6,21 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import av
 import cv2
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
 
-from follower.links.packet_parser import PacketReader
-from follower_control.common.transport import Transport, UdpTransport
+from follower.simulation.faults.wire_tap import FlightEvidence, WireSetpoint, WireTap
+from follower_control.common.transport import UdpTransport
 from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 
-SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 WIDTH, HEIGHT, RATE_HZ = 320, 240, 30
-
-
-class ListeningTransport:
-    """Passes bytes on and notes which messages the follower sent, and when."""
-
-    def __init__(self, inner: Transport, clock: MonotonicClock) -> None:
-        self._inner = inner
-        self._clock = clock
-        self._reader = PacketReader()
-        self.heard: list[tuple[float, int, bytes]] = []
-
-    def send(self, data: bytes) -> None:
-        self._inner.send(data)
-
-    def receive(self) -> bytes:
-        data = self._inner.receive()
-        now_s = self._clock.now()
-        self.heard += [(now_s, p.message_id, p.data) for p in self._reader.feed(data)]
-        return data
-
-    def close(self) -> None:
-        self._inner.close()
 
 
 class Vehicle:
@@ -51,7 +28,8 @@ class Vehicle:
 
     def __init__(self, flavour: str, port: int, height_m: float = 0.0) -> None:
         self.clock = MonotonicClock()
-        self.wire = ListeningTransport(UdpTransport.connect("127.0.0.1", port), self.clock)
+        self.wire = WireTap(UdpTransport.connect("127.0.0.1", port), self.clock)
+        self._watched = FlightEvidence(flavour)
         start = BodyState(self.clock.now(), (0.0, 0.0, -height_m))
         self.autopilot = SimAutopilot(flavour, self.wire, start)
         self.setpoint_mode = "OFFBOARD" if flavour == "px4" else "GUIDED"
@@ -65,17 +43,24 @@ class Vehicle:
             now_s = self.clock.now()
             self.each_step(now_s)
             self.autopilot.step(now_s)
+            self._watched.watch(self.autopilot, now_s)
             time.sleep(0.004)
 
     @property
-    def setpoints(self) -> list[tuple[float, mavlink.MAVLink_message]]:
-        codec = mavlink.MAVLink(None)
-        found = [(at, data) for at, number, data in list(self.wire.heard) if number == SETPOINT]
-        return [(at, codec.decode(bytearray(data))) for at, data in found]
+    def evidence(self) -> FlightEvidence:
+        """What the follower sent until now, and how the vehicle moved."""
+        evidence = replace(self._watched, motion=list(self._watched.motion), setpoints=[])
+        evidence.read(list(self.wire.received), list(self.wire.sent))
+        return evidence
 
     @property
-    def message_ids(self) -> set[int]:
-        return {number for _, number, _ in list(self.wire.heard)}
+    def setpoints(self) -> list[WireSetpoint]:
+        return self.evidence.setpoints
+
+    @property
+    def turns(self) -> bool:
+        """Whether it was told to turn right."""
+        return any(s.values[3] > 0.05 for s in self.setpoints)
 
     def close(self) -> None:
         self._stop.set()

@@ -6,9 +6,9 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -18,15 +18,8 @@ from follower.simulation.components import FlightOptions, start_state
 from follower.simulation.faults.fault import Fault, FaultSetup, PlannedFault
 from follower.simulation.faults.in_simulation import as_faults_want, verdicts
 from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
-from follower.simulation.faults.judge import (
-    FaultMetrics,
-    FaultVerdict,
-    excursion,
-    standing_from,
-    too_late,
-)
-from follower.simulation.faults.setpoint_rules import envelope_failures, left_mode, pilot_failures
-from follower.simulation.faults.wire_tap import FlightEvidence, WireSetpoint, WireTap
+from follower.simulation.faults.judge import FaultVerdict, judge_seen
+from follower.simulation.faults.wire_tap import FlightEvidence, WireTap
 from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower.simulation.runners import fly_lockstep, fly_realtime
 from follower_control.common.transport import MemoryTransport, UdpTransport
@@ -40,8 +33,6 @@ from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 _PATIENCE_S = 60.0
 _FAST_M_S, _STEADY_S = 2.0, 3.0
 _AFTERWARDS_S = 12.0
-_SILENT_WITHIN_S = 0.1
-_STANDS_WITHIN_S = 9.0
 _START = "from follower.apps.main import main; main()"
 
 SCENE = Path(__file__).with_name("scene.yaml")
@@ -187,52 +178,18 @@ def _is_over(flight: _Flight, now_s: float) -> bool:
 
 
 def _judged(fault: Fault, flight: _Flight) -> FaultVerdict:
-    evidence, from_s = flight.evidence, flight.from_s
-    figures = FaultMetrics(setpoints=len(evidence.setpoints))
-    if from_s < math.inf:
-        stands_s = standing_from(evidence.motion, from_s)
-        figures = FaultMetrics(
-            hold_s=_hold_s(evidence.setpoints, from_s) if fault.hold_within_s is not None else None,
-            rest_s=None if stands_s is None else stands_s - from_s,
-            excursion_m=None if stands_s is None else excursion(evidence.motion, from_s, stands_s),
-            setpoints=len(evidence.setpoints),
-        )
-    failures = tuple(_failures(fault, flight, figures))
-    ended = f"ended with {flight.code} after {flight.ended_s - from_s:.1f} s"
-    return FaultVerdict(fault.name, fault.must, failures, figures, ended)
+    verdict = judge_seen(fault, flight.evidence, flight.from_s)
+    failures = tuple(_failures(flight, verdict))
+    ended = f"ended with {flight.code} after {flight.ended_s - flight.from_s:.1f} s"
+    return replace(verdict, failures=failures, end=ended)
 
 
-def _failures(fault: Fault, flight: _Flight, figures: FaultMetrics) -> Iterator[str]:
+def _failures(flight: _Flight, verdict: FaultVerdict) -> Iterator[str]:
     if flight.from_s == math.inf:
         yield f"it never flew fast enough to be signalled; its output: {flight.output[-300:]}"
         return
-    limits = load_settings().envelope
-    yield from envelope_failures(flight.evidence.setpoints, limits, limits.max_interval_s)
-    yield from pilot_failures(flight.evidence)
+    yield from verdict.failures
     if flight.code is None:
         yield "the process did not end"
     if "Traceback" in flight.output:
         yield f"an uncaught error: {flight.output[-300:]}"
-    if fault.signal == signal.SIGKILL:
-        yield from _killed(flight, figures)
-    else:
-        yield from too_late(fault, figures)
-
-
-def _killed(flight: _Flight, figures: FaultMetrics) -> Iterator[str]:
-    late = [s.time_s - flight.from_s for s in flight.evidence.setpoints]
-    if max(late) > _SILENT_WITHIN_S:
-        yield f"a setpoint came {max(late):.2f} s after the process was killed"
-    gone_home = any(left_s > flight.from_s for left_s in left_mode(flight.evidence.motion))
-    stands = figures.rest_s is not None and figures.rest_s < _STANDS_WITHIN_S
-    if not gone_home and not stands:
-        yield "the vehicle flies on"
-
-
-def _hold_s(setpoints: Sequence[WireSetpoint], from_s: float) -> float | None:
-    """Return from when on the speed sent only falls; nothing else is known out here."""
-    after = [s for s in setpoints if s.time_s >= from_s]
-    if not after:
-        return None
-    last = max(range(len(after)), key=lambda number: (after[number].speed_m_s, number))
-    return after[last].time_s - from_s

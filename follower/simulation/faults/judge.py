@@ -1,6 +1,7 @@
 """Checks a flight against what its fault's sentence demands."""
 
 import math
+import signal
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -8,6 +9,7 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.simulation.faults.fault import ExpectedOutcome, Fault, FaultKind, PlannedFault
 from follower.simulation.faults.setpoint_rules import (
+    RELEASE_WITHIN_S,
     age_failures,
     envelope_failures,
     input_failures,
@@ -75,6 +77,8 @@ _FOLLOWS_FOR_S = 0.5
 _NOTICED_WITHIN_S = 1.0
 _NEARER_M = 0.75
 _HEIGHT_M = 1.0
+_SILENT_WITHIN_S = 0.1
+_STOPS_ALONE_WITHIN_S = 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +160,8 @@ def _place_failures(case: FaultCase) -> Iterator[str]:
             yield f"it flies {away:.0f} m away"
 
 
-def too_late(fault: Fault, figures: FaultMetrics) -> Iterator[str]:
-    """Yield which of a fault's limits were exceeded."""
+def too_late(fault: Fault, figures: FaultMetrics, late_s: float = 0.0) -> Iterator[str]:
+    """Yield which of a fault's limits were exceeded, those of time by more than `late_s`."""
     limits = (
         ("a hold on the wire", figures.hold_s, fault.hold_within_s, "s"),
         ("standing still", figures.rest_s, fault.rest_within_s, "s"),
@@ -166,7 +170,7 @@ def too_late(fault: Fault, figures: FaultMetrics) -> Iterator[str]:
     for what, value, most, unit in limits:
         if most is not None and value is None:
             yield f"{what}: never"
-        elif most is not None and value is not None and value > most:
+        elif most is not None and value is not None and value > most + late_s * (unit == "s"):
             yield f"{what}: {value:.2f} {unit}, more than {most:.2f}"
     if figures.wire_s is not None and figures.wire_s > WIRE_WITHIN_S:
         yield f"the hold was on the wire {1e3 * figures.wire_s:.0f} ms after its decision"
@@ -277,6 +281,54 @@ _HOLDS = (SupervisorState.SEARCHING, SupervisorState.HOLDING, SupervisorState.RE
 
 def _first_at(setpoints: Sequence[WireSetpoint], time_s: float) -> WireSetpoint | None:
     return next((s for s in setpoints if s.time_s >= time_s - 1e-6), None)
+
+
+def judge_seen(
+    fault: Fault, evidence: FlightEvidence, from_s: float, late_s: float = 0.0
+) -> FaultVerdict:
+    """Return what came of a fault, by what shows without the follower's own record.
+
+    Args:
+        fault: in a flight with the envelope of the defaults.
+        evidence: the watcher's.
+        from_s: when it began, in seconds.
+        late_s: so much later than promised is not too late.
+    """
+    stands_s = standing_from(evidence.motion, from_s)
+    holds = fault.hold_within_s is not None
+    figures = FaultMetrics(
+        hold_s=_slower_after(evidence.setpoints, from_s) if holds else None,
+        rest_s=None if stands_s is None else stands_s - from_s,
+        excursion_m=None if stands_s is None else excursion(evidence.motion, from_s, stands_s),
+        setpoints=len(evidence.setpoints),
+    )
+    limits = EnvelopeSettings()
+    failures = [*envelope_failures(evidence.setpoints, limits, limits.max_interval_s)]
+    failures += pilot_failures(evidence, RELEASE_WITHIN_S + late_s)
+    failures += too_late(fault, figures, late_s)
+    if fault.signal == signal.SIGKILL:
+        failures += silence_failures(evidence, from_s, late_s)
+        gone_home = any(left_s > from_s for left_s in left_mode(evidence.motion))
+        stands = figures.rest_s is not None and figures.rest_s < _STOPS_ALONE_WITHIN_S + late_s
+        failures += [] if gone_home or stands else ["the vehicle flies on"]
+    return FaultVerdict(fault.name, fault.must, tuple(failures), figures, "")
+
+
+def silence_failures(
+    evidence: FlightEvidence, ended_s: float, late_s: float = 0.0
+) -> Iterator[str]:
+    """Yield whether a setpoint came though the follower had ended at `ended_s`, s."""
+    last_s = max((s.time_s for s in evidence.setpoints), default=-math.inf) - ended_s
+    if last_s > _SILENT_WITHIN_S + late_s:
+        yield f"a setpoint came {last_s:.2f} s after the follower's end"
+
+
+def _slower_after(setpoints: Sequence[WireSetpoint], from_s: float) -> float | None:
+    """Return after how many seconds the speed sent only falls."""
+    after = [s for s in setpoints if s.time_s >= from_s]
+    moving = [s for s in after if s.speed_m_s > 0] or after[:1]
+    last = max(moving, key=lambda s: (s.speed_m_s, s.time_s), default=None)
+    return None if last is None else last.time_s - from_s
 
 
 def standing_from(motion: Sequence[TrueMotion], from_s: float) -> float | None:

@@ -73,20 +73,21 @@ def jump_failure(
     return ""
 
 
-def pilot_failures(evidence: FlightEvidence) -> Iterator[str]:
+def pilot_failures(evidence: FlightEvidence, within_s: float = RELEASE_WITHIN_S) -> Iterator[str]:
     """Yield where setpoints went on after the pilot, or the autopilot, had taken another mode.
 
-    Zeros are allowed while the newest heartbeat has the follower's mode, anything else is not.
+    Zeros are allowed while the newest heartbeat has the follower's mode, anything else is not:
+    `within_s` seconds after the first heartbeat that says so.
     """
     for left_s in left_mode(evidence.motion):
         known_s = leaving_known_s(evidence, left_s)
         for setpoint in evidence.setpoints:
-            if setpoint.time_s <= known_s + RELEASE_WITHIN_S:
+            if setpoint.time_s <= known_s + within_s:
                 continue
             if not setpoint.is_zero:
                 yield f"{setpoint.time_s:.2f} s: a velocity after the mode was left"
                 return
-            if not _setpoint_mode_known(evidence, setpoint.time_s):
+            if not _setpoint_mode_known(evidence, setpoint.time_s, within_s):
                 yield f"{setpoint.time_s:.2f} s: a setpoint in another mode"
                 return
 
@@ -101,10 +102,12 @@ def leaving_known_s(evidence: FlightEvidence, left_s: float) -> float:
     return next((t for t, obeys in evidence.mode_heartbeats if t >= left_s and not obeys), math.inf)
 
 
-def _setpoint_mode_known(evidence: FlightEvidence, time_s: float) -> bool:
+def _setpoint_mode_known(
+    evidence: FlightEvidence, time_s: float, within_s: float = RELEASE_WITHIN_S
+) -> bool:
     """Whether the newest heartbeat, or that of 0.1 s ago, has the mode that flies setpoints."""
     known = [(t, obeys) for t, obeys in evidence.mode_heartbeats if t <= time_s]
-    before = [obeys for t, obeys in known if t <= time_s - RELEASE_WITHIN_S]
+    before = [obeys for t, obeys in known if t <= time_s - within_s]
     return bool(known) and (known[-1][1] or before[-1:] == [True])
 
 

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from flying_vehicle import Vehicle, flying_vehicle, write_square
+from promises import LateS, assert_releases
 from waiting import until
 
 import follower
@@ -46,36 +46,30 @@ def pursuit(port: int, video: Path, tmp_path: Path) -> follower.Pursuit:
     )
 
 
-def speeds(message: Any) -> tuple[float, ...]:
-    return (message.vx, message.vy, message.vz, message.yaw_rate)
-
-
 def follow(there: Vehicle, pursuit: follower.Pursuit) -> None:
     """Have the pilot switch the mode, and wait until the vehicle turns to the target."""
     assert pursuit.wait("ready", 90)
     until(lambda: there.autopilot.switch_mode(there.setpoint_mode))
     assert pursuit.wait("following", 90)
-    until(lambda: any(m.yaw_rate > 0.05 for _, m in there.setpoints))
+    until(lambda: there.turns)
 
 
-def assert_holds_and_is_released(there: Vehicle) -> None:
-    """The last setpoints are zeros, the vehicle comes to a stand, and nothing more is sent."""
-    sent = there.setpoints
-    assert np.array([speeds(m) for _, m in sent[-5:]]) == pytest.approx(0.0, abs=1e-6)
-    until(lambda: np.linalg.norm(there.autopilot.state.velocity_m_s) < 0.35)
+def assert_holds_and_is_released(
+    there: Vehicle, late_s: LateS, asked_s: float, how: str = "stop-requested"
+) -> None:
     assert not any(thread.name == "pursuit" for thread in threading.enumerate())
-    time.sleep(0.3)
-    assert len(there.setpoints) == len(sent)
+    ended_s = there.clock.now()
+    assert_releases(lambda: there.evidence, how, asked_s, lambda: 0.2 + late_s(), ended_s)
 
 
 def test_it_follows_once_the_pilot_consents_and_prints_nothing(
-    there: Vehicle, pursuit: follower.Pursuit, capfd: pytest.CaptureFixture[str]
+    there: Vehicle, pursuit: follower.Pursuit, late_s: LateS, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with pursuit:
         pursuit.select("#d02020")
         assert pursuit.wait("ready", 90)
         time.sleep(1.5)
-        assert all(speeds(m) == (0, 0, 0, 0) for _, m in there.setpoints)
+        assert all(s.is_zero for s in there.setpoints)
         assert there.autopilot.mode == "LOITER"
         assert pursuit.status.phase == "pilot: switch to OFFBOARD, and it follows"
         follow(there, pursuit)
@@ -83,10 +77,11 @@ def test_it_follows_once_the_pilot_consents_and_prints_nothing(
         assert track.state == "tracking"
         assert track.box.distance(follower.Box(210, 120, 40, 40)) < 15
         assert pursuit.track is not None
+        stopped_s = there.clock.now()
         pursuit.stop()
         assert pursuit.wait(timeout_s=60)
         assert list(pursuit.tracks()) == []
-    assert_holds_and_is_released(there)
+    assert_holds_and_is_released(there, late_s, stopped_s)
     assert pursuit.end.sentence == "Ended as asked"
     assert capfd.readouterr() == ("", "")
     flight = follower.open_flight(pursuit.folder)
@@ -95,18 +90,22 @@ def test_it_follows_once_the_pilot_consents_and_prints_nothing(
 
 
 def test_an_exception_in_the_block_leaves_the_vehicle_holding_and_released(
-    there: Vehicle, pursuit: follower.Pursuit
+    there: Vehicle, pursuit: follower.Pursuit, late_s: LateS
 ) -> None:
+    failed_s = 0.0
+
     def fail_in_the_block() -> None:
+        nonlocal failed_s
         with pursuit:
             pursuit.select(follower.Box.from_xywh(190, 100, 40, 40))
             follow(there, pursuit)
+            failed_s = there.clock.now()
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         fail_in_the_block()
-    assert_holds_and_is_released(there)
     assert there.autopilot.mode == "OFFBOARD"
+    assert_holds_and_is_released(there, late_s, failed_s)
     with pytest.raises(RuntimeError, match="flies once"), pursuit:
         pass
 
@@ -118,36 +117,49 @@ pursuit = follower.Pursuit({connect!r}, camera={camera!r}, target="#d02020", ove
 """
 FOLLOWING = "pursuit.wait('following'), print('on', flush=True)"
 IN_BLOCK = f"with pursuit:\n    {FOLLOWING}\n    pursuit.wait()"
-NEVER_LEFT = f"pursuit.__enter__()\n{FOLLOWING}"
+NEVER_LEFT = f"pursuit.__enter__()\n{FOLLOWING}\nsys.stdin.read()"
 
 
 @pytest.mark.parametrize(
-    ("how", "ended_by"),
+    ("how", "ended_by", "fault"),
     [
-        pytest.param(IN_BLOCK, signal.SIGINT, id="Ctrl-C"),
-        pytest.param(IN_BLOCK, signal.SIGTERM, id="SIGTERM"),
-        pytest.param(NEVER_LEFT, None, id="the program's end"),
+        pytest.param(IN_BLOCK, signal.SIGINT, "process-interrupted", id="Ctrl-C"),
+        pytest.param(IN_BLOCK, signal.SIGTERM, "process-terminated", id="SIGTERM"),
+        pytest.param(NEVER_LEFT, None, "stop-requested", id="the program's end"),
     ],
 )
 def test_however_the_program_ends_the_vehicle_holds_and_is_released(
-    there: Vehicle, port: int, video: Path, tmp_path: Path, how: str, ended_by: int | None
+    there: Vehicle,
+    port: int,
+    video: Path,
+    tmp_path: Path,
+    late_s: LateS,
+    how: str,
+    ended_by: int | None,
+    fault: str,
 ) -> None:
     connect = f"udpin:127.0.0.1:{port}"
     code = PROGRAM.format(connect=connect, camera=str(video), settings=SETTINGS, how=how)
     program = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, cwd=tmp_path, env=os.environ
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        cwd=tmp_path,
+        env=os.environ,
     )
     try:
         until(lambda: there.autopilot.switch_mode(there.setpoint_mode))
         assert program.stdout is not None
         assert program.stdout.readline() == b"on\n"
+        until(lambda: there.turns)
+        asked_s = there.clock.now()
         if ended_by is not None:
             program.send_signal(ended_by)
         program.communicate(timeout=90)
     finally:
         program.kill()
         program.communicate()
-    assert_holds_and_is_released(there)
+    assert_holds_and_is_released(there, late_s, asked_s, fault)
 
 
 def test_a_check_that_fails_refuses_the_flight_and_leaves_nothing_behind(

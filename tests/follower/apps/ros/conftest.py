@@ -3,6 +3,7 @@
 import importlib
 import math
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -16,19 +17,24 @@ from typing import Any
 
 import pytest
 import ros_interfaces
+from promises import LateS, assert_keeps, assert_releases, is_moving
+
+from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence
 
 HELPERS = Path(ros_interfaces.__file__).parent
 ROOT = HELPERS.parent.parent
 LARGE_IMAGES = ROOT / "configs/ros/large_images.xml"
 STILL_M_S = 0.5
+_LATE_S = 1.0
+"""Half is of the time-outs below, half of messages between three processes."""
 NODE = "from follower.apps.main import main; main()"
 FLIGHT = (
     *("--set", "servo.distance_m=14", "--set", "servo.range_from=ground"),
     *("--set", "servo.target_middle_m=0.4", "--set", "servo.elevation_deg=-25"),
     *("--set", "camera.pitch_deg=-14", "--set", "detector=null", "--set", "tracker=correlation"),
-    # A shared computer: what is tested is that the stale counts as stale, not how soon.
+    # A shared computer: half a second longer than the defaults.
     *("--set", "supervisor.frame_timeout_s=1.0", "--set", "supervisor.telemetry_timeout_s=1.0"),
-    *("--set", "consent.again=mode", "--set", "supervisor.alone_s=1.0"),
+    *("--set", "consent.again=mode"),
     *("--skip-preflight", "frame-rate"),
     *("--skip-preflight", "frame-age", "--skip-preflight", "attitude-rate"),
 )
@@ -113,16 +119,19 @@ class Rig:
         out = ("--out", str(self.folder / "runs"), "--target", "#e0401c")
         self.start("follower", "-c", NODE, "ros", *FLIGHT, *out, *arguments)
 
-    def activate(self) -> None:
-        """Have the node configured and active, the vehicle in the pilot's mode, and watch both."""
-        from geometry_msgs.msg import TwistStamped
-
-        self.watch(TwistStamped, "/taken", 50)
-        self.watch(TwistStamped, "/truth")
-        self.watch(TwistStamped, "/follower/setpoint")
-        self.set("simulator", mode="LOITER")
+    def begin(self, mode: str, port: int, *arguments: str, flavour: str = "px4") -> None:
+        """Start both processes, and activate the node with the vehicle in the pilot's mode."""
+        here = f"127.0.0.1:{port}"
+        self.own_mode = FIRMWARE[flavour].setpoint_mode
+        self.simulator(flavour, *([f"udpout:{here}"] if mode == "direct" else []))
+        self.follower("--mode", mode, "--connect", f"udpin:{here}", *arguments)
         assert self.change("configure"), self.log("follower")
-        assert self.change("activate"), self.log("follower")
+        self.activate()
+
+    def activate(self) -> None:
+        """Have the node active, and the vehicle in the pilot's mode."""
+        self.set("simulator", mode="LOITER")
+        self.wait(lambda: self.change("activate"), 200)  # a busy computer's checks may time out
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text()
@@ -134,7 +143,7 @@ class Rig:
     def wait(self, done: Callable[[], object], within_s: float = 60.0) -> None:
         end = time.monotonic() + within_s
         while not done():
-            assert time.monotonic() < end, self.log("follower")
+            assert time.monotonic() < end, f"{self.state}: {self.log('follower')}"
             assert self.processes["simulator"].poll() is None, self.log("simulator")
             self._executor.spin_once(timeout_sec=0.1)
 
@@ -194,37 +203,52 @@ class Rig:
     def stands(self) -> bool:
         return self.speed < STILL_M_S
 
-    def assert_ends_following(self, what: str, fault: str) -> None:
-        """Follow, spoil the image or the pose, and see that it ends, stands, and asked for numbers.
-
-        The fault is taken away again.
-        """
-        self.follow()
-        self.set("simulator", **{what: fault})
-        self.wait(lambda: not self.state.startswith(("following", "coasting")))
-        self.wait(lambda: self.stands)
-        for one in self.seen["/taken"]:
-            v = one.twist.linear
-            assert all(map(math.isfinite, (v.x, v.y, v.z)))
-        self.set("simulator", **{what: ""})
+    @property
+    def mode(self) -> str:
+        """Of the autopilot."""
+        return str(self.seen["/truth"][-1].header.frame_id)
 
     def follow(self) -> None:
-        """Have the pilot consent, and wait until it follows and moves."""
+        """Have the pilot consent, and wait until it follows and moves; evidence begins here."""
         from std_srvs.srv import Trigger
 
-        if "follow" not in self.state:
+        if not self.state.startswith("following"):
             self.set("simulator", mode="LOITER")
-            self.spin(1.5)
+            self.wait(lambda: self.mode == "LOITER")
             assert self.call(Trigger, "/follower/select", Trigger.Request()).success
-            self.wait(
-                lambda: self.state.startswith(("ready", "released")) or "target" in self.state
-            )
-            self.spin(1.5)
-            self.set("simulator", mode="OFFBOARD")
+            self.wait_for("ready")
+            self.set("simulator", mode=self.own_mode)
         self.wait_for("following")
+        self.set("simulator", evidence="")
         self.far = not self.far
         assert self.set("follower", servo__distance_m=19.0 if self.far else 12.0).successful
-        self.wait(lambda: self.speed > STILL_M_S)
+        self.wait(lambda: self.speed > STILL_M_S and any(map(is_moving, self.look().setpoints)))
+
+    def look(self) -> FlightEvidence:
+        """Return what the simulator's watcher saw; its time is `time.monotonic`."""
+        path = self.folder / "evidence"
+        self.set("simulator", evidence=str(path))
+        evidence: FlightEvidence = pickle.loads(path.read_bytes())
+        return evidence
+
+    def assert_keeps(self, fault: str, from_s: float, late_s: LateS) -> None:
+        assert_keeps(self.look, fault, from_s, lambda: _LATE_S + late_s())
+
+    def assert_releases(self, fault: str, from_s: float, late_s: LateS) -> None:
+        ended_s = time.monotonic()
+        assert_releases(self.look, fault, from_s, lambda: _LATE_S + late_s(), ended_s)
+
+    def assert_holds(self, what: str, how: str, fault: str, late_s: LateS) -> None:
+        """Follow, spoil the image or the pose: it does as with a fault of the catalogue."""
+        self.follow()
+        from_s = time.monotonic()
+        self.set("simulator", **{what: how})
+        try:
+            self.wait(lambda: not self.state.startswith("following"))
+            self.assert_keeps(fault, from_s, late_s)
+        finally:
+            self.set("simulator", **{what: ""})
+        self.wait(lambda: self.state.startswith(("following", "released")))
 
 
 @pytest.fixture(scope="module")
@@ -242,11 +266,14 @@ def make_rig(
         @contextmanager
         def make() -> Iterator[Rig]:
             from diagnostic_msgs.msg import DiagnosticArray
+            from geometry_msgs.msg import TwistStamped
 
             with free_domain() as domain:
                 environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
                 rig = Rig(domain, environment, tmp_path_factory.mktemp("rig"))
                 rig.watch(DiagnosticArray, "/diagnostics")
+                rig.watch(TwistStamped, "/truth")
+                rig.watch(TwistStamped, "/follower/setpoint")
                 try:
                     yield rig
                 finally:

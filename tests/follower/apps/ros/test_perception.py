@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from faulty_simulator import in_the_air
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image, RegionOfInterest
@@ -46,8 +46,6 @@ def watched(make_rig) -> Iterator:
         rig.watch(DiagnosticArray, "/follower/track")
         rig.watch(PoseWithCovarianceStamped, "/follower/target")
         rig.watch(Image, "/follower/overlay", qos_profile_sensor_data)
-        rig.watch(TwistStamped, "/follower/setpoint", qos_profile_sensor_data)
-        rig.watch(TwistStamped, "/taken", 50)
         from tf2_msgs.msg import TFMessage
         from vision_msgs.msg import Detection2D
 
@@ -200,17 +198,30 @@ def test_what_another_node_detects_reaches_the_tracker(watched) -> None:
     assert "a detection of /others is left out: it needs a score" in watched.log("follower")
 
 
-def test_whatever_the_vehicles_mode_nothing_steers(watched) -> None:
-    watched.set("simulator", mode="OFFBOARD")
-    watched.spin(3.0)
+@pytest.mark.parametrize(
+    ("what", "how", "said"),
+    [
+        ("image", "missing", "tracking: frames stale"),
+        ("image", "ahead", "set the clocks"),
+        ("image", "back", "set the clocks"),
+        *(
+            ("pose", how, "telemetry stale")
+            for how in ("missing", "attitude nan", "position nan", "ahead", "back")
+        ),
+    ],
+)
+def test_a_fault_is_said_no_place_is_told_by_it_and_whatever_the_mode_nothing_steers(
+    watched, what: str, how: str, said: str
+) -> None:
+    watched.set("simulator", **{"mode": "OFFBOARD", what: how})
+    watched.wait(lambda: said in watched.state)
+    told = len(watched.seen["/follower/target"])
+    watched.spin(2.0)
+    assert what == "image" or len(watched.seen["/follower/target"]) == told
     assert not watched.seen["/follower/setpoint"]
-    assert not watched.seen["/taken"]
-
-
-def test_without_images_it_says_so(watched) -> None:
-    watched.set("simulator", image="ahead")
-    watched.wait(lambda: "set the clocks" in watched.state)
-    watched.set("simulator", image="")
+    assert not watched.look().setpoints
+    watched.set("simulator", **{what: ""})
+    watched.wait(lambda: watched.state == "tracking: not flying")
 
 
 def test_inactive_it_refuses_what_needs_a_flight_in_words(watched) -> None:
