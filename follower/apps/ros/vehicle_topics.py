@@ -291,7 +291,7 @@ class MavrosTopics(VehicleTopics):
             here = 0, 0, VEHICLE, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
             self._put(mavlink.MAVLink_command_ack_message(m.command, answer.result, *here))
 
-        waits = any(key[0] == "command" for key in self._waiting)
+        waits = any(key[0] == "command" for key in list(self._waiting))
         asks_often = m.command == mavlink.MAV_CMD_REQUEST_MESSAGE and m.param1 == 0
         if not (asks_often and waits):  # MAVROS does one at a time: a change of mode comes first
             self._call(self._commands, ("command", m.command, m.param1), request, acknowledge)

@@ -1,17 +1,21 @@
 """Mode mavros: topics of MAVROS, settings and services in flight."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rcl_interfaces.srv import DescribeParameters, GetParameters
 from rclpy.qos import ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from follower import open_flight, replay
+from follower.apps.ros.vehicle_topics import MavrosTopics
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -88,3 +92,21 @@ def test_a_flight_through_mavros_replays_bit_for_bit(flying) -> None:
     controls = open_flight(flying.flights[-1]).log.controls
     modes = [c.value for one in controls for c in one.changes if c.key == "servo.mode"]
     assert modes[-2:] == ['"orbit"', '"chase"']
+
+
+def test_an_answer_may_come_while_a_command_is_sent() -> None:
+    """It comes on the node's thread, the command is sent on control's."""
+
+    class Asked(str):
+        def __eq__(self, other: object) -> bool:
+            waiting.pop(("info",), None)
+            return False
+
+        __hash__ = str.__hash__
+
+    waiting = {(Asked("parameter"), "one"): None, ("info",): None}
+    topics = MagicMock(_waiting=waiting)
+    numbers = {f"param{n}": 0.0 for n in range(1, 8)}
+    message = SimpleNamespace(command=mavlink.MAV_CMD_REQUEST_MESSAGE, confirmation=0, **numbers)
+    MavrosTopics._send_command(topics, message)
+    topics._call.assert_called_once()
