@@ -200,10 +200,6 @@ class Rig:
         return math.hypot(v.x, v.y, v.z)
 
     @property
-    def stands(self) -> bool:
-        return self.speed < STILL_M_S
-
-    @property
     def mode(self) -> str:
         """Of the autopilot."""
         return str(self.seen["/truth"][-1].header.frame_id)

@@ -89,7 +89,7 @@ def test_after_a_jump_back_a_new_flight_follows_until_the_release_service_is_cal
     flying.follow()
     assert flying.call(Trigger, "/follower/release", Trigger.Request()).success
     flying.wait_for("released")
-    flying.wait(lambda: flying.stands)
+    flying.wait(lambda: flying.speed < 0.5)
     assert flying.change("deactivate"), flying.log("follower")
 
 
