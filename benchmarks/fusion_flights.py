@@ -12,6 +12,7 @@ than 0.3 is to be seen counts as absent. The first 300 runs are left to measure 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -37,6 +38,8 @@ from follower_vision.trackers.track import Track
 
 LEAST_SEEN = 0.3
 _CHOSEN = "start"
+_GONE_S = 6.0
+"""Control, too, follows something else by then: what it foretells teaches the wrong thing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,7 @@ class Lesson:
         self.teacher: Teacher | None = None
         self.flight: SimulatedFlight | None = None
         self._part = Part()
+        self._there_s = -math.inf
 
     def add(self, frame: Frame, tracks: Sequence[Track], lines: Sequence[str]) -> None:
         """Take a frame's answer."""
@@ -84,7 +88,9 @@ class Lesson:
             if tracks[0].produced_by == _CHOSEN and seen.box is not None:
                 self._part = Part.chosen(tracks[0].box, seen.box)
             truth = self._part.of(seen.box) if there and seen.box is not None else None
-            self.teacher.correct(tracks[0], truth)
+            self._there_s = self._there_s if truth is None else frame.captured_s
+            if frame.captured_s - self._there_s < _GONE_S:
+                self.teacher.correct(tracks[0], truth)
 
 
 def fly(spec: RunSpec, out: Path) -> None:

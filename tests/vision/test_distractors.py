@@ -19,10 +19,15 @@ def other(x: float) -> Box:
 
 
 def watch(
-    known: Distractors, boxes: list[Box], probability: float = 0.3, target: Box = TARGET
+    known: Distractors,
+    boxes: list[Box],
+    probability: float = 0.3,
+    target: Box = TARGET,
+    deviations: float = 0.0,
 ) -> None:
     known.predict(INTERVAL_S)
-    known.update(target, boxes, np.full(len(boxes), probability), np.zeros((len(boxes), 0)))
+    every, features = np.full(len(boxes), probability), np.zeros((len(boxes), 0))
+    known.update(target, boxes, every, features, np.full(len(boxes), deviations))
 
 
 def overlaps(known: Distractors, *boxes: Box) -> tuple[list[float], list[float], list[float]]:
@@ -44,6 +49,17 @@ def test_who_stands_beside_the_target_is_known_and_the_target_is_not() -> None:
     assert overlap == pytest.approx([0, 1])
     assert age == pytest.approx([0, 14 * INTERVAL_S])
     assert probability == pytest.approx([0, 0.3])
+
+
+def test_what_came_from_where_the_target_was_not_is_known_for_it_all_the_way() -> None:
+    known = Distractors()
+    for number in range(20):
+        watch(known, [other(160 + 2.0 * number)], deviations=max(4.0 - 0.5 * number, 0.2))
+    assert known.deviations(corners_of([other(198), TARGET])).tolist() == [4.0, 0.0]
+    for _ in range(10):
+        watch(known, [])
+    watch(known, [other(198)])
+    assert known.deviations(corners_of([other(198)])).tolist() == [0.0], "out of sight it is lost"
 
 
 def test_it_is_expected_where_its_way_leads_while_it_is_hidden() -> None:
@@ -98,7 +114,7 @@ def test_each_is_told_by_its_features_as_they_were_seen_last() -> None:
     known, one, two = Distractors(), np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
     for features in (one, two, np.zeros((1, 2))):
         known.predict(INTERVAL_S)
-        known.update(TARGET, [other(160)], np.array([0.3]), features)
+        known.update(TARGET, [other(160)], np.array([0.3]), features, np.zeros(1))
     assert known.likeness(np.vstack([one, two])).tolist() == [0.0, 1.0]
 
 
@@ -107,5 +123,5 @@ def test_how_long_it_is_known_is_counted_in_seconds(rate_hz: float) -> None:
     known = Distractors()
     for _ in range(round(0.5 * rate_hz) + 1):
         known.predict(1 / rate_hz)
-        known.update(TARGET, [other(160)], np.array([0.3]), NO_FEATURES)
+        known.update(TARGET, [other(160)], np.array([0.3]), NO_FEATURES, np.zeros(1))
     assert overlaps(known, other(160))[1] == pytest.approx([0.5])

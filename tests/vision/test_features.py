@@ -130,7 +130,8 @@ def test_whatever_is_seen_the_features_are_finite(
         known.learn_appearance(seen, 0, 0.7)
         known.learn_detections(detections, 0.7)
         boxes = [one.box for one in found]
-        known.distractors.update(known.box, boxes, np.full(len(boxes), 0.5), seen.features)
+        half, none = np.full(len(boxes), 0.5), np.zeros(len(boxes))
+        known.distractors.update(known.box, boxes, half, seen.features, none)
 
 
 def test_a_picture_without_any_structure_has_finite_features() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,8 @@ IMAGE = np.random.default_rng(4).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
 BOX = Box(200, 200, 40, 40)
 BESIDE, FAR = BOX.moved_to(300, 200), BOX.moved_to(450, 300)
 SETTINGS = FusionSettings()
+SIDES = ((0, 0), (40, 0), (-20, 0), (0, 40), (0, -10), (40, -10))
+"""Of a region that reaches 20 to the left, 40 to the right, 10 up and 40 down; pixels."""
 
 
 @pytest.fixture
@@ -67,6 +71,19 @@ def test_one_unseen_is_taken_where_it_mostly_is_for_three_seconds(
     assert target.can_be_at(BOX.moved_to(210, 200))
     assert target.can_be_at(BESIDE) == beside
     assert not target.can_be_at(FAR)
+
+
+def test_a_place_is_so_many_standard_deviations_from_where_the_target_is_foretold(
+    target: Target,
+) -> None:
+    assert target.deviations(FAR) == (0.0, 0.0), "nothing is foretold"
+    place = TargetPrediction(200, 200, Box.from_xywh(180, 190, 60, 50), around(BOX, 400))
+    target.foreseen = place
+    found = [target.deviations(BOX.moved_to(200 + x, 200 + y))[0] for x, y in SIDES]
+    assert found == pytest.approx([0, 2, 2, 2, 2, 2 * math.sqrt(2)])
+    target.foreseen = foretold(BOX, (0.4, FAR), (2.0, BESIDE), (2.4, FAR))
+    assert target.deviations(BESIDE) == pytest.approx((2 * 100 / 40, 0.0))
+    assert target.deviations(FAR)[1] == 0.0, "the nearest of the older forecasts counts"
 
 
 def test_what_was_believed_before_it_may_have_been_mistaken_still_counts(target: Target) -> None:

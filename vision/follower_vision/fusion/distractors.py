@@ -29,6 +29,7 @@ class _Distractor:
         box: where it is, or should be, in pixels.
         probability: mean of the P(IoU > 0.5) that it had lately.
         features: the motion tracker's features of it, (D,).
+        deviations: the most by which it was where the unseen target should not be.
         right_px_s: its velocity.
         down_px_s: the same downwards.
         seen_s: for how long it was seen.
@@ -38,6 +39,7 @@ class _Distractor:
     box: Box
     probability: float
     features: Floats
+    deviations: float
     right_px_s: float = 0.0
     down_px_s: float = 0.0
     seen_s: float = 0.0
@@ -78,6 +80,17 @@ class Distractors:
         probability = np.array([one.probability for one in self._tracks])
         return best, known[nearest] * (best > 0), probability[nearest] * (best > 0)
 
+    def deviations(self, corners: Floats) -> Floats:
+        """Return the most by which what is at N boxes was where the target should not be, (N,).
+
+        What is seen all the way from where the target cannot have been is not the target.
+        """
+        if not self._tracks:
+            return np.zeros(len(corners))
+        table = pairwise_iou(corners, corners_of([one.box for one in self._tracks]))
+        known = np.array([one.deviations for one in self._tracks])
+        return np.asarray(np.where(table >= _OVERLAP, known, 0.0).max(axis=1))
+
     def likeness(self, features: Floats) -> Floats:
         """Return the largest cosine of N candidates' features, (N, D), with a distractor's."""
         if not self._tracks or not features.shape[1]:
@@ -86,7 +99,12 @@ class Distractors:
         return np.asarray((features @ known.T).max(axis=1))
 
     def update(
-        self, target: Box, boxes: list[Box], probabilities: Floats, features: Floats
+        self,
+        target: Box,
+        boxes: list[Box],
+        probabilities: Floats,
+        features: Floats,
+        deviations: Floats,
     ) -> None:
         """Take a frame's N candidates.
 
@@ -95,6 +113,7 @@ class Distractors:
             boxes: the candidates', pixels, the best of each source first.
             probabilities: (N,) P(IoU > 0.5) of them.
             features: (N, D) the motion tracker's features of them.
+            deviations: (N,) from where the target should be, while it is not seen.
         """
         free = [k for k, box in enumerate(boxes) if box.iou(target) < _OVERLAP]
         for track in self._tracks:
@@ -103,11 +122,13 @@ class Distractors:
                 taken = boxes[best]
                 free = [k for k in free if boxes[k].iou(taken) < _OVERLAP]
                 self._follow(track, taken, float(probabilities[best]), features[best])
+                track.deviations = max(track.deviations, float(deviations[best]))
             else:
                 track.missed_s += self._interval_s
         for k in free:
             if all(boxes[k].iou(track.box) < _OVERLAP for track in self._tracks):
-                self._tracks.append(_Distractor(boxes[k], float(probabilities[k]), features[k]))
+                known = (float(probabilities[k]), features[k], float(deviations[k]))
+                self._tracks.append(_Distractor(boxes[k], *known))
         kept = [
             one
             for one in self._tracks

@@ -82,6 +82,9 @@ FEATURES = (
     "second_iou",
     "second_score",
     "second_peak_iou",
+    "deviation",
+    "deviation_before",
+    "deviation_of_distractor",
 )
 """Names of the features, in the order of the columns."""
 
@@ -129,6 +132,7 @@ def measure(candidates: list[Candidate], seen: Descriptors, at: Situation) -> Fl
         *_foreseen(corners, overlap, at.target),
         *_history(candidates, at),
         *_seconded(candidates, corners, at.response),
+        *_deviating(candidates, corners, at.target),
     ]
     table = np.empty((len(candidates), len(FEATURES)))
     for place, column in enumerate(columns):
@@ -265,6 +269,13 @@ def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
         others = np.where(beside, mean[None, :], np.inf).min(axis=1)
         lead = np.where(beside.any(axis=1), np.clip(others - mean, -2.0, 2.0), 0.0)
     return [misfit(known.cx, known.cy, known.likely), lately, before, lead]
+
+
+def _deviating(candidates: list[Candidate], corners: Floats, target: Target) -> list[Column]:
+    """How far it is from where control foretells it, and what it is was before."""
+    table = np.array([target.deviations(one.box) for one in candidates])
+    seen_before = target.distractors.deviations(corners)
+    return [*np.log1p(np.minimum(table, 20.0)).T, np.log1p(np.minimum(seen_before, 20.0))]
 
 
 def _seconded(candidates: list[Candidate], corners: Floats, response: ResponseMap) -> list[Column]:

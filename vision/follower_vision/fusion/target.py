@@ -208,8 +208,22 @@ class Target:
         unseen_s = self.captured_s - self.seen_s
         waits = self.state is not TrackState.TRACKING and unseen_s <= _LIKELY_S
         regions = [known.likely if waits else known.possible]
-        regions += [one.likely for one in self._former_forecasts()]
+        if self._formerly_foreseen(self.filter.box) is not None:
+            regions += [one.likely for one in self._former_forecasts()]
         return any(has_middle(region, box, margin_px) for region in regions)
+
+    def deviations(self, box: Box) -> tuple[float, float]:
+        """Return how many standard deviations a box is from where control foretells the target.
+
+        The nearest forecast counts of those that were made so long ago that they may know better.
+
+        Returns:
+            by what is believed now, and by what was believed before; 0 where nothing is foretold.
+        """
+        if self.foreseen is None:
+            return 0.0, 0.0
+        before = (_deviations(box, one) for one in self._former_forecasts())
+        return _deviations(box, self.foreseen), min(before, default=0.0)
 
     def remember_box(self) -> None:
         """Keep the frame's box for detections that come late."""
@@ -244,6 +258,14 @@ class Target:
     def _unseen_state(self) -> TrackState:
         coasting = self.captured_s - self.seen_s <= _COAST_S
         return TrackState.COASTING if coasting else TrackState.LOST
+
+
+def _deviations(box: Box, forecast: TargetPrediction | MotionForecast) -> float:
+    """What is likely is two standard deviations wide, on each side: nearer to us they are more."""
+    right, down, likely = box.cx - forecast.cx, box.cy - forecast.cy, forecast.likely
+    across_px = likely.right - forecast.cx if right > 0 else forecast.cx - likely.left
+    along_px = likely.bottom - forecast.cy if down > 0 else forecast.cy - likely.top
+    return 2 * math.hypot(right / max(across_px, 1.0), down / max(along_px, 1.0))
 
 
 def log_sides(box: Box) -> Floats:

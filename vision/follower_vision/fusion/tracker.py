@@ -295,7 +295,11 @@ class FusionTracker:
             self._response.learn(frame.image, target.box, probability)
         if answers:
             target.learn_detections(detections, probability)
-        target.distractors.update(target.box, boxes[:-1], probabilities[:, 1], seen.features)
+        unseen = target.state is not TrackState.TRACKING
+        deviations = np.array([unseen * target.deviations(box)[0] for box in boxes])
+        target.distractors.update(
+            target.box, boxes[:-1], probabilities[:, 1], seen.features, deviations
+        )
 
     def _possible(self, candidates: list[Candidate], target: Target) -> list[Candidate]:
         """Leave out what cannot be the target: where it cannot be, or another target."""
