@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from follower_vision.fusion import FusionSettings
 from follower_vision.fusion.box_filter import BoxFilter, FilterNoise
@@ -13,6 +15,7 @@ from follower_vision.fusion.candidates import PEAK, PREDICTION, Candidate
 from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.features import FEATURES, Situation, measure
 from follower_vision.fusion.target import Target, log_sides
+from follower_vision.fusion.tracker import doubted
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.motion_tracker import ResponseMap
 from follower_vision.trackers.target_tracker import MotionForecast, TargetPrediction
@@ -84,6 +87,34 @@ def test_a_place_is_so_many_standard_deviations_from_where_the_target_is_foretol
     target.foreseen = foretold(BOX, (0.4, FAR), (2.0, BESIDE), (2.4, FAR))
     assert target.deviations(BESIDE) == pytest.approx((2 * 100 / 40, 0.0))
     assert target.deviations(FAR)[1] == 0.0, "the nearest of the older forecasts counts"
+
+
+def test_a_place_speaks_against_a_candidate_by_the_square_of_its_deviation(target: Target) -> None:
+    assert target.misplacement(FAR) == 0.0, "nothing is foretold"
+    target.foreseen = foretold(BOX, (0.4, BOX), (2.0, BOX))
+    odds = [target.misplacement(BOX.moved_to(200 + x, 200)) for x in (0, 20, 40, 60)]
+    assert odds == pytest.approx([0, 0.5, 2, 4.5])
+    target.foreseen = foretold(BOX)
+    assert target.misplacement(BESIDE) == 0.0, "what is followed may be what foretells it"
+    unseen(target, 0.3)
+    assert target.misplacement(BESIDE) == pytest.approx(0.5 * 5**2)
+
+
+def test_what_leads_elsewhere_than_was_believed_before_is_not_the_target(target: Target) -> None:
+    target.foreseen = foretold(BOX, (0.4, BOX), (2.0, BESIDE), (2.4, BESIDE))
+    assert target.misplacement(BOX) == pytest.approx(0.5 * 5**2)
+    assert target.misplacement(BESIDE) == 0.0
+    unseen(target, 0.3)
+    assert target.misplacement(BESIDE) == 0.0
+
+
+@given(st.floats(0, 1), st.floats(0, 1e6))
+def test_evidence_against_a_candidate_takes_its_log_odds_away(p: float, evidence: float) -> None:
+    (found,) = doubted(np.full((1, 3), p), np.array([evidence]))
+    assert np.isfinite(found).all()
+    assert (found <= p).all()
+    if 1e-9 < p < 1 - 1e-9 and evidence < 20:
+        assert np.log(found / (1 - found)) == pytest.approx(math.log(p / (1 - p)) - evidence)
 
 
 def test_what_was_believed_before_it_may_have_been_mistaken_still_counts(target: Target) -> None:

@@ -225,6 +225,25 @@ class Target:
         before = (_deviations(box, one) for one in self._former_forecasts())
         return _deviations(box, self.foreseen), min(before, default=0.0)
 
+    def misplacement(self, box: Box) -> float:
+        """Return what a box's place says against it by what control foretells, in log odds.
+
+        A look-alike shows what the target would; only its place is another. What is followed may
+        have become a look-alike a moment ago, and foretell its own way: the forecasts from before
+        that count. A target that is not seen leads nothing astray: the newest counts, too.
+        """
+        if self.foreseen is None:
+            return 0.0
+        former = self._former_forecasts()
+        squares = [_deviations(box, one) ** 2 for one in former]
+        evidence = sum(squares) / max(len(squares), 1)
+        if (
+            self.state is not TrackState.TRACKING
+            and self._formerly_foreseen(self.filter.box) is None
+        ):
+            evidence = max(evidence, _deviations(box, self.foreseen) ** 2)
+        return 0.5 * evidence
+
     def remember_box(self) -> None:
         """Keep the frame's box for detections that come late."""
         self.history[self.index] = self.box

@@ -51,6 +51,8 @@ _LEAST_VISIBLE = 0.1
 _BELIEVED = 0.4
 """The prediction is taken only where nothing observed is as probable as this."""
 _SURE = 0.7
+_MOST_EVIDENCE = 20.0
+"""Against a candidate, in log odds: of one that is certain, something is left."""
 _FIRST_LESSONS = 3
 """The user's box counts as so many observations for what the detector sees of the target."""
 _OTHERS_IOU = 0.5
@@ -278,7 +280,8 @@ class FusionTracker:
             target, search.response, bool(answers), detections, frame.width, frame.height
         )
         features = measure(candidates, seen, situation)
-        probabilities = self._model.probabilities(features)
+        misplaced = np.array([target.misplacement(box) for box in boxes])
+        probabilities = doubted(self._model.probabilities(features), misplaced)
         chosen = best_candidate(candidates, probabilities)
         if self.listener is not None:
             sources = tuple(one.source for one in candidates)
@@ -313,6 +316,12 @@ class FusionTracker:
                 if one.box.iou(other) < max(_OTHERS_IOU, one.box.iou(expected))
             ]
         return [*observed, candidates[-1]]
+
+
+def doubted(probabilities: Floats, log_odds: Floats) -> Floats:
+    """Return (N, 3) probabilities after evidence against N candidates, (N,) in log odds."""
+    kept = probabilities * np.exp(-np.minimum(log_odds, _MOST_EVIDENCE))[:, None]
+    return np.asarray(kept / (1.0 - probabilities + kept))
 
 
 def best_candidate(candidates: Sequence[Candidate], probabilities: Floats) -> int:
