@@ -22,7 +22,7 @@ from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself, FrameSource, SourceError
 from follower_vision.trackers.track import Track
 
-_COME_ALONG = {"tracker": "re3", "detector": "embedded"}
+_COME_ALONG = {"tracker": "siamese-correlation", "detector": "embedded"}
 
 
 def frames(
@@ -74,7 +74,7 @@ class Fusion(ClosesItself):
         device: where the networks run: "auto", "cpu", "cuda", "tensorrt", …; None leaves it to the
             settings, whose default is "auto".
         config: settings file; a tracker or detector that it does not name is the one that comes
-            along ("re3", "embedded").
+            along ("siamese-correlation", "embedded").
         overrides: `key=value` each, as `--set` takes them: "detector=yolox-nano".
 
     Raises:
