@@ -89,7 +89,7 @@ def scene(scale: int = 1) -> np.ndarray:
     known.detector.learn([Detection(at(BOX.scaled(1.2)), 0, "thing", 0.8)], at(BOX), 1.0)
     for _ in range(3):
         known.advance(known.captured_s + 0.1)
-        known.distractors.update(at(BOX), [at(FAR)], np.array([0.4]), np.zeros((1, 0)))
+        known.distractors.update(at(BOX), [at(FAR)], np.array([0.4]), np.zeros((1, 0)), np.zeros(1))
         known.filter.observe(at(NEAR), "peak", 0.9)
     known.advance(known.captured_s + 0.1)
     detections = [Detection(at(NEAR.scaled(1.2)), 0, "thing", 0.7)]

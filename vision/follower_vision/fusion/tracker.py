@@ -125,6 +125,7 @@ class FusionTracker:
         self._response = motion if isinstance(motion, ResponseTracker) else OnePlaceResponse(motion)
         self._settings = settings or FusionSettings()
         self._model = model or model_for(motion.name, self._settings.model)
+        self._foretold = model or model_for(motion.name, self._settings.model, foretold=True)
         self._embedder = make_embedder(self._settings.embedder)
         self._service: DetectionService | None = None if detector is None else mode(detector)
         self._target: Target | None = None
@@ -281,7 +282,8 @@ class FusionTracker:
         )
         features = measure(candidates, seen, situation)
         misplaced = np.array([target.misplacement(box) for box in boxes])
-        probabilities = doubted(self._model.probabilities(features), misplaced)
+        model = self._model if target.foreseen is None else self._foretold
+        probabilities = doubted(model.probabilities(features), misplaced)
         chosen = best_candidate(candidates, probabilities)
         if self.listener is not None:
             sources = tuple(one.source for one in candidates)

