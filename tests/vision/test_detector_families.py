@@ -24,9 +24,9 @@ sizes = st.floats(6, 90)
 class_ids = st.integers(0, CLASSES - 1)
 
 
-def layout(*shapes: tuple[int, ...], names: tuple[str, ...] = ()) -> NetworkLayout:
+def layout(*shapes: tuple[int, ...], names: tuple[str, ...] = (), head: str = "") -> NetworkLayout:
     labels = names or tuple(f"out{index}" for index in range(len(shapes)))
-    return NetworkLayout(HEIGHT, WIDTH, tuple(zip(labels, shapes, strict=True)))
+    return NetworkLayout(HEIGHT, WIDTH, tuple(zip(labels, shapes, strict=True)), head=head)
 
 
 def cells(stride: int) -> int:
@@ -109,6 +109,16 @@ def test_rtdetr(cx: float, cy: float, w: float, h: float, number: int, boxes_fir
     assert decoder.classes == CLASSES
     check(decoder.decode(outputs, 0.5), cx, cy, w, h, number)
     assert decoder.decode(outputs, 0.5).scores == pytest.approx([0.6])
+
+
+@given(cxs, cys, sizes, sizes, class_ids)
+def test_rtdetr_of_ultralytics(cx: float, cy: float, w: float, h: float, number: int) -> None:
+    """Read as an end-to-end YOLO, its boxes would all be a pixel in the corner."""
+    answer = np.zeros((1, 300, 6), np.float32)
+    answer[0, 7] = [cx / WIDTH, cy / HEIGHT, w / WIDTH, h / HEIGHT, 0.6, number]
+    found = make_decoder(layout(answer.shape, head="RTDETRDecoder")).decode([answer], 0.5)
+    check(found, cx, cy, w, h, number)
+    assert found.scores == pytest.approx([0.6])
 
 
 @given(cxs, cys, sizes, sizes, class_ids)
@@ -239,21 +249,23 @@ SHAPES = {
     "yolov5": [(1, 3 * sum(map(cells, (8, 16, 32))), 12)],
     "yolo-end-to-end": [(1, 300, 6)],
     "rtdetr": [(1, 300, 7), (1, 300, 4)],
+    "rtdetr-ultralytics": [(1, 300, 6)],
     "detr-deploy": [(1, 300), (1, 300, 4), (1, 300)],
 }
 NAMES = {"rtdetr": ("logits", "pred_boxes"), "detr-deploy": ("labels", "boxes", "scores")}
+HEADS = {"yolo-end-to-end": "v10Detect", "rtdetr-ultralytics": "RTDETRDecoder"}
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_each_family_is_recognised_and_no_other_claims_it(family: str) -> None:
-    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()))
+    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()), head=HEADS.get(family, ""))
     assert [name for name, kind in FAMILIES.items() if kind.fits(shapes)] == [family]
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_nothing_seen_is_nothing_found(family: str) -> None:
     answers = [np.full(shape, -30.0, np.float32) for shape in SHAPES[family]]
-    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()))
+    shapes = layout(*SHAPES[family], names=NAMES.get(family, ()), head=HEADS.get(family, ""))
     found = make_decoder(shapes).decode(answers, 0.3)
     assert found.corners.shape == (0, 4)
     assert found.scores.shape == found.classes.shape == (0,)

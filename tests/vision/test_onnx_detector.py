@@ -100,10 +100,13 @@ CELLS = 126
 """Cells of the three grids in an input of 96 x 64 pixels."""
 
 
-def exported(path: Path, outputs: dict[str, np.ndarray], *, with_size: bool = False) -> Path:
+def exported(
+    path: Path, outputs: dict[str, np.ndarray], *, with_size: bool = False, **written: str
+) -> Path:
     """A network that always answers the same, of `WIDE` x `HIGH` pixels.
 
-    With a size as its second input, `boxes` are shares of it, and come out in its pixels.
+    With a size as its second input, `boxes` are shares of it, and come out in its pixels. What is
+    `written` is in the file's metadata.
     """
     nodes, values = [], []
     for name, answer in outputs.items():
@@ -122,6 +125,7 @@ def exported(path: Path, outputs: dict[str, np.ndarray], *, with_size: bool = Fa
     ]
     graph = h.make_graph(nodes, "exported", inputs, infos, initializer=values)
     model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
+    h.set_model_props(model, written)
     path.write_bytes(model.SerializeToString())
     return path
 
@@ -133,6 +137,7 @@ def answers(export: str) -> dict[str, np.ndarray]:
         "YOLOv5": {"output0": (3 * CELLS, 7)},
         "YOLO11": {"output0": (CELLS, 6)},
         "YOLO26": {"output0": (300, 6)},
+        "RT-DETR": {"output0": (300, 6)},
         "Transformers": {"logits": (300, 80), "pred_boxes": (300, 4)},
         "D-FINE": {"labels": (300,), "boxes": (300, 4), "scores": (300,)},
     }
@@ -144,6 +149,8 @@ def answers(export: str) -> dict[str, np.ndarray]:
         made["output0"] = made["output0"].transpose(0, 2, 1)
     elif export == "YOLO26":
         made["output0"][0, 2] = [*corners, 0.9, 1.0]
+    elif export == "RT-DETR":
+        made["output0"][0, 2] = [0.5, 0.5, 0.5, 0.5, 0.9, 1.0]
     elif export == "Transformers":
         made["logits"] -= 9.0
         made["logits"][0, 2, 1] = np.log(0.9 / 0.1)
@@ -251,11 +258,15 @@ def test_a_wide_image_is_shown_whole_and_undistorted(tmp_path: Path) -> None:
     assert found.box == Box(320, 180, 160, 80)
 
 
-@pytest.mark.parametrize("export", ["YOLOv5", "YOLO11", "YOLO26", "Transformers", "D-FINE"])
+@pytest.mark.parametrize(
+    "export", ["YOLOv5", "YOLO11", "YOLO26", "RT-DETR", "Transformers", "D-FINE"]
+)
 def test_an_exported_network_is_recognised_and_its_boxes_are_where_it_says(
     export: str, tmp_path: Path
 ) -> None:
-    file = exported(tmp_path / "own.onnx", answers(export), with_size=export == "D-FINE")
+    head = "RTDETRDecoder" if export == "RT-DETR" else ""
+    with_size = export == "D-FINE"
+    file = exported(tmp_path / "own.onnx", answers(export), with_size=with_size, head=head)
     (found,) = OnnxDetector(file).detect(np.zeros((128, 192, 3), np.uint8))
     assert found.box.xywh == pytest.approx((48, 32, 96, 64), abs=1e-3)
     assert found.score == pytest.approx(0.9, abs=1e-5)

@@ -154,12 +154,14 @@ class NetworkLayout:
         width: of the input, in pixels.
         outputs: name and shape of every output, in order.
         anchors: widths and heights, in cells, that the file names; () if it names none.
+        head: the last layer's kind, that the file names as Ultralytics does; "" if it does not.
     """
 
     height: int
     width: int
     outputs: tuple[tuple[str, tuple[int, ...]], ...]
     anchors: tuple[tuple[float, float], ...] = ()
+    head: str = ""
 
     @property
     def only_output(self) -> tuple[int, ...]:

@@ -17,6 +17,7 @@ from follower_vision.onnx_network import Tensor
 
 MOST_ROWS = 1000
 """A network that chooses gives fewer boxes than this (usually 300); one that does not, more."""
+_SHARES_HEAD = "RTDETRDecoder"
 _TO_UNIT = (255.0, 255.0, 255.0)
 
 
@@ -37,14 +38,48 @@ class YoloEndToEndDecoder:
     @staticmethod
     def fits(layout: NetworkLayout) -> bool:
         """Return whether a network's outputs have this family's shapes."""
-        shape = layout.only_output
-        return len(shape) == 3 and shape[2] == 6 and shape[1] <= MOST_ROWS
+        return _are_chosen_rows(layout) and layout.head != _SHARES_HEAD
 
     def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
         """Return the boxes with at least a score, in input pixels."""
-        rows = outputs[0][0]
-        rows = rows[(rows[:, 4] >= min_score) & np.isfinite(rows[:, 5])]
-        return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.intp))
+        return _chosen_rows(outputs, min_score)
+
+
+class UltralyticsRtDetrDecoder:
+    """Reads (1, rows, 6): centre and size as shares of the input, score, class.
+
+    Only the last layer's name in the file tells this from `YoloEndToEndDecoder`'s.
+    """
+
+    layout = f"(1, rows, 6) of a head {_SHARES_HEAD}"
+    input_format = InputFormat(Placement.STRETCH, red_first=True, deviation=_TO_UNIT)
+    classes = 0
+
+    def __init__(self, layout: NetworkLayout) -> None:
+        self._size = np.array([layout.width, layout.height], np.float32)
+
+    @staticmethod
+    def fits(layout: NetworkLayout) -> bool:
+        """Return whether a network's outputs have this family's shapes and its head the name."""
+        return _are_chosen_rows(layout) and layout.head == _SHARES_HEAD
+
+    def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
+        """Return the boxes with at least a score, in input pixels."""
+        found = _chosen_rows(outputs, min_score)
+        boxes = found.corners * np.tile(self._size, 2)
+        return Candidates(from_centres(boxes[:, :2], boxes[:, 2:]), found.scores, found.classes)
+
+
+def _are_chosen_rows(layout: NetworkLayout) -> bool:
+    shape = layout.only_output
+    return len(shape) == 3 and shape[2] == 6 and shape[1] <= MOST_ROWS
+
+
+def _chosen_rows(outputs: Sequence[Tensor], min_score: float) -> Candidates:
+    """Return rows of a box, a score and a class as they are."""
+    rows = outputs[0][0]
+    rows = rows[(rows[:, 4] >= min_score) & np.isfinite(rows[:, 5])]
+    return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.intp))
 
 
 class RtDetrDecoder:

@@ -19,6 +19,7 @@ from follower_vision.detection.detection import (
 from follower_vision.detection.end_to_end import (
     DetrDeployDecoder,
     RtDetrDecoder,
+    UltralyticsRtDetrDecoder,
     YoloEndToEndDecoder,
 )
 from follower_vision.onnx_network import Tensor
@@ -345,6 +346,7 @@ FAMILIES: Mapping[str, DecoderClass] = {
     "yolov5": YoloV5Decoder,
     "yolo-end-to-end": YoloEndToEndDecoder,
     "rtdetr": RtDetrDecoder,
+    "rtdetr-ultralytics": UltralyticsRtDetrDecoder,
     "detr-deploy": DetrDeployDecoder,
     "nanodet": NanoDetDecoder,
     "fastestdet": FastestDetDecoder,

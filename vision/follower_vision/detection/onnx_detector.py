@@ -213,7 +213,8 @@ def _layout(network: Network, blank: Tensor, size: list[Integers]) -> NetworkLay
     shapes = [output.shape for output in network.run(blank, *size)]
     outputs = tuple(zip(network.outputs, shapes, strict=True))
     anchors = _written_anchors(network)
-    return NetworkLayout(blank.shape[2], blank.shape[3], outputs, anchors)
+    head = network.metadata.get("head", "")
+    return NetworkLayout(blank.shape[2], blank.shape[3], outputs, anchors, head)
 
 
 def _written_anchors(network: Network) -> tuple[tuple[float, float], ...]:
