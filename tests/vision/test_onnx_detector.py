@@ -275,6 +275,15 @@ def test_an_exported_network_is_recognised_and_its_boxes_are_where_it_says(
     assert found.class_name == names.get(export, "bicycle")
 
 
+@pytest.mark.parametrize("task", ["obb", "pose"])
+def test_angles_and_joints_are_not_taken_for_scores(task: str, tmp_path: Path) -> None:
+    file = exported(tmp_path / "own.onnx", answers("YOLO11"), task=task)
+    with pytest.raises(ModelError, match=rf"own\.onnx: not a detector .* its task is {task}$"):
+        OnnxDetector(file)
+    detects = exported(tmp_path / "own.onnx", answers("YOLO11"), task="detect")
+    assert len(OnnxDetector(detects).detect(scene())) == 1
+
+
 def test_class_numbers_beyond_the_names_are_named_by_number(tmp_path: Path) -> None:
     said = answers("D-FINE")
     said["labels"][0, 2] = 99

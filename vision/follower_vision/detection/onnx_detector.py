@@ -23,6 +23,8 @@ from follower_vision.onnx_network import CPU, Integers, ModelError, Network, Ten
 
 _USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5
+_OTHER_TASKS = ("segment", "pose", "obb", "classify")
+"""Of Ultralytics' networks; some answer in a detector's shapes, with angles or joints as scores."""
 
 
 def _names_in(file: str) -> tuple[str, ...]:
@@ -210,6 +212,9 @@ def _size_input(network: Network, tensor: Tensor) -> list[Integers]:
 
 def _layout(network: Network, blank: Tensor, size: list[Integers]) -> NetworkLayout:
     """Try a network on a blank image, because not every file states its outputs' shapes."""
+    task = network.metadata.get("task", "")
+    if task in _OTHER_TASKS:
+        raise ValueError(f"not a detector of upright boxes: its task is {task}")
     shapes = [output.shape for output in network.run(blank, *size)]
     outputs = tuple(zip(network.outputs, shapes, strict=True))
     anchors = _written_anchors(network)
