@@ -281,9 +281,11 @@ class FusionTracker:
             target, search.response, bool(answers), detections, frame.width, frame.height
         )
         features = measure(candidates, seen, situation)
-        misplaced = np.array([target.misplacement(box) for box in boxes])
-        model = self._model if target.foreseen is None else self._foretold
-        probabilities = doubted(model.probabilities(features), misplaced)
+        if target.foreseen is None:
+            probabilities = self._model.probabilities(features)
+        else:
+            misplaced = np.array([target.misplacement(box) for box in boxes])
+            probabilities = doubted(self._foretold.probabilities(features), misplaced)
         chosen = best_candidate(candidates, probabilities)
         if self.listener is not None:
             sources = tuple(one.source for one in candidates)
