@@ -219,25 +219,16 @@ def demo(
     """Fly a pursuit: the camera shakes, the car vanishes in a hall, and another one crosses.
 
     Fusion with the networks that come along finds it again. Takes under a minute in real
-    time. A computer that is too slow for that flies once more in --lockstep, which takes as long as
-    it needs. Afterwards runs/demo holds the video, an HTML report and the score. The exit
-    code is 0 if the pursuit succeeded, 1 if it failed; see docs/reference/supervisor.md.
+    time. A computer that is too slow for that flies once more in --lockstep, into the next folder,
+    for as long as it takes. Afterwards runs/demo holds the video, an HTML report and the score. The
+    exit code is 0 if the pursuit succeeded, 1 if it failed; see docs/reference/supervisor.md.
     """
     from follower.simulation.options import SimulationOptions
     from follower.simulation.run import simulate
 
+    changes = tuple(overrides or ())
     options = SimulationOptions(
-        "demo",
-        autopilot,
-        seed,
-        lockstep,
-        config,
-        tuple(overrides or ()),
-        out,
-        video,
-        connect,
-        record,
-        link,
+        "demo", autopilot, seed, lockstep, config, changes, out, video, connect, record, link
     )
     result = simulate(options)
     ours = connect is None and link != "mavsdk"  # what can be flown in lockstep

@@ -29,7 +29,7 @@ class _Distractor:
         box: where it is, or should be, in pixels.
         probability: mean of the P(IoU > 0.5) that it had lately.
         features: the motion tracker's features of it, (D,).
-        deviations: the most by which it was where the unseen target should not be.
+        deviations: the largest feature `deviation` that it had while the target was not seen.
         right_px_s: its velocity.
         down_px_s: the same downwards.
         seen_s: for how long it was seen.
@@ -81,7 +81,7 @@ class Distractors:
         return best, known[nearest] * (best > 0), probability[nearest] * (best > 0)
 
     def deviations(self, corners: Floats) -> Floats:
-        """Return the most by which what is at N boxes was where the target should not be, (N,).
+        """Return the largest feature `deviation` that what is at N boxes ever had, (N,).
 
         What is seen all the way from where the target cannot have been is not the target.
         """
@@ -113,7 +113,7 @@ class Distractors:
             boxes: the candidates', pixels, the best of each source first.
             probabilities: (N,) P(IoU > 0.5) of them.
             features: (N, D) the motion tracker's features of them.
-            deviations: (N,) from where the target should be, while it is not seen.
+            deviations: (N,) of them, 0 while the target is seen.
         """
         free = [k for k, box in enumerate(boxes) if box.iou(target) < _OVERLAP]
         for track in self._tracks:

@@ -274,8 +274,7 @@ def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
 def _deviating(candidates: list[Candidate], corners: Floats, target: Target) -> list[Column]:
     """How far it is from where control foretells it, and what it is was before."""
     table = np.array([target.deviations(one.box) for one in candidates])
-    seen_before = target.distractors.deviations(corners)
-    return [*np.log1p(np.minimum(table, 20.0)).T, np.log1p(np.minimum(seen_before, 20.0))]
+    return [*np.log1p(np.minimum(table, 20.0)).T, target.distractors.deviations(corners)]
 
 
 def _seconded(candidates: list[Candidate], corners: Floats, response: ResponseMap) -> list[Column]:

@@ -30,7 +30,7 @@ from follower_vision.fusion.box_filter import BoxFilter
 from follower_vision.fusion.candidates import PREDICTION, Candidate, corners_of, propose
 from follower_vision.fusion.descriptor import AppearanceMemory, describe
 from follower_vision.fusion.embedder import make_embedder
-from follower_vision.fusion.features import Situation, measure
+from follower_vision.fusion.features import FEATURES, Situation, measure
 from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.fusion.target import Target, log_sides
@@ -56,6 +56,7 @@ _MOST_EVIDENCE = 20.0
 _FIRST_LESSONS = 3
 """The user's box counts as so many observations for what the detector sees of the target."""
 _OTHERS_IOU = 0.5
+_DEVIATION = FEATURES.index("deviation")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -303,7 +304,7 @@ class FusionTracker:
         if answers:
             target.learn_detections(detections, probability)
         unseen = target.state is not TrackState.TRACKING
-        deviations = np.array([unseen * target.deviations(box)[0] for box in boxes])
+        deviations = unseen * features[:, _DEVIATION]
         target.distractors.update(
             target.box, boxes[:-1], probabilities[:, 1], seen.features, deviations
         )

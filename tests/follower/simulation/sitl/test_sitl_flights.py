@@ -45,8 +45,10 @@ class Broken(SimulatedProgram):
 @pytest.mark.slow
 def test_a_scenario_is_flown_on_a_program_and_reported(matrix: SitlMatrix, tmp_path: Path) -> None:
     out = tmp_path / "runs"
-    # Whether the limits are kept, and whether a busy machine keeps the link, is luck.
-    assert fly_matrix(matrix, out) in (0, 1, 4)
+    # A busy machine is silent for longer than a link may be; how long that is, other tests say.
+    patient = ("supervisor.link_timeout_s=20", "supervisor.telemetry_timeout_s=10")
+    matrix = replace(matrix, overrides=patient)
+    assert fly_matrix(matrix, out) in (0, 1)  # whether the limits are kept is the machine's luck
     (row,) = rows(out)
     assert row["autopilot"] == "simulated ardupilot"
     assert "--simulated ardupilot" in str(row["command"])
