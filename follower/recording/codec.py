@@ -26,7 +26,7 @@ import numpy as np
 from follower.recording.messages import MessageKind
 from follower.settings.field_docs import meanings, unit_of, without_none
 
-SHAPES: Mapping[str, tuple[int, ...]] = {"covariance": (6, 6)}
+SHAPES: Mapping[str, tuple[int, ...]] = {"covariance": (6, 6), "turn": (3, 3), "place_m": (3,)}
 """Arrays are written as flat lists, row by row; these are their shapes."""
 
 

@@ -20,7 +20,7 @@ from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, GimbalState, LocalPosition, VehicleState
 from follower_vision.geometry.box import Box
-from follower_vision.geometry.camera_model import CameraModel
+from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight
 from follower_vision.trackers.target_tracker import has_middle
 from follower_vision.trackers.track import Track, TrackState
@@ -28,11 +28,20 @@ from follower_vision.trackers.track import Track, TrackState
 LENS = CameraModel.from_fov(640, 480, math.radians(80), (-0.06, 0.01, 0.0, 0.0, 0.0))
 OBSERVER = BearingObserver(LENS, CameraMount(pitch_rad=math.radians(-15)), latency_s=0.1)
 
+HERE = np.zeros(3)
+
 
 def known(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> AttitudeHistory:
     history = AttitudeHistory()
     history.add(Attitude(roll, pitch, yaw, 0, 0, 0, 9.9))
     return history
+
+
+def image_of(
+    away_m: Vector, attitudes: AttitudeHistory, gimbal: GimbalHistory | None = None
+) -> Vector:
+    """Where in the image of a camera that is turned so places are."""
+    return OBSERVER.view(10.0, HERE, attitudes, gimbal).pixels(away_m)
 
 
 @given(
@@ -48,7 +57,7 @@ def test_what_was_sighted_at_a_pixel_is_expected_there(x, y, roll, pitch, yaw, d
     track = Track(Box(x, y, 8, 8), TrackState.TRACKING, 1.0, "test", 10.0, 0)
     observed = OBSERVER.observe(track, attitudes)
     place = distance_m * observed.line_of_sight.vector
-    np.testing.assert_allclose(OBSERVER.image_of(place[None], 10.0, attitudes), [[x, y]], atol=1e-3)
+    np.testing.assert_allclose(image_of(place[None], attitudes), [[x, y]], atol=1e-3)
 
 
 def test_a_gimbal_s_camera_counts_where_there_is_one():
@@ -56,9 +65,9 @@ def test_a_gimbal_s_camera_counts_where_there_is_one():
     level = Attitude(0, math.radians(-40), 0.5, 0, 0, 0, 9.9)
     gimbal.add(GimbalState(level, is_level=True, from_north=True))
     away = 10 * np.array([[math.cos(0.5), math.sin(0.5), math.tan(math.radians(40))]])
-    seen = OBSERVER.image_of(away, 10.0, known(roll=0.3, pitch=-0.2, yaw=2.0), gimbal)
+    seen = image_of(away, known(roll=0.3, pitch=-0.2, yaw=2.0), gimbal)
     np.testing.assert_allclose(seen, [[320, 240]], atol=1.0)
-    assert OBSERVER.image_of(away, 10.0, known(), GimbalHistory()) is None
+    assert OBSERVER.view(10.0, HERE, known(), GimbalHistory()) is None
 
 
 def test_without_an_attitude_nothing_is_foreseen():
@@ -83,7 +92,7 @@ def test_wherever_it_can_have_gone_is_in_the_region(ahead, right, down, reach, a
     gone = outlook.away_m + share * reach * np.array([math.cos(angle), math.sin(angle), 0.0])
     assume(gone[0] > 0.5 * np.linalg.norm(gone))
     assume(np.hypot(*gone[:2]) > 0.5 * np.hypot(ahead, right))
-    (x, y), *_ = OBSERVER.image_of(gone[None], 10.0, known()).tolist()
+    (x, y), *_ = image_of(gone[None], known()).tolist()
     # What lies crosswise reaches further than along or across alone, at the corners of the region.
     assert has_middle(seen.possible, Box(x, y, 1, 1), 0.05 * LENS.fx)
 
@@ -121,7 +130,7 @@ def test_a_camera_that_is_a_little_later_than_said_loses_no_target_in_a_turn(lat
     true.add(Attitude(0, 0, turn * late_s, 0, 0, turn, 9.9))
     away = np.array([14.0, 1.0, 5.0])
     seen = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, said)
-    (x, y), *_ = OBSERVER.image_of(away[None], 10.0, true).tolist()
+    (x, y), *_ = image_of(away[None], true).tolist()
     assert has_middle(seen.likely, Box(x, y, 1, 1), 1.0)
     still = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, known())
     assert not has_middle(still.likely, Box(x, y, 1, 1), 1.0)
@@ -216,7 +225,7 @@ def test_a_forecast_is_where_its_place_is_seen_and_dated_by_the_frames_clock():
         alone.likely,
         alone.possible,
     )
-    places = OBSERVER.image_of(np.array([one.away_m for one in earlier]), 10.0, known())
+    places = image_of(np.array([one.away_m for one in earlier]), known())
     for one, (x, y) in zip(seen.earlier, places.tolist(), strict=True):
         assert (one.cx, one.cy) == pytest.approx((x, y))
         assert has_middle(one.likely, Box(x, y, 1, 1))

@@ -415,7 +415,8 @@ class PursuitState:
 
 def _outlook(moving: TargetWorldFilter, time_s: float, here_m: Vector) -> PredictedRegion:
     likely_m, possible_m = (moving.reach_m(time_s, *one) for one in (_LIKELY, _POSSIBLE))
-    return PredictedRegion(moving.at(time_s)[0] - here_m, likely_m, possible_m)
+    away_m = moving.at(time_s)[0] - here_m
+    return PredictedRegion(away_m, likely_m, possible_m, from_m=here_m)
 
 
 def _speed_away(velocity_m_s: complex, estimate: TargetEstimate) -> float:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class PredictedRegion:
         possible_m: how far from there it can be.
         seen_s: when it was seen last.
         nearer: how many times as near it should be as it was then.
+        from_m: (3,) where we are then.
     """
 
     away_m: Vector
@@ -48,6 +49,7 @@ class PredictedRegion:
     possible_m: float
     seen_s: float = -math.inf
     nearer: float = 1.0
+    from_m: Vector = field(default_factory=lambda: np.zeros(3))
 
     def points_m(self, reach_m: float, angle_rad: float = 0.0, around: Vector = _ROUND) -> Vector:
         """Return (N + 3, 3): where it should be, and places around that, above and below.
@@ -102,16 +104,20 @@ def prospect(
     likely, possible = (outlook.points_m(reach_m, angle_rad) for reach_m in reaches)
     before = [one.points_m(one.likely_m, angle_rad, _CROSS) for one in earlier]
     places = [likely, possible, *before]
-    pixels = sighter.image_of(np.concatenate(places), captured_s, attitudes, gimbal)
-    if pixels is None:
+    view = sighter.view(captured_s, outlook.from_m, attitudes, gimbal)
+    if view is None:
         return None
+    view = replace(view, angle_rad=angle_rad)
     offset_s = captured_s - time_s
-    seen = np.split(pixels, np.cumsum([len(one) for one in places])[:-1])
+    seen = np.split(
+        view.pixels(np.concatenate(places)), np.cumsum([len(one) for one in places])[:-1]
+    )
     forecasts = tuple(
         MotionForecast(one.seen_s + offset_s, *_middle(places), _about(places), one.nearer)
         for one, places in zip(earlier, seen[2:], strict=True)
     )
-    return TargetPrediction(*_middle(seen[0]), _about(seen[0]), _about(seen[1]), forecasts)
+    around = _about(seen[0]), _about(seen[1])
+    return TargetPrediction(*_middle(seen[0]), *around, forecasts, length(outlook.away_m), view)
 
 
 def _middle(pixels: Vector) -> tuple[float, float]:

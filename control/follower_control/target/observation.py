@@ -12,16 +12,12 @@ from follower_control.vehicle.gimbal import GimbalHistory, camera_to_world
 from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.state import Attitude, GimbalState
 from follower_vision.geometry.box import Box
-from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.geometry.camera_model import CameraModel, CameraView, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight, rotation
 from follower_vision.trackers.track import Track
 
 BORDER_PX = 1.0
 """A box whose edge comes this near to the image's border counts as cut by it."""
-_SEEN_DEPTH, _LEAST_DEPTH = 0.5, 0.2
-"""How far ahead of the camera a place is, as a share of its distance: from where on the lens
-counts, and what counts at least, for places beside and behind it."""
-_AT_US_M = 1e-6
 _ENOUGH = 30
 
 
@@ -150,21 +146,18 @@ class BearingObserver:
         seen = BearingObservation(direction, log_scale, time_s, frame, is_cut)
         return seen if seen.is_finite else None
 
-    def image_of(
+    def view(
         self,
-        away_m: Vector,
         captured_s: float,
+        place_m: Vector,
         attitudes: AttitudeHistory,
         gimbal: GimbalHistory | None = None,
-    ) -> Vector | None:
-        """Return where places are in an image, (N, 2) pixels; None if nobody knows how it was held.
-
-        What is far beside the image or behind the camera is put so far beside it as the lens'
-        straight lines would have it, on the right side.
+    ) -> CameraView | None:
+        """Return how the camera saw an image; None if nobody knows how it was held.
 
         Args:
-            away_m: (N, 3) north, east, down from us.
             captured_s: the image's time stamp.
+            place_m: (3,) north, east, down: where we were.
             attitudes: of the vehicle.
             gimbal: which holds the camera, if one does.
         """
@@ -173,16 +166,7 @@ class BearingObserver:
         held = None if gimbal is None else gimbal.at(time_s)
         if attitude is None or (gimbal is not None and held is None):
             return None
-        points = product(self._camera_to_world(attitude, held).T, away_m.T).T
-        x, y, z = points.T
-        distances = np.maximum(np.sqrt(x * x + y * y + z * z), _AT_US_M)
-        depth = np.maximum(points[:, 2], _LEAST_DEPTH * distances)
-        pixels = np.empty((len(points), 2))
-        pixels[:, 0] = self._camera.cx + self._camera.fx * points[:, 0] / depth
-        pixels[:, 1] = self._camera.cy + self._camera.fy * points[:, 1] / depth
-        seen = points[:, 2] > _SEEN_DEPTH * distances
-        pixels[seen] = self._camera.pixels(points[seen])
-        return pixels
+        return CameraView(self._camera, self._camera_to_world(attitude, held), place_m)
 
     def _camera_to_world(self, attitude: Attitude, held: GimbalState | None) -> Vector:
         """Return the 3x3 matrix that turns the camera's vectors into the world's."""

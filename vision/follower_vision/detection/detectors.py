@@ -170,13 +170,13 @@ def scan(detector: Detector, image: Image) -> list[Detection]:
     """
     found = detector.detect(image)
     if max(image.shape[:2]) >= _LARGE_PX:
-        for part in _parts(image):
+        for part in parts(image.shape[1], image.shape[0]):
             found = [*found, *(one for one in detector.detect(image, part) if not one.cut)]
     return _without_doubles(found)
 
 
-def _parts(image: Image) -> Iterator[Box]:
-    height, width = image.shape[:2]
+def parts(width: int, height: int) -> Iterator[Box]:
+    """Yield four regions of an image, in pixels, that overlap and cover it."""
     across, down = _PART * width, _PART * height
     for left in (0.0, width - across):
         for top in (0.0, height - down):

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from follower_vision.detection.detection import Detection
+from follower_vision.detection.detectors import parts
 from follower_vision.fusion.box_filter import BoxFilter
 from follower_vision.fusion.candidates import Candidate, DetectorMemory
 from follower_vision.fusion.descriptor import AppearanceMemory, Descriptors
 from follower_vision.fusion.distractors import Distractors
+from follower_vision.fusion.look_alikes import LookAlikes, Sightings
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
@@ -44,6 +47,12 @@ _LIKELY_S = 3.0
 FORMERLY_S = 1.2
 """What control believed so long ago may know of the target what was lost since."""
 _APART_SIZES = 1.5
+_LEAST_DENSITY = 1e-20
+_APART_IOU = 0.3
+_KIN_SCORE, _KIN_SHARE = 0.3, 0.05
+"""So sure is the detector of a look-alike, and so often has it taken the target for the same."""
+_LOOK_AROUND, _LOOK_AROUND_UNSEEN = 2, 3
+"""Each so many looks one is for look-alikes, where they can be remembered."""
 
 
 @dataclass(slots=True)
@@ -60,7 +69,10 @@ class Target:
         seen_s: time of the last frame in which it was observed.
         detector: what the detector sees of it.
         distractors: what was seen beside it.
+        look_alikes: the same in the world, where that is known.
+        size_px_m: the scale of its box at 1 m, pixels times metres; None before it is known.
         probability: P(IoU > 0.5) of the last choice.
+        last_probability: the same of the choice before.
         mean_probability: the same over the last second.
         confidence: what is told of the box: the probability, 0 where a frame showed nothing.
         state: of the track.
@@ -68,6 +80,7 @@ class Target:
         index: number of the frame, from 0 at the start.
         asked: index of the frame that the detector was last asked about.
         looks: how often it was asked.
+        around: indices of the frames in which it was asked for look-alikes.
         foreseen: where control expects it in the frame; None where control knows nothing.
         other_place: where something like the target was detected while it is lost, pixels.
         history: the box by index, for the answers of a detector in the background.
@@ -83,7 +96,10 @@ class Target:
     seen_s: float
     detector: DetectorMemory = field(default_factory=DetectorMemory)
     distractors: Distractors = field(default_factory=Distractors)
+    look_alikes: LookAlikes = field(default_factory=LookAlikes)
+    size_px_m: float | None = None
     probability: float = 1.0
+    last_probability: float = 1.0
     mean_probability: float = 1.0
     confidence: float = 1.0
     state: TrackState = TrackState.TRACKING
@@ -91,6 +107,7 @@ class Target:
     index: int = 0
     asked: int = 0
     looks: int = 0
+    around: set[int] = field(default_factory=set)
     foreseen: TargetPrediction | None = None
     other_place: Box | None = None
     interval_s: float = 0.0
@@ -112,6 +129,7 @@ class Target:
         self.captured_s = captured_s
         self.filter.predict(self.interval_s)
         self.distractors.predict(self.interval_s)
+        self.look_alikes.predict(self.interval_s)
 
     def place_at(self, box: Box) -> None:
         """Take a box in the last frame, in pixels, for certain; all that was learnt stays."""
@@ -123,7 +141,7 @@ class Target:
 
     def observe(self, winner: Candidate, probability: float) -> None:
         """Take a candidate for the target, in proportion to its P(IoU > 0.5)."""
-        seen, box = probability >= SEEN, winner.box
+        seen, box = self._is_seen(probability), winner.box
         expected, sigma = self.filter.box, self.filter.deviations
         away = math.hypot((box.cx - expected.cx) / sigma[0], (box.cy - expected.cy) / sigma[1])
         if seen and away > _JUMP_SIGMA:
@@ -148,10 +166,23 @@ class Target:
         self.produced_by = why
         self.state = self._unseen_state()
         if self.lost:  # however well the prediction fits, nobody has seen the target for long
-            self.confidence = min(self.confidence, _LOST_CONFIDENCE)
+            self.doubt(why)
+
+    def doubt(self, why: str) -> None:
+        """Call the box a guess, and say why."""
+        self.produced_by, self.confidence = why, min(self.confidence, _LOST_CONFIDENCE)
+
+    def _is_seen(self, probability: float) -> bool:
+        """Whether a choice of this P(IoU > 0.5) is the target.
+
+        In a flight a lost one is so in the second frame that says so: a wrong one misleads control.
+        """
+        again = not self.lost or self.foreseen is None or self.last_probability >= SEEN
+        return again and probability >= SEEN
 
     def believe(self, probability: float) -> None:
         """Remember the P(IoU > 0.5) of the frame's choice."""
+        self.last_probability = self.probability
         self.probability = self.confidence = probability
         rate = 1 - math.exp(-self.interval_s / _MEAN_TIME_S)
         self.mean_probability += rate * (probability - self.mean_probability)
@@ -166,6 +197,22 @@ class Target:
                 detections, key=lambda one: one.score * (0.1 + self.detector.class_share(one))
             )
             self.other_place = self.detector.corrected(likeliest)
+
+    def learn_look_alikes(self, detections: list[Detection]) -> None:
+        """Remember what else of the target's kind the detector saw."""
+        boxes = [
+            self.detector.corrected(one)
+            for one in detections
+            if one.score >= _KIN_SCORE and self.detector.class_share(one) >= _KIN_SHARE
+        ]
+        seen = self.state is TrackState.TRACKING
+        apart = [box for box in boxes if self.lost or box.iou(self.box) < _APART_IOU]
+        places = self.sightings(apart)
+        if places is not None:
+            self.look_alikes.update(places, self.probability if seen else 0.0)
+        here = self.sightings([self.box]) if seen else None
+        if here is not None:
+            self.look_alikes.leave(here)
 
     def learn_appearance(self, seen: Descriptors, row: int, probability: float) -> None:
         """Remember how the chosen candidate looks."""
@@ -188,7 +235,7 @@ class Target:
         """
         box = self.filter.box
         elsewhere = self._formerly_foreseen(box)
-        if elsewhere is not None and self.looks % 2:
+        if elsewhere is not None and self.looks // 2 % 2:
             box = elsewhere
         sizes = max(settings.crop_sizes, _REGION_SIZES + _REGION_SIGMA * self.filter.spread)
         side = max(box.scale * sizes, settings.crop_least_px)
@@ -199,6 +246,33 @@ class Target:
         side = 2.0 ** (math.ceil(math.log2(side) * 4) / 4)
         step = side / 8
         return Box(round(box.cx / step) * step, round(box.cy / step) * step, side, side)
+
+    def region_around(self, settings: FusionSettings, width: int, height: int) -> Box | None:
+        """Return where to look for look-alikes now, in pixels; None if for the target.
+
+        Later nobody can tell them apart. What is known is looked at in turn with parts of the image
+        in which something new may be.
+
+        Args:
+            settings: the usual region.
+            width: of the image, in pixels.
+            height: of the image, in pixels.
+        """
+        view = None if self.foreseen is None else self.foreseen.view
+        seen = self.state is TrackState.TRACKING
+        pause = _LOOK_AROUND if seen else _LOOK_AROUND_UNSEEN
+        if view is None or self.size_px_m is None or self.looks % pause:
+            return None
+        turn = self.looks // pause
+        sought = None if seen and turn % 2 == 0 else self.look_alikes.sought(view)
+        if sought is not None:
+            place, range_m = sought
+            side = max(settings.crop_sizes * self.size_px_m / range_m, settings.crop_least_px)
+            return Box(*place, side, side)
+        if not seen:
+            return None
+        every = tuple(parts(width, height))
+        return every[(turn // 2 + turn % 2 * len(every) // 2) % len(every)]
 
     def can_be_at(self, box: Box) -> bool:
         """Whether the target can be where a box is, in pixels, by what control foretells."""
@@ -230,24 +304,54 @@ class Target:
 
         A look-alike shows what the target would; only its place is another. What is followed may
         have become a look-alike a moment ago, and foretell its own way: the forecasts from before
-        that count. A target that is not seen leads nothing astray: the newest counts, too.
+        that count. A target that is not seen leads nothing astray, the newest counts, too: it is
+        where any of the forecasts says, a mixture of normal distributions.
         """
         if self.foreseen is None:
             return 0.0
-        former = self._former_forecasts()
-        squares = [_deviations(box, one) ** 2 for one in former]
-        evidence = sum(squares) / max(len(squares), 1)
-        if (
-            self.state is not TrackState.TRACKING
-            and self._formerly_foreseen(self.filter.box) is None
-        ):
-            evidence = max(evidence, _deviations(box, self.foreseen) ** 2)
-        return 0.5 * evidence
+        every: list[TargetPrediction | MotionForecast] = [*self._former_forecasts()]
+        seen = self.state is TrackState.TRACKING
+        if not seen and self._formerly_foreseen(self.filter.box) is None:
+            every.append(self.foreseen)
+        if not every:
+            return 0.0
+        densities = [1 / (one.likely.width * one.likely.height) for one in every]
+        here = [
+            density * math.exp(-0.5 * _deviations(box, one) ** 2)
+            for density, one in zip(densities, every, strict=True)
+        ]
+        return math.log(sum(densities)) - math.log(max(sum(here), _LEAST_DENSITY))
+
+    def rivalry(self, boxes: Sequence[Box]) -> Floats:
+        """Return what speaks against N boxes by the look-alikes they may be, in log odds, (N,).
+
+        The last one is only where the target should be, and no look-alike.
+        """
+        against, seen = np.zeros(len(boxes)), self.sightings(boxes[:-1])
+        if seen is not None:
+            against[:-1] = self.look_alikes.evidence(boxes[:-1], seen)
+        return against
+
+    def sightings(self, boxes: Sequence[Box]) -> Sightings | None:
+        """Return where in the world boxes are, in pixels; None where that is not known."""
+        known, size = self.foreseen, self.size_px_m
+        if known is None or known.view is None or size is None or not boxes:
+            return None
+        return Sightings.of(boxes, known.view, size)
+
+    def learn_size(self) -> None:
+        """Remember how large it looks at its distance, if that is known."""
+        if self.foreseen is not None and self.foreseen.view is not None:
+            seen = self.box.scale * self.foreseen.range_m
+            rate = 1 - math.exp(-self.interval_s / _SIZE_TIME_S)
+            before = seen if self.size_px_m is None else self.size_px_m
+            self.size_px_m = before + rate * (seen - before)
 
     def remember_box(self) -> None:
         """Keep the frame's box for detections that come late."""
         self.history[self.index] = self.box
         self.history.pop(self.index - _KEPT_FRAMES, None)
+        self.around.discard(self.index - _KEPT_FRAMES)
 
     def track(self, frame: Frame) -> Track:
         """Return the track in a frame."""

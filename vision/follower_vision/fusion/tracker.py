@@ -33,7 +33,7 @@ from follower_vision.fusion.embedder import make_embedder
 from follower_vision.fusion.features import FEATURES, Situation, measure
 from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.target import Target, log_sides
+from follower_vision.fusion.target import SEEN, Target, log_sides
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import (
@@ -47,6 +47,7 @@ from follower_vision.trackers.track import Track, TrackState
 
 Floats = npt.NDArray[np.floating]
 
+AMBIGUOUS = "ambiguous"
 _LEAST_VISIBLE = 0.1
 _BELIEVED = 0.4
 """The prediction is taken only where nothing observed is as probable as this."""
@@ -96,7 +97,7 @@ class FusionTracker:
 
     A track's confidence is P(IoU > 0.5), and its state follows from it. `produced_by` is the
     chosen candidate's source ("peak", "detection", "mean"), or why the target was not observed:
-    "prediction", "frozen", "blank".
+    "prediction", "frozen", "blank", or "ambiguous": what looks like it may be a known look-alike.
 
     Args:
         motion: searches each frame.
@@ -226,8 +227,11 @@ class FusionTracker:
         taken = [] if self._service is None else self._service.take(self._owner)
         answers = [_finite(answer) for answer in taken]
         self.late_answers = () if isinstance(self._service, InlineDetection) else answers
+        around = [one for one in answers if one.request.index in target.around]
+        answers = [one for one in answers if one.request.index not in target.around]
         if search is not None:
             self._choose(search, target, answers)
+            target.learn_look_alikes([one for answer in around for one in _present(answer, target)])
         for answer in answers:
             if answer.request.index == 0:
                 for _ in range(_FIRST_LESSONS):
@@ -268,7 +272,11 @@ class FusionTracker:
         target.asked = target.index
         target.looks += 1
         height, width = image.shape[:2]
-        region = target.detection_region(self._settings, width, height)
+        region = target.region_around(self._settings, width, height)
+        if region is not None:
+            target.around.add(target.index)
+        else:
+            region = target.detection_region(self._settings, width, height)
         self._service.submit(DetectionRequest(self._owner, target.index, image, region))
 
     def _choose(self, search: _Search, target: Target, answers: list[DetectionAnswer]) -> None:
@@ -283,10 +291,11 @@ class FusionTracker:
         )
         features = measure(candidates, seen, situation)
         if target.foreseen is None:
-            probabilities = self._model.probabilities(features)
+            alone = probabilities = self._model.probabilities(features)
         else:
             misplaced = np.array([target.misplacement(box) for box in boxes])
-            probabilities = doubted(self._foretold.probabilities(features), misplaced)
+            alone = doubted(self._foretold.probabilities(features), misplaced)
+            probabilities = doubted(alone, target.rivalry(boxes))
         chosen = best_candidate(candidates, probabilities)
         if self.listener is not None:
             sources = tuple(one.source for one in candidates)
@@ -297,12 +306,16 @@ class FusionTracker:
             target.coast(PREDICTION)
         else:
             target.observe(candidates[chosen], probability)
+        if target.state is not TrackState.TRACKING and alone[:-1, 1].max(initial=0.0) >= SEEN:
+            target.doubt(AMBIGUOUS)
         target.filter.keep_within(frame.width, frame.height)
         if target.state is TrackState.TRACKING:
+            target.learn_size()
             target.learn_appearance(seen, chosen, probability)
             self._response.learn(frame.image, target.box, probability)
         if answers:
             target.learn_detections(detections, probability)
+            target.learn_look_alikes(detections)
         unseen = target.state is not TrackState.TRACKING
         deviations = unseen * features[:, _DEVIATION]
         target.distractors.update(

@@ -18,6 +18,11 @@ import numpy.typing as npt
 
 Vector: TypeAlias = npt.NDArray[np.float64]
 
+_SEEN_DEPTH, _LEAST_DEPTH = 0.5, 0.2
+"""How far ahead of the camera a place is, as a share of its distance: from where on the lens
+counts, and what counts at least, for places beside and behind it."""
+_AT_US_M = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
@@ -136,6 +141,44 @@ class CameraModel:
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraView:
+    """Where a camera was and how it was turned when it took an image.
+
+    Attributes:
+        camera: its lens.
+        turn: (3, 3), turns vectors of the camera's frame into the world's: north, east, down.
+        place_m: (3,) where it was in the world, metres.
+        angle_rad: what its directions may be wrong by.
+    """
+
+    camera: CameraModel
+    turn: Vector
+    place_m: Vector
+    angle_rad: float = 0.0
+
+    def pixels(self, away_m: Vector) -> Vector:
+        """Return where in the image places are, (N, 2); `away_m` is (N, 3) from the camera.
+
+        What is far beside the image or behind the camera is put so far beside it as the lens'
+        straight lines would have it, on the right side.
+        """
+        points = sum(away_m[:, k : k + 1] * self.turn[k] for k in range(3))
+        x, y, z = points.T
+        distances = np.maximum(np.sqrt(x * x + y * y + z * z), _AT_US_M)
+        depth = np.maximum(z, _LEAST_DEPTH * distances)
+        pixels = np.empty((len(points), 2))
+        pixels[:, 0] = self.camera.cx + self.camera.fx * x / depth
+        pixels[:, 1] = self.camera.cy + self.camera.fy * y / depth
+        seen = z > _SEEN_DEPTH * distances
+        pixels[seen] = self.camera.pixels(points[seen])
+        return pixels
+
+    def directions(self, pixels: npt.ArrayLike) -> Vector:
+        """Return the world's unit vectors towards pixels, (N, 3)."""
+        return np.asarray(self.camera.rays(pixels) @ self.turn.T)
 
 
 @lru_cache(maxsize=16)

@@ -1,10 +1,12 @@
 """The interface of target trackers: frames in, tracks with their states out."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraView
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.track import Track
 
@@ -126,6 +128,8 @@ class TargetPrediction:
         likely: where its middle mostly is; this, too, may reach beyond the image, or lie outside.
         possible: where it can be at all.
         earlier: the same by what was believed in the last seconds, the latest first.
+        range_m: how far off it should be, metres.
+        view: how the camera saw the image; None where that is not known.
     """
 
     cx: float
@@ -133,6 +137,8 @@ class TargetPrediction:
     likely: Box
     possible: Box
     earlier: tuple[MotionForecast, ...] = ()
+    range_m: float = math.nan
+    view: CameraView | None = None
 
 
 def has_middle(region: Box, box: Box, margin_px: float = 0.0) -> bool:
