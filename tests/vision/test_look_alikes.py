@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from follower_vision.fusion.look_alikes import LookAlikes, Sightings
+from follower_vision.fusion.look_alikes import LookAlikes, Sightings, _explained
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel, CameraView
 from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
@@ -139,6 +140,25 @@ def test_two_look_alikes_are_not_one_thing() -> None:
         known.update(Sightings.of(second, looking(), SIZE), 1.0)
     assert evidence(known, *second)[1] > 1.0
     assert len(single) == 2
+
+
+@given(
+    st.integers(1, 4).flatmap(
+        lambda count: st.lists(
+            st.lists(st.floats(0, 1e3), min_size=count, max_size=count), min_size=1, max_size=4
+        )
+    )
+)
+def test_all_is_explained_in_so_many_ways(rows: list[list[float]]) -> None:
+    """Each thing is at most one look-alike, and each look-alike at most one thing."""
+    weights = np.array(rows)
+    things, others = weights.shape
+    whole = 0.0
+    for choice in itertools.product(range(-1, others), repeat=things):
+        taken = [one for one in choice if one >= 0]
+        if len(set(taken)) == len(taken):
+            whole += math.prod(weights[k, one] for k, one in enumerate(choice) if one >= 0)
+    assert _explained(weights) == pytest.approx(whole)
 
 
 def test_boxes_on_one_thing_are_one() -> None:

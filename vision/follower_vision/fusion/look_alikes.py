@@ -41,7 +41,6 @@ _GATE = 11.3
 """Squared Mahalanobis distance that 99 % of the true places lie within (three degrees)."""
 _SAME = 3.0
 """So near to a look-alike's place, squared, is the target if that was the target."""
-_FAINT = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,12 +224,12 @@ def _explained(weights: Floats) -> float:
     Args:
         weights: (K, D), against 1 for something new.
     """
-
-    def total(row: int, free: frozenset[int]) -> float:
-        if row == len(weights):
-            return 1.0
-        likely = [k for k in free if weights[row, k] > _FAINT]
-        taken = (float(weights[row, k]) * total(row + 1, free - {k}) for k in likely)
-        return total(row + 1, free) + sum(taken)
-
-    return total(0, frozenset(range(weights.shape[1])))
+    # One axis a look-alike: 0 while it is none of the things so far, 1 once it is one of them.
+    ways = np.zeros((2,) * weights.shape[1])
+    ways.flat[0] = 1.0
+    for row in weights:
+        before = ways.copy()
+        for number, weight in enumerate(row):
+            left, taken = ((slice(None),) * number + (state,) for state in (0, 1))
+            ways[taken] += weight * before[left]
+    return float(ways.sum())

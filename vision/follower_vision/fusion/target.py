@@ -341,8 +341,8 @@ class Target:
 
     def learn_size(self) -> None:
         """Remember how large it looks at its distance, if that is known."""
-        if self.foreseen is not None and self.foreseen.view is not None:
-            seen = self.box.scale * self.foreseen.range_m
+        seen = math.nan if self.foreseen is None else self.box.scale * self.foreseen.range_m
+        if 0 < seen < math.inf:
             rate = 1 - math.exp(-self.interval_s / _SIZE_TIME_S)
             before = seen if self.size_px_m is None else self.size_px_m
             self.size_px_m = before + rate * (seen - before)
