@@ -178,7 +178,8 @@ class CameraView:
 
     def directions(self, pixels: npt.ArrayLike) -> Vector:
         """Return the world's unit vectors towards pixels, (N, 3)."""
-        return np.asarray(self.camera.rays(pixels) @ self.turn.T)
+        rays = self.camera.rays(pixels)
+        return np.asarray(sum(rays[:, k : k + 1] * self.turn[:, k] for k in range(3)))
 
 
 @lru_cache(maxsize=16)
