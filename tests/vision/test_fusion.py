@@ -313,7 +313,9 @@ def test_in_a_flight_a_lost_target_is_followed_from_the_second_frame_that_shows_
     states = []
     for number in (21, 22):
         tracker.expect(foreseen(BOX) if in_flight else None)
-        states += [one.state for one in follow(tracker, motion, [[(BOX, 1.0)]], number)]
+        tracks = follow(tracker, motion, [[(BOX, 1.0)]], number)
+        states += [one.state for one in tracks]
+        assert all(one.produced_by != AMBIGUOUS for one in tracks), "no look-alike is known"
     first = TrackState.LOST if in_flight else TrackState.TRACKING
     assert states == [first, TrackState.TRACKING]
 

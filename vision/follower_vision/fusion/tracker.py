@@ -306,7 +306,8 @@ class FusionTracker:
             target.coast(PREDICTION)
         else:
             target.observe(candidates[chosen], probability)
-        if target.state is not TrackState.TRACKING and alone[:-1, 1].max(initial=0.0) >= SEEN:
+        rivalled = (alone[:-1, 1] >= SEEN) & (probabilities[:-1, 1] < SEEN)
+        if target.state is not TrackState.TRACKING and rivalled.any():
             target.doubt(AMBIGUOUS)
         target.filter.keep_within(frame.width, frame.height)
         if target.state is TrackState.TRACKING:
