@@ -16,6 +16,7 @@ from follower_vision.fusion.candidates import corners_of
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
+from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track
 
 RATE_HZ = 30.0
@@ -107,6 +108,11 @@ def follow(
         motion.sights = list(told)
         tracks.append(tracker.step(frame(number)))
     return tracks
+
+
+def foreseen(place: Box, side_px: float = 60.0) -> TargetPrediction:
+    likely = Box(place.cx, place.cy, side_px, side_px)
+    return TargetPrediction(place.cx, place.cy, likely, likely.scaled(2.0))
 
 
 def going_right(frames: int, px: float = 3.0) -> list[list[Sight]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from told_trackers import (
     ToldMotion,
     Trackers,
     follow,
+    foreseen,
     frame,
     going_right,
     seen,
@@ -28,17 +28,13 @@ from told_trackers import (
 from follower_vision.detection.detection_service import (
     DetectionAnswer,
 )
-from follower_vision.detection.detectors import parts
 from follower_vision.fusion import FusionSettings, FusionTracker
 from follower_vision.fusion.candidates import corners_of
 from follower_vision.fusion.model import CandidateModel
 from follower_vision.fusion.tracker import AMBIGUOUS, Choice
 from follower_vision.geometry.box import Box
-from follower_vision.geometry.camera_model import CameraModel, CameraView
-from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.correlation import CorrelationTracker
-from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track, TrackState
 
 
@@ -274,11 +270,6 @@ def test_what_the_detector_saw_at_the_start_tells_how_its_boxes_differ(
     assert found[0] == pytest.approx(corners_of([BOX])[0])
 
 
-def foreseen(place: Box, side_px: float = 60.0) -> TargetPrediction:
-    likely = Box(place.cx, place.cy, side_px, side_px)
-    return TargetPrediction(place.cx, place.cy, likely, likely.scaled(2.0))
-
-
 def test_nothing_is_taken_where_the_target_cannot_be(fusion: Trackers, motion: ToldMotion) -> None:
     far, tracker = BOX.moved_to(260, 120), fusion()
     tracker.start(frame(0), BOX)
@@ -318,65 +309,6 @@ def test_in_a_flight_a_lost_target_is_followed_from_the_second_frame_that_shows_
         assert all(one.produced_by != AMBIGUOUS for one in tracks), "no look-alike is known"
     first = TrackState.LOST if in_flight else TrackState.TRACKING
     assert states == [first, TrackState.TRACKING]
-
-
-LENS = CameraModel.from_fov(320, 240, math.radians(70))
-LEVEL = CameraView(LENS, along_camera_axes(rotation(0, 0, 0)), np.zeros(3), math.radians(2))
-OTHER = BOX.moved_to(160, 120)
-
-
-def pursued(fusion: Trackers, motion: ToldMotion, view: CameraView | None) -> list[Track]:
-    """A target that hides for half a second while its look-alike passes where it should be.
-
-    Both were seen before by the detector, the motion tracker saw the target.
-    """
-    detector = ToldDetector()
-    detector.sees = [seen(BOX), seen(OTHER)]
-    tracker, tracks = fusion(detector), []
-    tracker.start(frame(0), BOX)
-    for number in range(1, 46):
-        shown = number <= 30
-        motion.sights = [(BOX, 1.0)] if shown else [(OTHER, 0.62 * (number > 35)), (BOX, 0.0)]
-        detector.sees = [seen(BOX), seen(OTHER)] if shown else []
-        tracker.expect(replace(foreseen(BOX, 300.0), range_m=5.0, view=view))
-        tracks.append(tracker.step(frame(number)))
-    return tracks
-
-
-def test_a_look_alike_that_was_seen_beside_the_target_is_not_taken_for_it(
-    fusion: Trackers, motion: ToldMotion
-) -> None:
-    nobody_remembers = pursued(fusion, motion, None)
-    assert nobody_remembers[-1].state is TrackState.TRACKING
-    assert nobody_remembers[-1].box.iou(OTHER) > 0.9
-    remembered = pursued(fusion, motion, LEVEL)
-    assert all(one.state is TrackState.TRACKING for one in remembered[:30])
-    hidden = remembered[35:]
-    assert all(one.state is not TrackState.TRACKING for one in hidden)
-    assert {one.produced_by for one in hidden} == {AMBIGUOUS}
-    assert max(one.confidence for one in hidden) < 0.5
-
-
-def test_where_flights_tell_of_the_world_the_detector_also_looks_for_look_alikes(
-    fusion: Trackers, motion: ToldMotion
-) -> None:
-    for view in (None, LEVEL):
-        detector = ToldDetector()
-        detector.sees = [seen(BOX)]
-        tracker = fusion(detector)
-        tracker.start(frame(0), BOX)
-        for number in range(1, 70):
-            tracker.expect(replace(foreseen(BOX), range_m=20.0, view=view))
-            motion.sights = [(BOX, 1.0)]
-            tracker.step(frame(number))
-        looks = detector.regions[3:]
-        about = [one for one in looks if one is not None and one.distance(BOX) < BOX.scale]
-        others = {one for one in looks if one not in about}
-        if view is None:
-            assert not others
-        else:
-            assert others == set(parts(320, 240)), "all of the image in turn"
-            assert len(about) == pytest.approx(len(looks) / 2, abs=1)
 
 
 def test_another_trackers_target_is_left_to_it(motion: ToldMotion, judge: CandidateModel) -> None:
