@@ -40,7 +40,9 @@ def fit_model(
         [np.full(len(one.overlaps), len(one.overlaps) ** -0.5) for one in logs]
     )
     offset, deviation = features.mean(axis=0), features.std(axis=0)
-    factor = 1.0 / np.maximum(deviation, 1e-3)
+    # What was the same all the time, as a forecast on video, taught nothing: it gets no say.
+    varied = np.ptp(features, axis=0) > 0
+    factor = np.where(varied, 1.0 / np.maximum(deviation, 1e-3), 0.0)
     scaled = torch.from_numpy(np.clip((features - offset) * factor, -6.0, 6.0).astype(np.float32))
     targets = torch.from_numpy(labels)
     cumulative = np.cumsum(weights) / weights.sum()

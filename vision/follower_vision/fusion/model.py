@@ -68,13 +68,20 @@ class CandidateModel:
         return np.asarray(1.0 / (1.0 + np.exp(-logits)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `from_json` takes; numbers are rounded to five digits."""
-        arrays = {name: getattr(self, name) for name in ("offset", "factor", "hidden", "output")}
+        """Return what `from_json` takes: features that have a say, numbers of five digits."""
+        used = np.flatnonzero(self.factor)
+        arrays = {
+            "offset": self.offset[used],
+            "factor": self.factor[used],
+            "hidden": self.hidden[[*used, -1]],
+            "output": self.output,
+        }
         rounded = {
             name: np.vectorize(lambda v: float(f"{v:.5g}"))(array).tolist()
             for name, array in arrays.items()
         }
-        return {"features": list(FEATURES), **rounded, "noise": asdict(self.noise)}
+        names = [FEATURES[place] for place in used]
+        return {"features": names, **rounded, "noise": asdict(self.noise)}
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> CandidateModel:

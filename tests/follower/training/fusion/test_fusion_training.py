@@ -229,6 +229,16 @@ def test_a_fit_is_calibrated_and_finds_what_counts() -> None:
     assert np.abs(told - expected).mean() < 0.08
 
 
+def test_what_was_the_same_in_all_runs_gets_no_say() -> None:
+    examples = some_examples(1, count=200)
+    examples.features[:, -1] = 0.3
+    model = fit_model([examples], FirstPeak.noise, FitSettings(hidden=2, steps=3, batch=64))
+    other = examples.features.copy()
+    other[:, -1] = 100.0
+    assert np.array_equal(model.probabilities(other), model.probabilities(examples.features))
+    assert model.to_json()["features"] == list(FEATURES[:-1])
+
+
 def still(count: int) -> Iterator[Box]:
     yield from (Box(100, 100, 20, 20) for _ in range(count))
 
