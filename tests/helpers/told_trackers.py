@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ from follower_vision.detection.detection_service import (
 from follower_vision.fusion import FusionTracker
 from follower_vision.fusion.candidates import corners_of
 from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraModel, CameraView
+from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
 from follower_vision.trackers.target_tracker import TargetPrediction
@@ -22,6 +25,8 @@ from follower_vision.trackers.track import Track
 RATE_HZ = 30.0
 BOX = Box(100, 120, 20, 30)
 NOISE = np.random.default_rng(1).integers(40, 215, (80, 240, 320, 3), np.uint8)
+LENS = CameraModel.from_fov(320, 240, math.radians(70))
+LEVEL = CameraView(LENS, along_camera_axes(rotation(0, 0, 0)), np.zeros(3), math.radians(2))
 Sight = tuple[Box, float]
 Trackers = Callable[..., FusionTracker]
 

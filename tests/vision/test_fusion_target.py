@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from told_trackers import LEVEL, seen
 
 from follower_vision.fusion import FusionSettings
 from follower_vision.fusion.box_filter import BoxFilter, FilterNoise
@@ -19,6 +21,7 @@ from follower_vision.fusion.tracker import doubted
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.motion_tracker import ResponseMap
 from follower_vision.trackers.target_tracker import MotionForecast, TargetPrediction
+from follower_vision.trackers.track import TrackState
 
 WIDTH, HEIGHT = 640, 480
 IMAGE = np.random.default_rng(4).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
@@ -74,6 +77,39 @@ def test_one_unseen_is_taken_where_it_mostly_is_for_three_seconds(
     assert target.can_be_at(BOX.moved_to(210, 200))
     assert target.can_be_at(BESIDE) == beside
     assert not target.can_be_at(FAR)
+
+
+@pytest.mark.parametrize(
+    ("glimpses_s", "found"), [((10.0,), False), ((10.0, 10.2), True), ((10.0, 10.25), False)]
+)
+def test_in_a_flight_a_lost_target_is_found_by_two_glimpses_soon_after_each_other(
+    target: Target, glimpses_s: tuple[float, ...], found: bool
+) -> None:
+    unseen(target, 3.0)
+    target.foreseen = foretold(BOX)
+    for target.captured_s in glimpses_s:
+        target.observe(Candidate(BOX, PEAK), 0.6)
+    assert target.state is (TrackState.TRACKING if found else TrackState.LOST)
+
+
+def test_on_video_a_lost_target_is_found_by_the_first_glimpse(target: Target) -> None:
+    unseen(target, 3.0).observe(Candidate(BOX, PEAK), 0.6)
+    assert target.state is TrackState.TRACKING
+
+
+def test_a_lost_target_is_not_searched_for_where_a_known_look_alike_is(target: Target) -> None:
+    target.size_px_m = 20 * BOX.scale
+    target.foreseen = replace(foretold(BOX), range_m=20.0, view=LEVEL)
+    target.learn_detections([seen(BOX)], 1.0)
+    target.learn_look_alikes([seen(BOX), seen(BESIDE)])
+    unseen(target, 3.0)
+    target.learn_detections([seen(BESIDE), replace(seen(FAR), score=0.4)], 0.1)
+    assert target.other_place == FAR
+    target.learn_detections([seen(BESIDE)], 0.1)
+    assert target.other_place is None
+    target.foreseen = None
+    target.learn_detections([seen(BESIDE)], 0.1)
+    assert target.other_place == BESIDE, "on video nothing is known of the world"
 
 
 def test_a_place_is_so_many_standard_deviations_from_where_the_target_is_foretold(

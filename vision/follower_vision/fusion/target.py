@@ -18,6 +18,7 @@ from follower_vision.fusion.distractors import Distractors
 from follower_vision.fusion.look_alikes import LookAlikes, Sightings
 from follower_vision.fusion.settings import FusionSettings
 from follower_vision.geometry.box import Box
+from follower_vision.geometry.camera_model import CameraView
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.target_tracker import (
     MotionForecast,
@@ -33,6 +34,9 @@ SEEN = 0.5
 _LOST_CONFIDENCE = 0.4
 """A prediction is a guess by then."""
 _COAST_S = 0.4
+_AGAIN_S = 0.2
+"""Two frames so close together that show a lost target are no chance: every other one is looked at
+by the detector."""
 _MEAN_TIME_S = 0.65
 _SIZE_TIME_S = 1.1
 _JUMP_SIGMA = 4.0
@@ -51,7 +55,9 @@ _LEAST_DENSITY = 1e-20
 _APART_IOU = 0.3
 _KIN_SCORE, _KIN_SHARE = 0.3, 0.05
 """So sure is the detector of a look-alike, and so often has it taken the target for the same."""
-_LOOK_AROUND, _LOOK_AROUND_UNSEEN = 2, 3
+_RATHER_KNOWN = math.log(2)
+"""From so much evidence on a thing is rather a known look-alike than something new."""
+LOOK_AROUND, _LOOK_AROUND_UNSEEN = 2, 3
 """Each so many looks one is for look-alikes, where they can be remembered."""
 
 
@@ -72,7 +78,7 @@ class Target:
         look_alikes: the same in the world, where that is known.
         size_px_m: the scale of its box at 1 m, pixels times metres; None before it is known.
         probability: P(IoU > 0.5) of the last choice.
-        last_probability: the same of the choice before.
+        glimpsed_s: time of the last frame that showed it probably enough.
         mean_probability: the same over the last second.
         confidence: what is told of the box: the probability, 0 where a frame showed nothing.
         state: of the track.
@@ -99,7 +105,7 @@ class Target:
     look_alikes: LookAlikes = field(default_factory=LookAlikes)
     size_px_m: float | None = None
     probability: float = 1.0
-    last_probability: float = 1.0
+    glimpsed_s: float = -math.inf
     mean_probability: float = 1.0
     confidence: float = 1.0
     state: TrackState = TrackState.TRACKING
@@ -121,6 +127,11 @@ class Target:
     def lost(self) -> bool:
         """Whether it was not observed for longer than a track may coast."""
         return self.state is TrackState.LOST
+
+    @property
+    def view(self) -> CameraView | None:
+        """How the camera sees the world, where look-alikes can be remembered; None elsewhere."""
+        return None if self.foreseen is None or self.size_px_m is None else self.foreseen.view
 
     def advance(self, captured_s: float) -> None:
         """Predict to the next frame's time, in seconds."""
@@ -149,6 +160,8 @@ class Target:
         self.filter.observe(box, winner.source, max(probability, _LEAST_PROBABILITY))
         filtered = self.filter.box
         self.reported, self.produced_by = box, winner.source
+        if probability >= SEEN:
+            self.glimpsed_s = self.captured_s
         if not seen:
             self.box = filtered
             self.state = self._unseen_state()
@@ -177,12 +190,11 @@ class Target:
 
         In a flight a lost one is so in the second frame that says so: a wrong one misleads control.
         """
-        again = not self.lost or self.foreseen is None or self.last_probability >= SEEN
-        return again and probability >= SEEN
+        again = self.captured_s - self.glimpsed_s <= _AGAIN_S
+        return probability >= SEEN and (again or not self.lost or self.foreseen is None)
 
     def believe(self, probability: float) -> None:
         """Remember the P(IoU > 0.5) of the frame's choice."""
-        self.last_probability = self.probability
         self.probability = self.confidence = probability
         rate = 1 - math.exp(-self.interval_s / _MEAN_TIME_S)
         self.mean_probability += rate * (probability - self.mean_probability)
@@ -193,10 +205,17 @@ class Target:
             self.detector.learn(detections, self.box, probability)
             self.other_place = None
         elif detections:
-            likeliest = max(
-                detections, key=lambda one: one.score * (0.1 + self.detector.class_share(one))
-            )
-            self.other_place = self.detector.corrected(likeliest)
+            self.other_place = self._other_place(detections)
+
+    def _other_place(self, detections: list[Detection]) -> Box | None:
+        """Return the likeliest of what was detected, in pixels; None if all are look-alikes."""
+        boxes = [self.detector.corrected(one) for one in detections]
+        likely = [
+            one.score * (0.1 + self.detector.class_share(one)) * (against < _RATHER_KNOWN)
+            for one, against in zip(detections, self.rivalry(boxes).tolist(), strict=True)
+        ]
+        best = max(likely)
+        return boxes[likely.index(best)] if best > 0 else None
 
     def learn_look_alikes(self, detections: list[Detection]) -> None:
         """Remember what else of the target's kind the detector saw."""
@@ -258,16 +277,16 @@ class Target:
             width: of the image, in pixels.
             height: of the image, in pixels.
         """
-        view = None if self.foreseen is None else self.foreseen.view
+        view, size = self.view, self.size_px_m
         seen = self.state is TrackState.TRACKING
-        pause = _LOOK_AROUND if seen else _LOOK_AROUND_UNSEEN
-        if view is None or self.size_px_m is None or self.looks % pause:
+        pause = LOOK_AROUND if seen else _LOOK_AROUND_UNSEEN
+        if view is None or size is None or self.looks % pause:
             return None
         turn = self.looks // pause
         sought = None if seen and turn % 2 == 0 else self.look_alikes.sought(view)
         if sought is not None:
             place, range_m = sought
-            side = max(settings.crop_sizes * self.size_px_m / range_m, settings.crop_least_px)
+            side = max(settings.crop_sizes * size / range_m, settings.crop_least_px)
             return Box(*place, side, side)
         if not seen:
             return None
@@ -323,21 +342,16 @@ class Target:
         return math.log(sum(densities)) - math.log(max(sum(here), _LEAST_DENSITY))
 
     def rivalry(self, boxes: Sequence[Box]) -> Floats:
-        """Return what speaks against N boxes by the look-alikes they may be, in log odds, (N,).
-
-        The last one is only where the target should be, and no look-alike.
-        """
-        against, seen = np.zeros(len(boxes)), self.sightings(boxes[:-1])
-        if seen is not None:
-            against[:-1] = self.look_alikes.evidence(boxes[:-1], seen)
-        return against
+        """Return what speaks against N boxes by the look-alikes they may be, in log odds, (N,)."""
+        seen = self.sightings(boxes)
+        return np.zeros(len(boxes)) if seen is None else self.look_alikes.evidence(boxes, seen)
 
     def sightings(self, boxes: Sequence[Box]) -> Sightings | None:
         """Return where in the world boxes are, in pixels; None where that is not known."""
-        known, size = self.foreseen, self.size_px_m
-        if known is None or known.view is None or size is None or not boxes:
+        view, size = self.view, self.size_px_m
+        if view is None or size is None or not boxes:
             return None
-        return Sightings.of(boxes, known.view, size)
+        return Sightings.of(boxes, view, size)
 
     def learn_size(self) -> None:
         """Remember how large it looks at its distance, if that is known."""
