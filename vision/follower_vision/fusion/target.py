@@ -57,7 +57,7 @@ _KIN_SCORE, _KIN_SHARE = 0.3, 0.05
 """So sure is the detector of a look-alike, and so often has it taken the target for the same."""
 _RATHER_KNOWN = math.log(2)
 """From so much evidence on a thing is rather a known look-alike than something new."""
-LOOK_AROUND, _LOOK_AROUND_UNSEEN = 2, 3
+_LOOK_AROUND, _LOOK_AROUND_UNSEEN = 2, 3
 """Each so many looks one is for look-alikes, where they can be remembered."""
 
 
@@ -279,7 +279,7 @@ class Target:
         """
         view, size = self.view, self.size_px_m
         seen = self.state is TrackState.TRACKING
-        pause = LOOK_AROUND if seen else _LOOK_AROUND_UNSEEN
+        pause = _LOOK_AROUND if seen else _LOOK_AROUND_UNSEEN
         if view is None or size is None or self.looks % pause:
             return None
         turn = self.looks // pause

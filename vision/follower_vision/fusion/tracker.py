@@ -33,7 +33,7 @@ from follower_vision.fusion.embedder import make_embedder
 from follower_vision.fusion.features import FEATURES, Situation, measure
 from follower_vision.fusion.model import ProbabilityModel, model_for
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.fusion.target import LOOK_AROUND, SEEN, Target, log_sides
+from follower_vision.fusion.target import SEEN, Target, log_sides
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import (
@@ -211,10 +211,8 @@ class FusionTracker:
         response = self._response.search(frame.image, place).finite(place)
         self._search = _Search(frame, response)
         pause = self._settings.validate_every
-        if target.view is not None:  # in between, so that the target itself is looked at as often
-            pause = max(pause // LOOK_AROUND, 1)
         if blurred or target.probability < _SURE:
-            pause = min(pause, self._settings.doubt_every)
+            pause = self._settings.doubt_every
         if target.index - target.asked >= pause:
             self._ask(frame.image, target)
 
