@@ -223,6 +223,7 @@ def demo(
     for as long as it takes. Afterwards runs/demo holds the video, an HTML report and the score. The
     exit code is 0 if the pursuit succeeded, 1 if it failed; see docs/reference/supervisor.md.
     """
+    from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
     from follower.simulation.options import SimulationOptions
     from follower.simulation.run import simulate
 
@@ -232,7 +233,7 @@ def demo(
     )
     result = simulate(options)
     ours = connect is None and link != "mavsdk"  # what can be flown in lockstep
-    if result.exit_code == FAILED and result.frames_late and ours:
+    if result.exit_code in (FAILED, RELEASED_FOR_SAFETY) and result.frames_late and ours:
         typer.echo("This computer is too slow to fly that in real time. Once more in lockstep:")
         result = simulate(replace(options, lockstep=True))
     raise typer.Exit(result.exit_code)

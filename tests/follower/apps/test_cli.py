@@ -20,6 +20,7 @@ import pytest
 from small_scenario import small_scenario
 
 from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE
+from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
 from follower.recording import open_flight
 from follower.simulation.options import SimulationOptions
 from follower_vision.sources.open import open_source
@@ -120,12 +121,14 @@ def test_an_autopilot_that_never_answers_is_not_waited_for_for_ever(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "late", "flown"),
+    ("arguments", "late", "code", "flown"),
     [
-        ([], True, [False, True]),
-        ([], False, [False]),
-        (["--lockstep"], False, [True]),
-        (["--link", "mavsdk"], True, [False]),  # which cannot be flown in lockstep
+        ([], True, FAILED, [False, True]),
+        ([], True, RELEASED_FOR_SAFETY, [False, True]),  # the car was not found in time
+        ([], True, INTERRUPTED, [False]),
+        ([], False, FAILED, [False]),
+        (["--lockstep"], False, FAILED, [True]),
+        (["--link", "mavsdk"], True, FAILED, [False]),  # which cannot be flown in lockstep
     ],
 )
 def test_a_demo_that_failed_on_a_slow_computer_is_flown_once_more_in_lockstep(
@@ -133,19 +136,20 @@ def test_a_demo_that_failed_on_a_slow_computer_is_flown_once_more_in_lockstep(
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
     late: bool,
+    code: int,
     flown: list[bool],
 ) -> None:
     asked: list[SimulationOptions] = []
 
     def fly(options: SimulationOptions) -> SimpleNamespace:
         asked.append(options)
-        code = SUCCESS if options.lockstep else FAILED
-        return SimpleNamespace(exit_code=code, frames_late=late and not options.lockstep)
+        code_now = SUCCESS if options.lockstep else code
+        return SimpleNamespace(exit_code=code_now, frames_late=late and not options.lockstep)
 
     monkeypatch.setattr("follower.simulation.run.simulate", fly)
     result = run_command("demo", *arguments)
     assert [one.lockstep for one in asked] == flown
-    assert result.code == (SUCCESS if flown[-1] else FAILED)
+    assert result.code == (SUCCESS if flown[-1] else code)
 
 
 @pytest.mark.slow
