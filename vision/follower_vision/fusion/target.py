@@ -209,13 +209,16 @@ class Target:
 
     def _other_place(self, detections: list[Detection]) -> Box | None:
         """Return the likeliest of what was detected, in pixels; None if all are look-alikes."""
-        boxes = [self.detector.corrected(one) for one in detections]
-        likely = [
-            one.score * (0.1 + self.detector.class_share(one)) * (against < _RATHER_KNOWN)
-            for one, against in zip(detections, self.rivalry(boxes).tolist(), strict=True)
+        against = self.rivalry([self.detector.corrected(one) for one in detections])
+        others = [
+            one for one, odds in zip(detections, against, strict=True) if odds < _RATHER_KNOWN
         ]
-        best = max(likely)
-        return boxes[likely.index(best)] if best > 0 else None
+        likeliest = max(
+            others,
+            key=lambda one: one.score * (0.1 + self.detector.class_share(one)),
+            default=None,
+        )
+        return None if likeliest is None else self.detector.corrected(likeliest)
 
     def learn_look_alikes(self, detections: list[Detection]) -> None:
         """Remember what else of the target's kind the detector saw."""
