@@ -267,7 +267,7 @@ def check_onset(subject: Subject, gains, axis: Axis, predicted: float) -> None:
         print(f"  {axis}: swings 25 % below: {below}, above: {above}: {verdict}")
         return
     low, high = predicted / 2, predicted * 2
-    for _ in range(4):
+    for _ in range(6):
         middle = math.sqrt(low * high)
         swing = swings(subject, gains, axis, middle)
         low, high = (low, middle) if swing else (middle, high)

@@ -211,6 +211,7 @@ class SimulatedFlight:
             overlaps=[frame.overlap for frame in self.tracked],
             identity=self.identity,
             chosen_s=self.chosen_s,
+            box_sight=self.box_direction,
         )
 
     def status(self) -> LiveStatus:

@@ -95,6 +95,7 @@ def score_flight(
     overlaps: Sequence[float] = (),
     identity: IdentityScore | None = None,
     chosen_s: float | None = None,
+    box_sight: Callable[[TruthSample], LineOfSight] | None = None,
 ) -> PursuitScore:
     """Score a flight up to the stop or to the handing over, or to its end if there was neither.
 
@@ -105,6 +106,7 @@ def score_flight(
         identity: what became of the target's identity, if it is known.
         overlaps: intersection over union with the true box, one for each tracked frame.
         chosen_s: when the operator asked for the target, if it is known.
+        box_sight: works out the direction of the true box's middle, if there are boxes.
     """
     return pursuit_score(
         truth,
@@ -120,6 +122,7 @@ def score_flight(
         identity=identity,
         chosen_s=chosen_s,
         end_s=stopped_s(log.controls),
+        box_sight=box_sight,
     )
 
 

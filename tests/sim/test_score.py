@@ -20,6 +20,7 @@ from follower_sim.scoring.score import (
     line_of_sight_errors,
     pursuit_score,
 )
+from follower_vision.geometry.line_of_sight import LineOfSight
 
 GOAL = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-20))
 RATE_HZ = 50
@@ -36,6 +37,7 @@ def sample(
     elevation_deg: float = -20.0,
     range_m: float = 15.0,
     in_frame_share: float = 1.0,
+    visible_share: float = 1.0,
 ) -> TruthSample:
     return TruthSample(
         time_s=time_s,
@@ -43,7 +45,7 @@ def sample(
         target_position_m=(range_m, 0.0, 0.0),
         target_velocity_m_s=(0.0, 0.0, 0.0),
         in_frame_share=in_frame_share,
-        visible_share=1.0,
+        visible_share=visible_share,
         range_m=range_m,
         azimuth_rad=math.radians(azimuth_deg),
         elevation_rad=math.radians(elevation_deg),
@@ -81,6 +83,18 @@ def test_a_constant_elevation_offset_is_its_own_rms_and_p95(offset_deg: float) -
     score = pursuit_score(truth, following(5), GOAL)
     assert score.line_of_sight_rms_deg == pytest.approx(abs(offset_deg))
     assert score.line_of_sight_p95_deg == pytest.approx(abs(offset_deg))
+
+
+def test_the_boxes_middle_is_scored_beside_the_bodys_and_only_while_it_can_be_seen() -> None:
+    truth = [sample(t, visible_share=1.0 if t < 6 else 0.4) for t in times(10)]
+
+    def box_sight(one: TruthSample) -> LineOfSight:
+        return LineOfSight(0.0, math.radians(-18.0 if one.visible_share == 1 else 20.0))
+
+    score = pursuit_score(truth, following(10), GOAL, box_sight=box_sight)
+    assert score.line_of_sight_rms_deg == pytest.approx(0, abs=1e-9)
+    assert score.line_of_sight_box_rms_seen_deg == pytest.approx(2.0)
+    assert perfect().line_of_sight_box_rms_seen_deg is None
 
 
 def test_an_azimuth_offset_counts_less_the_higher_the_target_stands() -> None:
@@ -312,7 +326,7 @@ def test_a_figure_exactly_at_its_limit_passes() -> None:
 
 def test_every_figure_of_the_score_is_in_the_table() -> None:
     table = checks(perfect(), Criteria())
-    assert len({check.name for check in table}) == len(table) == 24
+    assert len({check.name for check in table}) == len(table) == 25
     assert [check.passed for check in table].count(True) == 5
 
 

@@ -42,6 +42,7 @@ RANDOM_CAMPAIGN = "standard"
 _FIGURES = (
     ("In frame", "in_frame_share", "{:.1%}"),
     ("LOS, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
+    ("to the box, seen", "line_of_sight_box_rms_seen_deg", "{:.2f}°"),
     ("Range error", "range_error_median", "{:.1%}"),
     ("Approach", "approach_s", "{:.1f} s"),
     ("Losses", "losses", "{:d}"),

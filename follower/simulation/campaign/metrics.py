@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from follower_control.envelope.settings import EnvelopeSettings
 from follower_sim.kinematics import TruthSample
 from follower_sim.scoring.identity_score import wrong_end
 from follower_sim.scoring.occlusions import HIDDEN, ObservedFrame, Occlusion, occlusions
-from follower_sim.scoring.score import IN_FRAME, PursuitScore, line_of_sight_errors
+from follower_sim.scoring.score import IN_FRAME, PursuitScore
 from follower_vision.trackers.track import TrackState
 
 _SLACK = 1.01
@@ -112,7 +112,7 @@ def figures_of(flight: SimulatedFlight) -> RunMetrics:
         sum(one.in_frame_share >= IN_FRAME for one in seen) / len(seen) if seen else None,
         score.in_frame_share,
         score.line_of_sight_rms_deg,
-        _rms(np.degrees(line_of_sight_errors(_by_box(flight, seen), flight.goal))),
+        score.line_of_sight_box_rms_seen_deg,
         score.range_error_median,
         score.range_error_p95,
         tuple(round(one.length_s, 6) for one in hidden),
@@ -138,15 +138,6 @@ def _scored(
     flown = [sample for sample in truth if sample.time_s <= end_s]
     from_s = flown[-1].time_s - score.scored_s - 1e-6
     return [sample for sample in flown if sample.time_s >= from_s]
-
-
-def _by_box(flight: SimulatedFlight, samples: Sequence[TruthSample]) -> list[TruthSample]:
-    """Return samples with the direction of the true box's middle for that of the body's."""
-    return [
-        replace(sample, azimuth_rad=direction.azimuth_rad, elevation_rad=direction.elevation_rad)
-        for sample in samples
-        for direction in (flight.box_direction(sample),)
-    ]
 
 
 def _occlusions(

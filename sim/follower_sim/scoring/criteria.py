@@ -97,6 +97,11 @@ _ROWS = (
     ),
     _Row("Line-of-sight error, 95th percentile", "line_of_sight_p95_deg", _degrees),
     _Row(
+        "Line-of-sight error to the box while seen, RMS",
+        "line_of_sight_box_rms_seen_deg",
+        _degrees,
+    ),
+    _Row(
         "Range error, median",
         "range_error_median",
         _percent,

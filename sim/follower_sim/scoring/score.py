@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ import numpy.typing as npt
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_sim.kinematics import TruthSample
 from follower_sim.scoring.identity_score import IdentityScore
+from follower_sim.scoring.occlusions import HIDDEN
+from follower_vision.geometry.line_of_sight import LineOfSight
 
 _ENGAGED = frozenset({"following", "coasting", "searching", "holding"})
 
@@ -168,6 +170,9 @@ class PursuitScore:
         line_of_sight_rms_deg: root mean square over the scored time of the angle between the true
             direction of the target and the wanted one.
         line_of_sight_p95_deg: 95th percentile of that angle.
+        line_of_sight_box_rms_seen_deg: root mean square, occlusions left out, of the same angle to
+            the true box's middle instead of the body's: a tracker can show no other, and the servo
+            holds it.
         range_error_median: median of |range / wanted - 1|.
         range_error_p95: its 95th percentile.
         following_share: share of the control steps from the first "following" to the pursuit's
@@ -190,6 +195,7 @@ class PursuitScore:
     in_frame_share: float | None
     line_of_sight_rms_deg: float | None
     line_of_sight_p95_deg: float | None
+    line_of_sight_box_rms_seen_deg: float | None
     range_error_median: float | None
     range_error_p95: float | None
     following_share: float | None
@@ -218,6 +224,7 @@ def pursuit_score(
     identity: IdentityScore | None = None,
     chosen_s: float | None = None,
     end_s: float | None = None,
+    box_sight: Callable[[TruthSample], LineOfSight] | None = None,
 ) -> PursuitScore:
     """Score one pursuit.
 
@@ -233,18 +240,24 @@ def pursuit_score(
             "idle".
         end_s: when the operator ended the pursuit; what comes later is not scored. By default it
             lasts to the last sample.
+        box_sight: works out the direction of the true box's middle, if there are boxes.
     """
     steps = [step for step in steps if end_s is None or step.time_s <= end_s]
-    course = _Course.of([s for s in truth if end_s is None or s.time_s <= end_s], goal)
+    truth = [sample for sample in truth if end_s is None or sample.time_s <= end_s]
+    course = _Course.of(truth, goal)
     acquired_s = next((step.time_s for step in steps if step.state == "following"), None)
     if chosen_s is None:
         chosen_s = next((step.time_s for step in steps if step.state != "idle"), None)
     approached_s = None if acquired_s is None else course.approached(acquired_s)
     losses, reacquisitions = _losses(steps)
+    box_rms_deg = None
+    if box_sight is not None and approached_s is not None:
+        box_rms_deg = _box_rms_seen_deg(truth, approached_s, goal, box_sight)
     return PursuitScore(
         time_to_acquire_s=_between(chosen_s, acquired_s),
         approach_s=_between(acquired_s, approached_s),
         **course.after(approached_s).figures(),
+        line_of_sight_box_rms_seen_deg=box_rms_deg,
         following_share=_following_share(steps),
         losses=losses,
         reacquisitions=reacquisitions,
@@ -270,6 +283,22 @@ def line_of_sight_errors(truth: Sequence[TruthSample], goal: PursuitGoal) -> _Ar
         + np.cos(elevation) * math.cos(goal.elevation_rad) * np.sin(azimuth / 2) ** 2
     )
     return np.asarray(2 * np.arcsin(np.sqrt(np.clip(haversine, 0.0, 1.0))))
+
+
+def _box_rms_seen_deg(
+    truth: Sequence[TruthSample],
+    from_s: float,
+    goal: PursuitGoal,
+    box_sight: Callable[[TruthSample], LineOfSight],
+) -> float | None:
+    """Return the root mean square of the error of the box's direction while it can be seen."""
+    seen = [
+        replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
+        for sample in truth
+        if sample.time_s >= from_s and sample.visible_share >= HIDDEN
+        for sight in (box_sight(sample),)
+    ]
+    return _Course.of(seen, goal).rms_deg()
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,15 +345,19 @@ class _Course:
     def figures(self) -> dict[str, Any]:
         """Return the score's figures that are taken over this time."""
         angle_deg = np.degrees(self.angle)
-        mean_square = self._mean(angle_deg**2)
         return {
             "scored_s": float(self.time_s[-1] - self.time_s[0]) if len(self.time_s) else 0.0,
             "in_frame_share": self._mean(self.in_frame),
-            "line_of_sight_rms_deg": None if mean_square is None else math.sqrt(mean_square),
+            "line_of_sight_rms_deg": self.rms_deg(),
             "line_of_sight_p95_deg": self._quantile(angle_deg, 0.95),
             "range_error_median": self._quantile(self.range_error, 0.5),
             "range_error_p95": self._quantile(self.range_error, 0.95),
         }
+
+    def rms_deg(self) -> float | None:
+        """Return the root mean square of the line-of-sight error."""
+        mean_square = self._mean(np.degrees(self.angle) ** 2)
+        return None if mean_square is None else math.sqrt(mean_square)
 
     def _weights(self) -> _Array:
         """Return the time that each sample stands for; equal weights if time stands still."""
