@@ -97,7 +97,7 @@ _ROWS = (
     ),
     _Row("Line-of-sight error, 95th percentile", "line_of_sight_p95_deg", _degrees),
     _Row(
-        "Line-of-sight error to the box while seen, RMS",
+        "Line-of-sight error to the seen box, RMS",
         "line_of_sight_box_rms_seen_deg",
         _degrees,
     ),
