@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -37,10 +38,13 @@ from follower.settings.settings import load_settings
 from follower.simulation.fault_tests.run_fault import SCENE
 from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
 from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTap
+from follower.simulation.sitl.gusts import Gusts
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.transport import UdpTransport
+from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.world.wind import Wind
 from follower_vision.clock import MonotonicClock
 
 _PATIENCE_S, _AFTERWARDS_S, _STANDS_WITHIN_S = 150.0, 16.0, 9.0
@@ -235,8 +239,16 @@ EXERCISES = {
 class Relay:
     """Carries packets between an autopilot and the follower, and speaks as a ground station."""
 
-    def __init__(self, program: SitlProgram, autopilot: UdpTransport, follower_port: int) -> None:
+    def __init__(
+        self,
+        program: SitlProgram,
+        scenario: Scenario,
+        autopilot: UdpTransport,
+        follower_port: int,
+    ) -> None:
         self.clock = MonotonicClock()
+        wind = Wind(scenario.wind, np.random.default_rng(0)).velocity_m_s
+        self._gusts = Gusts(program, scenario, wind, autopilot, self.clock)
         self.flavour = program.flavour
         self._autopilot = autopilot
         self._follower = WireTap(UdpTransport.connect("127.0.0.1", follower_port), self.clock)
@@ -266,6 +278,7 @@ class Relay:
     def step(self) -> float:
         """Carry what has come, and return the time, s."""
         now_s = self.clock.now()
+        self._gusts.step(self._system)
         data = self._autopilot.receive()
         for message in self._parser.parse_buffer(data) or []:
             self._look(message, now_s)
@@ -373,11 +386,12 @@ def fly(exercise: Exercise, program: SitlProgram) -> list[str]:
         path = folder / "fault.yaml"
         keys = {**yaml.safe_load(SCENE.read_text("utf-8")), **exercise.scene}
         path.write_text(yaml.safe_dump(keys), "utf-8")
-        parameters = program.for_scenario(load_scenario(path), program.usual_parameters())
+        scenario = load_scenario(path)
+        parameters = program.for_scenario(scenario, program.usual_parameters())
         parameters |= exercise.starts.get(program.flavour, {})
         with closing(UdpTransport.listen("127.0.0.1", 0)) as free:
             port = free.port
-        relay = Relay(program, autopilot, port)
+        relay = Relay(program, scenario, autopilot, port)
         with (
             closing(relay),
             AutopilotProcess(program, SitlSetup(1.0, parameters), folder),

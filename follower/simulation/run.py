@@ -37,6 +37,7 @@ from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
 from follower.simulation.runners import fly_lockstep, fly_realtime
+from follower.simulation.sitl.gusts import Gusts
 from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower.ui.cockpit.publisher import FlightPublisher, initial_state
@@ -110,6 +111,7 @@ class _Simulation:
         )
         self.process: AutopilotProcess | None = None
         self.tap: WireTap | None = None
+        self.gusts: Gusts | None = None
         self.death: FlightEnd | None = None
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
@@ -172,6 +174,9 @@ class _Simulation:
                 setup = self._program_setup(self.options.program)
                 process = AutopilotProcess(self.options.program, setup, folder)
                 self.process = stack.enter_context(process)
+                if self.scenario.wind.gust_m_s:
+                    field = world.wind.velocity_m_s
+                    self.gusts = Gusts(self.options.program, self.scenario, field, ends[0], clock)
                 self.tap = WireTap(ends[0], clock)
                 ends = self.tap, ends[1]
                 boots_within_s = BOOTS_WITHIN_S * setup.speedup
@@ -239,6 +244,8 @@ class _Simulation:
 
             def show() -> None:
                 self._check_program(flight)
+                if self.gusts is not None:
+                    self.gusts.step(flight.link_status.vehicle_id)
                 if recorder is not None and recorder.must_stop:
                     flight.stop(NOT_RECORDED)
                 status = flight.status()

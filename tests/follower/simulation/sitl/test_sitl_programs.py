@@ -10,10 +10,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from follower.apps.sitl.run import programs
 from follower.links.connections import ConnectionFailedError
 from follower.settings.settings import find_scenario
+from follower.simulation.sitl.gusts import Gusts
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import (
     ArduCopterProgram,
@@ -24,8 +26,10 @@ from follower.simulation.sitl.programs import (
     read_parameters,
 )
 from follower_control.common.strict_config import SettingsError
+from follower_control.common.transport import MemoryTransport
 from follower_sim.scenario.scenario import WindSettings
 from follower_sim.scenario.scenario_file import load_scenario
+from follower_vision.clock import SimulatedClock
 
 
 def binary(folder: Path, content: bytes, mode: int = 0o755) -> Path:
@@ -136,7 +140,6 @@ def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: 
         "SIM_WIND_T": 1,
         "SIM_WIND_SPD": 6.0,
         "SIM_WIND_DIR": 180.0,
-        "SIM_WIND_TURB": 1.5,
     }
     px4 = Px4Program(px4_build(tmp_path))
     assert px4.wind(wind, -90.0) == {"SIH_WIND_N": -6.0, "SIH_WIND_E": 0.0}
@@ -144,6 +147,44 @@ def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: 
         "SIH_WIND_N": round(8 * math.cos(math.radians(250)), 3),
         "SIH_WIND_E": round(8 * math.sin(math.radians(250)), 3),
     }
+
+
+def test_gusts_are_told_in_flight_in_the_world_of_the_autopilot(tmp_path: Path) -> None:
+    """A scenario that starts eastwards: its east is the autopilot's north."""
+    ours, theirs = MemoryTransport.pair()
+    clock, parser = SimulatedClock(), mavlink.MAVLink(None)
+    scenario = load_scenario(find_scenario("windy"))
+    start = scenario.start.model_copy(update={"heading_deg": 90.0})
+    scenario = scenario.model_copy(update={"start": start})
+    px4 = Px4Program(px4_build(tmp_path))
+
+    def air(time_s: float) -> tuple[float, float, float]:
+        return 3.0, 4.0 + time_s, 0.5
+
+    def told() -> dict[str, float]:
+        messages = parser.parse_buffer(theirs.receive()) or []
+        assert all((one.target_system, one.target_component) == (7, 1) for one in messages)
+        return {one.param_id: one.param_value for one in messages}
+
+    gusts = Gusts(px4, scenario, air, ours, clock)
+    gusts.step(None)
+    assert told() == {}
+    gusts.step(7)
+    assert told() == {"SIH_WIND_N": pytest.approx(-4.0), "SIH_WIND_E": pytest.approx(3.0)}
+    clock.sleep_until(0.1)
+    gusts.step(7)
+    assert told() == {}
+    clock.sleep_until(1.0)
+    gusts.step(7)
+    assert told() == {"SIH_WIND_N": pytest.approx(-5.0), "SIH_WIND_E": pytest.approx(3.0)}
+
+
+def test_the_mean_wind_is_the_gusts_wind_without_gusts(tmp_path: Path) -> None:
+    copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
+    mean = copter.wind(WindSettings(mean_m_s=5.0, from_deg=30.0), heading_deg=0.0)
+    assert (mean["SIM_WIND_SPD"], mean["SIM_WIND_DIR"]) == (5.0, 30.0)
+    eastwards = copter.air(0.0, 2.0)
+    assert (eastwards["SIM_WIND_SPD"], eastwards["SIM_WIND_DIR"]) == (2.0, 270.0)
 
 
 def test_px4s_airframe_has_the_drag_of_the_scenarios(tmp_path: Path) -> None:

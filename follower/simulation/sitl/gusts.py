@@ -1,0 +1,61 @@
+"""Gusts for the simulators of real autopilots, which have none that a vehicle feels."""
+
+import math
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from follower.simulation.sitl.programs import SitlProgram
+from follower_control.common.transport import Transport
+from follower_sim.scenario.scenario import Scenario
+from follower_sim.vehicle.vehicle import WindField
+from follower_vision.clock import Clock
+
+_GROUND_STATION = 255
+_EVERY_S = 0.2
+
+
+class Gusts:
+    """Tells an autopilot's simulator in flight how the scenario's air moves now.
+
+    It sets the parameters of the wind, as a ground station. ArduPilot's own turbulence is drawn
+    anew in each step, in any direction, and moves nothing; PX4's SIH has none. Upwards and
+    downwards the air stands still.
+
+    Args:
+        program: what flies.
+        scenario: its start says how its world is turned onto the autopilot's.
+        wind: gives the air's velocity in the scenario's world at a time.
+        transport: goes to the autopilot.
+        clock: the flight's.
+    """
+
+    def __init__(
+        self,
+        program: SitlProgram,
+        scenario: Scenario,
+        wind: WindField,
+        transport: Transport,
+        clock: Clock,
+    ) -> None:
+        self._program = program
+        self._turn = math.radians(scenario.start.heading_deg)
+        self._wind = wind
+        self._transport = transport
+        self._clock = clock
+        self._mavlink = mavlink.MAVLink(None, srcSystem=_GROUND_STATION)
+        self._next_s = -math.inf
+
+    def step(self, vehicle_id: int | None) -> None:
+        """Send what has changed, if it is time; None is a vehicle that has not spoken yet."""
+        now_s = self._clock.now()
+        if vehicle_id is None or now_s < self._next_s:
+            return
+        self._next_s = now_s + _EVERY_S
+        north, east, _ = self._wind(now_s)
+        cos, sin = math.cos(self._turn), math.sin(self._turn)
+        air = self._program.air(cos * north + sin * east, cos * east - sin * north)
+        for name, value in air.items():
+            message = mavlink.MAVLink_param_set_message(
+                vehicle_id, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+            )
+            self._transport.send(message.pack(self._mavlink))
