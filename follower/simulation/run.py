@@ -244,7 +244,7 @@ class _Simulation:
 
             def show() -> None:
                 self._check_program(flight)
-                if self.gusts is not None:
+                if self.gusts is not None and flight.chosen_s is not None:  # in the air
                     self.gusts.step(flight.link_status.vehicle_id)
                 if recorder is not None and recorder.must_stop:
                     flight.stop(NOT_RECORDED)

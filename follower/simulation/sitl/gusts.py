@@ -1,4 +1,4 @@
-"""Gusts for the simulators of real autopilots, which have none that a vehicle feels."""
+"""Gusts for the simulator of a real autopilot, which has none that a vehicle feels."""
 
 import math
 
@@ -18,11 +18,11 @@ class Gusts:
     """Tells an autopilot's simulator in flight how the scenario's air moves now.
 
     It sets the parameters of the wind, as a ground station. ArduPilot's own turbulence is drawn
-    anew in each step, in any direction, and moves nothing; PX4's SIH has none. Upwards and
-    downwards the air stands still.
+    anew in each step, in any direction, and moves nothing. Upwards and downwards the air stands
+    still.
 
     Args:
-        program: what flies.
+        program: what flies; one that cannot be told is told nothing.
         scenario: its start says how its world is turned onto the autopilot's.
         wind: gives the air's velocity in the scenario's world at a time.
         transport: goes to the autopilot.

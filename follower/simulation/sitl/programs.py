@@ -132,17 +132,16 @@ class SitlProgram(ABC):
         """Return how it is started in a folder of its own, to send to the follower's end."""
 
     @abstractmethod
-    def air(self, north_m_s: float, east_m_s: float) -> dict[str, float]:
-        """Return the parameters of air that moves so; none if its simulator cannot be told."""
-
     def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
-        """Return the parameters of a mean wind, in a scenario that starts with this heading.
+        """Return the parameters of a wind, in a scenario that starts with this heading.
 
         The vehicle stands facing north in the autopilot's world, and the scenario's world is
         turned onto that (see `TelemetryVehicle`).
         """
-        towards = math.radians(wind.from_deg + 180.0 - heading_deg)
-        return self.air(wind.mean_m_s * math.cos(towards), wind.mean_m_s * math.sin(towards))
+
+    def air(self, north_m_s: float, east_m_s: float) -> dict[str, float]:  # noqa: ARG002
+        """Return parameters that say in flight how the air moves; none if it cannot be told."""
+        return {}
 
     def for_scenario(self, scenario: Scenario, parameters: Mapping[str, float]) -> dict[str, float]:
         """Return the parameters with the scenario's wind, where those given say nothing of it."""
@@ -179,10 +178,18 @@ class ArduCopterProgram(SitlProgram):
         command += ["--serial1", "none", "--serial2", "none"]  # ground stations' TCP ports
         return ProgramStart(command, {})
 
+    def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
+        """Return SIM_WIND_* of a wind that is the same at every height and changes at once.
+
+        By default there is half as much at 15 m as at 60 m, and it takes 5 s to change.
+        """
+        towards = math.radians(wind.from_deg + 180.0 - heading_deg)
+        air = self.air(wind.mean_m_s * math.cos(towards), wind.mean_m_s * math.sin(towards))
+        return {**air, "SIM_WIND_T": 1, "SIM_WIND_TC": 0.1}
+
     def air(self, north_m_s: float, east_m_s: float) -> dict[str, float]:
         """Return SIM_WIND_*, which say where it comes from."""
         return {
-            "SIM_WIND_T": 1,  # the same at every height; otherwise half as much at 15 m as at 60 m
             "SIM_WIND_SPD": round(math.hypot(north_m_s, east_m_s), 3),
             "SIM_WIND_DIR": round(math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0, 3),
         }
@@ -238,11 +245,16 @@ class Px4Program(SitlProgram):
         environment["PX4_SIM_SPEED_FACTOR"] = f"{setup.speedup:g}"
         return ProgramStart([*command, str(self.path / "etc")], environment)
 
-    def air(self, north_m_s: float, east_m_s: float) -> dict[str, float]:
-        """Return SIH_WIND_*, which say where it comes from."""
+    def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
+        """Return SIH_WIND_*, which say where it comes from.
+
+        There are no gusts: where they change often, PX4 stops in flight while it saves them.
+        """
         if self._has_no_wind:
             return {}
-        return {"SIH_WIND_N": round(-north_m_s, 3), "SIH_WIND_E": round(-east_m_s, 3)}
+        source = math.radians(wind.from_deg - heading_deg)
+        north, east = wind.mean_m_s * math.cos(source), wind.mean_m_s * math.sin(source)
+        return {"SIH_WIND_N": round(north, 3), "SIH_WIND_E": round(east, 3)}
 
     def for_scenario(self, scenario: Scenario, parameters: Mapping[str, float]) -> dict[str, float]:
         """Return the parameters with the scenario's wind and drag: SIH's own is four times as much.
@@ -257,6 +269,8 @@ class Px4Program(SitlProgram):
         """Return what of a scenario its simulator cannot do, "" if it can do all."""
         if scenario.wind.mean_m_s and self._has_no_wind:
             return f"The simulator of {self.title} has no wind: this was flown in still air."
+        if scenario.wind.gust_m_s:
+            return "PX4's simulator has no gusts: this was flown in a steady wind."
         return ""
 
     @property
@@ -308,10 +322,6 @@ class SimulatedProgram(SitlProgram):
         rows = setup.parameters.items()
         command += [str(folder / "flight.csv"), *(f"{name}={value:.9g}" for name, value in rows)]
         return ProgramStart(command, {})
-
-    def air(self, north_m_s: float, east_m_s: float) -> dict[str, float]:  # noqa: ARG002
-        """Return none: it is told of a wind with its gusts at the start."""
-        return {}
 
     def wind(self, wind: WindSettings, heading_deg: float) -> dict[str, float]:
         """Return WIND_*, which it knows from its command line alone."""

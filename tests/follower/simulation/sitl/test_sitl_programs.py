@@ -140,6 +140,7 @@ def test_a_wind_from_behind_is_one_from_the_south_for_who_faces_north(tmp_path: 
         "SIM_WIND_T": 1,
         "SIM_WIND_SPD": 6.0,
         "SIM_WIND_DIR": 180.0,
+        "SIM_WIND_TC": 0.1,
     }
     px4 = Px4Program(px4_build(tmp_path))
     assert px4.wind(wind, -90.0) == {"SIH_WIND_N": -6.0, "SIH_WIND_E": 0.0}
@@ -156,35 +157,43 @@ def test_gusts_are_told_in_flight_in_the_world_of_the_autopilot(tmp_path: Path) 
     scenario = load_scenario(find_scenario("windy"))
     start = scenario.start.model_copy(update={"heading_deg": 90.0})
     scenario = scenario.model_copy(update={"start": start})
-    px4 = Px4Program(px4_build(tmp_path))
+    copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
 
     def air(time_s: float) -> tuple[float, float, float]:
-        return 3.0, 4.0 + time_s, 0.5
+        return 3.0, 4.0 + time_s, 0.5  # north, east, down
 
     def told() -> dict[str, float]:
         messages = parser.parse_buffer(theirs.receive()) or []
         assert all((one.target_system, one.target_component) == (7, 1) for one in messages)
         return {one.param_id: one.param_value for one in messages}
 
-    gusts = Gusts(px4, scenario, air, ours, clock)
+    def wind(north_m_s: float, east_m_s: float) -> dict[str, float]:
+        from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360
+        speed = math.hypot(north_m_s, east_m_s)
+        return {
+            "SIM_WIND_SPD": pytest.approx(speed, abs=1e-3),
+            "SIM_WIND_DIR": pytest.approx(from_deg, abs=1e-3),
+        }
+
+    gusts = Gusts(copter, scenario, air, ours, clock)
     gusts.step(None)
     assert told() == {}
     gusts.step(7)
-    assert told() == {"SIH_WIND_N": pytest.approx(-4.0), "SIH_WIND_E": pytest.approx(3.0)}
+    assert told() == wind(4.0, -3.0)
     clock.sleep_until(0.1)
     gusts.step(7)
     assert told() == {}
     clock.sleep_until(1.0)
     gusts.step(7)
-    assert told() == {"SIH_WIND_N": pytest.approx(-5.0), "SIH_WIND_E": pytest.approx(3.0)}
+    assert told() == wind(5.0, -3.0)
+    assert Px4Program(px4_build(tmp_path)).air(4.0, -3.0) == {}
 
 
 def test_the_mean_wind_is_the_gusts_wind_without_gusts(tmp_path: Path) -> None:
     copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
     mean = copter.wind(WindSettings(mean_m_s=5.0, from_deg=30.0), heading_deg=0.0)
     assert (mean["SIM_WIND_SPD"], mean["SIM_WIND_DIR"]) == (5.0, 30.0)
-    eastwards = copter.air(0.0, 2.0)
-    assert (eastwards["SIM_WIND_SPD"], eastwards["SIM_WIND_DIR"]) == (2.0, 270.0)
+    assert copter.air(0.0, 2.0) == {"SIM_WIND_SPD": 2.0, "SIM_WIND_DIR": 270.0}
 
 
 def test_px4s_airframe_has_the_drag_of_the_scenarios(tmp_path: Path) -> None:
