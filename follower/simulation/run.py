@@ -174,7 +174,7 @@ class _Simulation:
                 setup = self._program_setup(self.options.program)
                 process = AutopilotProcess(self.options.program, setup, folder)
                 self.process = stack.enter_context(process)
-                if self.scenario.wind.gust_m_s:
+                if self.scenario.wind.gust_m_s and not self._has_own_wind(self.options.program):
                     field = world.wind.velocity_m_s
                     self.gusts = Gusts(self.options.program, self.scenario, field, ends[0], clock)
                 self.tap = WireTap(ends[0], clock)
@@ -273,6 +273,10 @@ class _Simulation:
         """Return how the program is started for this scenario."""
         setup = self.options.setup
         return replace(setup, parameters=program.for_scenario(self.scenario, setup.parameters))
+
+    def _has_own_wind(self, program: SitlProgram) -> bool:
+        """Return whether the user's parameters say how the air moves."""
+        return bool(program.air(0.0, 0.0).keys() & self.options.setup.parameters.keys())
 
     def _check_program(self, flight: SimulatedFlight) -> None:
         """Stop a flight whose autopilot's program has ended.

@@ -46,7 +46,7 @@ class Gusts:
         self._next_s = -math.inf
 
     def step(self, vehicle_id: int | None) -> None:
-        """Send what has changed, if it is time; None is a vehicle that has not spoken yet."""
+        """Send how the air moves now, if it is time; None is a vehicle that has not spoken yet."""
         now_s = self._clock.now()
         if vehicle_id is None or now_s < self._next_s:
             return

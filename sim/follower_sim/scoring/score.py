@@ -29,6 +29,8 @@ APPROACH_ANGLE_RAD = math.radians(5)
 """... with less than this line-of-sight error, ..."""
 APPROACH_HELD_S = 1.0
 """... both for this long."""
+_BOX_EVERY_S = 0.1
+"""A box takes longer to work out than the vehicle to fly on; its direction changes slowly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,12 +294,16 @@ def _box_rms_seen_deg(
     box_sight: Callable[[TruthSample], LineOfSight],
 ) -> float | None:
     """Return the root mean square of the error of the box's direction while it can be seen."""
-    seen = [
-        replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
-        for sample in truth
-        if sample.time_s >= from_s and sample.visible_share >= HIDDEN
-        for sight in (box_sight(sample),)
-    ]
+    seen = list[TruthSample]()
+    next_s = from_s
+    for sample in truth:
+        if sample.time_s < next_s or sample.visible_share < HIDDEN:
+            continue
+        next_s = sample.time_s + _BOX_EVERY_S
+        sight = box_sight(sample)
+        seen.append(
+            replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
+        )
     return _Course.of(seen, goal).rms_deg()
 
 
