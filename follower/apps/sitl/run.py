@@ -42,7 +42,7 @@ RANDOM_CAMPAIGN = "standard"
 _FIGURES = (
     ("In frame", "in_frame_share", "{:.1%}"),
     ("LOS, RMS", "line_of_sight_rms_deg", "{:.2f}°"),
-    ("to the box, seen", "line_of_sight_box_rms_seen_deg", "{:.2f}°"),
+    ("LOS, box", "line_of_sight_box_rms_seen_deg", "{:.2f}°"),
     ("Range error", "range_error_median", "{:.1%}"),
     ("Approach", "approach_s", "{:.1f} s"),
     ("Losses", "losses", "{:d}"),
@@ -250,7 +250,8 @@ def _failure(row: dict[str, Any]) -> str:
     if row["passed"]:
         return ""
     missed = "; ".join((*row.get("violations", ()), *row.get("failures", ()))) or row["end"]
-    return f"{row['scenario']}, {row['autopilot']}, seed {row['seed']}: {missed}"
+    seed = "" if row["seed"] is None else f", seed {row['seed']}"
+    return f"{row['scenario']}, {row['autopilot']}{seed}: {missed}"
 
 
 def _cells(row: dict[str, Any]) -> Sequence[Cell]:
