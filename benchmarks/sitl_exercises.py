@@ -28,7 +28,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -44,7 +43,7 @@ from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.transport import UdpTransport
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import load_scenario
-from follower_sim.world.wind import Wind
+from follower_sim.world.world import World
 from follower_vision.clock import MonotonicClock
 
 _PATIENCE_S, _AFTERWARDS_S, _STANDS_WITHIN_S = 150.0, 16.0, 9.0
@@ -247,8 +246,7 @@ class Relay:
         follower_port: int,
     ) -> None:
         self.clock = MonotonicClock()
-        wind = Wind(scenario.wind, np.random.default_rng(0)).velocity_m_s
-        self._gusts = Gusts(program, scenario, wind, autopilot, self.clock)
+        self._gusts = Gusts(program, (), World(scenario), autopilot, self.clock)
         self.flavour = program.flavour
         self._autopilot = autopilot
         self._follower = WireTap(UdpTransport.connect("127.0.0.1", follower_port), self.clock)

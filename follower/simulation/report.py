@@ -81,6 +81,7 @@ def print_score(
 
 def report_flight(
     flight: SimulatedFlight,
+    score: PursuitScore,
     folder: Path,
     command: str,
     autopilot: str,
@@ -93,6 +94,7 @@ def report_flight(
 
     Args:
         flight: is over.
+        score: of the flight.
         folder: where the files go.
         command: the command line that flies it again.
         autopilot: which one flew, with its version if that is known.
@@ -101,7 +103,7 @@ def report_flight(
         console: where the score is printed.
         end: how it ended, if not as the flight itself tells it.
     """
-    criteria, score = flight.scenario.expect, flight.score()
+    criteria = flight.scenario.expect
     end = end or flight.end
     if end.exit_code == SUCCESS:
         end = pursuit_end(verdict(score, criteria))

@@ -39,7 +39,7 @@ from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
 from follower.simulation.runners import fly_lockstep, fly_realtime
 from follower.simulation.sitl.gusts import Gusts
 from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
-from follower.simulation.sitl.programs import SitlProgram, SitlSetup
+from follower.simulation.sitl.programs import SitlProgram
 from follower.ui.cockpit.publisher import FlightPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import open_ground_station, operators_finder
@@ -139,7 +139,10 @@ class _Simulation:
                 program, end = self.options.program, BY_CTRL_C if BY_USER in remarks else self.death
                 autopilot = flight.flavour if program is None else program.title
                 command = self.options.command
-                end = report_flight(flight, folder, command, autopilot, link, remarks, console, end)
+                score = flight.score()
+                end = report_flight(
+                    flight, score, folder, command, autopilot, link, remarks, console, end
+                )
         violations = self._violations(flight)
         for violation in violations:
             print_line(console, f"Never to be sent: {violation}", "bold red")
@@ -148,7 +151,7 @@ class _Simulation:
         else:
             code = SUCCESS if passed and not violations else FAILED
         late = self._late_frames(flight) is not None
-        return SimulationResult(code, folder, end, flight.score(), violations, late)
+        return SimulationResult(code, folder, end, score, violations, late)
 
     def _fly(
         self,
@@ -171,15 +174,13 @@ class _Simulation:
             settings, ends = stack.enter_context(wanted)
             boots_within_s = None
             if self.options.program is not None:
-                setup = self._program_setup(self.options.program)
-                process = AutopilotProcess(self.options.program, setup, folder)
-                self.process = stack.enter_context(process)
-                if self.scenario.wind.gust_m_s and not self._has_own_wind(self.options.program):
-                    field = world.wind.velocity_m_s
-                    self.gusts = Gusts(self.options.program, self.scenario, field, ends[0], clock)
+                self.process = stack.enter_context(self._process(self.options.program, folder))
+                if self.scenario.wind.gust_m_s:
+                    given = self.options.setup.parameters
+                    self.gusts = Gusts(self.options.program, given, world, ends[0], clock)
                 self.tap = WireTap(ends[0], clock)
                 ends = self.tap, ends[1]
-                boots_within_s = BOOTS_WITHIN_S * setup.speedup
+                boots_within_s = BOOTS_WITHIN_S * self.options.setup.speedup
             injector = recorder = None
             video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
@@ -269,14 +270,11 @@ class _Simulation:
                 raise ConnectionFailedError(said) from error
         return interrupt.interrupted or early.interrupted
 
-    def _program_setup(self, program: SitlProgram) -> SitlSetup:
-        """Return how the program is started for this scenario."""
+    def _process(self, program: SitlProgram, folder: Path) -> AutopilotProcess:
+        """Return the process of a program that is started for this scenario."""
         setup = self.options.setup
-        return replace(setup, parameters=program.for_scenario(self.scenario, setup.parameters))
-
-    def _has_own_wind(self, program: SitlProgram) -> bool:
-        """Return whether the user's parameters say how the air moves."""
-        return bool(program.air(0.0, 0.0).keys() & self.options.setup.parameters.keys())
+        parameters = program.for_scenario(self.scenario, setup.parameters)
+        return AutopilotProcess(program, replace(setup, parameters=parameters), folder)
 
     def _check_program(self, flight: SimulatedFlight) -> None:
         """Stop a flight whose autopilot's program has ended.

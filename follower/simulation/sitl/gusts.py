@@ -1,13 +1,13 @@
 """Gusts for the simulator of a real autopilot, which has none that a vehicle feels."""
 
 import math
+from collections.abc import Collection
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.simulation.sitl.programs import SitlProgram
 from follower_control.common.transport import Transport
-from follower_sim.scenario.scenario import Scenario
-from follower_sim.vehicle.vehicle import WindField
+from follower_sim.world.world import World
 from follower_vision.clock import Clock
 
 _GROUND_STATION = 255
@@ -23,8 +23,8 @@ class Gusts:
 
     Args:
         program: what flies; one that cannot be told is told nothing.
-        scenario: its start says how its world is turned onto the autopilot's.
-        wind: gives the air's velocity in the scenario's world at a time.
+        given: parameters that the user set: what they say of the wind stays.
+        world: its scenario's start says how it is turned onto the autopilot's.
         transport: goes to the autopilot.
         clock: the flight's.
     """
@@ -32,14 +32,15 @@ class Gusts:
     def __init__(
         self,
         program: SitlProgram,
-        scenario: Scenario,
-        wind: WindField,
+        given: Collection[str],
+        world: World,
         transport: Transport,
         clock: Clock,
     ) -> None:
         self._program = program
-        self._turn = math.radians(scenario.start.heading_deg)
-        self._wind = wind
+        self._given = given
+        self._turn = math.radians(world.scenario.start.heading_deg)
+        self._wind = world.wind
         self._transport = transport
         self._clock = clock
         self._mavlink = mavlink.MAVLink(None, srcSystem=_GROUND_STATION)
@@ -51,11 +52,11 @@ class Gusts:
         if vehicle_id is None or now_s < self._next_s:
             return
         self._next_s = now_s + _EVERY_S
-        north, east, _ = self._wind(now_s)
+        north, east, _ = self._wind.velocity_m_s(now_s)
         cos, sin = math.cos(self._turn), math.sin(self._turn)
         air = self._program.air(cos * north + sin * east, cos * east - sin * north)
-        for name, value in air.items():
+        for name in air.keys() - self._given:
             message = mavlink.MAVLink_param_set_message(
-                vehicle_id, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+                vehicle_id, 1, name.encode(), air[name], mavlink.MAV_PARAM_TYPE_REAL32
             )
             self._transport.send(message.pack(self._mavlink))

@@ -96,11 +96,7 @@ _ROWS = (
         "Line-of-sight error, RMS", "line_of_sight_rms_deg", _degrees, "max_line_of_sight_rms_deg"
     ),
     _Row("Line-of-sight error, 95th percentile", "line_of_sight_p95_deg", _degrees),
-    _Row(
-        "Line-of-sight error to the seen box, RMS",
-        "line_of_sight_box_rms_seen_deg",
-        _degrees,
-    ),
+    _Row("Line-of-sight error to the seen box, RMS", "line_of_sight_box_rms_seen_deg", _degrees),
     _Row(
         "Range error, median",
         "range_error_median",

@@ -46,7 +46,8 @@ def test_after_the_pilots_takeover_the_end_says_so_and_nothing_later_is_scored(
 ) -> None:
     flight = flown(load_scenario(scenario_files()["winding"]))
     written = io.StringIO()
-    end = report_flight(flight, tmp_path, "", "px4", "", (), Console(file=written, width=100))
+    console = Console(file=written, width=100)
+    end = report_flight(flight, flight.score(), tmp_path, "", "px4", "", (), console)
     assert end == FlightEnd("Handed over to the pilot, who took another mode", HANDED_OVER)
     assert end.sentence in written.getvalue()
     assert "The pursuit" not in written.getvalue()

@@ -29,6 +29,7 @@ from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_sim.scenario.scenario import WindSettings
 from follower_sim.scenario.scenario_file import load_scenario
+from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
 
 
@@ -156,37 +157,36 @@ def test_gusts_are_told_in_flight_in_the_world_of_the_autopilot(tmp_path: Path) 
     clock, parser = SimulatedClock(), mavlink.MAVLink(None)
     scenario = load_scenario(find_scenario("windy"))
     start = scenario.start.model_copy(update={"heading_deg": 90.0})
-    scenario = scenario.model_copy(update={"start": start})
+    world = World(scenario.model_copy(update={"start": start}))
     copter = ArduCopterProgram(binary(tmp_path, b"ArduCopter V4.6.3"))
-
-    def air(time_s: float) -> tuple[float, float, float]:
-        return 3.0, 4.0 + time_s, 0.5  # north, east, down
 
     def told() -> dict[str, float]:
         messages = parser.parse_buffer(theirs.receive()) or []
         assert all((one.target_system, one.target_component) == (7, 1) for one in messages)
         return {one.param_id: one.param_value for one in messages}
 
-    def wind(north_m_s: float, east_m_s: float) -> dict[str, float]:
-        from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360
-        speed = math.hypot(north_m_s, east_m_s)
+    def expected(time_s: float) -> dict[str, float]:
+        north, east, _ = world.wind.velocity_m_s(time_s)
         return {
-            "SIM_WIND_SPD": pytest.approx(speed, abs=1e-3),
-            "SIM_WIND_DIR": pytest.approx(from_deg, abs=1e-3),
+            name: pytest.approx(value, abs=1e-3) for name, value in copter.air(east, -north).items()
         }
 
-    gusts = Gusts(copter, scenario, air, ours, clock)
+    gusts = Gusts(copter, (), world, ours, clock)
     gusts.step(None)
     assert told() == {}
     gusts.step(7)
-    assert told() == wind(4.0, -3.0)
+    first = told()
+    assert first == expected(0.0)
     clock.sleep_until(0.1)
     gusts.step(7)
     assert told() == {}
     clock.sleep_until(1.0)
     gusts.step(7)
-    assert told() == wind(5.0, -3.0)
-    assert Px4Program(px4_build(tmp_path)).air(4.0, -3.0) == {}
+    assert told() == expected(1.0) != first
+    Gusts(copter, {"SIM_WIND_SPD": 3.0}, world, ours, clock).step(7)
+    assert told().keys() == {"SIM_WIND_DIR"}
+    Gusts(Px4Program(px4_build(tmp_path)), (), world, ours, clock).step(7)
+    assert told() == {}
 
 
 def test_the_mean_wind_is_the_gusts_wind_without_gusts(tmp_path: Path) -> None:
