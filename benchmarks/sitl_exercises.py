@@ -14,6 +14,7 @@ Run from the repository's root, with the programs that ARDUCOPTER_SITL and PX4_S
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import signal
@@ -40,6 +41,7 @@ from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence, WireTa
 from follower.simulation.sitl.gusts import Gusts
 from follower.simulation.sitl.process import AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
+from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import UdpTransport
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import load_scenario
@@ -487,12 +489,19 @@ def _wrong(relay: Relay, code: int, exercise: Exercise, begun_s: float, said: st
 
 def main() -> None:
     """Fly the exercises and print a line for each."""
-    names = sys.argv[1:] or list(EXERCISES)
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser.add_argument("name", nargs="*", help=f"of {', '.join(EXERCISES)}; all by default")
+    names = parser.parse_args().name or list(EXERCISES)
     unknown = [name for name in names if name not in EXERCISES]
     if unknown:
-        sys.exit(f"there is no {unknown[0]!r}: choose from {', '.join(EXERCISES)}")
+        parser.error(f"there is no {unknown[0]!r}: choose from {', '.join(EXERCISES)}")
+    try:
+        found = programs(None, None, None, None)
+    except SettingsError as error:
+        parser.error(str(error))
     failed = 0
-    for program in programs(None, None, None, None):
+    for program in found:
         if program is None:
             continue
         for name in names:
