@@ -8,8 +8,9 @@ import shutil
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from follower_vision.disk import is_no_room
@@ -152,10 +153,10 @@ def _check_stated_size(answer: http.client.HTTPResponse, file: ModelFile) -> Non
         )
 
 
-def _open_part(part: Path, append: bool) -> BinaryIO:
+def _open_part(part: Path, append: bool) -> FileIO:
     """Open the part for this process alone."""
     try:
-        out = part.open("ab")
+        out = part.open("ab", buffering=0)  # closing it then writes nothing that could fail
     except OSError as error:
         raise DownloadError(f"cannot write {part}: {error.strerror}") from error
     try:
@@ -170,7 +171,7 @@ def _open_part(part: Path, append: bool) -> BinaryIO:
 
 
 def _copy(
-    answer: http.client.HTTPResponse, out: BinaryIO, file: ModelFile, progress: Progress
+    answer: http.client.HTTPResponse, out: FileIO, file: ModelFile, progress: Progress
 ) -> None:
     written = out.tell()
     while chunk := _read(answer):
@@ -189,12 +190,13 @@ def _read(answer: http.client.HTTPResponse) -> bytes:
         raise BrokenTransferError(f"{answer.url} broke off ({error})") from error
 
 
-def _write(out: BinaryIO, chunk: bytes, file: ModelFile) -> None:
+def _write(out: FileIO, chunk: bytes, file: ModelFile) -> None:
     try:
-        out.write(chunk)
-        out.flush()
         if not chunk:
             os.fsync(out.fileno())
+        rest = memoryview(chunk)
+        while rest:
+            rest = rest[out.write(rest) :]
     except OSError as error:
         if is_no_room(error):
             raise _no_room(Path(out.name).parent, file.size_bytes) from error
