@@ -2,7 +2,7 @@
 
 import sys
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -11,9 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from follower.flight.log import FlightLog
-from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.flight.supervision.flight_end import (
-    AUTOPILOT_ENDED,
     BY_CTRL_C,
     FAILED,
     NOT_RECORDED,
@@ -31,15 +29,11 @@ from follower.simulation.components import FlightOptions
 from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.faults.in_simulation import as_faults_want, describe_verdict, verdicts
 from follower.simulation.faults.injector import FaultInjector, InjectedDeathError
-from follower.simulation.faults.setpoint_rules import envelope_failures, heartbeat_failures
-from follower.simulation.faults.wire_tap import FlightEvidence, WireTap
 from follower.simulation.flight import SimulatedFlight, epoch_ns
 from follower.simulation.options import SimulationOptions, VisionSource
 from follower.simulation.report import NO_PIXELS, VIDEO, report_flight
 from follower.simulation.runners import fly_lockstep, fly_realtime
-from follower.simulation.sitl.gusts import Gusts
-from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
-from follower.simulation.sitl.programs import SitlProgram
+from follower.simulation.sitl_session import SitlSession
 from follower.ui.cockpit.publisher import FlightPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import open_ground_station, operators_finder
@@ -48,7 +42,6 @@ from follower.ui.terminal.console import print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
 from follower_control.common.transport import Transport
-from follower_sim.autopilot.autopilot import SYSTEM_ID
 from follower_sim.scoring.score import PursuitScore
 from follower_sim.world.world import World
 from follower_vision.clock import MonotonicClock, SimulatedClock
@@ -56,7 +49,6 @@ from follower_vision.clock import MonotonicClock, SimulatedClock
 BY_USER = "The user ended this flight."
 _LEAST_FRAME_SHARE = 0.8
 _LONGEST_GAP_S = 0.3
-_LEAST_PACE = 0.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +101,7 @@ class _Simulation:
         self.connection = AutopilotConnection(
             options.autopilot, options.lockstep, options.connect, options.program
         )
-        self.process: AutopilotProcess | None = None
-        self.tap: WireTap | None = None
-        self.gusts: Gusts | None = None
-        self.death: FlightEnd | None = None
+        self.sitl: SitlSession | None = None
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
     def run(self, console: Console) -> SimulationResult:
@@ -136,14 +125,23 @@ class _Simulation:
                     raise
                 to = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
                 link = "through memory" if self.options.lockstep else f"by {to}"
-                program, end = self.options.program, BY_CTRL_C if BY_USER in remarks else self.death
+                program = self.options.program
                 autopilot = flight.flavour if program is None else program.title
+                died = None if self.sitl is None else self.sitl.death
                 command = self.options.command
                 score = flight.score()
                 end = report_flight(
-                    flight, score, folder, command, autopilot, link, remarks, console, end
+                    flight,
+                    score,
+                    folder,
+                    command,
+                    autopilot,
+                    link,
+                    remarks,
+                    console,
+                    BY_CTRL_C if BY_USER in remarks else died,
                 )
-        violations = self._violations(flight)
+        violations = () if self.sitl is None else self.sitl.violations(flight)
         for violation in violations:
             print_line(console, f"Never to be sent: {violation}", "bold red")
         if end is BY_CTRL_C or (passed is None and not violations):
@@ -172,15 +170,11 @@ class _Simulation:
         with ExitStack() as stack:
             wanted = as_faults_want(self.faults, self.settings, ends, clock)
             settings, ends = stack.enter_context(wanted)
-            boots_within_s = None
-            if self.options.program is not None:
-                self.process = stack.enter_context(self._process(self.options.program, folder))
-                if self.scenario.wind.gust_m_s:
-                    given = self.options.setup.parameters
-                    self.gusts = Gusts(self.options.program, given, world, ends[0], clock)
-                self.tap = WireTap(ends[0], clock)
-                ends = self.tap, ends[1]
-                boots_within_s = BOOTS_WITHIN_S * self.options.setup.speedup
+            if (program := self.options.program) is not None:
+                setup = self.options.setup
+                session = SitlSession(program, setup, world, folder, ends[0], clock)
+                self.sitl = stack.enter_context(session)
+                ends = session.transport, ends[1]
             injector = recorder = None
             video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
@@ -201,13 +195,13 @@ class _Simulation:
                 parts=injector,
                 vision=self.options.vision,
                 finder=operators_finder(settings, self.options.cockpit),
-                boots_within_s=boots_within_s,
+                boots_within_s=None if self.sitl is None else self.sitl.boots_within_s,
             )
             flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
             interrupted = self._fly_to_its_end(flight, clock, station, console, early, recorder)
         judged = [] if injector is None else verdicts(self.faults, flight, injector)
         remarks = (
-            *self._of_program(flight),
+            *(() if self.sitl is None else self.sitl.remarks(flight)),
             NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
             BY_USER if interrupted else None,
             self._late_frames(flight),
@@ -244,9 +238,8 @@ class _Simulation:
             keyboard = Keyboard(sys.stdin)
 
             def show() -> None:
-                self._check_program(flight)
-                if self.gusts is not None and flight.chosen_s is not None:  # in the air
-                    self.gusts.step(flight.link_status.vehicle_id)
+                if self.sitl is not None:
+                    self.sitl.step(flight)
                 if recorder is not None and recorder.must_stop:
                     flight.stop(NOT_RECORDED)
                 status = flight.status()
@@ -264,58 +257,10 @@ class _Simulation:
             except InjectedDeathError:
                 pass
             except ConnectionFailedError as error:
-                if self.process is None:
+                if self.sitl is None:
                     raise
-                said = f"{error}; its output ends: {self.process.last_lines}"
-                raise ConnectionFailedError(said) from error
+                raise self.sitl.explained(error) from error
         return interrupt.interrupted or early.interrupted
-
-    def _process(self, program: SitlProgram, folder: Path) -> AutopilotProcess:
-        """Return the process of a program that is started for this scenario."""
-        setup = self.options.setup
-        parameters = program.for_scenario(self.scenario, setup.parameters)
-        return AutopilotProcess(program, replace(setup, parameters=parameters), folder)
-
-    def _check_program(self, flight: SimulatedFlight) -> None:
-        """Stop a flight whose autopilot's program has ended.
-
-        Raises:
-            ConnectionFailedError: it ended before it flew.
-        """
-        if self.process is None or not self.process.death or self.death is not None:
-            return
-        if flight.phase in (AutonomyPhase.CONNECTING, AutonomyPhase.ARMING):
-            raise ConnectionFailedError(f"{self.process.death} before it flew")
-        cause = f"{self.process.death}; its output ends: {self.process.last_lines}"
-        self.death = replace(AUTOPILOT_ENDED, sentence=AUTOPILOT_ENDED.sentence.format(held=cause))
-        flight.stop(self.death)
-
-    def _violations(self, flight: SimulatedFlight) -> tuple[str, ...]:
-        """Return what an independent watcher of the wire saw against the rules."""
-        program = self.options.program
-        if self.tap is None or program is None:
-            return ()
-        evidence = FlightEvidence(program.flavour)
-        vehicle_id = flight.link_status.vehicle_id or SYSTEM_ID
-        evidence.read(self.tap.sent, self.tap.received, vehicle_id)
-        limits = flight.settings.envelope
-        outside = envelope_failures(evidence.setpoints, limits, limits.max_interval_s)
-        return (*outside, *heartbeat_failures(evidence))
-
-    def _of_program(self, flight: SimulatedFlight) -> tuple[str, ...]:
-        """Return what is to be said of the autopilot's program; "" of what is as usual."""
-        program = self.options.program
-        if program is None:
-            return ()
-        pace, asked = flight.link_status.clock_pace, self.options.setup.speedup
-        slow = ""
-        if pace is not None and pace < _LEAST_PACE:
-            slow = (
-                f"{program.title} ran at {pace * asked:.2f} times real time, "
-                f"{asked:g} were asked for: this computer is too slow or too busy for it; "
-                "figures of time and speed are off by as much. Take a lower --speedup."
-            )
-        return program.remark, program.lacks(self.scenario), slow
 
     def _late_frames(self, flight: SimulatedFlight) -> str | None:
         silent = self.faults or any(one.kind == "silent" for one in self.scenario.faults)
