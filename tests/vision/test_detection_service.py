@@ -161,7 +161,7 @@ def test_background_detection_that_only_waits_need_not_rest() -> None:
     clock.sleep_until(100.0)
     detector.may_answer.set()
     assert service.wait_idle(WAIT_S)
-    clock.sleep_until(100.1)
+    clock.sleep_until(200.0)  # of the wait it would rest for 400 s
     assert service.ready()
     service.close()
 
