@@ -187,11 +187,18 @@ def test_stamps_are_far_evener_than_arrivals(film: Callable[..., Path]) -> None:
 def test_closing_ends_the_program(film: Callable[..., Path]) -> None:
     film(count=100_000)
     with open_source("rpicam:0", live=PATIENT):
-        pass
-    children = subprocess.run(
-        ["ps", "--ppid", str(os.getpid()), "-o", "args="], capture_output=True, text=True
-    ).stdout
-    assert "rpicam-vid" not in children
+        assert any(b"rpicam-vid" in command for command in commands_of_children())
+    assert not any(b"rpicam-vid" in command for command in commands_of_children())
+
+
+def commands_of_children() -> list[bytes]:
+    """Return the command line of each process that this one started."""
+    pids = [
+        pid
+        for task in Path("/proc/self/task").glob("*/children")
+        for pid in task.read_text().split()
+    ]
+    return [Path(f"/proc/{pid}/cmdline").read_bytes() for pid in pids]
 
 
 def test_what_is_not_installed_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
