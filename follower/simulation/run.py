@@ -128,18 +128,11 @@ class _Simulation:
                 program = self.options.program
                 autopilot = flight.flavour if program is None else program.title
                 died = None if self.sitl is None else self.sitl.death
+                why = BY_CTRL_C if BY_USER in remarks else died
                 command = self.options.command
                 score = flight.score()
                 end = report_flight(
-                    flight,
-                    score,
-                    folder,
-                    command,
-                    autopilot,
-                    link,
-                    remarks,
-                    console,
-                    BY_CTRL_C if BY_USER in remarks else died,
+                    flight, score, folder, command, autopilot, link, remarks, console, why
                 )
         violations = () if self.sitl is None else self.sitl.violations(flight)
         for violation in violations:
