@@ -31,7 +31,7 @@ def watch(
 
 
 def overlaps(known: Distractors, *boxes: Box) -> tuple[list[float], list[float], list[float]]:
-    overlap, age, probability = known.overlaps(corners_of(list(boxes)))
+    overlap, age, probability, _ = known.beside(corners_of(list(boxes)))
     return overlap.tolist(), age.tolist(), probability.tolist()
 
 
@@ -55,11 +55,11 @@ def test_what_came_from_where_the_target_was_not_is_known_for_it_all_the_way() -
     known = Distractors()
     for number in range(20):
         watch(known, [other(160 + 2.0 * number)], deviations=max(4.0 - 0.5 * number, 0.2))
-    assert known.deviations(corners_of([other(198), TARGET])).tolist() == [4.0, 0.0]
+    assert known.beside(corners_of([other(198), TARGET]))[3].tolist() == [4.0, 0.0]
     for _ in range(10):
         watch(known, [])
     watch(known, [other(198)])
-    assert known.deviations(corners_of([other(198)])).tolist() == [0.0], "out of sight it is lost"
+    assert known.beside(corners_of([other(198)]))[3].tolist() == [0.0], "out of sight it is lost"
 
 
 def test_it_is_expected_where_its_way_leads_while_it_is_hidden() -> None:

@@ -217,6 +217,15 @@ def test_the_first_look_stays_when_another_is_learnt(network: NanoTrackNetwork) 
     assert np.array_equal(before.recent, before.first)
 
 
+def test_scores_alone_are_those_of_a_match(network: NanoTrackNetwork) -> None:
+    rng = np.random.default_rng(3)
+    template = network.template(rng.integers(0, 256, (network.template_side,) * 2 + (3,), np.uint8))
+    features = network.features(rng.integers(0, 256, (network.search_side,) * 2 + (3,), np.uint8))
+    np.testing.assert_array_equal(
+        network.scores(template, features), network.match(template, features).scores
+    )
+
+
 def test_starting_again_forgets(network: NanoTrackNetwork) -> None:
     nano, fresh = tracker(network), tracker(network)
     nano.start(scene((100, 100)), Box(100, 100, 20, 60))

@@ -97,9 +97,17 @@ def colour_histogram(image: Image) -> Histogram:
     bins of their own, so that grey images compare as well. Neighbouring bins share a part, so that
     a slight change of light does not move a colour to where it matches nothing.
     """
-    bins = histogram_bins(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), np.uint8))
-    weights = _ellipse(image.shape[0], image.shape[1])
-    return np.asarray(_smoothing() @ np.bincount(bins.ravel(), weights.ravel(), minlength=_BINS))
+    return np.asarray(colour_histograms(image[None])[0])
+
+
+def colour_histograms(images: Image) -> Histogram:
+    """Return the `colour_histogram` of each of (N, H, W, 3) images, (N, 56)."""
+    count, height, width, _ = images.shape
+    below = images.reshape(count * height, width, 3)
+    bins = histogram_bins(np.asarray(cv2.cvtColor(below, cv2.COLOR_BGR2HSV), np.uint8))
+    weights, smoothing = _ellipse(height, width).ravel(), _smoothing()
+    each = (np.bincount(row, weights, minlength=_BINS) for row in bins.reshape(count, -1))
+    return np.stack([smoothing @ shares for shares in each])
 
 
 def histogram_bins(hsv: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:

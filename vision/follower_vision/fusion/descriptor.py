@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from follower_vision.appearance.appearance import colour_histogram
+from follower_vision.appearance.appearance import colour_histograms
 from follower_vision.fusion.embedder import Embedder
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
@@ -30,7 +30,7 @@ class Descriptors:
     Attributes:
         patterns: (N, 576) grey pictures with mean 0 and length 1: products are normalised
             cross-correlations.
-        colours: (N, 56) shares of colours, sum 1; see `colour_histogram`.
+        colours: (N, 56) shares of colours, sum 1; see `colour_histograms`.
         features: (N, D) the motion tracker's or an embedder's, length 1; D = 0 if it has none.
     """
 
@@ -49,11 +49,11 @@ def describe(
 
     An embedder gives the features in place of the motion tracker.
     """
-    patches = [crop(image, box, _SIDE, _SIDE, _FILL) for box in boxes]
-    greys = np.stack([cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY) for patch in patches])
+    patches = np.stack([crop(image, box, _SIDE, _SIDE, _FILL) for box in boxes])
+    greys = cv2.cvtColor(patches.reshape(-1, _SIDE, 3), cv2.COLOR_BGR2GRAY)
     patterns = greys.reshape(len(boxes), -1).astype(np.float32)
     patterns -= patterns.mean(axis=1, keepdims=True)
-    colours = np.stack([colour_histogram(patch) for patch in patches])
+    colours = colour_histograms(patches)
     if embedder is None:
         features = _network_features(boxes, response)
     else:
@@ -76,8 +76,9 @@ def _network_features(boxes: list[Box], response: ResponseMap | None) -> Floats:
     x0 = np.clip(np.floor(grid_x), 0, columns - 2).astype(int)
     y0 = np.clip(np.floor(grid_y), 0, rows - 2).astype(int)
     fx, fy = np.clip(grid_x - x0, 0, 1)[..., None], np.clip(grid_y - y0, 0, 1)[..., None]
-    top = features[y0, x0] * (1 - fx) + features[y0, x0 + 1] * fx
-    bottom = features[y0 + 1, x0] * (1 - fx) + features[y0 + 1, x0 + 1] * fx
+    cells = np.ascontiguousarray(features)  # a network keeps each channel together
+    top = cells[y0, x0] * (1 - fx) + cells[y0, x0 + 1] * fx
+    bottom = cells[y0 + 1, x0] * (1 - fx) + cells[y0 + 1, x0 + 1] * fx
     sampled = (top * (1 - fy) + bottom * fy).reshape(len(boxes), _CELLS**2 * channels)
     # Features have a large common part; without it cosines tell things apart.
     common = np.tile(features.reshape(-1, channels).mean(axis=0), _CELLS**2)

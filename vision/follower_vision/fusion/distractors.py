@@ -65,31 +65,26 @@ class Distractors:
                 one.box.cx + one.right_px_s * interval_s, one.box.cy + one.down_px_s * interval_s
             )
 
-    def overlaps(self, corners: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return what is known of the nearest distractor at each of N boxes, three times (N,).
+    def beside(self, corners: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return what is known of distractors at each of N boxes, four times (N,).
 
-        The overlap (IoU), for how long it is known (a second or more is 1), and its probability.
+        Of the nearest one: the overlap (IoU), for how long it is known (a second or more is 1), and
+        its probability. Of all that overlap: the largest feature `deviation` that they ever had;
+        what is seen all the way from where the target cannot have been is not the target.
         """
         count = len(corners)
         if not self._tracks:
-            return np.zeros(count), np.zeros(count), np.zeros(count)
+            nothing = np.zeros(count)
+            return nothing, nothing, nothing, nothing
         table = pairwise_iou(corners, corners_of([one.box for one in self._tracks]))
         nearest = table.argmax(axis=1)
         best = table[np.arange(count), nearest]
         known = np.array([min(one.seen_s / _KNOWN_S, 1.0) for one in self._tracks])
         probability = np.array([one.probability for one in self._tracks])
-        return best, known[nearest] * (best > 0), probability[nearest] * (best > 0)
-
-    def deviations(self, corners: Floats) -> Floats:
-        """Return the largest feature `deviation` that what is at N boxes ever had, (N,).
-
-        What is seen all the way from where the target cannot have been is not the target.
-        """
-        if not self._tracks:
-            return np.zeros(len(corners))
-        table = pairwise_iou(corners, corners_of([one.box for one in self._tracks]))
-        known = np.array([one.deviations for one in self._tracks])
-        return np.asarray(np.where(table >= _OVERLAP, known, 0.0).max(axis=1))
+        deviations = np.array([one.deviations for one in self._tracks])
+        deviating = np.where(table >= _OVERLAP, deviations, 0.0).max(axis=1)
+        there = best > 0
+        return best, known[nearest] * there, probability[nearest] * there, deviating
 
     def likeness(self, features: Floats) -> Floats:
         """Return the largest cosine of N candidates' features, (N, D), with a distractor's."""

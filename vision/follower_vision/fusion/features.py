@@ -114,13 +114,15 @@ def measure(candidates: list[Candidate], seen: Descriptors, at: Situation) -> Fl
     """Return the features of N candidates, (N, len(FEATURES)).
 
     Args:
-        candidates: at least one.
+        candidates: at least one; the last one is the prediction.
         seen: what they show.
         at: the situation.
     """
     corners = corners_of([one.box for one in candidates])
     overlap = pairwise_iou(corners, corners)
     likeness = at.target.memory.likeness(seen)
+    distractors = at.target.distractors
+    *distracting, deviating = distractors.beside(corners)
     columns = [
         *_sources(candidates),
         *_support(corners, at.response),
@@ -128,11 +130,14 @@ def measure(candidates: list[Candidate], seen: Descriptors, at: Situation) -> Fl
         *_detected(corners, at),
         *likeness.T,
         *_leads(likeness, overlap),
-        *_distracting(corners, seen.features, at.target),
+        *distracting,
+        distractors.likeness(seen.features),
+        distracting[0][-1],
         *_foreseen(corners, overlap, at.target),
         *_history(candidates, at),
         *_seconded(candidates, corners, at.response),
-        *_deviating(candidates, corners, at.target),
+        *_deviating(candidates, at.target),
+        deviating,
     ]
     table = np.empty((len(candidates), len(FEATURES)))
     for place, column in enumerate(columns):
@@ -230,17 +235,6 @@ def _leads(likeness: Floats, overlap: Floats) -> list[Column]:
     return leads
 
 
-def _distracting(corners: Floats, features: Floats, target: Target) -> list[Column]:
-    """Whether it may be one of the look-alikes that are tracked beside the target."""
-    distractors = target.distractors
-    expected, _, _ = distractors.overlaps(corners_of([target.filter.box]))
-    return [
-        *distractors.overlaps(corners),
-        distractors.likeness(features),
-        expected[0],
-    ]
-
-
 def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
     """How the place fits what control foretells, by what it believes now, lately and before.
 
@@ -271,10 +265,12 @@ def _foreseen(corners: Floats, overlap: Floats, target: Target) -> list[Column]:
     return [misfit(known.cx, known.cy, known.likely), lately, before, lead]
 
 
-def _deviating(candidates: list[Candidate], corners: Floats, target: Target) -> list[Column]:
-    """How far it is from where control foretells it, and what it is was before."""
+def _deviating(candidates: list[Candidate], target: Target) -> list[Column]:
+    """How far it is from where control foretells it now, and foretold it before."""
+    if target.foreseen is None:
+        return [0.0, 0.0]
     table = np.array([target.deviations(one.box) for one in candidates])
-    return [*np.log1p(np.minimum(table, 20.0)).T, target.distractors.deviations(corners)]
+    return [*np.log1p(np.minimum(table, 20.0)).T]
 
 
 def _seconded(candidates: list[Candidate], corners: Floats, response: ResponseMap) -> list[Column]:
