@@ -85,6 +85,17 @@ def test_corners_by_latitude_and_longitude_are_the_same_fence() -> None:
     assert fence.distance_m(complex(0.5 * north, east + 5.0)) == pytest.approx(5.0, rel=0.01)
 
 
+def test_a_fence_across_the_180th_meridian_is_like_any_other() -> None:
+    corners = ((10.0, 179.9), (10.0, -179.9), (10.2, -179.9), (10.2, 179.9))
+    moved = tuple((latitude, longitude % 360 - 170.0) for latitude, longitude in corners)
+    there = Fence.around((10.1, -179.95), corners)
+    elsewhere = Fence.around((10.1, 10.05), moved)
+    assert there.contains(0j)
+    assert not there.contains(complex(0, 10_000))
+    for place in (0j, complex(0, 10_000), complex(5000, -3000)):
+        assert there.distance_m(place) == pytest.approx(elsewhere.distance_m(place))
+
+
 @pytest.mark.parametrize(
     ("corners", "message"),
     [

@@ -321,6 +321,14 @@ def test_above_a_car_it_stays_above(vehicle):
 
 
 @vehicles
+def test_above_a_car_it_holds_its_height_if_that_is_wanted(vehicle):
+    held = modal(FollowMode.OVERHEAD, hold_height=True)
+    flight = fly(vehicle(height=12.0), drive(4.0, 8.0, 60.0), 15, servo_settings=held)
+    assert all(setpoint.down_m_s == 0 for setpoint in flight.asked)
+    assert flight.of("beside", 12).max() < 2.5
+
+
+@vehicles
 def test_a_change_of_mode_in_flight_begins_with_the_setpoint_that_was_flown(vehicle):
     """The law's answer may go anywhere from there, but not at once."""
     modes = (

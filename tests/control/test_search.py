@@ -8,7 +8,7 @@ import pytest
 
 from follower_control.servo.search import Search, SearchSettings
 from follower_control.target.estimate import TargetEstimate
-from follower_control.target.observation import BearingFrame
+from follower_control.target.observation import BearingFrame, to_line_of_sight
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
@@ -76,6 +76,22 @@ def test_it_looks_ahead_of_a_target_that_moved_but_not_far() -> None:
     table.search.start(estimate(10.0, rate_deg_s=500.0), table.vehicle)
     table.run(8.0)
     assert table.yaws[-1] == pytest.approx(40.0, abs=3.1)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 180.0, -90.0])
+def test_a_target_that_was_below_is_looked_for_where_it_left(azimuth_deg: float) -> None:
+    azimuth = math.radians(azimuth_deg)
+    away = np.array([math.cos(azimuth), math.sin(azimuth), 1.5])
+    sight = to_line_of_sight(away, BearingFrame.DOWN)
+    below = replace(
+        estimate(math.degrees(sight.azimuth_rad), 30.0, BearingFrame.DOWN),
+        elevation_rad=sight.elevation_rad,
+    )
+    table = Turntable(azimuth_deg, sweep_deg=30.0)
+    table.search.start(below, table.vehicle)
+    table.run(20.0)
+    assert max(abs(yaw - azimuth_deg) for yaw in table.yaws[: round(1.0 / STEP_S)]) < 3.0
+    assert max(table.yaws) + min(table.yaws) == pytest.approx(2 * azimuth_deg, abs=20.0)
 
 
 def test_it_then_looks_ever_farther_to_both_sides_first_to_where_the_target_left() -> None:

@@ -39,14 +39,22 @@ class Fence:
 
     @classmethod
     def around(cls, origin_deg: tuple[float, float], corners_deg: Corners) -> Fence:
-        """Make a fence from (latitude, longitude) corners in degrees.
+        """Make a fence from (latitude, longitude) corners in degrees, the shorter way around.
 
         Around the origin of positions.
+
+        Raises:
+            ValueError: see the class.
         """
         latitude, longitude = origin_deg
         north = math.radians(1.0) * _EARTH_RADIUS_M
         east = north * math.cos(math.radians(latitude))
-        return cls([((la - latitude) * north, (lo - longitude) * east) for la, lo in corners_deg])
+        return cls(
+            [
+                ((la - latitude) * north, ((lo - longitude + 180.0) % 360.0 - 180.0) * east)
+                for la, lo in corners_deg
+            ]
+        )
 
     def contains(self, place: complex) -> bool:
         """Whether a place lies inside, its sides not counted."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 
 from follower_control.common.strict_config import check_positive
-from follower_control.envelope.fence import check_corners
+from follower_control.envelope.fence import Fence, check_corners
 from follower_control.target.settings import TrustSettings
 
 
@@ -70,6 +70,7 @@ class EnvelopeSettings:
             raise ValueError(f"min_height_m lies below ceiling_m, not {low} and {high}")
         if self.fence_m is not None and self.fence_deg is not None:
             raise ValueError("a polygon is given by fence_m or by fence_deg, not by both")
-        for corners in (self.fence_m, self.fence_deg):
-            if corners is not None:
-                check_corners(corners)
+        if self.fence_m is not None:
+            check_corners(self.fence_m)
+        if self.fence_deg is not None:
+            Fence.around(next(iter(self.fence_deg), (0.0, 0.0)), self.fence_deg)

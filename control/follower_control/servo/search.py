@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from follower_control.common.strict_config import check_ranges
-from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimate import TargetEstimate, azimuth_of
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle.state import VehicleState
@@ -92,9 +92,9 @@ class Search:
         self._top_m = None if position is None else position.height_m + self._settings.climb_m
         if last is None or last.frame is BearingFrame.BODY or vehicle.attitude is None:
             return
-        ahead = _AHEAD_S * last.azimuth_rate_rad_s
+        ahead = 0.0 if last.frame is BearingFrame.DOWN else _AHEAD_S * last.azimuth_rate_rad_s
         ahead = min(max(ahead, -_FARTHEST_AHEAD_RAD), _FARTHEST_AHEAD_RAD)
-        self._centre_rad = wrap_angle(last.azimuth_rad + ahead)
+        self._centre_rad = wrap_angle(azimuth_of(last) + ahead)
         off = wrap_angle(self._centre_rad - vehicle.attitude.yaw_rad)
         self._side = math.copysign(1.0, off)
 

@@ -261,6 +261,8 @@ class VisualServo:
         velocity /= heading
         # Closing in is sinking here.
         sink = self._close_in(step, step.allowed.down_m_s)
+        if self._settings.hold_height:
+            sink = 0.0
         self._forward = self._wanted = sink
         error = self._overhead.heading_error(self.pursuit.target, step.yaw_rad)
         saturation = self._asked.yaw_rate_rad_s - step.allowed.yaw_rate_rad_s
