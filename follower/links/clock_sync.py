@@ -157,13 +157,18 @@ class TimeSync:
             del self._open[next(iter(self._open))]
         return stamp
 
-    def answer(self, tc1: int, ts1: int, now_s: float) -> None:
-        """Take an answer: the autopilot's time and our question, both in nanoseconds."""
+    def answer(self, tc1: int, ts1: int, now_s: float) -> bool:
+        """Take an answer: the autopilot's time and our question, both in nanoseconds.
+
+        Returns:
+            whether it is one to a question of ours.
+        """
         asked_s = self._open.pop(ts1, None)
         if asked_s is None or now_s < asked_s:
-            return
+            return False
         self._round_trips_s.append(now_s - asked_s)
         self._clock.exchange(asked_s, tc1 / 1e9, now_s)
+        return True
 
 
 def time_ns(now_s: float) -> int:

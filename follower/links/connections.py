@@ -9,6 +9,7 @@ import grp
 import os
 import re
 import socket
+import sys
 import termios
 import tty
 from collections.abc import Callable, Mapping
@@ -19,7 +20,8 @@ from follower_control.common.transport import Transport, UdpTransport
 from follower_vision.clock import Clock, MonotonicClock
 
 _CHUNK, _MOST_CHUNKS = 65536, 4
-_SERIAL_MOST_WAITING, _TCP_MOST_WAITING = 8192, 65536
+_SERIAL_WAIT_S, _BITS_A_BYTE = 0.05, 10
+_TCP_MOST_WAITING = 8192
 _RETRY_S = 1.0
 _CONNECT_S = 3.0
 _CFLAG, _ISPEED, _OSPEED = 2, 4, 5
@@ -50,12 +52,13 @@ class _StreamTransport:
     """A stream of bytes that never blocks and is opened again when it breaks; a `Transport`.
 
     While it is broken what is sent is lost, as with UDP. Where the other end or the line is too
-    slow, whole packets are dropped, not parts.
+    slow, whole packets are dropped, not parts: what waits for long is an old setpoint.
 
     Args:
         reopen: opens the stream and returns its file descriptor, or raises OSError.
         file: the descriptor, if it is open already.
-        most_waiting: bytes that may wait to be sent.
+        most_waiting: bytes that may wait to be sent, here and in the system; a packet alone always
+            may.
         retry_s: seconds between two attempts to open it.
         clock: paces the attempts.
     """
@@ -78,7 +81,11 @@ class _StreamTransport:
 
     def send(self, data: bytes) -> None:
         """Send one packet, or drop it whole."""
-        if self._file is not None and len(self._waiting) + len(data) <= self._most_waiting:
+        if self._file is None:
+            return
+        self._flush()
+        waiting = self._bytes_waiting()
+        if waiting == 0 or waiting + len(data) <= self._most_waiting:
             self._waiting += data
             self._flush()
 
@@ -106,6 +113,15 @@ class _StreamTransport:
     def close(self) -> None:
         """Close the stream."""
         self._drop()
+
+    def _bytes_waiting(self) -> int:
+        """Return how many bytes have not left yet: the system keeps seconds of a slow line."""
+        if self._file is None:
+            return 0
+        in_system = bytes(4)
+        with contextlib.suppress(OSError):
+            in_system = fcntl.ioctl(self._file, termios.TIOCOUTQ, in_system)
+        return len(self._waiting) + int.from_bytes(in_system, sys.byteorder)
 
     def _flush(self) -> None:
         if self._file is None or not self._waiting:
@@ -142,7 +158,8 @@ class SerialTransport(_StreamTransport):
 
     def __init__(self, device: str, baud: int, clock: Clock | None = None) -> None:
         reopen = partial(_serial_port, device, _speed(baud))
-        super().__init__(reopen, reopen(), _SERIAL_MOST_WAITING, _RETRY_S, clock)
+        most_waiting = round(_SERIAL_WAIT_S * baud / _BITS_A_BYTE)
+        super().__init__(reopen, reopen(), most_waiting, _RETRY_S, clock)
 
 
 def _serial_port(device: str, speed: int) -> int:

@@ -337,8 +337,7 @@ class Link(ABC):
     def _on_timesync(self, message: Any, now_s: float) -> None:
         if message.tc1 == 0:
             self._send_timesync(time_ns(now_s), message.ts1)
-        else:
-            self._timesync.answer(message.tc1, message.ts1, now_s)
+        elif self._timesync.answer(message.tc1, message.ts1, now_s):
             self._monitor.note_answer(now_s)
 
     def _ask(self, now_s: float) -> None:

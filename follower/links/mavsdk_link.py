@@ -233,7 +233,8 @@ class MavsdkLink(Link):
         # Before MAVSDK knows the vehicle it can send nothing: there is no telemetry until then.
         while self._packets and (self._vehicle is None or self._direct is not None):
             arrival_s, packet = self._packets.popleft()
-            self._take(packet, arrival_s)
+            # The other thread goes on meanwhile, and nothing of a step is later than the step.
+            self._take(packet, min(arrival_s, now_s))
 
     def _on_found(self, vehicle: FoundVehicle) -> None:
         super()._on_found(vehicle)

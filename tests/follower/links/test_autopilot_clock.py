@@ -117,11 +117,11 @@ def test_questions_go_at_their_rate_and_an_answer_counts_once() -> None:
     stamps = [sync.question(0.02 * step) for step in range(51)]
     asked = [stamp for stamp in stamps if stamp is not None]
     assert len(asked) == 6
-    sync.answer(7_000_000_000, asked[-1], 1.03)
+    assert sync.answer(7_000_000_000, asked[-1], 1.03)
     assert sync.round_trip_s == pytest.approx(0.03)
     before = clock.error_s
-    sync.answer(7_000_000_000, asked[-1], 1.0301)  # doubled on the way
-    sync.answer(9_000_000_000, 12345, 1.0302)  # nobody asked that
+    assert not sync.answer(7_000_000_000, asked[-1], 1.0301)  # doubled on the way
+    assert not sync.answer(9_000_000_000, 12345, 1.0302)  # nobody asked that
     assert clock.error_s == before
     assert sync.round_trip_s == pytest.approx(0.03)
 

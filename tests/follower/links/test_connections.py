@@ -17,6 +17,7 @@ from follower.links.connections import (
     ConnectionFailedError,
     SerialTransport,
     TcpTransport,
+    _StreamTransport,
     open_connection,
 )
 from follower.links.packet_channel import PacketChannel
@@ -238,6 +239,20 @@ def test_a_line_that_is_too_slow_loses_whole_packets_and_blocks_nobody() -> None
         whole = len(data) // 100
         assert whole > 10
         assert data[: 100 * whole] == packet * whole
+
+
+def test_no_packet_waits_for_long_before_a_slow_line() -> None:
+    """Also not in the system: a setpoint of a second ago would be flown after a takeover."""
+    line, reader = socket.socketpair()
+    line.setblocking(False)
+    with closing(_StreamTransport(lambda: -1, line.detach(), 288, 1.0, None)) as stream, reader:
+        for number in range(100):
+            stream.send(bytes([number]) * 50)
+        waited = reader.recv(65536)
+        assert waited == b"".join(bytes([number]) * 50 for number in range(len(waited) // 50))
+        assert 0 < len(waited) <= 288
+        stream.send(bytes(400))  # larger than what may wait, and nothing waits
+        assert len(reader.recv(65536)) == 400
 
 
 def test_a_port_that_was_pulled_out_is_looked_for_again(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 from people_flights import CONTROL_S, OURS, PILOTS, F, R, flavours
+from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
@@ -93,6 +94,18 @@ def test_an_autopilot_that_talks_but_does_not_hear_us_is_let_go(rig_of: Any, fla
     # PX4 may have gone into its failsafe and come back between two of its own heartbeats.
     rig.autopilot.faults.deaf = False
     assert rig.fly(2.0).state is R
+
+
+def test_answers_to_somebody_elses_questions_do_not_show_that_it_hears_us(rig_of: Any) -> None:
+    """A router hands on to us what the autopilot answers to another computer."""
+    rig = rig_of("px4")
+    rig.follow()
+    rig.autopilot.faults.deaf = True
+    answer = mavlink.MAVLink_timesync_message(5_000, 12345).pack(mavlink.MAVLink(None, 1, 1))
+    for _ in range(12):
+        rig.theirs.send(answer)
+        rig.fly(0.1)
+    assert rig.log.controls[-1].reason is SupervisorReason.NOT_HEARD
 
 
 def test_who_asks_seldom_does_not_take_silence_for_deafness(rig_of: Any) -> None:
