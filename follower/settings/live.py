@@ -149,6 +149,11 @@ def _check_limits(settings: Settings, began: Settings, keys: Iterable[str]) -> N
         if section not in LIMITS and key not in TOLD_RANGE:
             continue
         value, before = value_at(settings, key), value_at(began, key)
+        if key in TOLD_RANGE and before is None and value is not None:
+            raise SettingsError(
+                f"{key} was not given at the start, and is not set in flight: a target could be "
+                "made to seem farther away"
+            )
         if not _is_as_tight(name, value, before):
             shown = "none" if value is None else format(value, "g")
             may = (

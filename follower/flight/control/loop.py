@@ -137,7 +137,7 @@ class ControlLoop:
     def _ask_for_release_mode(self, record: ControlRecord) -> None:
         """Have the autopilot take its own mode after a release, if that is wanted."""
         vehicle, name = self._link.state, self._link.autopilot_name
-        mode = self._release.step(record.time_s, record.state, vehicle, name)
+        mode = self._release.step(record.time_s, record.state, record.reason, vehicle, name)
         for note in self._release.take_notes():
             self._log.note(record.time_s, "release", note)
         if mode is not None:

@@ -2,7 +2,7 @@
 
 import math
 
-from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.supervisor import ReleaseAction, ReleaseSettings
 from follower_control.vehicle.state import VehicleState
 
@@ -11,6 +11,7 @@ _LONGEST_STOP_S = 4.0
 _FRESH_S = 0.5
 _HELD_S = 1.0
 _REFUSED_AFTER = 3
+_TAKEOVERS = (SupervisorReason.PILOT_TOOK_OVER, SupervisorReason.STICKS_MOVED)
 
 
 def release_mode(action: ReleaseAction, autopilot_name: str) -> str | None:
@@ -55,7 +56,8 @@ class Release:
     """Asks for the autopilot's own mode after a release, until telemetry shows it.
 
     The hold comes first: nothing is asked for before the vehicle rests, or could not within 4 s.
-    Whoever takes another mode meanwhile has the vehicle; it is not asked for again.
+    Whoever takes another mode meanwhile has the vehicle, also who was back in ours when we heard of
+    it; it is not asked for again. A pilot who took over is not asked at all.
 
     Args:
         settings: see there.
@@ -64,6 +66,7 @@ class Release:
     def __init__(self, settings: ReleaseSettings) -> None:
         self._settings = settings
         self._before = SupervisorState.IDLE
+        self._entries = 0
         self._since_s: float | None = None
         self._asked_s = -math.inf
         self._asked = 0
@@ -75,15 +78,22 @@ class Release:
         return self._since_s is not None and self._settings.action is not ReleaseAction.HOLD
 
     def step(
-        self, now_s: float, state: SupervisorState, vehicle: VehicleState, autopilot_name: str
+        self,
+        now_s: float,
+        state: SupervisorState,
+        reason: SupervisorReason,
+        vehicle: VehicleState,
+        autopilot_name: str,
     ) -> str | None:
         """Return the mode to ask for at `now_s` (seconds), None for none."""
         released, before, self._before = state is SupervisorState.RELEASED, self._before, state
-        if released and before.engaged and vehicle.obeys_setpoints:
+        stayed, self._entries = vehicle.entries == self._entries, vehicle.entries
+        is_ours = stayed and vehicle.obeys_setpoints and reason not in _TAKEOVERS
+        if released and before.engaged and is_ours:
             self._since_s, self._asked_s, self._asked = now_s, -math.inf, 0
         if self._since_s is None:
             return None
-        if not released or not vehicle.obeys_setpoints:
+        if not released or not is_ours:
             self._end(vehicle.mode)
             return None
         mode = release_mode(self._settings.action, autopilot_name)

@@ -100,4 +100,5 @@ class SetpointStream:
             return False
         had_ours = state is SupervisorState.RELEASED or now_s - self._streamed_s < ENTRY_S
         needs_ours = vehicle.mode == _NEEDS_STREAM and had_ours
-        return state.streams or (vehicle.obeys_setpoints and (self.sent or needs_ours))
+        is_ours = self.sent and vehicle.entries == self._entries
+        return state.streams or (vehicle.obeys_setpoints and (is_ours or needs_ours))

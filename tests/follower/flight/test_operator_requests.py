@@ -461,7 +461,8 @@ def test_a_change_of_another_program_version_is_refused_in_words() -> None:
         (1.7, 1.5, True),
         (1.7, 17.0, False),
         (1.7, None, False),
-        (None, 1.5, True),
+        (None, 1.5, False),
+        (None, None, True),
         (1.7, 5e-324, False),
     ],
 )

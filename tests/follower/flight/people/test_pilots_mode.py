@@ -136,24 +136,36 @@ def test_consent_after_a_stop_follows_again_where_nobody_else_takes_the_mode(
     assert {rig.fly(CONTROL_S).state for _ in range(150)} == {F}
 
 
-def test_a_switch_there_and_back_between_two_steps_ends_the_following(rig_of: Any) -> None:
-    rig = rig_of("px4")
+@flavours
+def test_a_switch_there_and_back_between_two_steps_ends_the_following(
+    rig_of: Any, flavour: str
+) -> None:
+    rig = rig_of(flavour, "release.action=land")
     rig.follow()
-    rig.autopilot.switch_mode("POSCTL")
     # Both heartbeats come with the same poll.
+    rig.autopilot.switch_mode(PILOTS[flavour])
     for _ in range(2):
-        rig.theirs.send(_heartbeat("POSCTL"))
-        rig.theirs.send(_heartbeat("OFFBOARD"))
-    rig.autopilot.switch_mode("OFFBOARD")
+        rig.theirs.send(_heartbeat(flavour, PILOTS[flavour]))
+        rig.theirs.send(_heartbeat(flavour, OURS[flavour]))
+    back_s = rig.now_s
+    rig.autopilot.switch_mode(OURS[flavour])
     record = rig.fly(CONTROL_S)
     assert (record.state, record.reason) == (R, SupervisorReason.PILOT_TOOK_OVER)
+    rig.fly(6.0)
+    assert (rig.events("release"), rig.autopilot.mode) == ([], OURS[flavour])
+    # PX4 would go into its failsafe without the stream; ArduCopter's GUIDED is somebody else's.
+    assert (rig.wire.setpoints(back_s + 0.1) != []) is (flavour == "px4")
 
 
-def _heartbeat(mode: str) -> bytes:
-    modes = {"POSCTL": 3 << 16, "OFFBOARD": 6 << 16}
+def _heartbeat(flavour: str, mode: str) -> bytes:
+    modes = {"POSCTL": 3 << 16, "OFFBOARD": 6 << 16, "LOITER": 5, "GUIDED": 4}
+    autopilots = {
+        "px4": mavlink.MAV_AUTOPILOT_PX4,
+        "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    }
     message = mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR,
-        mavlink.MAV_AUTOPILOT_PX4,
+        autopilots[flavour],
         mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
         modes[mode],
         mavlink.MAV_STATE_ACTIVE,

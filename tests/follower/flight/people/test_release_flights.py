@@ -73,6 +73,17 @@ def test_the_pilots_mode_is_not_taken_from_him(rig_of: Any, flavour: str) -> Non
     assert rig.events("release") == []
 
 
+@flavours
+def test_a_pilot_who_moved_the_sticks_is_not_landed(rig_of: Any, flavour: str) -> None:
+    rig = rig_of(flavour, "release.action=land")
+    rig.autopilot.move_sticks(1500, 1500, 1500, 1500)
+    rig.follow()
+    rig.autopilot.move_sticks(1500, 1150, 1500, 1500)
+    assert rig.until(R).reason is SupervisorReason.STICKS_MOVED
+    rig.fly(5.0)
+    assert (rig.events("release"), rig.autopilot.mode) == ([], OURS[flavour])
+
+
 @pytest.mark.slow
 def test_handed_back_ardupilot_stays_where_it_is(rig_of: Any) -> None:
     rig = rig_of("ardupilot", "release.action=hand_back")

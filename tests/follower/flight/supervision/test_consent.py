@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.pilot_and_operator import Consent, PilotOperatorInput, Sticks
 from follower.flight.supervision.release import Release, release_mode
-from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.links.operator_commands import OperatorCommands
 from follower.settings.supervisor import (
     ConsentSettings,
@@ -238,9 +238,15 @@ def flying_at(speed_m_s: float, now_s: float) -> VehicleState:
 
 
 def ask(
-    release: Release, now_s: float, state: SupervisorState, speed_m_s: float = 0.0
+    release: Release,
+    now_s: float,
+    state: SupervisorState,
+    speed_m_s: float = 0.0,
+    reason: SupervisorReason = SupervisorReason.HOLD_TIMED_OUT,
+    entries: int = 0,
 ) -> str | None:
-    return release.step(now_s, state, flying_at(speed_m_s, now_s), "px4")
+    vehicle = replace(flying_at(speed_m_s, now_s), entries=entries)
+    return release.step(now_s, state, reason, vehicle, "px4")
 
 
 def test_the_vehicle_rests_before_a_mode_is_asked_for_and_not_for_ever() -> None:
@@ -266,6 +272,24 @@ def test_a_release_of_what_did_not_follow_changes_no_mode() -> None:
     ask(release, 0.0, SupervisorState.READY)
     assert ask(release, 0.1, SupervisorState.RELEASED) is None
     assert ask(release, 9.0, SupervisorState.RELEASED) is None
+
+
+@pytest.mark.parametrize(
+    "reason", [SupervisorReason.PILOT_TOOK_OVER, SupervisorReason.STICKS_MOVED]
+)
+def test_who_took_over_is_asked_for_no_mode(reason: SupervisorReason) -> None:
+    release = Release(ReleaseSettings(action=ReleaseAction.LAND))
+    ask(release, 0.0, SupervisorState.FOLLOWING)
+    assert ask(release, 0.1, SupervisorState.RELEASED, reason=reason) is None
+    assert ask(release, 9.0, SupervisorState.RELEASED, reason=reason) is None
+
+
+def test_a_mode_taken_anew_between_two_steps_is_somebody_elses() -> None:
+    release = Release(ReleaseSettings(action=ReleaseAction.LAND))
+    ask(release, 0.0, SupervisorState.HOLDING)
+    assert ask(release, 0.1, SupervisorState.RELEASED, 3.0) is None
+    assert ask(release, 0.2, SupervisorState.RELEASED, 3.0, entries=1) is None
+    assert ask(release, 9.0, SupervisorState.RELEASED, entries=1) is None
 
 
 @pytest.mark.parametrize("action", [ReleaseAction.HOLD, ReleaseAction.HAND_BACK])
