@@ -23,6 +23,7 @@ _NOT_EVERYWHERE = (
     "DISTANCE_SENSOR",
     "TERRAIN_REPORT",
     "GPS_GLOBAL_ORIGIN",
+    "HOME_POSITION",
     "GIMBAL_MANAGER_STATUS",
 )
 _ASK_VERSION_S = 1.0
@@ -169,6 +170,7 @@ class RequestScheduler:
             "DISTANCE_SENSOR": settings.clearance_rate_hz,
             "TERRAIN_REPORT": settings.clearance_rate_hz,
             "GPS_GLOBAL_ORIGIN": _ORIGIN_HZ,
+            "HOME_POSITION": _ORIGIN_HZ,
         }
         wanted = {name: rate for name, rate in rates.items() if rate > 0}
         self.rates = MessageRates(wanted, optional=_NOT_EVERYWHERE)

@@ -142,6 +142,7 @@ class VehicleMonitor:
             "DISTANCE_SENSOR": self._on_distance,
             "TERRAIN_REPORT": self._on_terrain,
             "GPS_GLOBAL_ORIGIN": self._on_origin,
+            "HOME_POSITION": self._on_home,
             "GIMBAL_DEVICE_ATTITUDE_STATUS": self._on_gimbal,
         }
         self._known: dict[str, Any] = {}
@@ -149,6 +150,8 @@ class VehicleMonitor:
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.altitude_msl_m: float | None = None
+        self._origin: Origin | None = None
+        self._home: Origin | None = None
         self.boot_ms = 0
         self._range_s = -math.inf
 
@@ -211,8 +214,8 @@ class VehicleMonitor:
     def _on_position(self, message: Any, now_s: float) -> None:
         numbers = _finite(_PLACE_AND_VELOCITY(message))
         if numbers is not None:
-            position = LocalPosition(*numbers, self._time_of(message, now_s))
-            self._news["position"] = position
+            time_s = self._time_of(message, now_s)
+            self._news["position"] = LocalPosition(*numbers, time_s, self._home_m)
 
     def _on_global_position(self, message: Any, now_s: float) -> None:
         self._time_of(message, now_s)
@@ -261,7 +264,21 @@ class VehicleMonitor:
 
     def _on_origin(self, message: Any, _now_s: float) -> None:
         if message.latitude != 0 or message.longitude != 0:  # it has none yet
-            self._news["origin"] = Origin(message.latitude / 1e7, message.longitude / 1e7)
+            self._origin = self._news["origin"] = _place_of(message)
+
+    def _on_home(self, message: Any, _now_s: float) -> None:
+        # Moved in flight it would move heights and fence under the vehicle.
+        flies = self.state.landed is False
+        if (message.latitude != 0 or message.longitude != 0) and not (flies and self._home):
+            self._home = _place_of(message)
+
+    @property
+    def _home_m(self) -> tuple[float, float, float]:
+        """Where home is, NED from the origin. ArduPilot keeps that origin until it is restarted."""
+        if self._home is None or self._origin is None:
+            return 0.0, 0.0, 0.0
+        north_m, east_m = self._origin.local(self._home.latitude_deg, self._home.longitude_deg)
+        return north_m, east_m, self._origin.altitude_m - self._home.altitude_m
 
     def _on_gimbal(self, message: Any, now_s: float) -> None:
         self.take_gimbal(message, self._time_of(message, now_s))
@@ -275,6 +292,11 @@ class VehicleMonitor:
     def _time_of(self, message: Any, now_s: float) -> float:
         self.boot_ms = message.time_boot_ms
         return self._clock.to_system(message.time_boot_ms / 1000.0, now_s)
+
+
+def _place_of(message: Any) -> Origin:
+    """Take the place from GPS_GLOBAL_ORIGIN or HOME_POSITION, 1e-7 degrees and mm."""
+    return Origin(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
 
 
 def _finite(numbers: _Six[Any]) -> _Six[float] | None:

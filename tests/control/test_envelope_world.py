@@ -186,23 +186,30 @@ def test_without_a_place_there_is_no_way(context: FlightContext) -> None:
     assert Limit.POSITION_UNKNOWN in limited.limits
 
 
-def test_a_fence_in_degrees_needs_the_origin_and_then_counts_in_metres() -> None:
-    side = 50.0 / 111_319.5
+def test_a_fence_in_degrees_needs_home_and_then_counts_in_metres() -> None:
+    side = 50.0 / 111_194.9
     corners = ((-side, -side), (-side, side), (side, side), (side, -side))
     settings = replace(FREE, fence_deg=corners)
     place = FlightContext(yaw_rad=0.0, north_m=46.0, east_m=0.0)
     unknown = settled(settings, VelocitySetpoint(8.0), place)
     assert Limit.POSITION_UNKNOWN in unknown.limits
-    known = settled(settings, VelocitySetpoint(8.0), replace(place, origin_deg=(0.0, 0.0)))
+    known = settled(settings, VelocitySetpoint(8.0), replace(place, home_deg=(0.0, 0.0)))
     same = settled(replace(FREE, fence_m=SQUARE), VelocitySetpoint(8.0), place)
     assert known.allowed.forward_m_s == pytest.approx(same.allowed.forward_m_s, abs=0.01)
 
 
-def test_the_context_takes_clearance_while_it_is_fresh_and_the_origin() -> None:
-    state = VehicleState(clearance=Clearance(7.0, 10.0), origin=Origin(47.0, 8.0))
-    fresh = FlightContext.of(state, 10.5)
-    assert (fresh.clearance_m, fresh.origin_deg) == (7.0, (47.0, 8.0))
+def test_the_context_takes_clearance_while_it_is_fresh() -> None:
+    state = VehicleState(clearance=Clearance(7.0, 10.0))
+    assert FlightContext.of(state, 10.5).clearance_m == 7.0
     assert FlightContext.of(state, 11.5).clearance_m is None
+
+
+def test_height_circle_and_fence_count_from_home_wherever_positions_do() -> None:
+    """An autopilot counts positions from where it was switched on, also on its second flight."""
+    place = LocalPosition(10.0, 310.0, -19.0, 0.0, 0.0, 0.0, 10.0, home_m=(0.0, 300.0, -15.0))
+    context = FlightContext.of(VehicleState(position=place, origin=Origin(0.0, 8.0)), 10.0)
+    assert (context.north_m, context.east_m, context.height_m) == (10.0, 10.0, 4.0)
+    assert context.home_deg == pytest.approx((0.0, 8.0 + 300.0 / 111_194.9))
 
 
 def test_at_a_fence_it_is_not_driven_back_by_a_velocity_of_some_time_ago() -> None:

@@ -74,11 +74,11 @@ def test_outside_there_is_a_way_back(place: complex) -> None:
 
 
 def test_corners_by_latitude_and_longitude_are_the_same_fence() -> None:
-    """A hundredth of a minute of arc is 18.55 m to the north, and less to the east."""
+    """A thousandth of a degree is 111.2 m to the north, and less to the east."""
     origin = 60.0, 10.0
     corners = ((60.0, 10.0), (60.0, 10.001), (60.001, 10.001), (60.001, 10.0))
     fence = Fence.around(origin, corners)
-    north, east = 111.32, 111.32 * math.cos(math.radians(60))
+    north, east = 111.195, 111.195 * math.cos(math.radians(60))
     assert fence.contains(complex(0.5 * north, 0.5 * east))
     assert fence.distance_m(complex(-10.0, 0.5 * east)) == pytest.approx(10.0)
     assert fence.distance_m(complex(0.5 * north, -7.0)) == pytest.approx(7.0)

@@ -100,7 +100,7 @@ class Envelope:
             yaw_jerk = math.radians(s.max_yaw_jerk_deg_s3)
             self._turning = JerkLimit(self._max_yaw_acceleration, yaw_jerk, self._is_turnable)
         self._polygon = None if s.fence_m is None else Fence(s.fence_m)
-        self._origin_deg: tuple[float, float] | None = None
+        self._home_deg: tuple[float, float] | None = None
         self._yaw_rate = 0.0
         self._last_s: float | None = None
         self._limits: list[Limit] = []
@@ -284,10 +284,10 @@ class Envelope:
         return tuple(turned for bound in near for turned in bound.while_turning(turn))
 
     def _fence_at(self, context: FlightContext) -> Fence | None:
-        """Return the polygon in metres; one in degrees needs to know where the origin is."""
-        corners, origin = self._settings.fence_deg, context.origin_deg
-        if corners is not None and origin is not None and origin != self._origin_deg:
-            self._polygon, self._origin_deg = Fence.around(origin, corners), origin
+        """Return the polygon in metres; one in degrees needs to know where home is."""
+        corners, home = self._settings.fence_deg, context.home_deg
+        if corners is not None and home is not None and home != self._home_deg:
+            self._polygon, self._home_deg = Fence.around(home, corners), home
         return self._polygon
 
     def _closing_speed(self, context: FlightContext) -> float | None:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from itertools import combinations
 
 from follower_control.envelope.jerk_limiter import Limit, VelocityBound
+from follower_control.vehicle.state import Origin
 
-_EARTH_RADIUS_M = 6378137.0
 _TOUCHING_M = 1e-6
 _BACK_RAD = math.radians(45)
 """Outside, the way back may be off the shortest one by this much."""
@@ -38,23 +38,14 @@ class Fence:
         self._sides = list(zip(points, [*points[1:], points[0]], strict=True))
 
     @classmethod
-    def around(cls, origin_deg: tuple[float, float], corners_deg: Corners) -> Fence:
-        """Make a fence from (latitude, longitude) corners in degrees, the shorter way around.
-
-        Around the origin of positions.
+    def around(cls, home_deg: tuple[float, float], corners_deg: Corners) -> Fence:
+        """Make a fence about home from (latitude, longitude) corners in degrees.
 
         Raises:
             ValueError: see the class.
         """
-        latitude, longitude = origin_deg
-        north = math.radians(1.0) * _EARTH_RADIUS_M
-        east = north * math.cos(math.radians(latitude))
-        return cls(
-            [
-                ((la - latitude) * north, ((lo - longitude + 180.0) % 360.0 - 180.0) * east)
-                for la, lo in corners_deg
-            ]
-        )
+        home = Origin(*home_deg)
+        return cls([home.local(*corner) for corner in corners_deg])
 
     def contains(self, place: complex) -> bool:
         """Whether a place lies inside, its sides not counted."""

@@ -27,8 +27,8 @@ class FlightContext:
 
     Attributes:
         yaw_rad: heading from north.
-        north_m: position north of the fence's centre.
-        east_m: position east of the fence's centre.
+        north_m: position north of home, the fence's centre.
+        east_m: position east of home.
         height_m: height above home.
         north_m_s: our own velocity to the north.
         east_m_s: our own velocity to the east.
@@ -38,7 +38,7 @@ class FlightContext:
         target_elevation_rad: the target's elevation from the horizontal; None counts as level.
         clearance_m: height above what is below, by a rangefinder or a terrain map.
         trust: what share of the largest speed may be flown on the estimate; None is all of it.
-        origin_deg: latitude and longitude of the origin of positions.
+        home_deg: latitude and longitude of home.
     """
 
     yaw_rad: float | None = None
@@ -53,23 +53,24 @@ class FlightContext:
     north_m_s: float | None = None
     east_m_s: float | None = None
     trust: float | None = None
-    origin_deg: tuple[float, float] | None = None
+    home_deg: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, vehicle: VehicleState, now_s: float) -> FlightContext:
-        """Take what is fresh of the vehicle's state; home and fence centre are its origin."""
+        """Take what is fresh of the vehicle's state."""
         attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= _STALE_S else None
         position = vehicle.position if vehicle.position_age_s(now_s) <= _STALE_S else None
         moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
         clearance, origin = vehicle.clearance, vehicle.origin
+        home = position.home_m if position else None
         if clearance is not None and now_s - clearance.time_s > _STALE_S:
             clearance = None
         return cls(
             clearance_m=clearance.height_m if clearance else None,
-            origin_deg=(origin.latitude_deg, origin.longitude_deg) if origin else None,
+            home_deg=origin.geolocated(*home[:2]) if origin and home else None,
             yaw_rad=attitude.yaw_rad if attitude else None,
-            north_m=position.north_m if position else None,
-            east_m=position.east_m if position else None,
+            north_m=position.north_m - position.home_m[0] if position else None,
+            east_m=position.east_m - position.home_m[1] if position else None,
             height_m=position.height_m if position else None,
             north_m_s=moving.north_m_s if moving else None,
             east_m_s=moving.east_m_s if moving else None,

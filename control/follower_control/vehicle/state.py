@@ -72,6 +72,7 @@ class LocalPosition:
         north_m, east_m, down_m: position.
         north_m_s, east_m_s, down_m_s: velocity.
         time_s: when this was true, on the system's clock.
+        home_m: where home is in that frame, NED; the origin before the autopilot told it.
     """
 
     north_m: float
@@ -81,6 +82,7 @@ class LocalPosition:
     east_m_s: float
     down_m_s: float
     time_s: float
+    home_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -97,8 +99,8 @@ class LocalPosition:
 
     @property
     def height_m(self) -> float:
-        """Height above the origin, metres."""
-        return -self.down_m
+        """Height above home, metres."""
+        return self.home_m[2] - self.down_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +166,12 @@ class Origin:
     Attributes:
         latitude_deg: north is positive.
         longitude_deg: east is positive.
+        altitude_m: above mean sea level.
     """
 
     latitude_deg: float
     longitude_deg: float
+    altitude_m: float = 0.0
 
     def geolocated(self, north_m: float, east_m: float) -> tuple[float, float]:
         """Return latitude and longitude, degrees, of a local place."""

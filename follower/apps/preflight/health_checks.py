@@ -288,7 +288,7 @@ def _position(s: Snapshot) -> PreflightFinding:
         return failed(
             f"{age_s:.1f} s old", "the estimator has lost its position, or the link is slow"
         )
-    return passed(f"{s.vehicle.position.height_m:z.1f} m above its origin")
+    return passed(f"{s.vehicle.position.height_m:z.1f} m above home")
 
 
 @AUTOPILOT.check("mode", "not OFFBOARD or GUIDED yet: following begins when the pilot says so")

@@ -18,7 +18,7 @@ _NUMBERS = (
     ("azimuth_deg", "azimuth_error_degrees", "Target right of the nose", 1.0),
     ("elevation_deg", "elevation_error_degrees", "Target above where it is wanted", 1.0),
     ("range_m", "range_meters", "Distance to the target as the servo believes it", 1.0),
-    ("height_m", "height_meters", "Height above the local origin", 1.0),
+    ("height_m", "height_meters", "Height above home", 1.0),
     ("confidence", "track_confidence_ratio", "Confidence of the track", 1.0),
     ("frame_rate_hz", "frame_rate_hertz", "Frames answered for in the last second", 1.0),
     ("vision_ms", "vision_seconds", "Vision's work on the newest frame", 1e-3),

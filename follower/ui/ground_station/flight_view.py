@@ -86,5 +86,5 @@ def target_place(view: FlightView, now_s: float) -> GeoPosition | None:
     if fix is None or origin is None or position is None:
         return None
     north, east, down = fix.position_m
-    above_us_m = -down - position.height_m
+    above_us_m = position.down_m - down
     return GeoPosition(*origin.geolocated(north, east), altitude_m + above_us_m, -down, fix)

@@ -223,6 +223,10 @@ class SimAutopilot:
         """Have the pilot's receiver give these pulses, channel by channel; none takes it away."""
         self._controller.pulses_us = pulses_us
 
+    def move_home(self, north_m: float, east_m: float, down_m: float) -> None:
+        """Set home, metres in the world, as arming there does; positions count on as before."""
+        self._controller.home_m = north_m, east_m, down_m
+
     def restart(self) -> None:
         """Begin anew as after a loss of power: the clock, the rates and the mode.
 

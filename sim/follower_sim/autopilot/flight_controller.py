@@ -95,6 +95,7 @@ class FlightController(ABC):
         refuses_setpoints: the mode that flies setpoints is not entered.
         refused_modes: names of others that are not.
         arms_from_s: it is not fit to fly, and does not arm, before.
+        home_m: where it returns to, metres NED in the world.
         pulses_us: what the pilot's receiver gives, channel by channel; empty without one.
     """
 
@@ -108,6 +109,7 @@ class FlightController(ABC):
         self.mode = firmware.modes[start]
         north, east, _ = vehicle.state.position_m
         self.origin_m: Triple = (north, east, 0.0)
+        self.home_m = self.origin_m
         self._setpoint: Setpoint = STOP
         self._setpoint_s = -math.inf
         self._hold_m: Triple | None = None
@@ -238,7 +240,7 @@ class FlightController(ABC):
     def _return(self) -> Demand:
         """Climb to the return height, fly home nose first, land."""
         north, east, down = self.vehicle.state.position_m
-        home_north, home_east, _ = self.origin_m
+        home_north, home_east, _ = self.home_m
         distance = math.hypot(home_north - north, home_east - east)
         if distance < _NEAR_M:
             return self._vertical(self.firmware.landing_speed_m_s)

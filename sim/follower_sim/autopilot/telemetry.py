@@ -138,6 +138,7 @@ class Telemetry:
             "GPS_GLOBAL_ORIGIN": lambda _: mavlink.MAVLink_gps_global_origin_message(
                 *self._place(controller.origin_m)
             ),
+            "HOME_POSITION": self._home_position,
             "DISTANCE_SENSOR": self._distance_sensor,
             "TERRAIN_REPORT": lambda _: None,
         }
@@ -269,13 +270,24 @@ class Telemetry:
         return mavlink.MAVLink_global_position_int_message(
             self._boot_ms(state),
             *self._place(state.position_m),
-            round(-state.position_m[2] * 1000.0),
+            round((self._controller.home_m[2] - state.position_m[2]) * 1000.0),
             *velocity,
             round(math.degrees(state.yaw_rad) % 360.0 * 100.0) % 36000,
         )
 
+    def _home_position(self, state: BodyState) -> Any:
+        """Return HOME_POSITION with zeros for the local place, as ArduPilot sent it up to 4.6."""
+        upright = (1.0, 0.0, 0.0, 0.0)
+        return mavlink.MAVLink_home_position_message(
+            *self._place(self._controller.home_m),
+            *(0.0, 0.0, 0.0),
+            upright,
+            *(0.0, 0.0, 0.0),
+            self._boot_us(state),
+        )
+
     def _place(self, position_m: Triple) -> tuple[int, int, int]:
-        """Return (latitude, longitude, altitude) of a position, metres NED from home.
+        """Return (latitude, longitude, altitude) of a position, metres NED in the world.
 
         In 1e-7 degrees and in millimetres above mean sea level, as messages carry them.
         """

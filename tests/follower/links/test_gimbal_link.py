@@ -95,6 +95,18 @@ def test_rangefinder_and_origin_are_heard() -> None:
     assert bench.link.state.clearance.height_m == pytest.approx(10.0, abs=0.1)
 
 
+def test_home_is_heard_and_stays_where_it_was_while_the_vehicle_flies() -> None:
+    bench = Bench()
+    bench.autopilot.move_home(0.0, 30.0, -4.0)
+    bench.run(4.0)
+    for _ in range(2):
+        position = bench.link.state.position
+        assert position.home_m == pytest.approx((0.0, 30.0, -4.0), abs=0.1)
+        assert position.height_m == pytest.approx(-position.down_m - 4.0, abs=0.01)
+        bench.autopilot.move_home(0.0, 0.0, -9.0)
+        bench.run(3.0)
+
+
 def distance(**others: int) -> mavlink.MAVLink_distance_sensor_message:
     fields = {"min_distance": 20, "max_distance": 4000, "current_distance": 500} | others
     return mavlink.MAVLink_distance_sensor_message(

@@ -96,6 +96,18 @@ def test_an_autopilot_that_talks_but_does_not_hear_us_is_let_go(rig_of: Any, fla
     assert rig.fly(2.0).state is R
 
 
+@flavours
+def test_it_sinks_no_lower_above_home_than_it_may_where_positions_count_from_elsewhere(
+    rig_of: Any, flavour: str
+) -> None:
+    """As on a second flight, from a higher place, without switching off in between."""
+    rig = rig_of(flavour, "servo.elevation_deg=-5", "envelope.min_height_m=8")
+    rig.autopilot.move_home(0.0, 0.0, -4.0)
+    rig.follow()
+    heights_m = [-rig.autopilot.state.position_m[2] - 4.0 for _ in range(60) if rig.fly(0.2)]
+    assert 8.0 - 0.1 < min(heights_m) < 9.0
+
+
 def test_answers_to_somebody_elses_questions_do_not_show_that_it_hears_us(rig_of: Any) -> None:
     """A router hands on to us what the autopilot answers to another computer."""
     rig = rig_of("px4")
