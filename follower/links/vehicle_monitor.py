@@ -273,10 +273,10 @@ class VehicleMonitor:
             self._home = _place_of(message)
 
     @property
-    def _home_m(self) -> tuple[float, float, float]:
+    def _home_m(self) -> tuple[float, float, float] | None:
         """Where home is, NED from the origin. ArduPilot keeps that origin until it is restarted."""
         if self._home is None or self._origin is None:
-            return 0.0, 0.0, 0.0
+            return None
         north_m, east_m = self._origin.local(self._home.latitude_deg, self._home.longitude_deg)
         return north_m, east_m, self._origin.altitude_m - self._home.altitude_m
 

@@ -62,15 +62,16 @@ class FlightContext:
         position = vehicle.position if vehicle.position_age_s(now_s) <= _STALE_S else None
         moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
         clearance, origin = vehicle.clearance, vehicle.origin
-        home = position.home_m if position else None
+        north_m, east_m = position.from_home_m if position else (None, None)
+        home_m = position.home_m[:2] if position and position.home_m else (0.0, 0.0)
         if clearance is not None and now_s - clearance.time_s > _STALE_S:
             clearance = None
         return cls(
             clearance_m=clearance.height_m if clearance else None,
-            home_deg=origin.geolocated(*home[:2]) if origin and home else None,
+            home_deg=origin.geolocated(*home_m) if origin and position else None,
             yaw_rad=attitude.yaw_rad if attitude else None,
-            north_m=position.north_m - position.home_m[0] if position else None,
-            east_m=position.east_m - position.home_m[1] if position else None,
+            north_m=north_m,
+            east_m=east_m,
             height_m=position.height_m if position else None,
             north_m_s=moving.north_m_s if moving else None,
             east_m_s=moving.east_m_s if moving else None,

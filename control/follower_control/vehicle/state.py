@@ -72,7 +72,7 @@ class LocalPosition:
         north_m, east_m, down_m: position.
         north_m_s, east_m_s, down_m_s: velocity.
         time_s: when this was true, on the system's clock.
-        home_m: where home is in that frame, NED; the origin before the autopilot told it.
+        home_m: where home is in that frame, NED; None before the autopilot told it: the origin.
     """
 
     north_m: float
@@ -82,7 +82,7 @@ class LocalPosition:
     east_m_s: float
     down_m_s: float
     time_s: float
-    home_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    home_m: tuple[float, float, float] | None = None
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -100,7 +100,13 @@ class LocalPosition:
     @property
     def height_m(self) -> float:
         """Height above home, metres."""
-        return self.home_m[2] - self.down_m
+        return (0.0 if self.home_m is None else self.home_m[2]) - self.down_m
+
+    @property
+    def from_home_m(self) -> tuple[float, float]:
+        """Distance north and east of home, metres."""
+        north_m, east_m, _ = self.home_m or (0.0, 0.0, 0.0)
+        return self.north_m - north_m, self.east_m - east_m
 
 
 @dataclass(frozen=True, slots=True)
