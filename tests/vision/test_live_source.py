@@ -151,18 +151,6 @@ def test_the_problem_is_over_once_frames_come():
         assert source.problem is None
 
 
-def test_measured_latency_is_subtracted_from_the_arrival():
-    arrival_s = 50.0
-
-    class Camera(FakeCamera):
-        def images(self):
-            yield picture(0), arrival_s
-
-    settings = LiveSettings(latency_s=0.25)
-    with LiveSource(lambda: Camera(1), MonotonicClock(), settings) as source:
-        assert source.read().captured_s == arrival_s - 0.25
-
-
 def test_closing_lets_a_waiting_reader_go():
     source = LiveSource(lambda: FakeCamera(1, interval_s=0.0), MonotonicClock(), LiveSettings())
     assert source.read() is not None

@@ -38,18 +38,15 @@ class TuningGoal:
         bandwidth_rad_s: up to which frequency it is to follow; None: as fast as the rest allows.
         max_sensitivity: Ms.
         jitter_factor: by how much the setpoints may shake more than with the present gains.
-        error: a usual error, in the loop's unit: what it makes the vehicle do at once has to lie
-            within the envelope. None: 9 degrees of azimuth, 5 of elevation, a fifth of the range.
     """
 
     bandwidth_rad_s: float | None = None
     max_sensitivity: float = 1.6
     jitter_factor: float = 1.5
-    error: float | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self, bandwidth_rad_s=(0.01, 30), max_sensitivity=(1.1, 4))
-        check_positive(self, "jitter_factor", "error")
+        check_positive(self, "jitter_factor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +187,7 @@ class _Search:
     def _demand(self, loop: AxisLoop, gains: PidSettings, bandwidth_rad_s: float) -> float:
         """Return what a usual error asks for, over what the envelope allows."""
         envelope = self._follower.envelope
-        error = self._goal.error or _USUAL_ERROR[self._axis]
+        error = _USUAL_ERROR[self._axis]
         asked = loop.motion_scale * gains.kp * error
         fastest, hardest = {
             Axis.AZIMUTH: (envelope.max_yaw_rate_deg_s, envelope.max_yaw_acceleration_deg_s2),

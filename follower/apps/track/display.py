@@ -13,7 +13,6 @@ from rich.text import Text
 from follower.apps.track.run import TrackRun
 from follower.ui.terminal.console import counted
 from follower.ui.terminal.flight_display import LiveDisplay
-from follower_vision.clock import Clock
 from follower_vision.sources.frame_source import RealtimePlayback
 from follower_vision.sources.live_source import LiveSource
 from follower_vision.trackers.track import Track
@@ -106,11 +105,10 @@ class TrackDisplay(LiveDisplay):
     Args:
         console: where to.
         waiting_for: what is looked for while there is no track.
-        clock: the reader's time, not the frames'.
     """
 
-    def __init__(self, console: Console, waiting_for: str, clock: Clock | None = None) -> None:
-        super().__init__(console, clock)
+    def __init__(self, console: Console, waiting_for: str) -> None:
+        super().__init__(console)
         self._waiting_for = waiting_for
         self._counts: deque[tuple[float, int]] = deque()
         self._shown_about: tuple[str | None, bool] = (None, False)

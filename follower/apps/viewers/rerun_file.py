@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -119,9 +118,5 @@ def _write_events(stream: rr.RecordingStream, recorded: RecordedFlight) -> None:
 
 def _transform(pose: Pose) -> rr.Transform3D:
     return rr.Transform3D(
-        translation=_list(pose.position_m), quaternion=rr.Quaternion(xyzw=_list(pose.turn))
+        translation=list(pose.position_m), quaternion=rr.Quaternion(xyzw=list(pose.turn))
     )
-
-
-def _list(numbers: Sequence[float]) -> list[float]:
-    return list(numbers)

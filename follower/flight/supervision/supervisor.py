@@ -122,7 +122,6 @@ class SupervisorReason(StrEnum):
     """Why the supervisor is where it is."""
 
     NO_TARGET = "no target"
-    TARGET_CHOSEN = "target chosen"
     LINK_SILENT = "link silent"
     TELEMETRY_STALE = "telemetry stale"
     FRAMES_STALE = "frames stale"

@@ -126,7 +126,6 @@ class SimAutopilot:
         wind: the air's velocity at a time; None is still air.
         gimbal: hangs below it, if given.
         drag: of its airframe; None is that of the recorded one.
-        rng: makes the attitude's noise and, when faults ask for it, chooses the lost packets.
 
     Attributes:
         faults: switches for what goes wrong.
@@ -144,7 +143,6 @@ class SimAutopilot:
         transport: Transport,
         start: BodyState,
         wind: WindField | None = None,
-        rng: np.random.Generator | None = None,
         gimbal: Gimbal | None = None,
         drag: Drag | None = None,
     ) -> None:
@@ -156,12 +154,11 @@ class SimAutopilot:
         self._steps = 0
         self._now_s = start.time_s
         self._boot_s = start.time_s - _BOOTED_BEFORE_S
-        lots = np.random.default_rng(0) if rng is None else rng
-        self._noise = lots.spawn(1)[0]
+        self._noise = np.random.default_rng(0).spawn(1)[0]
         self.gimbal = gimbal
         self._gimbal = None if gimbal is None else GimbalProtocol(gimbal)
         self._telemetry = self._make_telemetry()
-        self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults, lots)
+        self._link = MavlinkEndpoint(transport, SYSTEM_ID, COMPONENT_ID, self.faults)
         self._commands = Commands(self._controller, self._telemetry, self._link.send)
         parameters = ParameterProtocol(
             self._controller.parameters, flavour == PX4.name, self._link.send

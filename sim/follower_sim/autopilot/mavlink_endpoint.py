@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower_control.common.transport import Transport
@@ -27,7 +26,6 @@ class Faults:
         refuses_setpoints: the mode that flies setpoints is not entered.
         refused_modes: names of modes that are not entered.
         deaf: nothing that arrives is received.
-        drop_sent, drop_received: probability that a packet is lost.
     """
 
     silent: bool = False
@@ -43,48 +41,33 @@ class Faults:
     refuses_setpoints: bool = False
     refused_modes: tuple[str, ...] = ()
     deaf: bool = False
-    drop_sent: float = 0.0
-    drop_received: float = 0.0
 
 
 class MavlinkEndpoint:
-    """Encodes and decodes for one system, and drops the packets that `faults` asks to drop.
+    """Encodes and decodes for one system, and is as silent and deaf as `faults` says.
 
     Args:
         transport: carries the bytes.
         system, component: ids of the sender in every message.
         faults: read at every packet.
-        rng: decides which packets are lost.
     """
 
-    def __init__(
-        self,
-        transport: Transport,
-        system: int,
-        component: int,
-        faults: Faults,
-        rng: np.random.Generator,
-    ) -> None:
+    def __init__(self, transport: Transport, system: int, component: int, faults: Faults) -> None:
         self._transport = transport
         self._codec = mavlink.MAVLink(None, system, component)
         self._codec.robust_parsing = True
         self._faults = faults
-        self._rng = rng
 
     def receive(self) -> list[Any]:
         """Return the messages that have arrived; broken ones are left out."""
         data = self._transport.receive()
         messages = (self._codec.parse_buffer(data) if data else None) or []
         good = [message for message in messages if message.get_type() != "BAD_DATA"]
-        arrived = [] if self._faults.deaf else good
-        return [message for message in arrived if not self._is_lost(self._faults.drop_received)]
+        return [] if self._faults.deaf else good
 
     def send(self, message: Any) -> None:
         """Send one message."""
         data = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
-        if not self._faults.silent and not self._is_lost(self._faults.drop_sent):
+        if not self._faults.silent:
             self._transport.send(data)
-
-    def _is_lost(self, probability: float) -> bool:
-        return probability > 0 and float(self._rng.random()) < probability

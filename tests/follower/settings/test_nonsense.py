@@ -107,7 +107,7 @@ BY_WORDS: list[tuple[type, str, dict[str, Any]]] = [
         {"ratio": 0}, {"ratio": 1.5}, {"window_s": 0.1}, {"least_history_s": -1},
     )),
     *((LiveSettings, "live source", wrong) for wrong in (
-        {"latency_s": -1}, {"retry_s": 0}, {"retry_s": 9}, {"first_frame_s": 0},
+        {"retry_s": 0}, {"retry_s": 9}, {"first_frame_s": 0},
     )),
     *((ReidentifySettings, "re-identification", wrong) for wrong in (
         {"epsilon": 2.5}, {"max_templates": 0}, {"shift_ratio": 0.6}, {"max_recent": -1},

@@ -251,9 +251,9 @@ def median_s(times_s: Sequence[float]) -> float | None:
     return statistics.median(times_s) if times_s else None
 
 
-def share_soon(times_s: Sequence[float], limit_s: float = SOON_S) -> float | None:
-    """Return the share of times under `limit_s`, None if there is none."""
-    return float(np.mean([time_s < limit_s for time_s in times_s])) if times_s else None
+def share_soon(times_s: Sequence[float]) -> float | None:
+    """Return the share of times under `SOON_S`, None if there is none."""
+    return float(np.mean([time_s < SOON_S for time_s in times_s])) if times_s else None
 
 
 def _stays(present: _Flags) -> list[tuple[int, int]]:

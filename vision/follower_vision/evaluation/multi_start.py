@@ -102,9 +102,9 @@ def starts(sequence: Sequence) -> Iterator[Start]:
         yield Start("jittered", 0, 1, box)
 
 
-def jittered(box: Box, rng: np.random.Generator, share: float = 0.05) -> Box:
-    """Return a box moved and scaled at random, by up to `share` of its sides."""
-    right, down, grown = rng.uniform(-share, share, 3)
+def jittered(box: Box, rng: np.random.Generator) -> Box:
+    """Return a box moved and scaled at random, by up to 5 % of its sides."""
+    right, down, grown = rng.uniform(-0.05, 0.05, 3)
     moved = box.moved_to(box.cx + right * box.width, box.cy + down * box.height)
     return moved.scaled(1 + grown)
 

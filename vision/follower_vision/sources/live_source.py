@@ -20,21 +20,16 @@ class LiveSettings:
     """How a live source behaves.
 
     Attributes:
-        latency_s: from the middle of the exposure to the picture's arrival here, as measured; it
-            is subtracted from the arrival time.
         first_frame_s: how long to wait for the very first frame before giving up.
         retry_s: the pause before the first attempt to reconnect; it doubles with each.
         longest_retry_s: the longest pause.
     """
 
-    latency_s: float = 0.0
     first_frame_s: float = 10.0
     retry_s: float = 0.2
     longest_retry_s: float = 5.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.latency_s < 5:
-            raise ValueError("live source: latency_s lies between 0 and 5 seconds")
         if not 0 < self.retry_s <= self.longest_retry_s < math.inf:
             raise ValueError("live source: 0 < retry_s <= longest_retry_s has to hold")
         if not self.first_frame_s > 0:
@@ -141,8 +136,7 @@ class LiveSource(ClosesItself):
                 if self._stop.is_set():
                     return
                 self.problem = None
-                captured_s = arrival_s - self._settings.latency_s
-                self._mailbox.put(Frame(image, captured_s, self._sequence))
+                self._mailbox.put(Frame(image, arrival_s, self._sequence))
                 self._sequence += 1
         finally:
             connection.close()
