@@ -38,7 +38,7 @@ from follower.ui.cockpit.publisher import FlightPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import open_ground_station, operators_finder
 from follower.ui.ipc.server_client import UiProcessClient
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import lasting_console, print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
 from follower_control.common.transport import Transport
@@ -89,7 +89,7 @@ def simulate(options: SimulationOptions, console: Console | None = None) -> Simu
         SettingsError: an option, the scenario or a setting cannot be used.
         ConnectionFailedError: no autopilot answers.
     """
-    return _Simulation(options).run(console or Console())
+    return _Simulation(options).run(console or lasting_console())
 
 
 class _Simulation:

@@ -46,7 +46,7 @@ from follower.ui.cockpit.publisher import FlightPublisher, PeriodicPublisher, in
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import operators_finder
 from follower.ui.ipc.server_client import UiProcessClient
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import lasting_console, print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import InterruptFlag, Keyboard, StopOnInterrupt, stop_signals
 from follower_control.common.strict_config import SettingsError
@@ -127,7 +127,7 @@ class FlySession:
     config: Path | None
     folder: Path
     flown: bool = False
-    _console: Console = field(default_factory=Console)
+    _console: Console = field(default_factory=lasting_console)
     _clock: MonotonicClock = field(default_factory=MonotonicClock)
     _station: UiProcessClient | None = None
     _told: int = 0

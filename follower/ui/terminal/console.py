@@ -1,8 +1,12 @@
 """Prints lines as they are: paths and commands in them stay whole and can be copied."""
 
+import contextlib
 import importlib
+import os
+import sys
+from collections.abc import Iterator
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TextIO, cast
 
 from rich.console import Console
 
@@ -17,6 +21,36 @@ def print_line(console: Console, text: str, style: str | None = None) -> None:
 def quiet_console() -> Console:
     """Return a console that prints nothing and leaves the terminal to others."""
     return Console(quiet=True, force_terminal=False)
+
+
+class _LastingOutput:
+    """Standard output that takes what is written also when nobody reads it any more."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stdout, name)
+
+    def write(self, text: str) -> int:
+        """Write, or throw away."""
+        with self._unbroken():
+            sys.stdout.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, or throw away."""
+        with self._unbroken():
+            sys.stdout.flush()
+
+    @contextlib.contextmanager
+    def _unbroken(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:  # a pipe or a terminal that is gone; Python flushes it once more at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def lasting_console() -> Console:
+    """Return a console for what must not end because nobody reads its output any more: a flight."""
+    return Console(file=cast(TextIO, _LastingOutput()))
 
 
 def needed(module: str) -> Any:

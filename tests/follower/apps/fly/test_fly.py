@@ -47,6 +47,7 @@ class Program:
     def __init__(self, *arguments: str, cwd: Path, most_bytes: int | None) -> None:
         self.said = ""
         self._lines: queue.Queue[str] = queue.Queue()
+        self.deaf = threading.Event()
         self.process = subprocess.Popen(
             [*FOLLOWER, "fly", *arguments],
             stdout=subprocess.PIPE,
@@ -72,6 +73,10 @@ class Program:
                 return
         raise AssertionError(f"nothing like {pattern!r} was said:\n{self.said}")
 
+    def wait_until_unread(self) -> None:
+        self._reader.join(30)
+        assert not self._reader.is_alive()
+
     def end(self, how: signal.Signals | None = None) -> int:
         if how is not None:
             self.process.send_signal(how)
@@ -86,6 +91,8 @@ class Program:
         with self.process.stdout as stream:
             for line in stream:
                 self._lines.put(line)
+                if self.deaf.is_set():
+                    return  # and the pipe breaks
 
 
 @pytest.fixture
@@ -153,6 +160,25 @@ def check_recording(folder: Path, there: Any) -> None:
     for name in ("inspection.html", "boxes.csv", "setpoints.csv", "mavlink.tlog"):
         assert (folder / name).stat().st_size > 1000, name
     assert "password" not in (folder / "config.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_a_flight_goes_on_when_nobody_reads_what_it_says_any_more(
+    vehicle: MakeVehicle, launch: Any, tmp_path: Path
+) -> None:
+    """As with `follower fly … | head`, or a terminal that was closed."""
+    there = vehicle("ardupilot", HEIGHT_M)
+    program = launch("--colour", "#d02020")
+    program.wait_for("pilot: switch to GUIDED")
+    there.autopilot.switch_mode("GUIDED")
+    program.wait_for("following")
+    program.deaf.set()
+    program.wait_until_unread()
+    heard = len(there.setpoints)
+    time.sleep(7.0)  # a line each five seconds
+    assert len(there.setpoints) > heard + 50
+    assert program.end(signal.SIGINT) == READY
+    check_recording(tmp_path / "runs" / "fly", there)
 
 
 @pytest.mark.slow
