@@ -18,6 +18,7 @@ from follower.flight.supervision.flight_end import BROKEN_OFF, LastRelease
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
 from follower.recording.messages import MESSAGES
+from follower.recording.recorded_flight import check_not_of
 from follower.report import flight_page, html, style
 from follower.report.pilot_plot import delays, first_uses, pilot_and_vehicle
 from follower.report.series import LoggedFlight, ReportMeta, Span
@@ -254,6 +255,9 @@ def inspect_recorded(
     goal = _goal(recorded.config) if recorded.truth else None
     flight = LoggedFlight(recorded.log, recorded.truth, goal, size_m)
     found, console = losses(flight), console or Console()
+
+    if out is not None:
+        check_not_of(recorded, out)
 
     def written(path: Path) -> Path:
         return write_whole(path, _page(recorded, flight, found, _meta(recorded, path), more))

@@ -157,7 +157,8 @@ Autopilot = Annotated[
     ),
 ]
 Seed = Annotated[
-    int | None, typer.Option(help="Seed of everything random; the scenario's own by default.")
+    int | None,
+    typer.Option(min=0, help="Seed of everything random; the scenario's own by default."),
 ]
 LockstepFlag = Annotated[
     bool,

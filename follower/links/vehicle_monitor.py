@@ -150,8 +150,8 @@ class VehicleMonitor:
         self.state = VehicleState()
         self.attitudes: list[Attitude] = []
         self.altitude_msl_m: float | None = None
-        self._origin: Origin | None = None
-        self._home: Origin | None = None
+        self._origin: tuple[Origin, float] | None = None
+        self._home: tuple[Origin, float] | None = None
         self.boot_ms = 0
         self._range_s = -math.inf
 
@@ -264,7 +264,8 @@ class VehicleMonitor:
 
     def _on_origin(self, message: Any, _now_s: float) -> None:
         if message.latitude != 0 or message.longitude != 0:  # it has none yet
-            self._origin = self._news["origin"] = _place_of(message)
+            self._origin = _place_of(message)
+            self._news["origin"] = self._origin[0]
 
     def _on_home(self, message: Any, _now_s: float) -> None:
         # Moved in flight it would move heights and fence under the vehicle.
@@ -277,8 +278,9 @@ class VehicleMonitor:
         """Where home is, NED from the origin. ArduPilot keeps that origin until it is restarted."""
         if self._home is None or self._origin is None:
             return None
-        north_m, east_m = self._origin.local(self._home.latitude_deg, self._home.longitude_deg)
-        return north_m, east_m, self._origin.altitude_m - self._home.altitude_m
+        (origin, origin_m), (home, home_m) = self._origin, self._home
+        north_m, east_m = origin.local(home.latitude_deg, home.longitude_deg)
+        return north_m, east_m, origin_m - home_m
 
     def _on_gimbal(self, message: Any, now_s: float) -> None:
         self.take_gimbal(message, self._time_of(message, now_s))
@@ -294,9 +296,9 @@ class VehicleMonitor:
         return self._clock.to_system(message.time_boot_ms / 1000.0, now_s)
 
 
-def _place_of(message: Any) -> Origin:
-    """Take the place from GPS_GLOBAL_ORIGIN or HOME_POSITION, 1e-7 degrees and mm."""
-    return Origin(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
+def _place_of(message: Any) -> tuple[Origin, float]:
+    """Take the place and its altitude, metres, from GPS_GLOBAL_ORIGIN or HOME_POSITION."""
+    return Origin(message.latitude / 1e7, message.longitude / 1e7), message.altitude / 1e3
 
 
 def _finite(numbers: _Six[Any]) -> _Six[float] | None:

@@ -193,6 +193,17 @@ class RecordedFlight:
         return read_tlog(path, self.config.epoch_ns, self.remarks) if path.exists() else iter(())
 
 
+def check_not_of(flight: RecordedFlight, out: Path) -> None:
+    """Refuse a file to be written that is one of a flight's own.
+
+    Raises:
+        FileExistsError: it is.
+    """
+    own = flight.folder.resolve()
+    if out.resolve() in [own / name for name in (LOG, TLOG, CONFIG, VIDEO)]:
+        raise FileExistsError(f"{out} belongs to the recording: name another file")
+
+
 def open_flight(folder: str | Path) -> RecordedFlight:
     """Open a flight's folder.
 

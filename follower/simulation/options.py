@@ -10,6 +10,7 @@ from pathlib import Path
 
 from follower.settings.link import is_link, link_kinds
 from follower.settings.settings import Settings, find_scenario, load_settings
+from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import Scenario
@@ -41,16 +42,18 @@ class VisionSource(StrEnum):
 
 
 def check_without_pixels(scenario: Scenario, faults: Sequence[str] = ()) -> None:
-    """Refuse what cannot be seen without pixels.
+    """Refuse what is not there without pixels.
 
     Raises:
-        SettingsError: a fault of the camera was asked for.
+        SettingsError: a fault was asked for: they are flown with pixels only.
     """
+    for fault in faults:
+        PlannedFault.parse(fault)
     kinds = {fault.kind for fault in scenario.faults} & {"black", "frozen"}
     if kinds or faults:
-        named = faults[0] if faults else f"the scenario's fault {sorted(kinds)[0]!r}"
+        named = f"--fault {faults[0]}" if faults else f"the scenario's fault {sorted(kinds)[0]!r}"
         raise SettingsError(
-            f"--vision {VisionSource.TRUTH}: {named} needs pixels; leave --vision out"
+            f"--vision {VisionSource.TRUTH}: {named} needs a flight with pixels; leave --vision out"
         )
 
 
@@ -106,6 +109,8 @@ class SimulationOptions:
         Raises:
             SettingsError: the scenario or a setting cannot be used, or one needs the other.
         """
+        if self.seed is not None and self.seed < 0:
+            raise SettingsError(f"--seed {self.seed}: a seed is 0 or more")
         scenario = load_scenario(find_scenario(self.scenario), self.scene)
         if self.vision is VisionSource.TRUTH:
             check_without_pixels(scenario, self.faults)

@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
@@ -12,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
+_ODD_NUMBER = re.compile(r"[-+]?0[0-9_]|.*:")
 _NO_NUMBER = ("float_parsing", "float_type", "int_parsing", "int_type", "int_from_float")
 _UNITS = {
     "_m": "metres",
@@ -76,7 +78,22 @@ def check_positive(settings: object, *names: str) -> None:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice: the first one's values would be lost without a word."""
+    """Refuses what YAML 1.1 reads without a word otherwise than it looks.
+
+    A key that stands twice, whose first values would be lost; and numbers like 030 and 1:30, which
+    it takes for octal (24) and for base 60 (90).
+    """
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if _ODD_NUMBER.match(node.value):
+            said = f"{node.value} could mean several numbers; write it without leading 0 or colon"
+            raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+        return int(super().construct_yaml_int(node))
+
+    def construct_yaml_float(self, node: Any) -> float:
+        if ":" in node.value:
+            return self.construct_yaml_int(node)
+        return float(super().construct_yaml_float(node))
 
     def compose_mapping_node(self, anchor: Any) -> Any:
         node = super().compose_mapping_node(anchor)
@@ -89,6 +106,10 @@ class _Loader(yaml.SafeLoader):
                 raise yaml.composer.ComposerError(None, None, said, key.start_mark)
             lines[key.value] = key.start_mark.line + 1
         return node
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)
 
 
 def load_yaml(text: str) -> Any:

@@ -172,12 +172,10 @@ class Origin:
     Attributes:
         latitude_deg: north is positive.
         longitude_deg: east is positive.
-        altitude_m: above mean sea level.
     """
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float = 0.0
 
     def geolocated(self, north_m: float, east_m: float) -> tuple[float, float]:
         """Return latitude and longitude, degrees, of a local place."""

@@ -69,7 +69,8 @@ def sitl_command(
     ] = "pymavlink",
     repeat: Annotated[int, typer.Option(min=1, help="How often each flight is flown.")] = 1,
     seed: Annotated[
-        int | None, typer.Option(help="Of the first of them; the scenario's own by default.")
+        int | None,
+        typer.Option(min=0, help="Of the first of them; the scenario's own by default."),
     ] = None,
     random: Annotated[
         int,

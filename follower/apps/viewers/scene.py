@@ -12,8 +12,7 @@ import numpy as np
 
 from follower.flight.log import ControlRecord
 from follower.recording import FlightFileError, RecordedFlight
-from follower.recording.recorder import CONFIG, LOG, TLOG
-from follower.recording.video_writer import VIDEO
+from follower.recording.recorded_flight import check_not_of
 from follower.settings.settings import Settings, as_recorded, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_control.servo.position_fix import TargetPosition, target_fix
@@ -161,9 +160,7 @@ def emptied(out: Path, recorded: RecordedFlight) -> Path:
     Raises:
         OSError: it cannot be written, or is one of the flight's own.
     """
-    own = recorded.folder.resolve()
-    if out.resolve() in [own / name for name in (LOG, TLOG, CONFIG, VIDEO)]:
-        raise FileExistsError(f"{out} belongs to the recording: name another file")
+    check_not_of(recorded, out)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.open("wb").close()
     return out

@@ -61,7 +61,7 @@ RandomFlights = Annotated[
     int,
     typer.Option("--random", min=0, help="Fly so many more random flights in place of the matrix."),
 ]
-Seed = Annotated[int, typer.Option(help="Of the random flights.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of the random flights.")]
 Only = Annotated[
     int | None, typer.Option("--only", help="Fly the random flight of this number alone.")
 ]

@@ -49,14 +49,21 @@ def test_a_flight_without_pixels_is_labelled_and_the_same_each_time(
     assert not (first / "flight.mcap").exists()
 
 
+def test_a_seed_is_no_negative_number() -> None:
+    with pytest.raises(SettingsError, match="--seed -1: a seed is 0 or more"):
+        simulate(SimulationOptions("demo", seed=-1, lockstep=True))
+
+
 def test_faults_of_the_picture_need_pixels(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="frames-black@12:1 needs pixels"):
+    with pytest.raises(SettingsError, match="--fault frames-black@12:1 needs a flight with pixels"):
         simulate(options(tmp_path, faults=("frames-black@12:1",)))
+    with pytest.raises(SettingsError, match="frames-blck"):
+        simulate(options(tmp_path, faults=("frames-blck@12:1",)))
     scenario = load_scenario(
         Path(__file__).parents[3] / "configs" / "scenarios" / "pursue-car.yaml",
         ("faults=[{kind: frozen, from_s: 3}]",),
     )
-    with pytest.raises(SettingsError, match="the scenario's fault 'frozen' needs pixels"):
+    with pytest.raises(SettingsError, match="the scenario's fault 'frozen' needs"):
         check_without_pixels(scenario)
 
 

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rich.console import Console
 
-from follower.apps.inspect import inspect_flight
+from follower.apps.inspect import inspect_flight, inspect_recorded
 from follower.apps.viewers import scene
 from follower.apps.viewers.foxglove_file import write_foxglove
 from follower.apps.viewers.rerun_file import write_rerun
@@ -282,8 +282,9 @@ def test_a_place_that_cannot_be_written_is_an_error_of_the_system(
         write(flight, tmp_path)
     own = flight.folder / "flight.mcap"
     before = own.read_bytes()
-    with pytest.raises(OSError, match="belongs to the recording"):
-        write(flight, own)
+    for writes in (write, inspect_recorded):
+        with pytest.raises(OSError, match="belongs to the recording"):
+            writes(flight, own)
     assert own.read_bytes() == before
 
 
