@@ -6,10 +6,10 @@ import contextlib
 import errno
 import fcntl
 import grp
+import math
 import os
 import re
 import socket
-import sys
 import termios
 import tty
 from collections.abc import Callable, Mapping
@@ -20,8 +20,8 @@ from follower_control.common.transport import Transport, UdpTransport
 from follower_vision.clock import Clock, MonotonicClock
 
 _CHUNK, _MOST_CHUNKS = 65536, 4
-_SERIAL_WAIT_S, _BITS_A_BYTE = 0.05, 10
-_TCP_MOST_WAITING = 8192
+_MOST_WAITING, _LONGEST_WAIT_S = 8192, 0.1
+_BITS_A_BYTE = 10
 _RETRY_S = 1.0
 _CONNECT_S = 3.0
 _CFLAG, _ISPEED, _OSPEED = 2, 4, 5
@@ -57,23 +57,23 @@ class _StreamTransport:
     Args:
         reopen: opens the stream and returns its file descriptor, or raises OSError.
         file: the descriptor, if it is open already.
-        most_waiting: bytes that may wait to be sent, here and in the system; a packet alone always
-            may.
         retry_s: seconds between two attempts to open it.
         clock: paces the attempts.
+        rate: bytes a second that the line carries; None where nobody knows.
     """
 
     def __init__(
         self,
         reopen: Callable[[], int],
         file: int | None,
-        most_waiting: int,
         retry_s: float,
         clock: Clock | None,
+        rate: float | None = None,
     ) -> None:
         self._reopen = reopen
         self._file = file
-        self._most_waiting = most_waiting
+        self._rate = rate
+        self._all_left_s = -math.inf
         self._retry_s = retry_s
         self._clock = clock or MonotonicClock()
         self._tried_s = self._clock.now()
@@ -84,8 +84,7 @@ class _StreamTransport:
         if self._file is None:
             return
         self._flush()
-        waiting = self._bytes_waiting()
-        if waiting == 0 or waiting + len(data) <= self._most_waiting:
+        if self._has_room(len(data)):
             self._waiting += data
             self._flush()
 
@@ -114,14 +113,29 @@ class _StreamTransport:
         """Close the stream."""
         self._drop()
 
-    def _bytes_waiting(self) -> int:
-        """Return how many bytes have not left yet: the system keeps seconds of a slow line."""
-        if self._file is None:
-            return 0
-        in_system = bytes(4)
-        with contextlib.suppress(OSError):
-            in_system = fcntl.ioctl(self._file, termios.TIOCOUTQ, in_system)
-        return len(self._waiting) + int.from_bytes(in_system, sys.byteorder)
+    def _has_room(self, size: int) -> bool:
+        """Whether a packet would leave soon; the system alone keeps a second of a slow line."""
+        if len(self._waiting) + size > _MOST_WAITING:
+            return False
+        if self._rate is None:
+            return True
+        now_s = self._clock.now()
+        # USB counts too many bytes as waiting, but none where all have left.
+        begins_s = max(self._all_left_s, now_s) if self._has_waiting else now_s
+        if begins_s - now_s > _LONGEST_WAIT_S:
+            return False
+        self._all_left_s = begins_s + size / self._rate
+        return True
+
+    @property
+    def _has_waiting(self) -> bool:
+        """Whether something that was sent has not left yet, here or in the system."""
+        if self._waiting or self._file is None:
+            return bool(self._waiting)
+        try:
+            return any(fcntl.ioctl(self._file, termios.TIOCOUTQ, bytes(4)))
+        except OSError:  # a driver that does not tell
+            return True
 
     def _flush(self) -> None:
         if self._file is None or not self._waiting:
@@ -158,8 +172,7 @@ class SerialTransport(_StreamTransport):
 
     def __init__(self, device: str, baud: int, clock: Clock | None = None) -> None:
         reopen = partial(_serial_port, device, _speed(baud))
-        most_waiting = round(_SERIAL_WAIT_S * baud / _BITS_A_BYTE)
-        super().__init__(reopen, reopen(), most_waiting, _RETRY_S, clock)
+        super().__init__(reopen, reopen(), _RETRY_S, clock, baud / _BITS_A_BYTE)
 
 
 def _serial_port(device: str, speed: int) -> int:
@@ -204,7 +217,7 @@ class TcpTransport(_StreamTransport):
         """
         address = socket.gethostbyname(host), port
         file = _stream(socket.create_connection(address, _CONNECT_S))
-        return cls(partial(_call, address), file, _TCP_MOST_WAITING, _RETRY_S, clock)
+        return cls(partial(_call, address), file, _RETRY_S, clock)
 
     @classmethod
     def listen(cls, host: str, port: int, clock: Clock | None = None) -> TcpTransport:
@@ -222,7 +235,7 @@ class TcpTransport(_StreamTransport):
         except OSError:
             listener.close()
             raise
-        transport = cls(lambda: _stream(listener.accept()[0]), None, _TCP_MOST_WAITING, 0.0, clock)
+        transport = cls(lambda: _stream(listener.accept()[0]), None, 0.0, clock)
         transport._listener = listener
         return transport
 

@@ -76,6 +76,8 @@ _FAILSAFES = (
 )
 _MOST_CHANNELS = 18
 _RANGE_HOLDS_S = 2.0
+_HIGHEST_MM = 20_000_000
+"""PX4 says something absurd of home before it knows its altitude."""
 _DONE = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
@@ -270,7 +272,8 @@ class VehicleMonitor:
     def _on_home(self, message: Any, _now_s: float) -> None:
         # Moved in flight it would move heights and fence under the vehicle.
         flies = self.state.landed is False
-        if (message.latitude != 0 or message.longitude != 0) and not (flies and self._home):
+        told = message.latitude != 0 or message.longitude != 0
+        if told and abs(message.altitude) < _HIGHEST_MM and not (flies and self._home):
             self._home = _place_of(message)
 
     @property

@@ -189,10 +189,15 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
     console = Console()
     length_s = Pattern(run.excitation).length_s
     words = TextColumn("{task.description}", markup=False)
-    with Progress(words, BarColumn(), TimeRemainingColumn(), console=console) as progress:
+    with (
+        StopOnInterrupt() as keyboard,
+        Progress(words, BarColumn(), TimeRemainingColumn(), console=console) as progress,
+    ):
         task = progress.add_task("Waiting for the vehicle", total=length_s)
 
         def watch(flight: ExcitationFlight) -> None:
+            if keyboard.interrupted:
+                flight.stage.request_stop()
             supervisor = flight.stage.supervisor
             text = f"{supervisor.state}: {supervisor.reason}"
             progress.update(task, completed=flight.stage.elapsed_s, description=text)
@@ -256,7 +261,6 @@ def _real(
         wrapped = recorder.transport(transport)
         link = stack.enter_context(closing(open_link(wrapped, settings.link, clock, epoch_ns)))
         flight = ExcitationFlight(settings, run.excitation, link, clock, recorder.log)
-        stack.enter_context(StopOnInterrupt(flight.stage.request_stop))
         flight.run(_with(recorder, watch))
     return folder, flight, recorder
 

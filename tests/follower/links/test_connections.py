@@ -245,14 +245,18 @@ def test_no_packet_waits_for_long_before_a_slow_line() -> None:
     """Also not in the system: a setpoint of a second ago would be flown after a takeover."""
     line, reader = socket.socketpair()
     line.setblocking(False)
-    with closing(_StreamTransport(lambda: -1, line.detach(), 288, 1.0, None)) as stream, reader:
-        for number in range(100):
-            stream.send(bytes([number]) * 50)
-        waited = reader.recv(65536)
-        assert waited == b"".join(bytes([number]) * 50 for number in range(len(waited) // 50))
-        assert 0 < len(waited) <= 288
-        stream.send(bytes(400))  # larger than what may wait, and nothing waits
-        assert len(reader.recv(65536)) == 400
+    clock, packet = SimulatedClock(), bytes(50)
+    with closing(_StreamTransport(lambda: -1, line.detach(), 1.0, clock, 5000.0)) as stream, reader:
+        for _ in range(100):
+            stream.send(packet)
+        assert len(reader.recv(65536, socket.MSG_PEEK)) == pytest.approx(500, abs=50)
+        clock.sleep_until(0.05)
+        for _ in range(100):
+            stream.send(packet)
+        assert len(reader.recv(65536)) == pytest.approx(750, abs=50)
+        for _ in range(100):  # all has left, sooner than its rate said, as over USB
+            stream.send(packet)
+        assert len(reader.recv(65536)) == pytest.approx(500, abs=50)
 
 
 def test_a_port_that_was_pulled_out_is_looked_for_again(tmp_path: Path) -> None:

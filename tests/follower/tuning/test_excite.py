@@ -1,6 +1,7 @@
 """The identification pattern: where it leads, who may end it, and that its recording tells."""
 
 import math
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
 from follower.settings.settings import load_settings
+from follower.tuning.excite import run as run_module
 from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
 from follower.tuning.excite.run import ExcitationFlight, fly_simulated, run_of
 from follower.tuning.excite.stage import ExcitationStage, excitation_settings
@@ -155,6 +157,29 @@ def test_its_recording_tells_how_the_vehicle_answers(
     assert fit.model.gain == pytest.approx(1.0, abs=0.06)
     assert 0.03 < fit.model.dead_time_s < 0.4
     assert any("down: nothing moved this axis" in remark for remark in found.remarks)
+
+
+def test_ctrl_c_holds_releases_and_says_how_far_it_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    watched, pressed = run_module._with, list[float]()
+
+    def interrupted(recorder: Recorder, watch: run_module.OnStep) -> run_module.OnStep:
+        def step(flight: ExcitationFlight) -> None:
+            if flight.stage.elapsed_s > 2.0 and not pressed:
+                pressed.append(flight.stage.elapsed_s)
+                signal.raise_signal(signal.SIGINT)
+            watch(flight)
+
+        return watched(recorder, step)
+
+    monkeypatch.setattr(run_module, "_with", interrupted)
+    run = run_module.ExcitationRun(SHORT, None, "px4", tmp_path, 0.0, 0, "follower excite")
+    assert run_module.excite(run, None, ()) == 1
+    assert "Ended as asked after 2 of" in capsys.readouterr().out
+    log = open_flight(tmp_path / "excite").log
+    assert log.controls[-1].state is SupervisorState.RELEASED
+    assert log.controls[-1].allowed.values == pytest.approx(HOLD.values, abs=1e-6)
 
 
 def test_a_seed_below_zero_is_refused_before_anything_is_flown() -> None:
