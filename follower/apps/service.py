@@ -11,7 +11,8 @@ from typing import Annotated
 
 import typer
 
-from follower.settings.settings import configs_folder
+from follower.links.connections import check_connection
+from follower.settings.settings import configs_folder, load_settings
 from follower.ui.terminal.cli_options import Camera, Connect
 from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
@@ -56,6 +57,8 @@ def install(
         _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera or ''}\nSELECT={select}\n",
         _RULES: _rules(connect),
     }
+    load_settings(config)  # or the service would fail every five seconds
+    check_connection(connect)
     files = {root / path: text for path, text in files.items() if text}
     if dry_run:
         for path, text in files.items():

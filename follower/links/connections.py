@@ -15,6 +15,7 @@ import tty
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 from follower_control.common.transport import Transport, UdpTransport
 from follower_vision.clock import Clock, MonotonicClock
@@ -267,6 +268,19 @@ def _stream(sock: socket.socket) -> int:
     return sock.detach()
 
 
+def check_connection(text: str) -> None:
+    """Make sure that a text is a connection string, without opening it.
+
+    Raises:
+        ConnectionFailedError: it is none.
+    """
+    network = _NETWORK.fullmatch(text)
+    if network is None and not _SERIAL.fullmatch(text):
+        raise ConnectionFailedError(f"{text!r} is no connection: {_EXAMPLES}")
+    if network is not None and not 0 < int(network[3]) < 65536:
+        raise ConnectionFailedError(f"{text!r}: a port lies between 1 and 65535")
+
+
 def open_connection(text: str) -> Transport:
     """Open what a connection string names.
 
@@ -277,16 +291,14 @@ def open_connection(text: str) -> Transport:
     Raises:
         ConnectionFailedError: the text is no such string, or it cannot be opened.
     """
+    check_connection(text)
     if match := _NETWORK.fullmatch(text):
         return _open_network(text, match[1], match[2], int(match[3]))
-    if match := _SERIAL.fullmatch(text):
-        return _open_serial(match[1], int(match[2] or _BAUD))
-    raise ConnectionFailedError(f"{text!r} is no connection: {_EXAMPLES}")
+    serial = cast(re.Match[str], _SERIAL.fullmatch(text))
+    return _open_serial(serial[1], int(serial[2] or _BAUD))
 
 
 def _open_network(text: str, kind: str, host: str, port: int) -> Transport:
-    if not 0 < port < 65536:
-        raise ConnectionFailedError(f"{text!r}: a port lies between 1 and 65535")
     openers: dict[str, Callable[[str, int], Transport]] = {
         "udpin": UdpTransport.listen,
         "udp": UdpTransport.listen,

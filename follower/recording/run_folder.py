@@ -9,7 +9,24 @@ from contextlib import suppress
 from pathlib import Path
 
 from follower.flight.log import ControlRecord, TrackRecord
+from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import is_no_room, room_said, write_whole
+
+
+def check_goes_on(folder: Path, what: str, *marks: str) -> None:
+    """Refuse to go on in a folder that holds something else, whose files would be overwritten.
+
+    Args:
+        folder: may be empty, or not be there.
+        what: has to have been begun there, for the message.
+        marks: names of which one is in each such folder.
+
+    Raises:
+        SettingsError: it holds something else.
+    """
+    names = {path.name for path in folder.iterdir()} if folder.is_dir() else set[str]()
+    if names and names.isdisjoint(marks):
+        raise SettingsError(f"{folder}: no {what} was begun there ({marks[0]} is missing)")
 
 
 def new_run_folder(base: Path, name: str) -> Path:

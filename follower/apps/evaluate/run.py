@@ -27,7 +27,7 @@ from follower.apps.evaluate.scores import (
     scored,
     toolkit_rows,
 )
-from follower.recording.run_folder import new_run_folder
+from follower.recording.run_folder import check_goes_on, new_run_folder
 from follower.ui.terminal.console import print_line, quiet_console
 from follower.workers import Engine, engine_for, job_progress
 from follower_control.common.strict_config import SettingsError
@@ -40,6 +40,7 @@ from follower_vision.plugins import PluginError
 
 _SUCCESS, _INTERRUPTED = 0, 130
 _LONGEST_S = 86400.0
+_BOXES = "boxes"
 _FILES = ("results.csv", "results.json", "report.html")
 
 
@@ -125,6 +126,8 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
         raise SettingsError(str(error)) from None
     if plan.resume is not None and not plan.resume.is_dir():
         raise SettingsError(f"--resume {plan.resume}: there is no such folder")
+    if plan.resume is not None:
+        check_goes_on(plan.resume, "evaluation", _BOXES)
     contenders = [
         contender
         for contender in (Contender(name, plan.detector) for name in dict.fromkeys(plan.trackers))
@@ -143,7 +146,7 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
     ]
     try:
         with closing(engine_for(plan.workers, plan.dask, _LONGEST_S)) as engine:
-            runs, broken = _run_all(jobs, ResultStore(folder / "boxes"), console, engine)
+            runs, broken = _run_all(jobs, ResultStore(folder / _BOXES), console, engine)
     except KeyboardInterrupt:
         raise EvaluationInterrupted(folder) from None
     remarks += [f"skipped {name}: {why}" for name, why in broken.items()]

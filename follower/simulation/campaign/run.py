@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from follower.recording.run_folder import check_goes_on
 from follower.report.flight_page import REPORT
 from follower.simulation.campaign.config import (
     CampaignConfig,
@@ -17,7 +18,7 @@ from follower.simulation.campaign.config import (
 )
 from follower.simulation.campaign.fly import fly_runs
 from follower.simulation.campaign.metrics import RunMetrics
-from follower.simulation.campaign.store import RESULTS, RunStore, write_parquet
+from follower.simulation.campaign.store import RESULTS, ROWS, RunStore, write_parquet
 from follower.simulation.campaign.summary import CampaignSummary, summary_of
 from follower.simulation.run import simulate
 from follower.ui.terminal.console import print_line
@@ -52,6 +53,7 @@ def run_campaign(
 
     specs = planned(config)
     check(specs)
+    check_goes_on(folder, "campaign", CONFIG, ROWS)
     console = Console()
     with closing(engine), RunStore(folder) as store:
         write_whole(folder / CONFIG, config.to_yaml())

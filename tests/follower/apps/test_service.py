@@ -114,12 +114,15 @@ def test_a_link_over_the_network_needs_no_rule(install: Install, tmp_path: Path)
         (("--user", "nobody-of-that-name"), "there is no such user"),
         (("-c", "absent.yaml"), "absent.yaml: there is no such file"),
         (("-c", "with space.yaml"), "move it to a path of letters"),
+        (("-c", "mistyped.yaml"), "did you mean 'distance_m'"),
+        (("--connect", "udpin:here"), "'udpin:here' is no connection"),
     ],
 )
 def test_what_cannot_be_used_is_told_in_one_line(
     install: Install, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / "with space.yaml").touch()
+    (tmp_path / "mistyped.yaml").write_text("servo: {distanc_m: 9}\n", "utf-8")
     ended = install(*arguments)
     assert ended.code == 2
     assert said in ended.err

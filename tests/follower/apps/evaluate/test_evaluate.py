@@ -411,6 +411,14 @@ def test_resuming_runs_only_what_is_missing(
     assert ran == ["identity"]
 
 
+def test_a_folder_of_something_else_is_not_gone_on_with(data: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.html"
+    report.write_text("of a flight", "utf-8")
+    with pytest.raises(SettingsError, match="no evaluation was begun there"):
+        evaluate(EvaluationPlan((data,), ("identity",), resume=tmp_path), quiet())
+    assert report.read_text("utf-8") == "of a flight"
+
+
 def test_an_interrupt_leaves_what_was_finished(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -264,6 +264,15 @@ def test_the_command_of_a_row_gives_its_score(
         assert score[name] == row[name]
 
 
+def test_a_folder_of_something_else_is_not_flown_into(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("of a flight", "utf-8")
+    with pytest.raises(SettingsError, match="no campaign was begun there"):
+        run_campaign(load_campaign(config(tmp_path)), out, LocalEngine(1))
+    assert [path.name for path in out.iterdir()] == ["report.html"]
+
+
 def test_a_whole_campaign_writes_results_and_a_report_that_needs_no_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: dict[str, Any]
 ) -> None:
