@@ -10,7 +10,6 @@ from pathlib import Path
 
 from follower.settings.link import is_link, link_kinds
 from follower.settings.settings import Settings, find_scenario, load_settings
-from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import Scenario
@@ -47,8 +46,6 @@ def check_without_pixels(scenario: Scenario, faults: Sequence[str] = ()) -> None
     Raises:
         SettingsError: a fault was asked for: they are flown with pixels only.
     """
-    for fault in faults:
-        PlannedFault.parse(fault)
     kinds = {fault.kind for fault in scenario.faults} & {"black", "frozen"}
     if kinds or faults:
         named = f"--fault {faults[0]}" if faults else f"the scenario's fault {sorted(kinds)[0]!r}"

@@ -97,12 +97,12 @@ class _Simulation:
 
     def __init__(self, options: SimulationOptions) -> None:
         self.options = options
+        self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
         self.scenario, self.settings = options.resolve()
         self.connection = AutopilotConnection(
             options.autopilot, options.lockstep, options.connect, options.program
         )
         self.sitl: SitlSession | None = None
-        self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
 
     def run(self, console: Console) -> SimulationResult:
         """Fly and write the report."""
