@@ -26,6 +26,8 @@ _NOT_EVERYWHERE = (
     "HOME_POSITION",
     "GIMBAL_MANAGER_STATUS",
 )
+_ONE_BY_ONE = ("GPS_GLOBAL_ORIGIN", "HOME_POSITION")
+"""Of PX4 1.18, whatever rate is asked for, the origin comes only when it changes."""
 _ASK_VERSION_S = 1.0
 _SLACK_S = 1e-6
 
@@ -210,7 +212,10 @@ class RequestScheduler:
             self._ask_for_mode(now_s)
         for rate in self.rates.due(now_s):
             number = float(getattr(mavlink, f"MAVLINK_MSG_ID_{rate.name}"))
-            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
+            if rate.name in _ONE_BY_ONE:
+                self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
+            else:
+                self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)
         unknown = self._watches_health and not has_firmware
         if unknown and now_s - self._version_asked_s >= _ASK_VERSION_S:
             self._version_asked_s = now_s

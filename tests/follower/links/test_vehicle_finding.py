@@ -132,14 +132,13 @@ STREAMED = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
     mavlink.MAVLINK_MSG_ID_TERRAIN_REPORT,
 }
 
 
 def _asked(air: Air) -> list[int]:
+    """Return what was asked for at a rate."""
     number = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
     return [int(m.param1) for m in air.heard("COMMAND_LONG") if m.command == number]
 
@@ -162,6 +161,18 @@ def test_messages_are_asked_for_and_asked_for_again_where_they_are_too_slow() ->
     assert asked.count(32) == 2  # after 3 s and after 6 s more
     said = [note for note in air.link.take_notes() if note.startswith("LOCAL_POSITION_NED")]
     assert said == ["LOCAL_POSITION_NED comes at 0.5 Hz, not at 30; asking again"]
+
+
+def test_origin_and_home_are_asked_for_one_by_one() -> None:
+    """Of PX4 the origin comes only when it changes, whatever rate is asked for."""
+    air = Air(vehicle_id=1)
+    air.beat(1)
+    air.link.poll(0.0)
+    asked = [m for m in air.heard("COMMAND_LONG") if m.command == mavlink.MAV_CMD_REQUEST_MESSAGE]
+    assert [int(m.param1) for m in asked] == [
+        mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
+        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
+    ]
 
 
 def test_after_a_silence_everything_is_asked_for_again_at_once() -> None:
