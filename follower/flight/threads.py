@@ -234,7 +234,7 @@ class RealtimeRun:
             try:
                 while watch() and not futures[-1].done():
                     wait(futures[-1:], watch_every_s)
-            except BaseException:  # rich exits where nobody reads its output any more
+            except (Exception, SystemExit):  # rich exits where nobody reads its output any more
                 self._brake(futures[-1])
                 raise
             finally:

@@ -18,16 +18,16 @@ _LONGEST_WAIT_S = 30.0
 _ENOUGH = 0.4
 """Share of the wanted rate that will do: ArduCopter gives 50 Hz of 100 on some links."""
 _GIMBAL_HZ, _GIMBAL_STATUS_HZ, _ORIGIN_HZ, _HEALTH_HZ = 50.0, 1.0, 0.5, 1.0
+_ORIGIN = "GPS_GLOBAL_ORIGIN"
+"""PX4 1.18 sends it only when it changes, whatever rate is asked for: it is requested singly."""
 _NOT_EVERYWHERE = (
     "RC_CHANNELS",
     "DISTANCE_SENSOR",
     "TERRAIN_REPORT",
-    "GPS_GLOBAL_ORIGIN",
+    _ORIGIN,
     "HOME_POSITION",
     "GIMBAL_MANAGER_STATUS",
 )
-_ONE_BY_ONE = ("GPS_GLOBAL_ORIGIN", "HOME_POSITION")
-"""Of PX4 1.18, whatever rate is asked for, the origin comes only when it changes."""
 _ASK_VERSION_S = 1.0
 _SLACK_S = 1e-6
 
@@ -171,7 +171,7 @@ class RequestScheduler:
             "RC_CHANNELS": settings.rc_rate_hz,
             "DISTANCE_SENSOR": settings.clearance_rate_hz,
             "TERRAIN_REPORT": settings.clearance_rate_hz,
-            "GPS_GLOBAL_ORIGIN": _ORIGIN_HZ,
+            _ORIGIN: _ORIGIN_HZ,
             "HOME_POSITION": _ORIGIN_HZ,
         }
         wanted = {name: rate for name, rate in rates.items() if rate > 0}
@@ -212,7 +212,7 @@ class RequestScheduler:
             self._ask_for_mode(now_s)
         for rate in self.rates.due(now_s):
             number = float(getattr(mavlink, f"MAVLINK_MSG_ID_{rate.name}"))
-            if rate.name in _ONE_BY_ONE:
+            if rate.name == _ORIGIN:
                 self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
             else:
                 self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate.wanted_hz)

@@ -124,9 +124,9 @@ def measure(plan: EvaluationPlan, console: Console | None = None) -> Evaluation:
         others = _others(plan.boxes, plan.fps, sequences, remarks, names)
     except DatasetError as error:
         raise SettingsError(str(error)) from None
-    if plan.resume is not None and not plan.resume.is_dir():
-        raise SettingsError(f"--resume {plan.resume}: there is no such folder")
     if plan.resume is not None:
+        if not plan.resume.is_dir():
+            raise SettingsError(f"--resume {plan.resume}: there is no such folder")
         check_goes_on(plan.resume, "evaluation", _BOXES)
     contenders = [
         contender

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TextIO, cast
 
 from rich.console import Console
@@ -45,7 +46,8 @@ class _LastingOutput:
         try:
             yield
         except OSError:  # a pipe or a terminal that is gone; Python flushes it once more at its end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            with Path(os.devnull).open("wb") as nothing:
+                os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
 def lasting_console() -> Console:
