@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import connection
+from multiprocessing import connection, resource_tracker
 from typing import Any, Generic, TypeVar, cast
 
 import cv2
@@ -184,6 +184,7 @@ class _Worker:
 
     def __init__(self, longest_s: float) -> None:
         context = multiprocessing.get_context("spawn")  # not forked: threads do not survive that
+        resource_tracker.ensure_running()  # begun within the first `start`, it would lift the block
         self.answers, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, longest_s), daemon=True)
         with _interrupted_later():

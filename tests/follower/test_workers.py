@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -148,3 +150,25 @@ def test_ctrl_c_waits_until_a_process_has_begun() -> None:
         begin()
     assert done == ["begun"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+BLOCKED = """
+import signal
+from contextlib import closing
+from follower.workers import LocalEngine
+
+def blocked(_):
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+if __name__ == "__main__":
+    with closing(LocalEngine(2)) as engine:
+        print([done.result for done in engine.run(blocked, "ab")])
+"""
+
+
+def test_ctrl_c_reaches_no_worker_not_even_the_first_one(tmp_path: Path) -> None:
+    """Python's own resource tracker is begun with the first one, and lifts what was blocked."""
+    script = tmp_path / "blocked.py"
+    script.write_text(BLOCKED, encoding="utf-8")
+    said = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert said.stdout == "[True, True]\n"
