@@ -4,7 +4,7 @@ import sys
 from importlib.metadata import version
 from typing import NoReturn
 
-_UNUSABLE = 2
+_UNUSABLE, _INTERRUPTED = 2, 130
 
 
 def main() -> NoReturn:
@@ -23,6 +23,8 @@ def main() -> NoReturn:
             raise
         print(f"follower: {why}", file=sys.stderr)  # noqa: T201  nothing else can be imported
         sys.exit(_UNUSABLE)
+    except KeyboardInterrupt:  # within the second that the packages take to load
+        sys.exit(_INTERRUPTED)
     run()
 
 

@@ -19,6 +19,8 @@ from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
 from follower.recording.messages import MESSAGES
 from follower.recording.recorded_flight import check_not_of
+from follower.recording.video_reader import video_problem
+from follower.recording.video_writer import VIDEO
 from follower.report import flight_page, html, style
 from follower.report.pilot_plot import delays, first_uses, pilot_and_vehicle
 from follower.report.series import LoggedFlight, ReportMeta, Span
@@ -255,6 +257,9 @@ def inspect_recorded(
     goal = _goal(recorded.config) if recorded.truth else None
     flight = LoggedFlight(recorded.log, recorded.truth, goal, size_m)
     found, console = losses(flight), console or Console()
+    filmed = any(frame.video_index is not None for frame in recorded.frames)
+    if filmed and (problem := video_problem(recorded.folder / VIDEO)):
+        recorded.remarks.append(f"{VIDEO}: {problem}.")
 
     if out is not None:
         check_not_of(recorded, out)

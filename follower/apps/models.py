@@ -39,7 +39,7 @@ def list_models(folder: Folder = None) -> None:
     store = _store(folder)
     table = Table(caption=f"in {store.folder}", show_edge=False, pad_edge=False)
     for heading in ("name", "for", "MB", "licence", "there", "what"):
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, overflow="fold", no_wrap=heading == "name")
     for model in store.models:
         size = f"{model.size_bytes / 1e6:.1f}"
         there = "comes along" if model.embedded else "yes" if store.is_present(model) else "no"

@@ -29,7 +29,7 @@ class AutopilotConnection:
         program: will be started and speak at the port that is opened for it.
 
     Raises:
-        SettingsError: there is no such autopilot, or it cannot be flown in lockstep.
+        SettingsError: there is no such autopilot, or lockstep does not go with it or the address.
     """
 
     flavour: str
@@ -42,6 +42,8 @@ class AutopilotConnection:
             raise SettingsError(f"--autopilot {self.flavour}: choose {' or '.join(FLAVOURS)}")
         if self.lockstep:
             self.check_simulated("--lockstep")
+            if self.address is not None:
+                raise SettingsError("--lockstep: nothing leaves the program; leave out --connect")
 
     def check_simulated(self, option: str) -> None:
         """Refuse an option that needs a simulated autopilot where there is none.

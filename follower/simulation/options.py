@@ -138,7 +138,7 @@ class SimulationOptions:
             words = ["follower", "sitl", self.scenario, *self.program.words]
             words += [] if self.setup.speedup == 1.0 else ["--speedup", f"{self.setup.speedup:g}"]
             words += [] if self.setup.file is None else ["--params", str(self.setup.file)]
-        words += [] if self.lockstep or self.connect is None else ["--connect", self.connect]
+        words += [] if self.connect is None else ["--connect", self.connect]
         words += [] if self.link is None else ["--link", self.link]
         words += [] if self.seed is None else ["--seed", str(self.seed)]
         words += ["--lockstep"] if self.lockstep else []

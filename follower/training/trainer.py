@@ -204,7 +204,7 @@ def load_checkpoint(folder: Path, device: torch.device) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     if not path.is_file():
-        raise SettingsError(f"{path}: there is no checkpoint to go on from; leave out --resume")
+        raise SettingsError(f"{path}: there is no such file; a training writes it now and then")
     try:
         state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
     except (RuntimeError, EOFError, pickle.UnpicklingError) as error:

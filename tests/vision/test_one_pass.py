@@ -1,6 +1,7 @@
 """One-pass evaluation: measures, curves, starts and the loading of sequences."""
 
 import importlib.util
+import os
 from pathlib import Path
 
 import cv2
@@ -149,6 +150,13 @@ def test_unusable_folders_are_refused(tmp_path):
     assert "a box in the first" in absent[0]
     with pytest.raises(DatasetError, match="nowhere"):
         load_dataset(tmp_path / "nowhere")
+
+
+def test_names_that_are_no_utf_8_can_be_read(tmp_path):
+    named = make_sequence(tmp_path / "walk", ["1,2,3,4"] * 3)
+    folder = named.rename(tmp_path / os.fsdecode(b"caf\xe9"))
+    (sequence,), _ = load_dataset(folder)
+    assert [int(image[0, 0, 0]) for image in sequence.frames()] == [0, 1, 2]
 
 
 def test_a_broken_image_is_an_error_that_names_it(tmp_path):

@@ -246,7 +246,7 @@ def _check_telemetry(
 ) -> None:
     """Refuse what the telemetry, or its lack, makes meaningless; raises as `_check` does."""
     if log is None and not target.given:
-        if source is not None and Path(source.name).is_file():
+        if source is not None:
             source.open().close()  # which says what is wrong with it, if something is
         raise SettingsError(
             "which target? give --target x,y,w,h, --select person or --colour; only a recording "

@@ -91,6 +91,8 @@ def _mark(result: PreflightResult) -> Text:
     verdict = result.finding.verdict
     if result.skipped and verdict in (PreflightVerdict.FAIL, PreflightVerdict.UNKNOWN):
         return Text(f"{verdict}, skipped", "magenta")
+    if verdict is PreflightVerdict.FAIL and not result.refuses:
+        return Text(f"{verdict}, optional", "yellow")
     return Text(str(verdict), "bold red" if result.refuses else _STYLES[verdict])
 
 

@@ -54,7 +54,7 @@ def identify(sources: Sequence[Path], out: Path, report: bool, command: str) -> 
         files.append(write_identification(folder / REPORT, found, command))
     for file in files:
         print_line(console, str(file))
-    print_line(console, f"Next: follower tune {shlex.quote(str(path))} -c my.yaml")
+    print_line(console, f"Next: follower tune {shlex.quote(str(path))}")
 
 
 def read_recording(path: Path) -> Recording:

@@ -66,6 +66,7 @@ def moving_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["sim", "nothing"], "there is no scenario 'nothing'.*demo"),
         (["sim", "{mistyped}"], "unknown key 'durations_s'; did you mean 'duration_s'"),
         (["sim", "demo", "--autopilot", "betaflight"], "choose px4 or ardupilot"),
+        (["sim", "demo", "--lockstep", "--connect", "tcp:1"], "leave out --connect"),
         (["sim", "demo", "--connect", "tcp:1"], "write udpin:HOST:PORT"),
         (["sim", "demo", "--set", "camera.fov_deg=4000"], "fov_deg lies between 4 and 179"),
         (["sim", "demo", "--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),

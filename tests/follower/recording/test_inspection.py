@@ -84,9 +84,10 @@ def test_a_flight_without_its_video_is_reported_without_pictures(
     folder = tmp_path / "blind"
     shutil.copytree(small_flight.folder, folder)
     (folder / "video.mkv").unlink()
-    page, _ = inspected(folder)
+    page, said = inspected(folder)
     assert not any(target.startswith("data:") for target in page.loads)
     assert "States" in page.headings
+    assert "video.mkv: it is missing." in said
 
 
 @pytest.mark.slow

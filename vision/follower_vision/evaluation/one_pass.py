@@ -5,11 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from follower_vision.geometry.box import Box
-from follower_vision.images.frame import Image
+from follower_vision.images.frame import Image, load_image
 
 IMAGES = frozenset({".jpg", ".jpeg", ".png", ".bmp"})
 """Suffixes of image files."""
@@ -152,10 +151,10 @@ def read_image(path: Path) -> Image:
     Raises:
         OSError: it cannot be read.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = load_image(path)
     if image is None:
         raise OSError(f"cannot read the image {path}")
-    return np.asarray(image, np.uint8)
+    return image
 
 
 def start_box(box: Box, image: Image) -> Box:

@@ -1,8 +1,10 @@
 """One image with the time at which it was taken."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -49,3 +51,16 @@ class Frame:
     def height(self) -> int:
         """Image height in pixels."""
         return int(self.image.shape[0])
+
+
+def load_image(path: Path) -> Image | None:
+    """Read an image file of whatever name; None if it is missing or no image.
+
+    OpenCV's own reading does not get along with names that are not UTF-8: it ends the program.
+    """
+    try:
+        content = np.fromfile(path, np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+    return None if image is None else np.asarray(image, np.uint8)

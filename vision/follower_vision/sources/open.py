@@ -5,11 +5,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from follower_vision.clock import Clock, MonotonicClock
-from follower_vision.images.frame import Frame, Image
+from follower_vision.images.frame import Frame, load_image
 from follower_vision.plugins import Plugin
 from follower_vision.sources import v4l2
 from follower_vision.sources.camera_connection import (
@@ -91,7 +88,7 @@ class ImageFolder(ClosesItself):
         """Return the next picture that can be decoded, or None at the end."""
         while self._next < len(self.paths):
             index, self._next = self._next, self._next + 1
-            image = _load(self.paths[index])
+            image = load_image(self.paths[index])
             if image is not None:
                 return Frame(image, index / self.nominal_rate_hz, index)
             self._broken.append(self.paths[index])
@@ -118,7 +115,7 @@ def _pictures(folder: Path) -> list[Path]:
         raise SourceError(
             f"{folder}: no pictures in this folder; it needs .jpg, .png or .bmp files"
         )
-    if all(_load(path) is None for path in found[:3]):
+    if all(load_image(path) is None for path in found[:3]):
         raise SourceError(f"{found[0]}: not a readable picture; are the files complete?")
     return found
 
@@ -131,17 +128,6 @@ def _suitable(folder: Path) -> list[Path]:
             f"{folder}: cannot be read ({error.strerror}); give a folder with read permission"
         ) from error
     return sorted((p for p in entries if p.suffix.lower() in SUFFIXES), key=natural_key)
-
-
-def _load(path: Path) -> Image | None:
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError:
-        return None
-    if not data.size:
-        return None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    return None if image is None else np.asarray(image, np.uint8)
 
 
 def is_live(spec: str) -> bool:

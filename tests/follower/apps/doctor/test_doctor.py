@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.abc
 import json
 import os
 import socket
@@ -132,6 +133,25 @@ def test_an_error_that_is_no_packages_fault_is_not_hidden(monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "follower.apps.main", None)
     with pytest.raises(ImportError, match=r"follower\.apps\.main"):
         main()
+
+
+def test_ctrl_c_while_the_packages_load_ends_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from follower.__main__ import main
+
+    class Interrupted(importlib.abc.MetaPathFinder):
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "follower.apps.main":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "follower.apps.main", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupted(), *sys.meta_path])
+    monkeypatch.setattr(sys, "argv", ["follower", "demo"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == ""
 
 
 def test_requirements_that_are_not_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -408,6 +408,7 @@ def test_a_failed_check_that_is_not_needed_is_a_warning_at_the_end() -> None:
     shown = io.StringIO()
     print_checklist(Console(file=shown, width=120), run_checks(computer(load=3.0)(healthy("px4"))))
     assert shown.getvalue().rstrip().endswith("Ready, 1 warning")
+    assert "fail, optional" in shown.getvalue()
     refused = io.StringIO()
     broken = camera(frames=0, problem="the stream ended")(healthy("px4"))
     print_checklist(Console(file=refused, width=120), run_checks(broken))

@@ -276,6 +276,7 @@ def broken_bag(path: Path) -> Path:
         ("cut.SRT", lambda path, s: cut(path, s[0].with_suffix(".SRT"), 0.001), "no position"),
         ("cut.ts", lambda path, s: cut(path, s[1], 0.0004), "not a video that FFmpeg can open"),
         ("cut.MP4", lambda path, s: cut(path, s[2], 0.9), "is complete"),
+        ("missing.mp4", lambda path, _: path, "missing.mp4"),
         ("plain.mp4", lambda path, _: write_video(path, 0.5), "which target?"),
         ("bag", lambda path, _: broken_bag(path), "cannot be read as a bag"),
         ("log.ulg", lambda path, _: cut(path, Path(__file__), 0.5), "no PX4 log"),
