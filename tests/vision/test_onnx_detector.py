@@ -210,13 +210,11 @@ def test_a_region_may_reach_beyond_the_image(red_file: Path, left: float) -> Non
     assert found.box.cy == pytest.approx(16, abs=1e-4)
 
 
-def test_what_the_regions_edge_cuts_is_marked_or_dropped(red_file: Path) -> None:
+def test_what_the_regions_edge_cuts_is_marked(red_file: Path) -> None:
     image = scene((400, 416, 16, RED), (416, 432, 16, RED))
     region = Box(432, 432, 64, 64)  # begins at 400, the first square's box at 392
     found = OnnxDetector(red_file).detect(image, region)
     assert {round(one.box.cx): one.cut for one in found} == {400: True, 416: False}
-    strict = OnnxDetector(red_file, DetectorSettings(drop_cut=True))
-    assert [round(one.box.cx) for one in strict.detect(image, region)] == [416]
 
 
 def test_the_images_own_edge_is_no_cut(red_file: Path) -> None:

@@ -78,7 +78,7 @@ BY_NAME: dict[type, list[dict[str, Any]]] = {
     SceneSettings: [{"width": 10}, {"least_scale": 1.0}, {"occlusion": 1.5}, {"blur": -0.1}],
     NoisyTrackerSettings: [{"centre_noise": -1.0}, {"size_factor": 0.0}, {"false_share": 1.5}],
     DetectorSettings: [
-        *({"min_score": 1.1}, {"max_overlap": -0.1}, {"most": 0}, {"edge_px": math.nan}),
+        *({"min_score": 1.1}, {"max_overlap": -0.1}, {"most": 0}),
     ],
 }
 BY_WORDS: list[tuple[type, str, dict[str, Any]]] = [

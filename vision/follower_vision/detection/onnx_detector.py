@@ -23,6 +23,8 @@ from follower_vision.onnx_network import CPU, Integers, ModelError, Network, Ten
 
 _USUAL_SIDE = 416
 _CANDIDATES_A_DETECTION = 5
+_EDGE_PX = 2.0
+"""How near to the region's edge a box counts as cut, in pixels of the network's input."""
 _OTHER_TASKS = ("segment", "pose", "obb", "classify")
 """Of Ultralytics' networks; some answer in a detector's shapes, with angles or joints as scores."""
 
@@ -159,9 +161,8 @@ class OnnxDetector:
         for (left, top, right, bottom), score, number, is_cut in zip(
             corners.tolist(), found.scores.tolist(), found.classes.tolist(), cut, strict=True
         ):
-            if not (is_cut and self._settings.drop_cut):
-                box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
-                made.append(Detection(box, number, self._name(number), score, is_cut))
+            box = Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
+            made.append(Detection(box, number, self._name(number), score, is_cut))
         return made
 
     def _name(self, number: int) -> str:
@@ -170,7 +171,7 @@ class OnnxDetector:
 
     def _cut(self, corners: Tensor, view: Box, whole: Box) -> list[bool]:
         """Return for each box whether it ends where the view ends and the image does not."""
-        near = self._settings.edge_px * view.width / self._tensor.shape[3]
+        near = _EDGE_PX * view.width / self._tensor.shape[3]
         inside = [view.left > 0, view.top > 0, view.right < whole.right, view.bottom < whole.bottom]
         at_edge = np.stack(
             [
