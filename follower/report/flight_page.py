@@ -195,14 +195,15 @@ def _video(meta: ReportMeta) -> str:
     return f'<video controls preload="metadata" src="{escape(meta.video)}"></video>'
 
 
-def filled(meta: ReportMeta, parts: Iterable[str]) -> str:
-    """Return the whole page, one HTML file that needs nothing else."""
+def filled(meta: ReportMeta, parts: Iterable[str], rules: str = "") -> str:
+    """Return the whole page, one HTML file that needs nothing else; `rules` are CSS of its own."""
     page = resources.files("follower.report").joinpath("flight_page.html").read_text("utf-8")
     return Template(page).substitute(
         title=escape(meta.title),
         subtitle=escape(meta.subtitle),
         light=style.css_variables(dark=False),
         dark=style.css_variables(dark=True),
+        rules=rules,
         body="\n".join(part for part in parts if part),
     )
 

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from string import Template
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,8 +31,9 @@ from follower.apps.evaluate.scores import (
     ScoredRun,
     ToolkitRow,
 )
-from follower.report import html, style, track_losses
+from follower.report import flight_page, html, style, track_losses
 from follower.report.html import Cell, Html
+from follower.report.series import ReportMeta
 from follower.report.style import Colour
 from follower_vision.evaluation import one_pass
 from follower_vision.evaluation.metrics import NORMALISED_AT, PRECISION_AT, SUCCESS_AT
@@ -280,12 +280,10 @@ def render(found: Evaluation, sequences: Sequence[one_pass.Sequence]) -> str:
         ),
         html.section("Remarks", *(html.paragraph(remark) for remark in found.remarks)),
     )
-    page = resources.files("follower.apps.evaluate").joinpath("report.html").read_text("utf-8")
-    light, dark = style.css_variables(dark=False), style.css_variables(dark=True)
+    rules = resources.files("follower.apps.evaluate").joinpath("report.css").read_text("utf-8")
     frames = sum(len(sequence.images) for sequence in sequences)
     subtitle = f"{len(names)} trackers on {len(sequences)} sequences of {frames} frames"
-    body = "\n".join(part for part in sections if part)
-    return Template(page).substitute(light=light, dark=dark, subtitle=subtitle, body=body)
+    return flight_page.filled(ReportMeta("Evaluation of trackers", subtitle), sections, rules)
 
 
 def means_table(rows: Sequence[MeanRow]) -> str:
