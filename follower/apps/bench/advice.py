@@ -11,10 +11,11 @@ from follower_vision.models.table import MODELS, Purpose
 MARGIN = 0.25
 """What the advised settings have to spare, for a warm board and a scene that costs more."""
 _BEST_TRACKERS = (
-    *("nanotrack-v3", "nanotrack-v2", "nano", "nanotrack-v1", "correlation", "re3", "csrt"),
-    *("boosting", "medianflow", "tld", "mil", "kcf", "mosse"),
+    *("nanotrack-v3", "nanotrack-v2", "nano", "nanotrack-v1", "siamese-correlation"),
+    *("correlation", "siamese", "re3", "csrt", "boosting", "medianflow", "tld", "mil"),
+    *("kcf", "mosse"),
 )
-"""By their success on fifteen sequences: docs/reference/trackers.md."""
+"""By their success with a detector, else alone: docs/reference/trackers.md."""
 _DETECTORS = [model for model in MODELS if model.purpose is Purpose.DETECTOR]
 _BEST_DETECTORS = [
     model.name for model in sorted(_DETECTORS, key=lambda one: (one.embedded, not one.usual))

@@ -45,7 +45,7 @@ _AROUND_S = 1.0
 """What a set-up takes beside the time that is measured: networks are loaded, threads ended."""
 _LEAST_S, _MOST_S = 0.6, 4.0
 _NO_WORK = "identity"
-_NETWORKS = ("re3", "nanotrack-")
+_NETWORKS = ("re3", "nanotrack-", "siamese")
 """Trackers whose networks onnxruntime runs: those that `vision.device` is for."""
 _KB_TO_MB, _BYTES_TO_MB = 1024 / 1e6, 1e-6
 
