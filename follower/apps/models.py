@@ -108,8 +108,8 @@ def quantise(
     """Make a smaller form of a network and measure both side by side; needs the extra `train`.
 
     Writes NAME.int8.onnx or NAME.fp16.onnx with a card. Flights take it in the network's place
-    (`vision.precision: auto`) if success and AUC fall by less than 0.005 and it is 1.1 times as fast.
-    INT8 is calibrated on films of the simulator. A network given by its path is only written.
+    (`vision.precision: auto`) if success and AUC fall by less than 0.005 and it is 1.1 times as
+    fast. INT8 is calibrated on films of the simulator. A network given by its path is only written.
     """
     check_extra("quantising", "train", "onnx")
     from follower.training.quantise import Precision, find_reducible, reduce_network
