@@ -36,6 +36,8 @@ class TrackRecord:
         requests: how many selections of an operator, of a target or of none, were carried out up
             to this frame.
         prospect: where the target could be in it by what control knew; None if it was not asked.
+        replaced: how often another target took the place of the one that was followed, unasked by
+            an operator, as by a program's choice, up to this frame; None if it never did.
     """
 
     track: Track | None
@@ -46,6 +48,7 @@ class TrackRecord:
     busy_s: float
     requests: int = 0
     prospect: TargetPrediction | None = None
+    replaced: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

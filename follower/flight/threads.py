@@ -133,6 +133,7 @@ class VisionLoop:
             busy_s,
             self._stage.requests_done,
             self._stage.prospect,
+            self._stage.replaced or None,
         )
         if self._stage.chosen is not None or self._stage.dropped:
             chosen = SelectionRecord(frame.sequence, frame.captured_s, self._stage.chosen)

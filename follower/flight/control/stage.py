@@ -93,7 +93,7 @@ class ControlStage:
         self._gimbal_servo = GimbalServo(settings.gimbal)
         self._health = VehicleHealth()
         self._requests = requests
-        self._target_requests = 0
+        self._target_requests, self._replaced = 0, 0
         self._changes_asked: list[SettingChange] = []
         self._lock = threading.Lock()  # vision asks for prospects between the steps
 
@@ -187,18 +187,18 @@ class ControlStage:
             self._log.add_control(record)
             return record
 
-    def prospect(self, captured_s: float, target_requests: int) -> TargetPrediction | None:
+    def prospect(self, captured_s: float, choices: int) -> TargetPrediction | None:
         """Return where in a frame the target can be, None if that is not known; from any thread.
 
         Args:
             captured_s: the frame's time stamp.
-            target_requests: how many selections of a target vision has carried out: of one that was
-                chosen a moment ago nothing is known here.
+            choices: how many targets vision has been told to take in place of others: of one that
+                was chosen a moment ago nothing is known here.
         """
         with self._lock:
             time_s, observer = self._observer.exposed_s(captured_s), self._observer
             outlook = self.servo.pursuit.predicted_region(time_s)
-            if outlook is None or target_requests != self._target_requests:
+            if outlook is None or choices != self._target_requests + self._replaced:
                 return None
             earlier = self.servo.pursuit.earlier_predictions(time_s)
             held = self._attitudes, self._gimbals
@@ -275,18 +275,20 @@ class ControlStage:
             return
         self._newest = newest
         track = newest.track
-        if newest.requests != self._target_requests:
-            self._target_requests = newest.requests
-            self._begin_with_another(track)
+        requested, replaced = newest.requests, newest.replaced or 0
+        by_operator = requested != self._target_requests
+        if by_operator and track is not None and track.captured_s > self._released_s:
+            self._operators.choose()
+        if by_operator or replaced != self._replaced:
+            self._target_requests, self._replaced = requested, replaced
+            self._begin_with_another()
         if track is not None and track.state is TrackState.TRACKING:
             self._observe(track, now_s)
 
-    def _begin_with_another(self, track: Track | None) -> None:
-        """Forget the target before this one, which an operator chose, or wanted none."""
+    def _begin_with_another(self) -> None:
+        """Forget the target before this one, which somebody chose, or wanted none."""
         self._estimator.reset()
         self._seen_s = -math.inf
-        if track is not None and track.captured_s > self._released_s:
-            self._operators.choose()
         self._guidance.take_another()
 
     def _observe(self, track: Track, now_s: float) -> None:

@@ -27,7 +27,7 @@ from follower_vision.trackers.target_tracker import (
 from follower_vision.trackers.track import Track, TrackState
 
 Prospects: TypeAlias = Callable[[float, int], TargetPrediction | None]
-"""Returns where in a frame with a time stamp the target can be, after so many selections of one."""
+"""Returns where in a frame with a time stamp the target can be, after so many choices of one."""
 
 _SEEK_S = 0.7
 """For how many seconds an object that was just seen is searched for."""
@@ -35,6 +35,8 @@ _REPLACED = RequestOutcome(False, "another target was asked for before it was se
 _LONGEST_GAP_S = 1.0
 """Without a frame for longer, nobody can know what they choose."""
 _TOO_OLD = RequestOutcome(False, "no frames came for a moment: choose again")
+_SAME_IOU = 0.5
+"""What overlaps the target's last box so much is no other target."""
 OUT_OF_ORDER = "out of order"
 """What a track is said to be produced by that answers for a frame from the past."""
 
@@ -56,6 +58,7 @@ class VisionStage:
         detected: what the newest step took of a detector that answers in its own time.
         dropped: whether the newest step gave the target up, because somebody wanted none.
         requests_done: how many selections of an operator were carried out so far.
+        replaced: how often another target took the place of the one followed, chosen by `select`.
     """
 
     def __init__(
@@ -78,7 +81,7 @@ class VisionStage:
         self.chosen: Box | None = None
         self.detected: Sequence[DetectionAnswer] = ()
         self.dropped = False
-        self.requests_done = 0
+        self.requests_done = self.replaced = 0
 
     @property
     def needs_picture(self) -> bool:
@@ -107,8 +110,11 @@ class VisionStage:
         gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
         if _LONGEST_GAP_S < gap_s < math.inf:
             self._refuse_old_request()
+        before, requested = self._track, self.requests_done
         self._take_request(frame)
         self._track = self._followed(frame)
+        if self.chosen is not None and before is not None and self.requests_done == requested:
+            self.replaced += before.box.iou(self.chosen) < _SAME_IOU
         if self._started and isinstance(self._tracker, FusionTracker):
             self.detected = self._tracker.late_answers
         return self._track
@@ -173,7 +179,7 @@ class VisionStage:
 
     def _stepped(self, frame: Frame) -> Track:
         if self.prospects is not None and self._predicted is not None:
-            self.prospect = self.prospects(frame.captured_s, self.requests_done)
+            self.prospect = self.prospects(frame.captured_s, self.requests_done + self.replaced)
             self._predicted.expect(self.prospect)
         return self._tracker.step(frame)
 

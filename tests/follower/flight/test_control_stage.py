@@ -34,7 +34,7 @@ class Bench:
     def __init__(self, yaw_rad: float = 0.0, telemetry: bool = True, *overrides: str) -> None:
         self.log = FlightLog()
         resolved = settings(*overrides)
-        self.wishes = 0
+        self.wishes, self.replaced = 0, None
         self.camera = resolved.camera.model(WIDTH, HEIGHT)
         self.stage = ControlStage(resolved, self.camera, self.log, telemetry)
         self.yaw_rad = yaw_rad
@@ -73,7 +73,7 @@ class Bench:
         if box is not None:
             track = Track(box, state, 0.9, "test", now - 0.04, round(now / STEP_S))
             seen = track.sequence, now - 0.04, now, now, 0.001
-            newest = TrackRecord(track, *seen, self.wishes)
+            newest = TrackRecord(track, *seen, self.wishes, None, self.replaced)
         return self.stage.step(now, newest, self.vehicle, [attitude] if self.telemetry else [])
 
 
@@ -182,6 +182,23 @@ def test_a_target_chosen_anew_renews_consent_but_not_by_a_frame_from_before(benc
     assert bench.fly(bench.box(), 0.5).state is SupervisorState.RELEASED
     bench.wishes += 1
     assert bench.fly(bench.box(), 0.5).state is SupervisorState.FOLLOWING
+
+
+def test_another_target_that_a_program_chose_is_kept_at_its_own_size_and_renews_no_consent() -> (
+    None
+):
+    bench = Bench(0.0, True, "servo.target_size_m=null")
+    bench.fly(bench.box(), 3.0)
+    bench.replaced = 1
+    smaller = bench.box(right_px=40, nearness=0.4)
+    after = bench.fly(smaller, 2.0)
+    assert after.state is SupervisorState.FOLLOWING
+    assert after.allowed.forward_m_s == pytest.approx(0.0, abs=0.05)
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=False, mode="LOITER")
+    assert bench.fly(smaller, STEP_S).state is SupervisorState.RELEASED
+    bench.vehicle = replace(bench.vehicle, obeys_setpoints=True, mode="GUIDED")
+    bench.replaced = 2
+    assert bench.fly(bench.box(), 2.0).state is SupervisorState.RELEASED
 
 
 def test_a_vehicle_that_brakes_goes_on_braking_when_it_gets_ready_meanwhile() -> None:

@@ -49,3 +49,15 @@ def test_a_target_is_not_chosen_in_a_frame_from_the_past() -> None:
     assert stage.chosen is None
     assert stage.step(frame(2, 1.1)) is not None
     assert stage.chosen == BOX
+
+
+def test_another_target_in_place_of_the_one_followed_is_counted_the_same_one_is_not() -> None:
+    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    boxes = [BOX, BOX.moved_to(84, 60), BOX.moved_to(30, 30), BOX]
+    counted = []
+    for number, box in enumerate(boxes):
+        stage.select(lambda _, box=box: box)
+        stage.step(frame(number, 0.1 * number))
+        counted.append(stage.replaced)
+    assert counted == [0, 0, 1, 2]
+    assert stage.requests_done == 0
