@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from follower.ui.terminal.console import needed, print_line
+from follower_control.common.interrupt import interrupted_later
 from follower_control.common.strict_config import SettingsError
 
 JobT = TypeVar("JobT")
@@ -187,7 +188,7 @@ class _Worker:
         resource_tracker.ensure_running()  # begun within the first `start`, it would lift the block
         self.answers, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, longest_s), daemon=True)
-        with _interrupted_later():
+        with interrupted_later():  # half begun, a process would end with a traceback
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
                 self._process.start()
@@ -199,25 +200,6 @@ class _Worker:
         self._process.kill()
         self._process.join()
         self.answers.close()
-
-
-@contextmanager
-def _interrupted_later() -> Iterator[None]:
-    """Put a Ctrl-C off to the end: half begun, a process would end with a traceback.
-
-    A mask alone does not: another thread of this process may receive the signal for the first one.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    caught: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
-    if caught:
-        signal.raise_signal(signal.SIGINT)
 
 
 class LocalEngine(Engine):

@@ -19,6 +19,7 @@ from follower.flight.log import (
 )
 from follower.flight.vision.stage import VisionStage
 from follower.flight.vision.video_sink import FlightVideo
+from follower_control.common.interrupt import interrupted_later
 from follower_vision.clock import Clock
 from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
@@ -255,11 +256,12 @@ class RealtimeRun:
     def _shut_down(self, futures: Sequence[Future[None]]) -> None:
         self._stop.set()
         self._frames.close()
-        wait(futures[-1:], 10 * _PATIENCE_S)
-        for _ in range(_LAST_WORDS):  # one alone may get lost
-            if not self._control.hold():
-                break
-            self._clock.sleep_until(self._clock.now() + _BETWEEN_WORDS_S)
+        with interrupted_later():  # by a Ctrl-C that is held down, a velocity would come last
+            wait(futures[-1:], 10 * _PATIENCE_S)
+            for _ in range(_LAST_WORDS):  # one alone may get lost
+                if not self._control.hold():
+                    break
+                self._clock.sleep_until(self._clock.now() + _BETWEEN_WORDS_S)
         wait(futures, 10 * _PATIENCE_S)
         if not futures[0].done():
             self._source.close()  # its reader waits for a frame that never comes

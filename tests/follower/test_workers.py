@@ -18,9 +18,9 @@ from follower.workers import (
     Engine,
     JobError,
     LocalEngine,
-    _interrupted_later,
     engine_for,
 )
+from follower_control.common.interrupt import interrupted_later
 from follower_control.common.strict_config import SettingsError
 
 pytestmark = pytest.mark.slow
@@ -142,7 +142,7 @@ def test_ctrl_c_waits_until_a_process_has_begun() -> None:
     done: list[str] = []
 
     def begin() -> None:
-        with _interrupted_later():
+        with interrupted_later():
             signal.raise_signal(signal.SIGINT)
             done.append("begun")
 

@@ -1,5 +1,6 @@
 """A vision that hangs for ever neither holds up control nor keeps the program alive."""
 
+import signal
 import threading
 import time
 
@@ -65,7 +66,7 @@ class Braking(Hung):
         super().__init__()
         self.forever.set()
         self.asked_at: int | None = None
-        self.rested_before_the_holds = False
+        self.rested_before_the_holds = self.impatient = False
 
     def release(self) -> None:
         self.asked_at = self.steps
@@ -77,6 +78,8 @@ class Braking(Hung):
     def hold(self) -> bool:  # type: ignore[override]
         self.rested_before_the_holds = self.rests
         self.holds += 1
+        if self.impatient:
+            signal.raise_signal(signal.SIGINT)
         return True
 
 
@@ -102,4 +105,18 @@ def test_the_last_hold_is_said_more_than_once() -> None:
     control = Braking()
     run = RealtimeRun(MonotonicClock(), control, control, control, 50.0)  # type: ignore[arg-type]
     run.run(lambda: control.steps < 3)
+    assert control.holds >= 3
+
+
+@pytest.mark.slow
+def test_ctrl_c_held_down_takes_no_last_word_away() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    control = Braking()
+    control.impatient = True
+    run = RealtimeRun(MonotonicClock(), control, control, control, 50.0)  # type: ignore[arg-type]
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run.run(lambda: control.steps < 3)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert control.holds >= 3
