@@ -122,7 +122,11 @@ class VisionLoop:
         received_s = self._clock.now()
         self._log.pass_frame_on(frame, received_s)
         timer = Stopwatch()
-        track = self._stage.step(frame)
+        try:
+            track = self._stage.step(frame)
+        except Exception as error:  # what ends vision is to be known while the flight goes on
+            self._log.note(received_s, "vision", f"failed: {type(error).__name__}: {error}")
+            raise
         busy_s = timer.elapsed_s()
         done_s = max(self._clock.now(), received_s + delay_s)
         record = TrackRecord(

@@ -14,6 +14,7 @@ from follower.apps.preflight.session import CheckScope, LinkObserver
 from follower.apps.target_choice import TargetChoice
 from follower.apps.video_input import SteadySource, VideoInput
 from follower.flight.target.request import TargetFinder
+from follower.flight.target.selectors import check_in_image
 from follower.flight.vision.video_sink import FlightVideo
 from follower.links.link import Link
 from follower.links.open import open_link
@@ -26,7 +27,7 @@ from follower.ui.ground_station.server import open_ground_station
 from follower_control.common.transport import Transport
 from follower_vision.clock import MonotonicClock
 from follower_vision.disk import write_whole
-from follower_vision.sources.frame_source import FrameSource, SourceError
+from follower_vision.sources.frame_source import FrameSource
 from follower_vision.trackers.target_tracker import TargetTracker
 
 _KEPT = 3000
@@ -128,14 +129,14 @@ class OpenedFlight:
 
         Raises:
             PreflightError: there was no check, or one refuses the flight.
-            SourceError: the target lies outside the image.
+            SourceError: less than half of the target lies in the image.
         """
         results, snapshot = self._checked or ([], None)
         size = None if snapshot is None else snapshot.camera.size
         if snapshot is None or size is None or any(result.refuses for result in results):
             raise PreflightError(results)
-        if any(box.visible_share(*size) <= 0 for box in self.plan.target.boxes):
-            raise SourceError("--target lies outside the image, which is {}x{}".format(*size))
+        for box in self.plan.target.boxes:
+            check_in_image(box, *size)
         said = to_json(results, snapshot) + "\n"
         RunFiles(self._folder).write(PREFLIGHT, lambda path: write_whole(path, said))
         self._source = self.plan.camera.restarted(self._source, self._clock)

@@ -110,10 +110,18 @@ class VisionStage:
         gap_s, self._newest_s = frame.captured_s - self._newest_s, frame.captured_s
         if _LONGEST_GAP_S < gap_s < math.inf:
             self._refuse_old_request()
-        before, requested = self._track, self.requests_done
-        self._take_request(frame)
-        self._track = self._followed(frame)
-        if self.chosen is not None and before is not None and self.requests_done == requested:
+        before = self._track
+        asked = self._take_request(frame)
+        try:
+            self._track = self._followed(frame)
+        except ValueError as error:  # the tracker cannot follow what the operator drew
+            if asked is None:
+                raise
+            asked = asked[0], RequestOutcome(False, str(error))
+            self._track, self.chosen, self._started, self.dropped = None, None, False, True
+        if asked is not None:
+            self._answer(*asked)
+        elif self.chosen is not None and before is not None:
             self.replaced += before.box.iou(self.chosen) < _SAME_IOU
         if self._started and isinstance(self._tracker, FusionTracker):
             self.detected = self._tracker.late_answers
@@ -133,17 +141,18 @@ class VisionStage:
                 request.settle(_TOO_OLD)
         self._sought = newest if drops else None
 
-    def _take_request(self, frame: Frame) -> None:
+    def _take_request(self, frame: Frame) -> tuple[TargetRequest, RequestOutcome] | None:
+        """Return what an operator wants that is carried out in this frame, and what comes of it."""
         request = self._request_now(frame)
-        if self._requests is None or request is None:
-            return
+        if request is None:
+            return None
         outcome = self._finder.find(request.selection, frame)
         box = outcome.box
         looks_on = (
             isinstance(request.selection, ObjectSelection) and frame.captured_s < self._seek_until_s
         )
         if box is None and looks_on:  # a detector does not see a thing in each frame
-            return
+            return None
         self._sought = None
         if outcome.accepted:
             self.requests_done += 1
@@ -151,7 +160,11 @@ class VisionStage:
                 self.drop()
             else:
                 self.select(lambda _: box)
-        self._requests.note((f"{request.selection}, by {request.by}: {outcome.text}",))
+        return request, outcome
+
+    def _answer(self, request: TargetRequest, outcome: RequestOutcome) -> None:
+        if self._requests is not None:
+            self._requests.note((f"{request.selection}, by {request.by}: {outcome.text}",))
         request.settle(outcome)
 
     def _request_now(self, frame: Frame) -> TargetRequest | None:

@@ -1,15 +1,19 @@
 """What the vision stage promises whatever tracker it has."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from follower.flight.operator_requests import OperatorRequests
 from follower.flight.vision.stage import OUT_OF_ORDER, VisionStage
+from follower.settings.settings import Settings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.trackers.correlation import CorrelationTracker
+from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.track import TrackState
 
 BOX = Box(80, 60, 20, 20)
@@ -61,3 +65,20 @@ def test_another_target_in_place_of_the_one_followed_is_counted_the_same_one_is_
         counted.append(stage.replaced)
     assert counted == [0, 0, 1, 2]
     assert stage.requests_done == 0
+
+
+def test_a_box_that_the_tracker_cannot_follow_is_refused_and_vision_goes_on() -> None:
+    requests = OperatorRequests(Settings())
+    stage = VisionStage(LongTermTracker(make_tracker("mil", Path)), requests)
+    stage.select(lambda _: BOX)
+    assert stage.step(frame(0, 0.0)) is not None
+    asked = requests.select_rectangle(0.5, 0.0, 0.6, 1.0, "test")  # MIL needs image around it
+    assert stage.step(frame(1, 0.1)) is None
+    assert asked.outcome is not None
+    assert not asked.outcome.accepted
+    assert "mil" in asked.outcome.text
+    assert stage.dropped
+    again = requests.select_rectangle(70 / 160, 50 / 120, 90 / 160, 70 / 120, "test")
+    assert stage.step(frame(2, 0.2)) is not None
+    assert again.outcome is not None
+    assert again.outcome.accepted
