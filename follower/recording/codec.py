@@ -86,9 +86,10 @@ def encode(record: object) -> bytes:
     kind: type = type(record)
     plain = _encoder(kind)(record)
     try:
-        return _JSON.encode(plain).encode()
+        text = _JSON.encode(plain)
     except ValueError:
-        return _JSON.encode(_spelt(plain)).encode()
+        text = _JSON.encode(_spelt(plain))
+    return text.encode("utf-8", "replace")  # a file's name may be no UTF-8
 
 
 def decode(kind: type[T], data: bytes) -> T:

@@ -88,7 +88,7 @@ class Recorder(ClosesItself):
         self._entries: deque[tuple[object, float]] = deque()
         self._step_ended = threading.Event()
         self._closing = False
-        self._lost = 0
+        self._lost = self._odd = 0
         self._when_full = (settings or RecorderSettings()).when_full
         self._writer = _LogWriter(folder, config, self._report)
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._report, threaded)
@@ -178,9 +178,14 @@ class Recorder(ClosesItself):
 
     def _write(self, record: object, time_s: float) -> None:
         """Write a record; between any two messages, who else wants to run may."""
-        for message in messages_of(record):
-            self._writer.write(message, time_s)
-            time.sleep(0)
+        try:
+            for message in messages_of(record):
+                self._writer.write(message, time_s)
+                time.sleep(0)
+        except Exception as error:  # a plug-in's answer, perhaps: what follows is not to be lost
+            if not self._odd:
+                self._report(f"left out what cannot be written, {type(record).__name__}: {error}")
+            self._odd += 1
 
 
 class RecordedTransport:

@@ -145,6 +145,20 @@ def test_the_pauses_between_attempts_grow():
     assert pauses[-1] > 0.1
 
 
+def test_an_error_of_a_library_is_no_end_either():
+    attempts = []
+
+    def connect():
+        attempts.append(1)
+        if len(attempts) == 1:
+            raise RuntimeError("hardware decoder gone")
+        return FakeCamera(1000)
+
+    with LiveSource(connect, MonotonicClock(), QUICK) as source:
+        assert source.read() is not None
+    assert len(attempts) == 2
+
+
 def test_the_problem_is_over_once_frames_come():
     with LiveSource(lambda: FakeCamera(1000), MonotonicClock(), QUICK) as source:
         assert source.read() is not None

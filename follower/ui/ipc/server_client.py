@@ -3,12 +3,14 @@
 import contextlib
 import mmap
 import os
+import queue
 import subprocess
 import sys
 import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from multiprocessing import Pipe
 from typing import Protocol
 
@@ -168,7 +170,7 @@ class UiProcessClient(ClosesItself):
     def __init__(self, begin: Message, say: Callable[[str], None]) -> None:
         self.operator: Operator | None = None
         self.remark: str | None = None
-        self._say = say
+        self._lines: queue.Queue[str | None] = queue.Queue(_MOST_QUEUED)
         self._closing = False
         self._outbox = Outbox()
         self._image = SharedImage(os.memfd_create("follower-image"))
@@ -176,7 +178,11 @@ class UiProcessClient(ClosesItself):
         self._process, self._wire = self._launch()
         self._threads = [
             threading.Thread(target=loop, name=f"station {name}", daemon=True)
-            for name, loop in (("sender", self._send_all), ("receiver", self._receive_all))
+            for name, loop in (
+                ("sender", self._send_all),
+                ("receiver", self._receive_all),
+                ("lines", partial(self._say_all, say)),
+            )
         ]
         self._outbox.tell({"kind": "begin", **begin})
         for thread in self._threads:
@@ -213,8 +219,11 @@ class UiProcessClient(ClosesItself):
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        for thread in self._threads:
+        *others, lines = self._threads
+        for thread in others:
             thread.join(_EXIT_S)
+        self._say(None)
+        lines.join(_EXIT_S)
         self._wire.close()
         self._image.close()
         self._errors.close()
@@ -233,6 +242,16 @@ class UiProcessClient(ClosesItself):
         )
         theirs.close()
         return process, Wire(ours, FROM_STATION_BYTES)
+
+    def _say(self, line: str | None) -> None:
+        """Have a line said; one too many is left out. None is the last one."""
+        with contextlib.suppress(queue.Full):
+            self._lines.put_nowait(line)
+
+    def _say_all(self, say: Callable[[str], None]) -> None:
+        """Say the lines on a thread of its own: a terminal that hangs must not hold up a stop."""
+        while (line := self._lines.get()) is not None:
+            say(line)
 
     def _send_all(self) -> None:
         try:

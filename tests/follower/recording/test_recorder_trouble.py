@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from follower.flight.log import TrackRecord
+from follower.flight.log import DetectionRecord, TrackRecord
 from follower.recording import (
     FlightConfig,
     RecordedFlight,
@@ -28,6 +28,8 @@ from follower.recording import (
 from follower.recording.append_file import AppendFile, BacklogError
 from follower.settings.settings import Settings
 from follower_vision.clock import MonotonicClock, SimulatedClock
+from follower_vision.detection import Detection
+from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 
 PROGRAM = Path(__file__).with_name("record_until_killed.py")
@@ -308,6 +310,23 @@ def test_memory_keeps_the_newest_and_the_recording_keeps_all(tmp_path: Path) -> 
             assert min(number + 1, KEPT) <= len(held) <= 2 * KEPT
             assert held == list(range(held[0], number + 1))
     assert [record.sequence for record in open_flight(tmp_path).log.tracks] == list(range(TRACKS))
+
+
+def test_what_cannot_be_written_is_left_out_and_the_rest_is_there(tmp_path: Path) -> None:
+    """As the answer of a detector of another package, or a file's name that is no UTF-8."""
+    config = FlightConfig.of("simulated", Settings())
+    odd = Detection(Box(1, 2, 3, 4), "person", "person", 0.5)  # type: ignore[arg-type]
+    with Recorder(tmp_path, config, MonotonicClock()) as recorder:
+        for number in range(TRACKS):
+            recorder.log.note(0.1 * number, "operator", os.fsdecode(b"stop \xe9"))
+            recorder.log.pass_on(
+                DetectionRecord(number, 0.1 * number, number, (odd,)), 0.1 * number
+            )
+    (remark,) = recorder.remarks
+    assert "left out what cannot be written, DetectionRecord" in remark
+    flight = open_flight(tmp_path)
+    assert [one.text for one in flight.log.events].count("stop ?") == TRACKS
+    assert not flight.detections
 
 
 def test_what_is_said_does_not_fill_the_memory_either(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,8 @@ def _bounds(filled: Any) -> tuple[float, float]:
 
 def _is_detection(one: Detection) -> bool:
     sound = isinstance(one, Detection) and isinstance(one.box, Box)
-    return sound and math.isfinite(one.score)
+    named = sound and isinstance(one.class_id, Integral) and isinstance(one.class_name, str)
+    return named and math.isfinite(one.score)
 
 
 def _added(name: str, store: ModelStore, device: str) -> GuardedDetector:

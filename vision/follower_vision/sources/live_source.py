@@ -121,6 +121,8 @@ class LiveSource(ClosesItself):
                 self.problem = "the stream ended; connecting again"
             except SourceError as error:
                 self.problem = str(error)
+            except Exception as error:  # of a decoder's library, perhaps: the camera may come again
+                self.problem = f"{type(error).__name__}: {error}"
             if self._sequence > before:
                 pause_s = self._settings.retry_s
             self._stop.wait(pause_s)
