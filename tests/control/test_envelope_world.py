@@ -7,7 +7,7 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 
 from follower_control.envelope.envelope import Envelope
@@ -202,6 +202,17 @@ def test_the_context_takes_clearance_while_it_is_fresh() -> None:
     state = VehicleState(clearance=Clearance(7.0, 10.0))
     assert FlightContext.of(state, 10.5).clearance_m == 7.0
     assert FlightContext.of(state, 11.5).clearance_m is None
+
+
+@given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-2e3, 2e3), st.floats(-2e3, 2e3))
+@example(0.0, 179.9995, 0.0, 100.0)
+def test_places_of_the_map_go_there_and_back_across_the_180th_meridian(
+    latitude: float, longitude: float, north: float, east: float
+) -> None:
+    origin = Origin(latitude, longitude)
+    place = origin.geolocated(north, east)
+    assert -180 <= place[1] <= 180
+    assert origin.local(*place) == pytest.approx((north, east), abs=1e-3)
 
 
 def test_height_circle_and_fence_count_from_home_wherever_positions_do() -> None:

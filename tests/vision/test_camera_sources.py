@@ -23,6 +23,7 @@ import pytest
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources import v4l2
 from follower_vision.sources.camera_connection import Decoder, VideoStream
+from follower_vision.sources.camera_program import PROGRAMS, CameraProgram, ProgramKind
 from follower_vision.sources.capture import CaptureSettings
 from follower_vision.sources.frame_source import FrameSource, SourceError
 from follower_vision.sources.live_source import LiveSettings, LiveSource
@@ -463,3 +464,19 @@ def test_a_silent_address_is_one_line_without_its_password() -> None:
             open_source(address, live=settings)
     assert "cret" not in str(told.value)
     assert "\n" not in str(told.value)
+
+
+def test_a_program_is_ended_with_what_it_has_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PROGRAMS, "shell", ProgramKind("none", "/bin/sh -c {where}"))
+    program = CameraProgram("shell", "'sleep 600 & echo $!; wait'", CaptureSettings())
+    started = int(program.read(100))
+    program.close()
+
+    def lives() -> bool:
+        status = Path(f"/proc/{started}/stat")
+        return status.exists() and status.read_text("ascii").rpartition(") ")[2][0] != "Z"
+
+    end_s = time.monotonic() + 20
+    while lives():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)

@@ -236,6 +236,24 @@ def test_an_answer_that_comes_late_is_moved_along_with_the_target(
     assert now.cx == pytest.approx(BOX.cx + 11 * 3)
 
 
+def test_an_answer_for_a_frame_that_is_forgotten_proposes_and_teaches_nothing(
+    fusion: Trackers, motion: ToldMotion
+) -> None:
+    service = HeldDetection()
+    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    found = detected(tracker)
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, [[(BOX, 1.0)]] * 70)
+    asked = next(one for one in service.requests if one.index == 4)
+    memory = tracker._started().detector
+    before = memory.hits, memory.silence
+    service.answers = [DetectionAnswer(asked, [seen(BOX.moved_to(250, 100))])]
+    motion.sights = [(BOX, 1.0)]
+    assert tracker.step(frame(71)).state is TrackState.TRACKING
+    assert found == []
+    assert (memory.hits, memory.silence) == before
+
+
 def test_the_first_answer_may_come_however_late(fusion: Trackers, motion: ToldMotion) -> None:
     service = HeldDetection()
     tracker = fusion(ToldDetector(), mode=lambda _: service)

@@ -180,6 +180,11 @@ def test_a_stream_that_nobody_sends_is_a_clear_error(free_port):
         open_source(f"udp://127.0.0.1:{free_port()}", live=settings)
 
 
+def test_a_home_that_nobody_has_is_a_clear_error():
+    with pytest.raises(SourceError, match=r"~nobody-of-that-name/clip\.mp4"):
+        open_source("~nobody-of-that-name/clip.mp4")
+
+
 def test_a_missing_device_is_refused_at_once():
     with pytest.raises(SourceError, match="/dev/video97: there is no such device"):
         open_source("/dev/video97")
@@ -192,6 +197,7 @@ def test_a_missing_device_is_refused_at_once():
         ("rtsp://10.0.0.1/live", True),
         ("udp://0.0.0.0:5600", True),
         ("gst:videotestsrc ! appsink", True),
+        ("gst:" + "videotestsrc ! queue ! " * 20 + "appsink", True),
         ("flight.mp4", False),
         ("/dev/null", False),
         ("folder/img", False),

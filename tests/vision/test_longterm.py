@@ -307,6 +307,8 @@ def test_stepping_before_a_start_is_an_error():
         {"reject_score": 3},
         {"coast_s": -1},
         {"coast_s": math.inf},
+        {"reach_growth_s": -8.0},
+        {"probation_s": -1.0},
         {"least_visible": 1.5},
     ],
 )

@@ -16,8 +16,13 @@ class Clock(Protocol):
         ...
 
 
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+"""Of clocks that nobody sets, the one that goes on while the computer sleeps: in a flight that was
+suspended, frames, telemetry and heartbeats are as old as they are."""
+
+
 class MonotonicClock:
-    """The computer's monotonic clock, counted from when this object was made.
+    """The computer's clock that nobody sets, counted from when this object was made.
 
     Args:
         speed: how many of its seconds pass in a real one; not 1 for a simulation in fast motion.
@@ -28,11 +33,11 @@ class MonotonicClock:
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
-        self._origin = time.monotonic()
+        self._origin = time.clock_gettime(_CLOCK)
 
     def now(self) -> float:
         """Return the seconds since the clock was made."""
-        return (time.monotonic() - self._origin) * self.speed
+        return (time.clock_gettime(_CLOCK) - self._origin) * self.speed
 
     def sleep_until(self, time_s: float) -> None:
         """Sleep until `time_s` in seconds, or not at all if that has passed."""

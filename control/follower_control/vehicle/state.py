@@ -181,14 +181,20 @@ class Origin:
         """Return latitude and longitude, degrees, of a local place."""
         across_m = _EARTH_M * math.cos(math.radians(self.latitude_deg))
         latitude_deg = self.latitude_deg + math.degrees(north_m / _EARTH_M)
-        return latitude_deg, self.longitude_deg + math.degrees(east_m / across_m)
+        longitude_deg = self.longitude_deg + math.degrees(east_m / across_m)
+        return latitude_deg, _within_half_turn(longitude_deg)
 
     def local(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
         """Return how far north and east, metres, a place is."""
         across_m = _EARTH_M * math.cos(math.radians(self.latitude_deg))
         north_m = _EARTH_M * math.radians(latitude_deg - self.latitude_deg)
-        around = (longitude_deg - self.longitude_deg + 180) % 360 - 180
-        return north_m, across_m * math.radians(around)
+        around_deg = _within_half_turn(longitude_deg - self.longitude_deg)
+        return north_m, across_m * math.radians(around_deg)
+
+
+def _within_half_turn(degrees: float) -> float:
+    """Return an angle from -180 to 180; one that is, is left as it is, to the last bit."""
+    return degrees if -180 <= degrees <= 180 else (degrees + 180) % 360 - 180
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,6 +97,7 @@ class InlineDetection:
 
 
 _NICENESS = 10
+_PATIENCE_S = 5.0
 REST_SHARE, URGENT_REST_SHARE = 4.0, 0.5
 """How long the background thread rests, in the processor time of its last detection: usually, and
 while the target is lost."""
@@ -176,7 +177,7 @@ class BackgroundDetection:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        self._thread.join()
+        self._thread.join(_PATIENCE_S)  # one that hangs is left behind
 
     def _work(self) -> None:
         _step_back()

@@ -15,7 +15,7 @@ from follower_vision.images.frame import Image
 from follower_vision.sources.frame_source import ClosesItself
 
 _TICKS_PER_S = 90_000
-_FAILURES = (av.error.FFmpegError, OSError)
+_FAILURES = (av.error.FFmpegError, OSError, ValueError)
 
 
 class VideoWriteError(OSError):

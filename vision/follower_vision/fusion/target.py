@@ -364,6 +364,10 @@ class Target:
             before = seen if self.size_px_m is None else self.size_px_m
             self.size_px_m = before + rate * (seen - before)
 
+    def remembers(self, index: int) -> bool:
+        """Whether it is known where the target was in a frame, or it is this one."""
+        return index in self.history or index == self.index
+
     def remember_box(self) -> None:
         """Keep the frame's box for detections that come late."""
         self.history[self.index] = self.box

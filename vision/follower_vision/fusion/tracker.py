@@ -227,10 +227,12 @@ class FusionTracker:
         taken = [] if self._service is None else self._service.take(self._owner)
         answers = [_finite(answer) for answer in taken]
         self.late_answers = () if isinstance(self._service, InlineDetection) else answers
-        around = [one for one in answers if one.request.index in target.around]
-        answers = [one for one in answers if one.request.index not in target.around]
+        # Of a frame that is forgotten nobody knows how far its detections have moved since.
+        known = [one for one in answers if target.remembers(one.request.index)]
+        around = [one for one in known if one.request.index in target.around]
+        aimed = [one for one in known if one.request.index not in target.around]
         if search is not None:
-            self._choose(search, target, answers)
+            self._choose(search, target, aimed)
             target.learn_look_alikes([one for answer in around for one in _present(answer, target)])
         for answer in answers:
             if answer.request.index == 0:
@@ -366,9 +368,9 @@ def _finite(answer: DetectionAnswer) -> DetectionAnswer:
 
 def _present(answer: DetectionAnswer, target: Target) -> list[Detection]:
     """Return an answer's detections, moved along with the target if they are of an older frame."""
-    then = target.history.get(answer.request.index)
-    if answer.request.index == target.index or then is None:
+    if answer.request.index == target.index:
         return answer.detections
+    then = target.history[answer.request.index]
     now = target.filter.box
     right, down = now.cx - then.cx, now.cy - then.cy
     return [one.moved(right, down) for one in answer.detections]

@@ -27,6 +27,12 @@ _STEPS = (0.2, 0.1)
 _ROUNDS = 2
 
 
+_NOT_NEGATIVE = (
+    *("doubt_s", "looks_doubt_s", "look_every_s", "coast_s", "refresh_s", "probation_s"),
+    *("reach", "reach_growth_s", "size_jump", "size_rate_s"),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class LongTermSettings:
     """When a track is believed, and what happens when it is not.
@@ -93,7 +99,7 @@ class LongTermSettings:
             raise ValueError("long-term tracker: reject_score <= recognised_score <= 2 has to hold")
         if not 0 <= self.least_visible < 1:
             raise ValueError("long-term tracker: least_visible lies between 0 and 1")
-        for name in ("doubt_s", "look_every_s", "coast_s", "refresh_s", "reach", "size_jump"):
+        for name in _NOT_NEGATIVE:
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"long-term tracker: {name} has to be 0 or more")
 

@@ -7,9 +7,11 @@ import re
 import select
 import shlex
 import shutil
+import signal
 import subprocess
 import threading
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 
 from follower_vision.sources.capture import CaptureSettings, without_password
@@ -122,6 +124,7 @@ class CameraProgram:
                 pass_fds=(writing,),
                 text=True,
                 errors="replace",
+                start_new_session=True,  # with what it starts itself, it is ended by `close`
             )
         except (SourceError, OSError) as error:
             os.close(self._fd)
@@ -150,16 +153,19 @@ class CameraProgram:
 
     def close(self) -> None:
         """End the program."""
-        self._process.terminate()
-        try:
+        self._signal(signal.SIGTERM)
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._signal(signal.SIGKILL)  # also what it has left behind
+        self._process.wait()
         self._listener.join(_END_S)
-        if self._process.stderr is not None:
+        if self._process.stderr is not None and not self._listener.is_alive():
             self._process.stderr.close()
         os.close(self._fd)
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
 
     def _last_words(self) -> str:
         self._listener.join(_END_S)

@@ -164,7 +164,10 @@ def open_source(
         return _open_live(
             spec, clock or MonotonicClock(), live or LiveSettings(), capture or CaptureSettings()
         )
-    path = Path(spec).expanduser()
+    try:
+        path = Path(spec).expanduser()
+    except RuntimeError as error:  # no user has that name
+        raise SourceError(f"{spec}: {error}") from None
     if path.is_dir():
         return ImageFolder(path, folder_rate_hz)
     if _kind(spec):
@@ -225,9 +228,16 @@ def _connector(spec: str, clock: Clock, capture: CaptureSettings) -> Callable[[]
 def _kind(spec: str) -> str:
     """Return what stands before a colon, "" if nothing does or a file has that name."""
     named = _KIND.match(spec)
-    if named is None or _ADDRESS.match(spec) or Path(spec).exists():
+    if named is None or _ADDRESS.match(spec) or _exists(spec):
         return ""
     return named["name"]
+
+
+def _exists(spec: str) -> bool:
+    try:
+        return Path(spec).exists()
+    except (OSError, ValueError):  # as a pipeline that is too long for a file's name
+        return False
 
 
 def _plugin(spec: str) -> Plugin | None:
@@ -237,11 +247,11 @@ def _plugin(spec: str) -> Plugin | None:
 
 
 def _is_sdp(spec: str) -> bool:
-    return spec.lower().endswith(".sdp") and Path(spec).is_file()
+    return spec.lower().endswith(".sdp") and _exists(spec)
 
 
 def _device(spec: str) -> str | None:
     """Return the path of the camera that is meant, None if it is none."""
-    if re.fullmatch(r"\d{1,3}", spec) and not Path(spec).exists():
+    if re.fullmatch(r"\d{1,3}", spec) and not _exists(spec):
         return f"/dev/video{int(spec)}"
     return spec if _DEVICE.fullmatch(spec) else None
