@@ -237,7 +237,7 @@ class Searches(Follows):
         score = np.full(1, np.nan if self.calls > 10 else 1.0)
         b = self.box
         corners = np.array([[b.left, b.top, b.right, b.bottom]])
-        return ResponseMap(corners, score, score, np.ones(1), box.scaled(4.0))
+        return ResponseMap(corners, score, np.ones(1), box.scaled(4.0))
     def learn(self, image, box, probability):
         if self.calls > 10:
             raise ZeroDivisionError

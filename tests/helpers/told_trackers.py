@@ -51,7 +51,7 @@ class ToldMotion:
         self.searched.append(box)
         scores = np.array([score for _, score in self.sights])
         corners = corners_of([one for one, _ in self.sights])
-        return ResponseMap(corners, scores, scores, np.ones(len(scores)), box.scaled(4.0))
+        return ResponseMap(corners, scores, np.ones(len(scores)), box.scaled(4.0))
 
     def learn(self, image: Image, box: Box, probability: float) -> None:  # noqa: ARG002
         self.learnt.append(box)

@@ -21,7 +21,7 @@ def noise() -> FilterNoise:
 def judge(noise: FilterNoise) -> CandidateModel:
     """Believes what motion tracker or detector is more than half sure of, else the prediction."""
     hidden = np.zeros((len(FEATURES) + 1, 1))
-    for name in ("support_first", "detected_score"):
+    for name in ("support", "detected_score"):
         hidden[FEATURES.index(name)] = 4.0
     hidden[FEATURES.index("is_prediction")] = 1.5
     hidden[-1] = -2.0

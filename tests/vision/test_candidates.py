@@ -34,7 +34,7 @@ SCORES = st.floats(0, 1)
 def response(*sights: tuple[Box, float], penalty: float = 1.0) -> ResponseMap:
     scores = np.array([score for _, score in sights])
     corners = corners_of([box for box, _ in sights])
-    return ResponseMap(corners, scores, scores, np.full(len(scores), penalty), BOX.scaled(4))
+    return ResponseMap(corners, scores, np.full(len(scores), penalty), BOX.scaled(4))
 
 
 def seen(box: Box, score: float = 0.9, class_id: int = 0, cut: bool = False) -> Detection:
@@ -89,14 +89,6 @@ def test_where_nothing_is_likely_the_best_of_it_is_still_a_candidate() -> None:
     assert of(found, PEAK) == [Candidate(BOX, PEAK)]
     found = propose(response((BOX, 0.0)), [], DetectorMemory(), EXPECTED)
     assert of(found, PEAK) == [Candidate(EXPECTED, PEAK)]
-
-
-def test_what_was_like_it_lately_is_a_peak_too() -> None:
-    first, recent = np.array([0.9, 0.1]), np.array([0.1, 0.8])
-    corners = corners_of([BOX, BOX.moved_to(200, 100)])
-    both = ResponseMap(corners, first, recent, np.ones(2), BOX.scaled(4))
-    found = of(propose(both, [], DetectorMemory(), EXPECTED), PEAK)
-    assert [one.box.cx for one in found] == [100, 200]
 
 
 def test_a_peak_and_the_detection_that_overlaps_it_have_a_mean() -> None:

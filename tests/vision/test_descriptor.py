@@ -21,7 +21,7 @@ BOXES = st.builds(Box, st.floats(-300, 500), st.floats(-300, 500), SIDES, SIDES)
 
 def response(features: np.ndarray | None) -> ResponseMap:
     nothing = np.zeros(1)
-    return ResponseMap(np.zeros((1, 4)), nothing, nothing, nothing, Box(80, 60, 160, 120), features)
+    return ResponseMap(np.zeros((1, 4)), nothing, nothing, Box(80, 60, 160, 120), features)
 
 
 def shifted(image: Image, by: int) -> Image:

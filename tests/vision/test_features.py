@@ -39,7 +39,7 @@ def response(sights: list[Sight], penalty: float = 0.9, channels: int = 0) -> Re
     if channels:
         features = np.random.default_rng(3).normal(size=(8, 8, channels))
     region = sights[0][0].scaled(4)
-    return ResponseMap(corners, scores, scores, np.full(len(scores), penalty), region, features)
+    return ResponseMap(corners, scores, np.full(len(scores), penalty), region, features)
 
 
 def target(image: Image, box: Box, answer: ResponseMap) -> Target:
@@ -163,10 +163,10 @@ def test_each_candidate_is_of_one_source() -> None:
 def test_the_motion_trackers_word_is_told_by_place_and_beside_the_best_elsewhere() -> None:
     answer = response([(NEAR, 0.9), (FAR, 0.6)])
     values = table(target(IMAGE, BOX, answer), IMAGE, answer, [])
-    support, margin = column(values, "support_first"), column(values, "margin_first")
+    support, margin = column(values, "support"), column(values, "margin")
     assert support[:2] == pytest.approx([0.9 * 0.9, 0.6 * 0.9])
     assert margin[:2] == pytest.approx([0.3 * 0.9, -0.3 * 0.9])
-    assert column(values, "best_first") == pytest.approx(0.9 * 0.9)
+    assert column(values, "best_support") == pytest.approx(0.9 * 0.9)
 
 
 def test_the_detectors_word_is_told_by_place() -> None:

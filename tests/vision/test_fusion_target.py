@@ -188,7 +188,7 @@ def test_half_of_the_looks_are_where_it_was_foretold_before(target: Target) -> N
 def features_of(target: Target, boxes: list[Box]) -> dict[str, np.ndarray]:
     corners = np.array([[one.left, one.top, one.right, one.bottom] for one in boxes])
     scores = np.ones(len(boxes))
-    response = ResponseMap(corners, scores, scores, scores, BOX.scaled(4.0))
+    response = ResponseMap(corners, scores, scores, BOX.scaled(4.0))
     candidates = [Candidate(box, PEAK, rank) for rank, box in enumerate(boxes)]
     seen = describe(IMAGE, boxes, response)
     table = measure(candidates, seen, Situation(target, response, False, [], WIDTH, HEIGHT))

@@ -59,7 +59,7 @@ def test_each_candidate_is_judged_alone(shipped: CandidateModel) -> None:
 
 def test_a_hand_made_model_answers_by_the_closed_form(judge: CandidateModel) -> None:
     features = np.zeros((1, COUNT))
-    features[0, FEATURES.index("support_first")] = 0.75
+    features[0, FEATURES.index("support")] = 0.75
     expected = 1 / (1 + np.exp(-8 * np.tanh(4 * 0.75 - 2)))
     assert judge.probabilities(features)[0] == pytest.approx(expected)
 

@@ -59,7 +59,7 @@ class SquareTracker:
         near = [one for one in squares(image) if one.distance(box) < 3 * SIDE]
         found = near or [box]
         scores = np.full(len(found), 0.95 if near else 0.0)
-        return ResponseMap(corners_of(found), scores, scores, np.ones(len(found)), box.scaled(4))
+        return ResponseMap(corners_of(found), scores, np.ones(len(found)), box.scaled(4))
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """There is nothing to learn."""

@@ -140,12 +140,12 @@ def test_nothing_there_is_low_confidence(network: NanoTrackNetwork) -> None:
     nano = tracker(network)
     nano.start(scene((300, 200)), Box(300, 200, 40, 40))
     assert nano.update(scene()).confidence < 0.1
-    assert nano.search(scene(), Box(300, 200, 40, 40)).first.max() < 0.1
+    assert nano.search(scene(), Box(300, 200, 40, 40)).scores.max() < 0.1
 
 
 def best(response: ResponseMap) -> tuple[float, float]:
     """The centre of the place with the highest likeness, in pixels."""
-    left, top, right, bottom = response.corners[int(response.first.argmax())]
+    left, top, right, bottom = response.corners[int(response.scores.argmax())]
     return (left + right) / 2, (top + bottom) / 2
 
 
@@ -153,7 +153,7 @@ def test_a_search_shows_the_look_alike(network: NanoTrackNetwork) -> None:
     nano, box = tracker(network), Box(300, 200, 40, 40)
     nano.start(scene((300, 200)), box)
     response = nano.search(scene((300, 200), (355, 200)), box)
-    likely = response.corners[response.first > 0.5]
+    likely = response.corners[response.scores > 0.5]
     centres = (likely[:, 0] + likely[:, 2]) / 2
     assert np.abs(centres - 300).min() < 8
     assert np.abs(centres - 355).min() < 8
@@ -182,48 +182,14 @@ def test_a_search_gives_the_features_of_the_region_it_searched(network: NanoTrac
     assert features[1, 1] == pytest.approx((100, 100, 100), abs=2)
 
 
-def learnt(network: NanoTrackNetwork, probability: float, times: int) -> NanoTracker:
-    """A tracker that was told so often that the target turned blue."""
-    nano, box = tracker(network), Box(300, 200, 40, 40)
-    nano.start(scene((300, 200)), box)
-    blue = np.ascontiguousarray(scene((300, 200))[..., ::-1])
-    for _ in range(times):
-        nano.learn(blue, box, probability)
-    return nano
-
-
-@pytest.mark.parametrize(
-    ("probability", "times", "templates"), [(0.79, 40, 0), (0.8, 11, 0), (0.8, 24, 2)]
-)
-def test_a_recent_look_is_learnt_now_and_then_if_it_is_probable(
-    network: NanoTrackNetwork,
-    monkeypatch: pytest.MonkeyPatch,
-    probability: float,
-    times: int,
-    templates: int,
-) -> None:
-    taken: list[object] = []
-    first = network.template
-    monkeypatch.setattr(network, "template", lambda cut: taken.append(cut) or first(cut))
-    learnt(network, probability, times)
-    assert len(taken) == 1 + templates
-
-
-def test_the_first_look_stays_when_another_is_learnt(network: NanoTrackNetwork) -> None:
+def test_the_first_look_stays_the_only_one(network: NanoTrackNetwork) -> None:
     image, box = scene((300, 200)), Box(300, 200, 40, 40)
-    before = learnt(network, 1.0, 0).search(image, box)
-    after = learnt(network, 1.0, 12).search(image, box)
-    assert np.array_equal(after.first, before.first)
-    assert np.array_equal(before.recent, before.first)
-
-
-def test_scores_alone_are_those_of_a_match(network: NanoTrackNetwork) -> None:
-    rng = np.random.default_rng(3)
-    template = network.template(rng.integers(0, 256, (network.template_side,) * 2 + (3,), np.uint8))
-    features = network.features(rng.integers(0, 256, (network.search_side,) * 2 + (3,), np.uint8))
-    np.testing.assert_array_equal(
-        network.scores(template, features), network.match(template, features).scores
-    )
+    nano = tracker(network)
+    nano.start(image, box)
+    before = nano.search(image, box)
+    for _ in range(40):
+        nano.learn(np.ascontiguousarray(image[..., ::-1]), box, 1.0)
+    assert np.array_equal(nano.search(image, box).scores, before.scores)
 
 
 def test_starting_again_forgets(network: NanoTrackNetwork) -> None:

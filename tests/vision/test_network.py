@@ -21,7 +21,6 @@ from follower_vision.onnx_network import (
     Network,
     Tensor,
     onnx_session,
-    with_first_output,
     with_input_size,
 )
 
@@ -132,8 +131,6 @@ def test_resized_network_keeps_everything_else() -> None:
 def test_resizing_something_else_says_so(content: bytes) -> None:
     with pytest.raises(ValueError, match="no ONNX file"):
         with_input_size(content, (1, 3, 8, 8))
-    with pytest.raises(ValueError, match="no ONNX file"):
-        with_first_output(content)
 
 
 def test_two_inputs_cannot_be_resized() -> None:
@@ -141,41 +138,6 @@ def test_two_inputs_cannot_be_resized() -> None:
     graph = h.make_graph([h.make_node("Add", ["a", "b"], ["c"])], "add", tensors[:2], tensors[2:])
     with pytest.raises(ValueError, match="2 inputs"):
         with_input_size(h.make_model(graph).SerializeToString(), (8,))
-
-
-def forked_network() -> bytes:
-    """Twice the sum of two inputs, and beside it the difference, of eight weights."""
-    tensors = [h.make_tensor_value_info(name, 1, [4]) for name in ("a", "b", "sum", "apart")]
-    weights = [
-        h.make_tensor("two", 1, [1], [2.0]),
-        h.make_tensor("eight", 1, [8], [1.0] * 8),
-    ]
-    nodes = [
-        h.make_node("Add", ["a", "b"], ["once"]),
-        h.make_node("ReduceMean", ["eight"], ["one"], keepdims=1),
-        h.make_node("Sub", ["a", "b"], ["minus"]),
-        h.make_node("Mul", ["minus", "one"], ["apart"]),
-        h.make_node("Mul", ["once", "two"], ["sum"]),
-    ]
-    graph = h.make_graph(nodes, "forked", tensors[:2], tensors[2:], weights)
-    model = h.make_model(graph, opset_imports=[h.make_opsetid("", 14)], ir_version=8)
-    return model.SerializeToString()
-
-
-def test_first_output_needs_half_of_the_network(tmp_path: Path) -> None:
-    content = with_first_output(forked_network())
-    graph = onnx.load_model_from_string(content).graph
-    assert [node.op_type for node in graph.node] == ["Add", "Mul"]
-    assert [weight.name for weight in graph.initializer] == ["two"]
-    network = Network(tmp_path / "first.onnx", content=content)
-    assert list(network.inputs) == ["a", "b"]
-    a, b = np.arange(4, dtype=np.float32), np.ones(4, np.float32)
-    (only,) = network.run(a, b)
-    np.testing.assert_array_equal(only, [2, 4, 6, 8])
-
-
-def test_network_with_one_output_stays_as_it_is() -> None:
-    assert with_first_output(averaging_network()) == averaging_network()
 
 
 OTHER = "openvino"

@@ -135,7 +135,7 @@ def test_a_search_goes_nowhere_until_it_is_told_what_was_right() -> None:
     for place in (200, 300):
         response = tracker.search(second, Box(place, 100, 40, 40))
         assert response.corners.tolist() == [[place - 20, 80, place + 20, 120]]
-        assert response.first == response.recent == 0.75 ** Re3Settings().confidence_power
+        assert response.scores == 0.75 ** Re3Settings().confidence_power
         assert response.penalty == 1
         assert response.region.width == pytest.approx(40 * SEARCH_PX / TARGET_PX)
     tracker.learn(second, Box(250, 100, 40, 40), 0.9)

@@ -32,7 +32,7 @@ class StillSearch(IdentityTracker):
 
     def search(self, image: np.ndarray, box: Box) -> ResponseMap:  # noqa: ARG002
         one = np.ones(1)
-        return ResponseMap(corners_of([box]), one, one, one, box.scaled(4))
+        return ResponseMap(corners_of([box]), one, one, box.scaled(4))
 
     def learn(self, image: np.ndarray, box: Box, probability: float) -> None:  # noqa: ARG002
         self.learnt.append((box, probability))

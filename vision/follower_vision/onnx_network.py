@@ -1,10 +1,9 @@
-"""Neural networks in ONNX files, run by onnxruntime; and their ends changed without `onnx`.
+"""Neural networks in ONNX files, run by onnxruntime; and their input size changed without `onnx`.
 
 An ONNX file is a protobuf message: a row of fields, each a key (number and wire type) and a value.
-Only a few fields are rewritten or left out here; everything else is copied byte for byte. The
-numbers are those of onnx.proto: a model's graph is field 7; a graph's nodes, weights, inputs,
-outputs and notes on tensors between them are 1, 5, 11, 12 and 13; a value's name and type are 1 and
-2, a node's inputs and outputs, too; a weight's name is 8.
+Only the few fields that state shapes are rewritten here; everything else is copied byte for byte.
+The numbers are those of onnx.proto: a model's graph is field 7, a graph's inputs, outputs and notes
+on tensors between them are 11, 12 and 13, a value's name and type 1 and 2.
 """
 
 import logging
@@ -75,8 +74,7 @@ _LOGGER = logging.getLogger(__name__)
 _ERRORS_ONLY = 3
 _SAME = 0.01
 """Of an output's largest value: half-precision numbers err by a tenth of that."""
-_GRAPH, _NODE, _WEIGHT, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 1, 5, 11, 12, 13
-_NODE_INPUT, _NODE_OUTPUT, _WEIGHT_NAME = 1, 2, 8
+_GRAPH, _INPUT, _OUTPUT, _VALUE_NOTES = 7, 11, 12, 13
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FLOAT = 1
 _KINDS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
@@ -291,49 +289,11 @@ def with_input_size(model: bytes, shape: tuple[int, ...]) -> bytes:
     Raises:
         ValueError: this is no ONNX file, or its graph has other than one input.
     """
-    return _with_graph(model, lambda graph: _resized_graph(graph, shape))
-
-
-def with_first_output(model: bytes) -> bytes:
-    """Return the network with its first output only, and only what that needs.
-
-    onnxruntime computes all of a network, also what nobody asks for. A network with branches (If,
-    Loop, Scan) is not meant: what they need in their inside would be missing.
-
-    Raises:
-        ValueError: this is no ONNX file.
-    """
-    return _with_graph(model, _graph_of_first_output)
-
-
-def _with_graph(model: bytes, changed: Callable[[bytes], bytes]) -> bytes:
-    return b"".join(
-        _field(number, changed(value)) if number == _GRAPH else raw
+    parts = [
+        _field(number, _resized_graph(value, shape)) if number == _GRAPH else raw
         for number, value, raw in _fields(model)
-    )
-
-
-def _graph_of_first_output(graph: bytes) -> bytes:
-    fields = list(_fields(graph))
-    first = next(_name(value) for number, value, _ in fields if number == _OUTPUT)
-    needed, kept = {first}, []
-    for number, value, raw in reversed(fields):  # a node comes after those that it needs
-        if number == _NODE:
-            if needed.isdisjoint(_named(value, _NODE_OUTPUT)):
-                continue
-            needed.update(_named(value, _NODE_INPUT))
-        elif number == _OUTPUT and _name(value) != first:
-            continue
-        kept.append((number, value, raw))
-    return b"".join(
-        raw
-        for number, value, raw in reversed(kept)
-        if number != _WEIGHT or not needed.isdisjoint(_named(value, _WEIGHT_NAME))
-    )
-
-
-def _named(message: bytes, field: int) -> list[bytes]:
-    return [value for number, value, _ in _fields(message) if number == field]
+    ]
+    return b"".join(parts)
 
 
 def _resized_graph(graph: bytes, shape: tuple[int, ...]) -> bytes:
@@ -363,7 +323,7 @@ def _value_info(name: bytes, shape: tuple[int, ...] | None) -> bytes:
 
 
 def _name(value_info: bytes) -> bytes:
-    return _named(value_info, 1)[0]
+    return next(value for number, value, _ in _fields(value_info) if number == 1)
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:

@@ -77,7 +77,7 @@ def propose(
 
 def _peaks(response: ResponseMap, expected: Box) -> list[Candidate]:
     """The best places of a search, the best first."""
-    scores = np.maximum(response.first, response.recent) * response.penalty**_PENALTY_POWER
+    scores = response.scores * response.penalty**_PENALTY_POWER
     likely = np.flatnonzero(scores >= min(_LEAST_PEAK, float(scores.max())))
     kept = keep_best(response.corners[likely], scores[likely], _PEAK_OVERLAP, _PEAKS)
     candidates = []

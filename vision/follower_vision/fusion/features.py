@@ -33,11 +33,9 @@ FEATURES = (
     "is_detection",
     "is_mean",
     "is_prediction",
-    "support_first",
-    "support_recent",
-    "margin_first",
-    "margin_recent",
-    "best_first",
+    "support",
+    "margin",
+    "best_support",
     "distance_sigma",
     "distance_sizes",
     "grown",
@@ -157,15 +155,10 @@ def _sources(candidates: list[Candidate]) -> list[Column]:
 def _support(corners: Floats, response: ResponseMap) -> list[Column]:
     """What the motion tracker says of the place, and how much better that is than elsewhere."""
     table = pairwise_iou(corners, response.corners)
-    columns = []
-    margins = []
-    for scores in (response.first, response.recent):
-        weighed = np.minimum(scores, 1.0) * response.penalty
-        support = (table * weighed).max(axis=1)
-        elsewhere = (weighed * (table < 0.2)).max(axis=1)
-        columns.append(support)
-        margins.append(support - elsewhere)
-    return [*columns, *margins, np.max(response.first * response.penalty)]
+    weighed = np.minimum(response.scores, 1.0) * response.penalty
+    support = (table * weighed).max(axis=1)
+    elsewhere = (weighed * (table < 0.2)).max(axis=1)
+    return [support, support - elsewhere, np.max(weighed)]
 
 
 def _placing(candidates: list[Candidate], target: Target) -> list[Column]:

@@ -59,8 +59,7 @@ class ResponseMap:
 
     Attributes:
         corners: (N, 4) left, top, right, bottom of the box at each place, in the image's pixels.
-        first: (N,) likeness to the target as it was at the start, 0 to 1.
-        recent: (N,) likeness to the target as it was lately, 0 to 1.
+        scores: (N,) likeness to the target, 0 to 1.
         penalty: (N,) factor, at most 1, for a size or shape unlike the one searched for.
         region: the searched region, in the image's pixels.
         image_features: (H, W, C) the network's features of the region; None without a network.
@@ -68,8 +67,7 @@ class ResponseMap:
     """
 
     corners: Floats
-    first: Floats
-    recent: Floats
+    scores: Floats
     penalty: Floats
     region: Box
     image_features: Floats | None = None
@@ -80,20 +78,16 @@ class ResponseMap:
         second = self.second
         if second is not None and not math.isfinite(second.confidence):
             return replace(self, second=None).finite(otherwise)
-        numbers = np.column_stack([self.corners, self.first, self.recent, self.penalty])
+        numbers = np.column_stack([self.corners, self.scores, self.penalty])
         kept = np.isfinite(numbers).all(axis=1)
         if kept.all():
             return self
         if kept.any():
-            corners, first, recent, penalty = np.split(numbers[kept], [4, 5, 6], axis=1)
+            numbers = numbers[kept]
         else:
             edges = [otherwise.left, otherwise.top, otherwise.right, otherwise.bottom]
-            corners, first, recent, penalty = (
-                np.array([edges]),
-                *np.zeros((2, 1, 1)),
-                np.ones((1, 1)),
-            )
-        parts = corners, first[:, 0], recent[:, 0], penalty[:, 0]
+            numbers = np.array([[*edges, 0.0, 1.0]])
+        parts = numbers[:, :4], numbers[:, 4], numbers[:, 5]
         return ResponseMap(*parts, self.region, self.image_features, self.second)
 
 
@@ -140,7 +134,7 @@ class OnePlaceResponse:
         found = estimate.box
         corners = np.array([[found.left, found.top, found.right, found.bottom]])
         score = np.array([estimate.confidence])
-        return ResponseMap(corners, score, score, np.ones(1), box.scaled(_ABOUT))
+        return ResponseMap(corners, score, np.ones(1), box.scaled(_ABOUT))
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """See `ResponseTracker`."""

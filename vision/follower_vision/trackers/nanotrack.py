@@ -17,13 +17,9 @@ from follower_vision.onnx_network import (
     Network,
     Tensor,
     read_model,
-    with_first_output,
     with_input_size,
 )
 from follower_vision.trackers.motion_tracker import MotionEstimate, ResponseMap
-
-_SURE = 0.8
-_TEMPLATE_FRAMES = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +58,6 @@ class NanoTrackNetwork:
         self._template_backbone = _backbone_of_side(backbone, self.template_side, device)
         self._head = Network(head, device)
         self.cells = _cells(self._head)
-        self._scoring = Network(head, device, with_first_output(read_model(head)))
         self._points = _points(self.cells, _stride(self.search_side, self.cells))
         self._search = np.empty((1, 3, self.search_side, self.search_side), np.float32)
 
@@ -84,10 +79,6 @@ class NanoTrackNetwork:
         """Search for a template among a search crop's features."""
         classes, distances = self._head.run(template, features)
         return NanoTrackResponse(_target_share(classes), self._corners(distances))
-
-    def scores(self, template: Tensor, features: Tensor) -> Tensor:
-        """Return the scores that `match` gives, (N,), without the corners: half the work."""
-        return _target_share(self._scoring.run(template, features)[0])
 
     def _corners(self, distances: Tensor) -> Tensor:
         """Turn distances to the left, top, right and bottom side, (1, 4, n, n), into corners."""
@@ -193,8 +184,6 @@ class NanoTracker:
         self.name = name
         self._window = _cosine_window(network.cells)
         self._template: Tensor | None = None
-        self._recent: Tensor | None = None
-        self._since_learnt = 0
         self._fill: tuple[float, ...] = ()
         self._box: Box | None = None
 
@@ -202,14 +191,10 @@ class NanoTracker:
         """Learn the target anew from its box in `image`, (H, W, 3) uint8 BGR."""
         self._fill = tuple(cv2.mean(image)[:3])
         self._template = self._learnt(image, box)
-        self._recent, self._since_learnt = None, 0
         self._box = box
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
-        """See `ResponseTracker`; a new template now and then, the first one stays."""
-        self._since_learnt += 1
-        if probability >= _SURE and self._since_learnt >= _TEMPLATE_FRAMES:
-            self._recent, self._since_learnt = self._learnt(image, box), 0
+        """See `ResponseTracker`: the first template stays the only one."""
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`."""
@@ -220,13 +205,9 @@ class NanoTracker:
         region = Box(box.cx, box.cy, side / zoom, side / zoom)
         features = self._network.features(crop(image, region, side, side, self._fill))
         response = self._network.match(self._template, features)
-        recent = response.scores
-        if self._recent is not None:
-            recent = self._network.scores(self._recent, features)
         return ResponseMap(
             response.corners / zoom + np.array([box.cx, box.cy] * 2, np.float32),
             response.scores,
-            recent,
             self._penalty(response, box.width * zoom, box.height * zoom),
             region,
             features[0].transpose(1, 2, 0),

@@ -82,7 +82,7 @@ class GuardedResponseTracker(GuardedTracker):
         """See `ResponseTracker`."""
         self._started()
         corners = np.array([[box.left, box.top, box.right, box.bottom]])
-        unseen = ResponseMap(corners, np.zeros(1), np.zeros(1), np.ones(1), box.scaled(_ABOUT))
+        unseen = ResponseMap(corners, np.zeros(1), np.ones(1), box.scaled(_ABOUT))
         return self._guard.run(partial(self._response.search, image, box), unseen, _is_response)
 
     def learn(self, image: Image, box: Box, probability: float) -> None:

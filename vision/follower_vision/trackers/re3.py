@@ -309,7 +309,7 @@ class Re3Tracker:
         found = estimate.box
         score = np.array([estimate.confidence])
         corners = np.array([[found.left, found.top, found.right, found.bottom]])
-        return ResponseMap(corners, score, score, np.ones(1), box.scaled(SEARCH_PX / TARGET_PX))
+        return ResponseMap(corners, score, np.ones(1), box.scaled(SEARCH_PX / TARGET_PX))
 
     def learn(self, image: Image, box: Box, probability: float) -> None:  # noqa: ARG002
         """See `ResponseTracker`: the network remembers what it is told was right, and no more."""

@@ -251,7 +251,6 @@ class CorrelationTracker:
         side = self._settings.search_factor * region.scale
         return ResponseMap(
             np.hstack([centres - half, centres + half]),
-            scores,
             scores * self._clarity.confidence(ratio),
             np.ones(len(scores)),
             Box(region.cx, region.cy, side, side),
