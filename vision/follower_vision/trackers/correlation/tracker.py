@@ -251,7 +251,7 @@ class CorrelationTracker:
         side = self._settings.search_factor * region.scale
         return ResponseMap(
             np.hstack([centres - half, centres + half]),
-            scores * self._clarity.confidence(ratio),
+            scores,
             np.ones(len(scores)),
             Box(region.cx, region.cy, side, side),
         )
