@@ -227,7 +227,6 @@ def test_a_target_that_never_shows_leaves_nothing_behind(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("clip.mp4",), "which target"),
         (("clip.mp4", "--colour", COLOUR, "--offset", "1"), "--offset needs --telemetry"),
         (("clip.mp4", "--colour", COLOUR, "--at", "-1"), "--at"),
         (("clip.mp4", "--colour", COLOUR, "--target", "5,5,4,4"), "alone"),
