@@ -17,7 +17,7 @@ from follower_vision.fusion.features import FEATURES
 from follower_vision.fusion.model import THRESHOLDS, CandidateModel, model_for
 from follower_vision.trackers.registry import TRACKERS
 
-MOST_NUMBERS = 3150
+MOST_NUMBERS = 3050
 """Of four models; one for all trackers but NanoTrack would need 1500."""
 FITTED = Path(fitted_model.__file__).parent / "fitted.json"
 COUNT = len(FEATURES)
