@@ -66,6 +66,8 @@ class OverlayVideo(ClosesItself):
             yield
         except VideoWriteError as error:
             self.remark = f"The video ends early: {error}"
+        except Exception as error:  # a video ends no flight, and no thread that others wait for
+            self.remark = f"The video ends early: {type(error).__name__}: {error}"
 
 
 class BackgroundVideo(ClosesItself):
@@ -85,7 +87,7 @@ class BackgroundVideo(ClosesItself):
         self._waiting: queue.Queue[tuple[Frame, Sequence[Track], Sequence[str]] | None] = (
             queue.Queue(_WAITING_FRAMES)
         )
-        self._left_out, self._failure = 0, ""
+        self._left_out = 0
         self._video = OverlayVideo(path, rate_hz)
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
@@ -93,8 +95,6 @@ class BackgroundVideo(ClosesItself):
     @property
     def remark(self) -> str | None:
         """What is missing in the video, None if nothing is."""
-        if self._failure:
-            return self._failure
         if self._video.remark is None and self._left_out:
             return f"The video leaves out {self._left_out} frames: the encoder was too slow."
         return self._video.remark
@@ -112,11 +112,6 @@ class BackgroundVideo(ClosesItself):
             self._left_out += 1
 
     def _run(self) -> None:
-        try:
-            with self._video as video:
-                while (entry := self._waiting.get()) is not None:
-                    video.add(*entry)
-        except Exception as error:  # whoever hands frames over must not wait for a dead thread
-            self._failure = f"The video ends early: {type(error).__name__}: {error}."
-            while self._waiting.get() is not None:
-                pass
+        with self._video as video:
+            while (entry := self._waiting.get()) is not None:
+                video.add(*entry)
