@@ -88,7 +88,7 @@ class Recorder(ClosesItself):
         self._entries: deque[tuple[object, float]] = deque()
         self._step_ended = threading.Event()
         self._closing = False
-        self._lost = self._odd = 0
+        self._lost, self._left_out = 0, False
         self._when_full = (settings or RecorderSettings()).when_full
         self._writer = _LogWriter(folder, config, self._report)
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._report, threaded)
@@ -183,9 +183,9 @@ class Recorder(ClosesItself):
                 self._writer.write(message, time_s)
                 time.sleep(0)
         except Exception as error:  # a plug-in's answer, perhaps: what follows is not to be lost
-            if not self._odd:
+            if not self._left_out:
+                self._left_out = True
                 self._report(f"left out what cannot be written, {type(record).__name__}: {error}")
-            self._odd += 1
 
 
 class RecordedTransport:

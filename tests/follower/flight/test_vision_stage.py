@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from follower.flight.log import FlightLog
 from follower.flight.operator_requests import OperatorRequests
+from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import OUT_OF_ORDER, VisionStage
 from follower.settings.settings import Settings
+from follower_vision.clock import SimulatedClock
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.longterm.tracker import LongTermTracker
@@ -82,3 +85,15 @@ def test_a_box_that_the_tracker_cannot_follow_is_refused_and_vision_goes_on() ->
     assert stage.step(frame(2, 0.2)) is not None
     assert again.outcome is not None
     assert again.outcome.accepted
+
+
+def test_what_ends_vision_is_told_while_the_flight_goes_on() -> None:
+    log = FlightLog()
+    stage = VisionStage(LongTermTracker(make_tracker("mil", Path)))
+    vision = VisionLoop(stage, SimulatedClock(), log)
+    stage.select(lambda _: Box(80, 60, 16, 120))
+    with pytest.raises(ValueError, match="mil"):
+        vision.step(frame(0, 0.0))
+    (event,) = log.events
+    assert event.source == "vision"
+    assert event.text.startswith("failed: ValueError: OpenCV's mil tracker")

@@ -247,7 +247,7 @@ def _plugin(spec: str) -> Plugin | None:
 
 
 def _is_sdp(spec: str) -> bool:
-    return spec.lower().endswith(".sdp") and _exists(spec)
+    return spec.lower().endswith(".sdp") and _exists(spec) and Path(spec).is_file()
 
 
 def _device(spec: str) -> str | None:
