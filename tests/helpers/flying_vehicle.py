@@ -21,6 +21,9 @@ from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 
 WIDTH, HEIGHT, RATE_HZ = 320, 240, 30
+PATIENT = ("supervisor.telemetry_timeout_s=20", "supervisor.alone_s=20")
+"""Settings for flights whose vehicle lives in the test's process, which a loaded computer may stop
+for longer than a link may be silent; how long that is, other tests say."""
 
 
 class Vehicle:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flying_vehicle import Vehicle, flying_vehicle, write_square
+from flying_vehicle import PATIENT, Vehicle, flying_vehicle, write_square
 from promises import LateS, assert_releases
 from waiting import until
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 HEIGHT_M = 12.0
 SETTINGS = (
     *("camera.fov_deg=70", "camera.pitch_deg=-20"),
-    *("link.vehicle_id=1", "servo.max_forward_m_s=2"),
+    *("link.vehicle_id=1", "servo.max_forward_m_s=2", *PATIENT),
 )
 
 

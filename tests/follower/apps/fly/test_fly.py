@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flying_vehicle import PATIENT
 from promises import LateS, assert_keeps, assert_releases
 from waiting import until
 
@@ -30,6 +31,7 @@ FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 SETTINGS = (
     *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20"),
     *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),
+    *(argument for setting in PATIENT for argument in ("--set", setting)),
 )
 HEIGHT_M = 12.0
 READY, REFUSED, UNUSABLE, HANDED_OVER, RELEASED_FOR_SAFETY, INTERRUPTED = 0, 1, 2, 3, 4, 130

@@ -15,6 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
+from flying_vehicle import PATIENT
 from plugin_packages import Site
 from websockets.sync.client import ClientConnection, connect
 
@@ -30,6 +31,8 @@ MakeVehicle = Callable[..., Any]
 SETTINGS = (
     *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20", "--set", "cockpit.port=0"),
     *("--set", "link.vehicle_id=1", "--set", "cockpit.when_lost=hold"),
+    *("--set", "supervisor.frame_timeout_s=20", "--set", "supervisor.control_timeout_s=20"),
+    *(argument for setting in PATIENT for argument in ("--set", setting)),
 )
 
 
