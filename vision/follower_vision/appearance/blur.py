@@ -45,21 +45,6 @@ class BlurSettings:
             raise ValueError("blur: least_history_s has to be shorter than window_s")
 
 
-@dataclass(frozen=True, slots=True)
-class BlurReading:
-    """How sharp a neighbourhood is.
-
-    Attributes:
-        sharpness: variance of the Laplacian per pixel, in squared grey levels.
-        relative: the same as a share of the recent median; 1 while there is no history.
-        blurred: the verdict.
-    """
-
-    sharpness: float
-    relative: float
-    blurred: bool
-
-
 class BlurDetector:
     """Compares a target's sharpness with its own of the last second."""
 
@@ -71,8 +56,8 @@ class BlurDetector:
         """Forget the history: another target, or the same one found again elsewhere."""
         self._history.clear()
 
-    def update(self, image: Image, box: Box, captured_s: float) -> BlurReading:
-        """Judge the neighbourhood of `box` in a frame and remember it.
+    def update(self, image: Image, box: Box, captured_s: float) -> bool:
+        """Return whether the neighbourhood of `box` is blurred in this frame, and remember it.
 
         Args:
             image: (H, W, 3) uint8 BGR, or (H, W) grey.
@@ -82,34 +67,19 @@ class BlurDetector:
         region = _neighbourhood(image, box)
         halvings = _halvings(region)
         value = _sharpness(region, halvings)
-        relative = self._relative(value, halvings, captured_s)
+        usual = self._usual(halvings, captured_s)
         self._history.append((captured_s, halvings, value))
-        return BlurReading(value, relative, relative < self._settings.ratio)
+        return usual is not None and value < self._settings.ratio * usual
 
-    def _relative(self, value: float, halvings: int, now_s: float) -> float:
-        """The value as a share of the usual one; those of other reductions do not compare."""
+    def _usual(self, halvings: int, now_s: float) -> float | None:
+        """The recent median, of the same reduction: those of others do not compare."""
         history = self._history
         while history and history[0][0] < now_s - self._settings.window_s:
             history.popleft()
         known = [(then_s, past) for then_s, count, past in history if count == halvings]
         if not known or now_s - known[0][0] < self._settings.least_history_s:
-            return 1.0
-        usual = median(past for _, past in known)
-        return value / usual if usual > 0 else 1.0
-
-
-def sharpness(image: Image, box: Box) -> float:
-    """Return the variance of the Laplacian per pixel on twice the box's width and height.
-
-    Regions of more than 160 x 160 pixels are halved until they are smaller, to bound the time. A
-    region wholly outside the image has no sharpness: 0.
-
-    Args:
-        image: (H, W, 3) uint8 BGR, or (H, W) grey.
-        box: in the image's pixels; the part of its neighbourhood inside the image counts.
-    """
-    region = _neighbourhood(image, box)
-    return _sharpness(region, _halvings(region))
+            return None
+        return median(past for _, past in known)
 
 
 def _neighbourhood(image: Image, box: Box) -> Image:
@@ -122,7 +92,7 @@ def _neighbourhood(image: Image, box: Box) -> Image:
 
 
 def _halvings(region: Image) -> int:
-    """How often a region has to be halved to be small enough."""
+    """How often a region has to be halved to be of bounded size, and so of bounded time."""
     pixels, count = region.shape[0] * region.shape[1], 0
     while pixels > _MOST_PIXELS:
         pixels, count = pixels // 4, count + 1
@@ -130,6 +100,7 @@ def _halvings(region: Image) -> int:
 
 
 def _sharpness(region: Image, halvings: int) -> float:
+    """The variance of the Laplacian per pixel, in squared grey levels; 0 of what is too small."""
     if min(region.shape[:2]) < 3 << halvings:
         return 0.0
     grey = region if region.ndim == 2 else cv2.cvtColor(region, cv2.COLOR_BGR2GRAY)

@@ -67,7 +67,7 @@ class PaperFusion:
         if last.state is TrackState.LOST:
             return self._search(frame, last)
         estimate = self._motion.update(frame.image)
-        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
+        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s)
         self._since_look += 1
         if self._since_look >= _VALIDATE_EVERY or blurred:
             return self._validate(frame, estimate.box, estimate.confidence)

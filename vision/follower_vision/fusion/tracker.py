@@ -204,7 +204,7 @@ class FusionTracker:
             target.confidence = 0.0
             return
         expected = target.filter.box
-        blurred = self._blur.update(frame.image, expected, frame.captured_s).blurred
+        blurred = self._blur.update(frame.image, expected, frame.captured_s)
         place = expected
         if target.lost and target.index % 2 and target.other_place is not None:
             place = target.other_place

@@ -190,7 +190,7 @@ class LongTermTracker:
 
     def _appearance(self, frame: Frame, estimate: MotionEstimate, strict: bool) -> BoxAppearance:
         """Compare what the box shows; comparing costs more than all else here."""
-        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s).blurred
+        blurred = self._blur.update(frame.image, estimate.box, frame.captured_s)
         sure = not strict and estimate.confidence >= self._settings.sure_confidence
         if not sure or frame.captured_s >= self._compared_s + self._settings.look_every_s:
             self._compared_s = frame.captured_s
