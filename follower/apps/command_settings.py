@@ -1,16 +1,13 @@
 """Settings as a command's options change them."""
 
 import json
-import shlex
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from follower.settings.link import is_link, link_kinds
+from follower.settings.link import check_link
 from follower.settings.settings import Settings, load_settings, settings_data
 from follower_control.common.strict_config import SettingsError
 from follower_vision.models import MODELS, Purpose
-from follower_vision.sources.capture import without_password
 from follower_vision.trackers.registry import is_tracker, tracker_names
 
 _LENS_KEYS = ("fov_deg", "focal_px")
@@ -41,8 +38,7 @@ def command_settings(
     if tracker is not None and not is_tracker(tracker):
         names = ", ".join(tracker_names())
         raise SettingsError(f"--tracker {tracker}: no such tracker; there are {names}")
-    if link is not None and not is_link(link):
-        raise SettingsError(f"--link {link}: choose {' or '.join(link_kinds())}")
+    check_link(link)
     named = {"tracker": tracker, "detector": detector, "link.kind": link}
     given = [f"{key}={json.dumps(value)}" for key, value in named.items() if value is not None]
     return load_settings(config, overrides=(*implied, *given, *(overrides or ())))
@@ -71,16 +67,11 @@ def implied_tracker(
     return USUAL_TRACKER
 
 
-def with_detector(settings: Settings) -> Settings:
-    """Return the settings with the usual detector if they name none."""
-    if settings.detector is not None:
-        return settings
-    return settings.model_copy(update={"detector": usual_detector()})
-
-
 def with_needed_detector(settings: Settings, needed: bool) -> Settings:
     """Return the settings with the usual detector, if one is needed and they name none."""
-    return with_detector(settings) if needed else settings
+    if settings.detector is not None or not needed:
+        return settings
+    return settings.model_copy(update={"detector": usual_detector()})
 
 
 def usual_detector() -> str:
@@ -96,8 +87,3 @@ def lens_is_given(config: Path | None = None, overrides: Iterable[str] | None = 
     """
     camera = settings_data(config, overrides=overrides or ())[0].get("camera")
     return isinstance(camera, dict) and any(camera.get(key) is not None for key in _LENS_KEYS)
-
-
-def command_line() -> str:
-    """Return the command line that was given, without passwords."""
-    return shlex.join(["follower", *map(without_password, sys.argv[1:])])

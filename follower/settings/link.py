@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from follower_control.common.strict_config import StrictFields, check_ranges
+from follower_control.common.strict_config import SettingsError, StrictFields, check_ranges
 from follower_vision.plugins import PluginGroup
 
 _OFTEN_HZ = 4.0
@@ -29,6 +29,16 @@ def is_link(kind: str) -> bool:
         PluginError: two packages have it.
     """
     return kind in LINK_KINDS or LINK_PLUGINS.find(kind) is not None
+
+
+def check_link(kind: str | None) -> None:
+    """Refuse what `--link` names if there is no such kind of links.
+
+    Raises:
+        SettingsError: there is none, or two packages have it.
+    """
+    if kind is not None and not is_link(kind):
+        raise SettingsError(f"--link {kind}: choose {' or '.join(link_kinds())}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from follower.settings.link import is_link, link_kinds
+from follower.settings.link import check_link
 from follower.settings.settings import Settings, find_scenario, load_settings
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower_control.common.strict_config import SettingsError
@@ -71,8 +71,7 @@ def simulation_settings(
     Raises:
         SettingsError: one of them cannot be used.
     """
-    if link is not None and not is_link(link):
-        raise SettingsError(f"--link {link}: choose {' or '.join(link_kinds())}")
+    check_link(link)
     kind = () if link is None else (f"link.kind={link}",)
     return load_settings(config, base_settings(scenario), (*overrides, *kind))
 

@@ -56,10 +56,10 @@ def print_score(
     console: Console,
     score: PursuitScore,
     criteria: Criteria,
-    files: Sequence[Path] = (),
-    end: FlightEnd | None = None,
+    files: Sequence[Path],
+    end: FlightEnd,
 ) -> None:
-    """Write the score with its limits, the end (by default the score's), and the files."""
+    """Write the score with its limits, the end, and the files."""
     table = Table(show_edge=False, pad_edge=False, header_style="dim")
     table.add_column("Figure")
     table.add_column("Value", justify="right")
@@ -69,11 +69,9 @@ def print_score(
     for check in checks(score, criteria):
         table.add_row(check.name, check.value, check.limit, marks[check.passed])
     console.print(table)
-    failures = verdict(score, criteria)
-    end = end or pursuit_end(failures)
     console.print()
     console.print(Text(end.sentence, _STYLES.get(end.exit_code, "bold red")))
-    for line in failures if end.exit_code != HANDED_OVER else ():
+    for line in verdict(score, criteria) if end.exit_code != HANDED_OVER else ():
         print_line(console, f"  {line}")
     for path in files:
         print_line(console, f"  {path}")

@@ -19,10 +19,9 @@ from follower_control.vehicle.gimbal import GimbalHistory
 from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import Attitude, GimbalState, LocalPosition, VehicleState
-from follower_vision.geometry.box import Box
+from follower_vision.geometry.box import Box, lies_in
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import CameraMount, LineOfSight
-from follower_vision.trackers.target_tracker import has_middle
 from follower_vision.trackers.track import Track, TrackState
 
 LENS = CameraModel.from_fov(640, 480, math.radians(80), (-0.06, 0.01, 0.0, 0.0, 0.0))
@@ -94,7 +93,7 @@ def test_wherever_it_can_have_gone_is_in_the_region(ahead, right, down, reach, a
     assume(np.hypot(*gone[:2]) > 0.5 * np.hypot(ahead, right))
     (x, y), *_ = image_of(gone[None], known()).tolist()
     # What lies crosswise reaches further than along or across alone, at the corners of the region.
-    assert has_middle(seen.possible, Box(x, y, 1, 1), 0.05 * LENS.fx)
+    assert lies_in(Box(x, y, 1, 1), seen.possible, 0.05 * LENS.fx)
 
 
 @given(likely=st.floats(0, 5), more=st.floats(0, 10), ahead=st.floats(5, 40))
@@ -102,7 +101,7 @@ def test_what_is_likely_is_possible(likely, more, ahead):
     seen = prospect(
         PredictedRegion(np.array([ahead, 2, 5]), likely, likely + more), OBSERVER, 10.0, known()
     )
-    assert has_middle(seen.likely, Box(seen.cx, seen.cy, 1, 1))
+    assert lies_in(Box(seen.cx, seen.cy, 1, 1), seen.likely)
     # Farther than an image's side outside of it straight lines mean nothing any more.
     size = np.array([LENS.width, LENS.height])
     likely, possible = (
@@ -131,9 +130,9 @@ def test_a_camera_that_is_a_little_later_than_said_loses_no_target_in_a_turn(lat
     away = np.array([14.0, 1.0, 5.0])
     seen = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, said)
     (x, y), *_ = image_of(away[None], true).tolist()
-    assert has_middle(seen.likely, Box(x, y, 1, 1), 1.0)
+    assert lies_in(Box(x, y, 1, 1), seen.likely, 1.0)
     still = prospect(PredictedRegion(away, 0.0, 0.0), OBSERVER, 10.0, known())
-    assert not has_middle(still.likely, Box(x, y, 1, 1), 1.0)
+    assert not lies_in(Box(x, y, 1, 1), still.likely, 1.0)
 
 
 def test_a_target_right_below_is_expected_below_the_image():
@@ -153,7 +152,7 @@ def test_wherever_it_is_the_region_is_finite_and_around_it(away, likely, more, y
         PredictedRegion(np.array(away), likely, likely + more), OBSERVER, 10.0, known(yaw=yaw)
     )
     assert all(map(math.isfinite, (seen.cx, seen.cy, *seen.likely.xywh, *seen.possible.xywh)))
-    assert has_middle(seen.likely, Box(seen.cx, seen.cy, 1, 1), 1e-3)
+    assert lies_in(Box(seen.cx, seen.cy, 1, 1), seen.likely, 1e-3)
 
 
 def test_the_reach_grows_by_what_a_manoeuvre_makes_of_the_time():
@@ -228,7 +227,7 @@ def test_a_forecast_is_where_its_place_is_seen_and_dated_by_the_frames_clock():
     places = image_of(np.array([one.away_m for one in earlier]), known())
     for one, (x, y) in zip(seen.earlier, places.tolist(), strict=True):
         assert (one.cx, one.cy) == pytest.approx((x, y))
-        assert has_middle(one.likely, Box(x, y, 1, 1))
+        assert lies_in(Box(x, y, 1, 1), one.likely)
         # The camera is 0.1 s late: what was exposed at 8.5 s has the time stamp 8.6 s.
         assert one.since_s == pytest.approx(8.6)
         assert one.nearer == 1.2

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from follower.apps.command_settings import command_settings, lens_is_given, with_detector
+from follower.apps.command_settings import command_settings, lens_is_given, with_needed_detector
 from follower.apps.fly.flight import RealFlight
 from follower.apps.fly.opened import FlightPlan, OpenedFlight, opened_flight
 from follower.apps.preflight.checklist import check_names
@@ -109,7 +109,7 @@ class Pursuit:
             )
         scope = CheckScope(check_names(skip_preflight), Path(out), lens_is_given(file, changes))
         self._plan = FlightPlan(
-            with_detector(settings) if choice.select else settings,
+            with_needed_detector(settings, bool(choice.select)),
             choice,
             str(choice) if choice.given else "what the program selects",
             VideoInput.camera(str(camera), settings.camera),

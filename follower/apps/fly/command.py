@@ -68,7 +68,7 @@ def fly_command(
     Exit code 0: it ended as asked; 1: a preflight check refused it; 2: an option cannot be used; 3:
     the pilot or the operator took the vehicle back; 4: something failed; 130: Ctrl-C before it.
     """
-    from follower.apps.command_settings import command_settings, lens_is_given, with_detector
+    from follower.apps.command_settings import command_settings, lens_is_given, with_needed_detector
     from follower.apps.fly.session import fly
     from follower.apps.preflight.checklist import check_names
     from follower.apps.preflight.session import CheckScope
@@ -79,7 +79,7 @@ def fly_command(
     settings = command_settings(config, overrides, tracker=tracker, detector=detector, link=link)
     checks = CheckScope(check_names(skip_preflight or ()), out, lens_is_given(config, overrides))
     code = fly(
-        with_detector(settings) if select else settings,
+        with_needed_detector(settings, bool(select)),
         choice,
         VideoInput.camera(camera, settings.camera),
         connect,

@@ -9,7 +9,6 @@ import cv2
 from rich.console import Console
 
 from follower.apps.bench.last import last_bench, more_than_held
-from follower.apps.command_settings import command_line
 from follower.apps.fly.flight import RealFlight
 from follower.apps.fly.opened import FlightPlan, OpenedFlight, opened_flight
 from follower.apps.preflight.check import PreflightError, PreflightResult
@@ -46,6 +45,7 @@ from follower.ui.cockpit.publisher import FlightPublisher, PeriodicPublisher, in
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import operators_finder
 from follower.ui.ipc.server_client import UiProcessClient
+from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.console import lasting_console, print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import InterruptFlag, Keyboard, StopOnInterrupt, stop_signals
@@ -163,7 +163,7 @@ class FlySession:
             connect,
             self.checks,
             self.config,
-            command_line(),
+            typed_command(),
         )
         with ExitStack() as after:
             self._station = self._open_station(after)

@@ -15,7 +15,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from follower.apps.command_settings import command_line
 from follower.apps.import_flight.alignment import (
     align,
     flows_of,
@@ -41,6 +40,7 @@ from follower.recording.telemetry_logs import (
     TelemetryPlayback,
 )
 from follower.settings.settings import Settings
+from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.console import print_line
 from follower_control.common.clock_offset import NoOverlapError, TimeOffset
 from follower_control.common.strict_config import SettingsError
@@ -203,7 +203,7 @@ def import_video(
         if not has_motion:
             settings = recorded_settings(settings)
         shown = log_name if source is None else source.name
-        run = {"source": shown, "target": str(target), "command": command_line()}
+        run = {"source": shown, "target": str(target), "command": typed_command()}
         run["title"] = f"{name}, imported"
         facts = {} if aligned is None else {"telemetry": log_name, "offset": aligned.facts}
         config = FlightConfig.of(

@@ -68,7 +68,7 @@ def preflight_command(
 
     Each check says pass, warn, fail or unknown, why, and what to do.
     """
-    from follower.apps.command_settings import command_settings, lens_is_given, with_detector
+    from follower.apps.command_settings import command_settings, lens_is_given, with_needed_detector
     from follower.apps.preflight.checklist import check_names
     from follower.apps.preflight.session import CheckScope, preflight
     from follower.apps.target_choice import TargetChoice
@@ -85,5 +85,5 @@ def preflight_command(
     from follower.apps.preflight.sign_test import sign_test as run_sign_test
 
     choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
-    settings = with_detector(settings) if select else settings
+    settings = with_needed_detector(settings, bool(select))
     raise typer.Exit(run_sign_test(settings, choice, source, connect, checks.lens_given))

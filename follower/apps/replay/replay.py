@@ -111,7 +111,6 @@ class Replay:
         flight: the recording.
         settings: its own ones, or others.
         own_camera: use the recorded intrinsics instead of those that the settings describe.
-        tracker: None makes the one that the settings name.
         tracks_recorded: leave vision out and give control the recorded tracks.
         on_message: is shown each recorded message, after what it stands for was done.
         sink: is given what comes of it, as a recorder is.
@@ -128,7 +127,6 @@ class Replay:
         settings: Settings,
         *,
         own_camera: bool = True,
-        tracker: TargetTracker | None = None,
         tracks_recorded: bool = False,
         on_message: OnMessage | None = None,
         sink: FlightSink | None = None,
@@ -143,7 +141,7 @@ class Replay:
         self._pictures = FrameFinder(iter(()) if tracks_recorded else flight.pictures())
         self._detections = RecordedDetections()
         if not tracks_recorded:
-            self._vision = VisionStage(tracker or self._make_tracker(settings))
+            self._vision = VisionStage(self._make_tracker(settings))
         camera = _camera(flight, settings, own_camera)
         needs_telemetry = flight.config.needs_telemetry
         pattern = recorded_pattern(flight.config.run)

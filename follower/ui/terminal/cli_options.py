@@ -10,6 +10,7 @@ import typer
 from follower.settings.link import LINK_KINDS
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
+from follower_vision.sources.capture import without_password
 
 Config: TypeAlias = Annotated[
     Path | None, typer.Option("--config", "-c", help="Settings (YAML); see `follower settings`.")
@@ -132,5 +133,5 @@ Skip: TypeAlias = Annotated[
 
 
 def typed_command() -> str:
-    """Return the command line that was typed, for reports and recordings."""
-    return shlex.join(["follower", *sys.argv[1:]])
+    """Return the command line that was typed, without passwords: for reports and recordings."""
+    return shlex.join(["follower", *map(without_password, sys.argv[1:])])

@@ -30,10 +30,10 @@ from follower_sim.scenario.scenario_file import load_scenario
 from follower_sim.scoring.ground_truth import GroundTruth
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
-from follower_vision.geometry.box import Box
+from follower_vision.geometry.box import Box, lies_in
 from follower_vision.geometry.line_of_sight import LineOfSight
 from follower_vision.images.frame import Frame
-from follower_vision.trackers.target_tracker import TargetPrediction, has_middle
+from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track, TrackState
 
 BOX = Box(80, 60, 20, 20)
@@ -109,9 +109,9 @@ def test_a_hidden_target_is_where_it_is_said_to_be(name: str) -> None:
     hidden = [(seen, prospect) for seen, prospect in told if seen.visible_share < 0.1]
     assert len(told) > 500
     assert len(hidden) > 25
-    possible = [has_middle(one.possible, seen.box) for seen, one in told]
+    possible = [lies_in(seen.box, one.possible) for seen, one in told]
     assert sum(possible) >= 0.995 * len(told)
-    likely = [has_middle(one.likely, seen.box, seen.box.scale / 4) for seen, one in hidden]
+    likely = [lies_in(seen.box, one.likely, seen.box.scale / 4) for seen, one in hidden]
     assert sum(likely) >= 0.9 * len(hidden)
     area = scenario.camera.width * scenario.camera.height
     plain = [one.possible.area / area for seen, one in told if seen.visible_share > 0.9]

@@ -151,7 +151,7 @@ def test_the_exported_networks_answer_as_the_trained_one(tmp_path: Path) -> None
     rng = np.random.default_rng(2)
     search = rng.integers(0, 256, (SEARCH_PX, SEARCH_PX, 3), np.uint8)
     template = search[40:120, 40:120]
-    found = network.compare(network.template(template), search)
+    found = network.match(network.template(template), network.features(search))
 
     def crops(image: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(image.transpose(2, 0, 1)[None].astype(np.float32))

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.detection.detection import Detection, Detector
-from follower_vision.geometry.box import Box
+from follower_vision.geometry.box import Box, lies_in
 from follower_vision.images.frame import Image
 
 
@@ -84,7 +84,7 @@ class InlineDetection:
     def take(self, owner: object) -> list[DetectionAnswer]:
         """Detect what was asked for by `owner`."""
         mine = [request for request in self._waiting if request.owner is owner]
-        self._waiting = [request for request in self._waiting if request.owner is not owner]
+        self.forget(owner)
         return [_answer(self._detector, request) for request in mine]
 
     def forget(self, owner: object) -> None:
@@ -270,9 +270,9 @@ class SharedDetection:
         """Return the answers to one asker's requests that have come in."""
         for answer in self._service.take(self):
             group = self._served.pop(answer.request.index)
-            self._answers += [
-                DetectionAnswer(one, _within(answer.detections, one.region)) for one in group
-            ]
+            for one in group:
+                inside = [d for d in answer.detections if lies_in(d.box, one.region)]
+                self._answers.append(DetectionAnswer(one, inside))
         mine = [answer for answer in self._answers if answer.request.owner is owner]
         self._answers = [one for one in self._answers if one.request.owner is not owner]
         return mine
@@ -318,13 +318,3 @@ def _common(one: Box | None, two: Box | None) -> Box | None:
     right, bottom = max(one.right, two.right), max(one.bottom, two.bottom)
     side = max(right - left, bottom - top)
     return Box((left + right) / 2, (top + bottom) / 2, side, side)
-
-
-def _within(detections: list[Detection], region: Box | None) -> list[Detection]:
-    if region is None:
-        return list(detections)
-    return [
-        one
-        for one in detections
-        if region.left <= one.box.cx <= region.right and region.top <= one.box.cy <= region.bottom
-    ]

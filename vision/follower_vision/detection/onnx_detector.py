@@ -16,7 +16,7 @@ from follower_vision.detection.detection import (
     NetworkLayout,
 )
 from follower_vision.detection.families import make_decoder
-from follower_vision.geometry.box import Box, keep_best
+from follower_vision.geometry.box import Box, keep_best, lies_in
 from follower_vision.images.crop import crop
 from follower_vision.images.frame import Image
 from follower_vision.onnx_network import CPU, Integers, ModelError, Network, Tensor
@@ -131,7 +131,7 @@ class OnnxDetector:
         outputs = self._network.run(self._tensor, *self._size)
         found = self._decoder.decode(outputs, self._settings.min_score)
         detections = self._detections(self._thinned(found.valid()), view, whole)
-        return [one for one in detections if region is None or _centre_within(one.box, region)]
+        return [one for one in detections if lies_in(one.box, region)]
 
     def _show(self, image: Image, view: Box) -> None:
         """Write the view into the input."""
@@ -188,11 +188,6 @@ class OnnxDetector:
 def _whole(image: Image) -> Box:
     height, width = image.shape[:2]
     return Box(width / 2, height / 2, width, height)
-
-
-def _centre_within(box: Box, region: Box) -> bool:
-    across = region.left <= box.cx <= region.right
-    return across and region.top <= box.cy <= region.bottom
 
 
 def _input_shape(network: Network) -> tuple[int, int, int, int]:

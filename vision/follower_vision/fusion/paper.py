@@ -76,9 +76,6 @@ class PaperFusion:
         name = self._motion.name
         return self._answer(frame, estimate.box, TrackState.TRACKING, estimate.confidence, name)
 
-    def close(self) -> None:
-        """There is nothing to release."""
-
     def _validate(self, frame: Frame, box: Box, confidence: float) -> Track:
         self._since_look = 0
         detections = self._detector.detect(frame.image)

@@ -17,13 +17,12 @@ from follower_vision.fusion.descriptor import AppearanceMemory, Descriptors
 from follower_vision.fusion.distractors import Distractors
 from follower_vision.fusion.look_alikes import LookAlikes, Sightings
 from follower_vision.fusion.settings import FusionSettings
-from follower_vision.geometry.box import Box
+from follower_vision.geometry.box import Box, lies_in
 from follower_vision.geometry.camera_model import CameraView
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.target_tracker import (
     MotionForecast,
     TargetPrediction,
-    has_middle,
 )
 from follower_vision.trackers.track import Track, TrackState
 
@@ -306,7 +305,7 @@ class Target:
         regions = [known.likely if waits else known.possible]
         if self._formerly_foreseen(self.filter.box) is not None:
             regions += [one.likely for one in self._former_forecasts()]
-        return any(has_middle(region, box, margin_px) for region in regions)
+        return any(lies_in(box, region, margin_px) for region in regions)
 
     def deviations(self, box: Box) -> tuple[float, float]:
         """Return how many standard deviations a box is from where control foretells the target.

@@ -20,7 +20,7 @@ class Box:
     Boxes are real-valued and may reach beyond the image.
 
     Raises:
-        ValueError: a value is not finite, or a side is not positive.
+        ValueError: a value is not finite, or a side is not positive, or the area rounds to 0.
 
     Examples:
         >>> import follower
@@ -41,7 +41,7 @@ class Box:
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (self.cx, self.cy, self.width, self.height))):
             raise ValueError(f"a box needs finite numbers, not {self}")
-        if self.width <= 0 or self.height <= 0:
+        if self.width <= 0 or self.height <= 0 or self.area == 0:  # 1e-200 px squared is 0
             raise ValueError(f"a box needs a positive width and height, not {self}")
 
     @classmethod
@@ -121,6 +121,17 @@ class Box:
         if (left, top, right, bottom) == (self.left, self.top, self.right, self.bottom):
             return self
         return Box((left + right) / 2, (top + bottom) / 2, right - left, bottom - top)
+
+
+def lies_in(box: Box, region: Box | None, margin_px: float = 0.0) -> bool:
+    """Return whether a box has its centre in a region, or beside it by no more than a margin.
+
+    Everything lies in the region None.
+    """
+    if region is None:
+        return True
+    right, down = abs(box.cx - region.cx), abs(box.cy - region.cy)
+    return right <= region.width / 2 + margin_px and down <= region.height / 2 + margin_px
 
 
 def pairwise_iou(corners: Floats, others: Floats) -> Floats:

@@ -66,10 +66,6 @@ class NanoTrackNetwork:
         tensor = np.ascontiguousarray(crop.transpose(2, 0, 1)[None], dtype=np.float32)
         return self._template_backbone.run(tensor)[0]
 
-    def compare(self, template: Tensor, crop: Image) -> NanoTrackResponse:
-        """Search for a template in a search crop of (search_side, search_side, 3) pixels."""
-        return self.match(template, self.features(crop))
-
     def features(self, crop: Image) -> Tensor:
         """Return the features, (1, C, H, W), of a search crop of (search_side, search_side, 3)."""
         np.copyto(self._search[0], crop.transpose(2, 0, 1))
@@ -198,18 +194,13 @@ class NanoTracker:
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`."""
-        if self._template is None:
-            raise RuntimeError("the tracker was not started")
-        side = self._network.search_side
-        zoom = self._network.template_side / self._context_side(box)
-        region = Box(box.cx, box.cy, side / zoom, side / zoom)
-        features = self._network.features(crop(image, region, side, side, self._fill))
-        response = self._network.match(self._template, features)
+        response, zoom, features = self._search_about(image, box)
+        side = self._network.search_side / zoom
         return ResponseMap(
             response.corners / zoom + np.array([box.cx, box.cy] * 2, np.float32),
             response.scores,
             self._penalty(response, box.width * zoom, box.height * zoom),
-            region,
+            Box(box.cx, box.cy, side, side),
             features[0].transpose(1, 2, 0),
         )
 
@@ -220,7 +211,7 @@ class NanoTracker:
             RuntimeError: `start` was not called.
         """
         box = self._started()
-        response, zoom = self._search_about(image, box)
+        response, zoom, _ = self._search_about(image, box)
         penalty = self._penalty(response, box.width * zoom, box.height * zoom)
         best = self._best(penalty * response.scores)
         trust = float(penalty[best] * response.scores[best])
@@ -243,15 +234,15 @@ class NanoTracker:
         """Return the side of the square about a target, margin included, in image pixels."""
         return context_side(box, self._settings.context)
 
-    def _search_about(self, image: Image, box: Box) -> tuple[NanoTrackResponse, float]:
-        """Return the network's answer about `box`, and crop pixels per image pixel."""
+    def _search_about(self, image: Image, box: Box) -> tuple[NanoTrackResponse, float, Tensor]:
+        """Return the network's answer about `box`, crop pixels per image pixel, and features."""
         if self._template is None:
             raise RuntimeError("the tracker was not started")
         side = self._network.search_side
         zoom = self._network.template_side / self._context_side(box)
         region = Box(box.cx, box.cy, side / zoom, side / zoom)
-        cut = crop(image, region, side, side, self._fill)
-        return self._network.compare(self._template, cut), zoom
+        features = self._network.features(crop(image, region, side, side, self._fill))
+        return self._network.match(self._template, features), zoom, features
 
     def _penalty(self, response: NanoTrackResponse, width: float, height: float) -> Tensor:
         """Return each cell's factor, at most 1, for a size or shape unlike the last one's."""

@@ -141,12 +141,6 @@ class TargetPrediction:
     view: CameraView | None = None
 
 
-def has_middle(region: Box, box: Box, margin_px: float = 0.0) -> bool:
-    """Return whether a box has its middle in a region, or beside it by no more than a margin."""
-    right, down = abs(box.cx - region.cx), abs(box.cy - region.cy)
-    return right <= region.width / 2 + margin_px and down <= region.height / 2 + margin_px
-
-
 @runtime_checkable
 class AcceptsPrediction(Protocol):
     """What a target tracker offers that uses predictions."""

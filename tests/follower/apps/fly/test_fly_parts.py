@@ -18,7 +18,7 @@ from typing import TextIO
 import numpy as np
 import pytest
 
-from follower.apps.command_settings import command_line, lens_is_given
+from follower.apps.command_settings import lens_is_given
 from follower.apps.fly.flight import waiting_for
 from follower.apps.preflight.camera_checks import CameraWatch
 from follower.apps.video_input import DeadCamera, SteadySource
@@ -26,6 +26,7 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.settings import Settings, load_settings
+from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import VehicleState
@@ -311,4 +312,4 @@ def test_the_command_line_can_be_given_again_without_the_password(
 ) -> None:
     given = ["follower", "fly", "--camera", "rtsp://me:secret@cam/live", "--select", "person:2"]
     monkeypatch.setattr(sys, "argv", given)
-    assert command_line() == "follower fly --camera rtsp://cam/live --select person:2"
+    assert typed_command() == "follower fly --camera rtsp://cam/live --select person:2"

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from follower.flight.log import FlightLog
 from follower.flight.status import LiveStatus
+from follower.flight.supervision.flight_end import pursuit_end
 from follower.simulation.ground_truth import score_flight
 from follower.simulation.report import print_score
 from follower.ui.terminal.console import print_line
@@ -20,6 +21,7 @@ from follower.ui.terminal.flight_display import FlightDisplay, plain_line, statu
 from follower_control.servo.pursuit_state import ServoErrors
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_sim.scenario.scenario import Criteria
+from follower_sim.scoring.criteria import verdict
 from follower_vision.clock import SimulatedClock
 
 STATUS = LiveStatus(
@@ -179,9 +181,8 @@ def test_an_empty_log_has_a_status() -> None:
 def test_the_final_table_names_failures_and_files(fly: Any) -> None:
     flight = fly(20.0)
     score = score_flight(flight.log, flight.truth, flight.goal)
-    text = text_of(
-        lambda console: print_score(console, score, Criteria(), [Path("runs/demo/report.html")])
-    )
+    files, end = [Path("runs/demo/report.html")], pursuit_end(verdict(score, Criteria()))
+    text = text_of(lambda console: print_score(console, score, Criteria(), files, end))
     assert "The pursuit failed" in text
     assert "approach was never over" in text
     assert "runs/demo/report.html" in text

@@ -4,6 +4,6 @@ Uses: `geometry`, `images`, NumPy, OpenCV.
 Start at: `tracker.CorrelationTracker`.
 """
 
-from follower_vision.trackers.correlation.tracker import CorrelationSettings, CorrelationTracker
+from follower_vision.trackers.correlation.tracker import CorrelationTracker
 
-__all__ = ["CorrelationSettings", "CorrelationTracker"]
+__all__ = ["CorrelationTracker"]

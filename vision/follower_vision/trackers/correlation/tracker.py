@@ -150,7 +150,7 @@ class CorrelationSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scan:
-    """What `search` has seen, for `learn`."""
+    """What was seen in a search region."""
 
     image: Image
     region: Box
@@ -164,17 +164,13 @@ class CorrelationTracker:
     """A motion tracker without weights; implements `MotionTracker`.
 
     Deterministic: the same images give the same boxes, bit for bit.
-
-    Args:
-        settings: see there.
     """
 
     name = "correlation"
     """What tracks say produced them."""
 
-    def __init__(self, settings: CorrelationSettings | None = None) -> None:
-        self._settings = settings or CorrelationSettings()
-        s = self._settings
+    def __init__(self) -> None:
+        self._settings = s = CorrelationSettings()
         self._cells = s.patch_px // s.cell_px
         self._features = Features(s.patch_px, s.cell_px, s.gradient_channels, s.colour_channels)
         self._box: Box | None = None
@@ -203,22 +199,17 @@ class CorrelationTracker:
         if self._box is None:
             raise RuntimeError("the tracker was not started")
         region = _inside(self._drift.moved(self._box, self._settings.drift_share), image)
-        patch = self._patch(image, region)
-        sample = spectrum(self._features(patch))
-        response = self._filter.response(sample)
-        ratio = sidelobe_ratio(response, self._lobe)
-        trust = self._clarity.trust(ratio)
-        colours = self._colours.colours_of(patch)
-        peak = find_peak(self._with_colours(response, colours, trust))
-        box = self._located(self._box, region, peak, ratio, image)
-        self._clarity.remember(ratio, trust)
+        scan, blended = self._scanned(image, region)
+        peak, trust = find_peak(blended), scan.trust
+        box = self._located(self._box, region, peak, scan.ratio, image)
+        self._clarity.remember(scan.ratio, trust)
         if trust > 0:
-            self._learn(sample, colours, peak, trust)
+            self._learn(scan.sample, scan.colours, peak, trust)
             factor = self._scale.factor(image, box)
             self._scale.learn(image, box.scaled(factor), trust * self._settings.scale_learning_rate)
             box = self._resized(box, factor)
         self._box = box
-        return MotionEstimate(box, self._clarity.confidence(ratio))
+        return MotionEstimate(box, self._clarity.confidence(scan.ratio))
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`: all shifts of the search region, at the size found at the best.
@@ -229,15 +220,8 @@ class CorrelationTracker:
         if self._box is None:
             raise RuntimeError("the tracker was not started")
         region = _inside(box, image)
-        patch = self._patch(image, region)
-        sample = spectrum(self._features(patch))
-        response = self._filter.response(sample)
-        ratio = sidelobe_ratio(response, self._lobe)
-        trust = self._clarity.trust(ratio)
-        colours = self._colours.colours_of(patch)
-        blended = self._with_colours(response, colours, trust)
+        self._scan, blended = self._scanned(image, region)
         peak = find_peak(blended)
-        self._scan = _Scan(image, region, sample, colours, ratio, trust)
         cell = self._settings.search_factor * region.scale / self._cells
         best = region.moved_to(region.cx + peak.across * cell, region.cy + peak.down * cell)
         size = self._resized(best, self._scale.factor(image, best))
@@ -290,6 +274,17 @@ class CorrelationTracker:
         side = self._settings.search_factor * box.scale
         region = Box(box.cx, box.cy, side, side)
         return cut(image, region, self._settings.patch_px, self._settings.patch_px)
+
+    def _scanned(self, image: Image, region: Box) -> tuple[_Scan, Response]:
+        """Return what is in a search region, and how like the target each shift of it is."""
+        patch = self._patch(image, region)
+        sample = spectrum(self._features(patch))
+        response = self._filter.response(sample)
+        ratio = sidelobe_ratio(response, self._lobe)
+        trust = self._clarity.trust(ratio)
+        colours = self._colours.colours_of(patch)
+        scan = _Scan(image, region, sample, colours, ratio, trust)
+        return scan, self._with_colours(response, colours, trust)
 
     def _with_colours(self, response: Response, colours: Colours, trust: float) -> Response:
         """The filter's response blended with the colours', the more the clearer it is.
