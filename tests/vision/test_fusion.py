@@ -396,6 +396,15 @@ def test_a_frame_with_the_time_of_the_last_one_is_answered(
         assert tracker.step(frame(number, time_s)).state is TrackState.TRACKING
 
 
+def test_frames_out_of_order_do_not_end_it(fusion: Trackers, motion: ToldMotion) -> None:
+    tracker = fusion()
+    tracker.start(frame(0), BOX)
+    follow(tracker, motion, [*going_right(10), *unseen(3)])
+    (back,) = follow(tracker, motion, unseen(1), 1)
+    assert back.state is TrackState.COASTING
+    assert follow(tracker, motion, going_right(1), 15)[0].state is TrackState.TRACKING
+
+
 NONE = (math.nan, math.inf, -math.inf)
 
 

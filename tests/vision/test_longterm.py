@@ -229,6 +229,19 @@ def test_black_frames_are_no_sighting(tracker):
     assert is_tracking(after[-1])
 
 
+def test_frames_out_of_order_do_not_end_it():
+    """They come from the past, half of them with the target and half without."""
+    scene, long_term = Scene(), LongTermTracker(CorrelationTracker())
+    long_term.start(scene.frame(60, ((100.0, 100.0), ORANGE)), box_at((100.0, 100.0)))
+    for index in range(61, 90):
+        long_term.step(scene.frame(index, ((100.0, 100.0), ORANGE)))
+    for index in (*range(90, 110), 40, 41):
+        assert not is_tracking(long_term.step(scene.black(index)))
+    for index in (*range(10, 20), *range(120, 135)):
+        after = long_term.step(scene.frame(index, ((100.0, 100.0), ORANGE)))
+    assert is_tracking(after)
+
+
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_a_frozen_picture_is_no_sighting(tracker):
     scene, long_term = Scene(), LongTermTracker(tracker())

@@ -158,3 +158,25 @@ def test_begun_anew_it_follows_other_targets(fusion: Make) -> None:
     tracks = multi.step(frame(3, others))
     for track, box in zip(tracks, boxes(others), strict=True):
         assert track.box.distance(box) < 1
+
+
+def test_who_refuses_a_start_goes_on_with_the_targets_it_has(fusion: Make) -> None:
+    multi, places = fusion(), [(100.0, 100.0), (400.0, 300.0)]
+    multi.start(frame(0, places), boxes(places))
+    with pytest.raises(ValueError, match="outside the image"):
+        multi.start(frame(1, places), [*boxes(places), Box(-500, 50, 20, 20)])
+    tracks = multi.step(frame(2, places))
+    assert [track.state for track in tracks] == [TrackState.TRACKING] * 2
+
+
+def test_begun_anew_nothing_is_asked_for_the_earlier_targets(fusion: Make) -> None:
+    """Far apart, they need a pass each: what waits for the ones before would come first."""
+    detector = SquareDetector()
+    multi, places = fusion(detector), [(60.0, 60.0), (580.0, 60.0), (60.0, 420.0), (580.0, 420.0)]
+    for number in range(5):
+        multi.start(frame(number, places), boxes(places))
+    begun = detector.looks
+    for number in range(5, 8):
+        multi.step(frame(number, places))
+    assert detector.looks - begun <= 3
+    assert multi.passes <= 5 + 3

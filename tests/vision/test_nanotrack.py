@@ -117,6 +117,30 @@ def test_a_still_target_stays_put(network: NanoTrackNetwork) -> None:
     assert estimate.confidence > 0.9
 
 
+@pytest.mark.parametrize("share", ["one cell", "all"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_networks_broken_numbers_are_an_unseen_frame(
+    network: NanoTrackNetwork, monkeypatch: pytest.MonkeyPatch, wrong: float, share: str
+) -> None:
+    nano, there = tracker(network), scene((300, 200))
+    nano.start(there, Box(300, 200, 40, 40))
+    box, features = nano.update(there).box, network.features
+
+    def broken(crop: np.ndarray) -> np.ndarray:
+        right = features(crop).copy()
+        right[(..., 8, 8) if share == "one cell" else ...] = wrong
+        return right
+
+    with monkeypatch.context() as patch:
+        patch.setattr(network, "features", broken)
+        estimate = nano.update(there)
+        assert not np.isnan(nano.search(there, box).finite(box).image_features).any()
+    assert estimate.box.distance(box) < 60
+    assert 0 <= estimate.confidence <= 1
+    assert (estimate.box, estimate.confidence) == (box, 0.0) or share == "one cell"
+    assert nano.update(there).confidence > 0.9
+
+
 def test_the_box_follows_right_and_down(network: NanoTrackNetwork) -> None:
     nano = tracker(network, window_influence=0.0)
     nano.start(scene((300, 200)), Box(300, 200, 40, 40))

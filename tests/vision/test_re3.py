@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,30 @@ def test_the_box_goes_on_from_the_last_one() -> None:
     assert (first.width, first.height) == pytest.approx((44, 40))
     second = tracker.update(image()).box
     assert second.cx == pytest.approx(120 + 0.5 * math.sqrt(44 * 40))
+
+
+@pytest.mark.parametrize("part", ["box", "confidence", "features", "state"])
+def test_broken_numbers_of_the_network_are_an_unseen_frame_and_not_remembered(part: str) -> None:
+    network = CountingNetwork((0.0, 0.0, 0.0, 0.0))
+    tracker = Re3Tracker(network)
+    tracker.start(image(), Box(100, 100, 40, 40))
+    before = tracker.update(image(1)).box
+    right, whole = network.predict, state(math.nan) if part == "state" else np.array(math.nan)
+    network.predict = lambda *given: replace(right(*given), **{part: whole})
+    estimate = tracker.update(image(2))
+    assert (estimate.box, estimate.confidence) == (before, 0.0)
+    network.predict = right
+    assert tracker.update(image(3)).confidence > 0.9
+    assert np.isfinite(network.states).all()
+
+
+def test_a_likelihood_beyond_its_range_is_no_confidence_beyond_it() -> None:
+    network = CountingNetwork((0.0, 0.0, 0.0, 0.0))
+    tracker, right = Re3Tracker(network), network.predict
+    tracker.start(image(), Box(100, 100, 40, 40))
+    for wrong in (1e30, -0.1):
+        network.predict = lambda *given, wrong=wrong: replace(right(*given), confidence=wrong)
+        assert 0 <= tracker.update(image(1)).confidence <= 1
 
 
 def test_the_box_stays_on_the_image_and_does_not_vanish() -> None:

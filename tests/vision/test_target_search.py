@@ -116,9 +116,18 @@ def test_a_living_picture_is_good_and_a_repeated_one_is_frozen_after_a_while():
     assert health[4:] == [FrameHealth.FROZEN] * 2
 
 
-@pytest.mark.parametrize("level", [0, 128, 255])
-def test_one_brightness_is_blank(level):
-    image = np.full((48, 64, 3), level, np.uint8)
+def test_a_small_target_on_a_still_ground_is_a_living_picture():
+    """A film from a fixed camera repeats its still parts exactly."""
+    check, ground = FrameCheck(), np.random.default_rng(1).integers(0, 255, (1080, 1920, 3))
+    for index in range(30):
+        image = ground.astype(np.uint8)
+        image[440:448, 200 + 4 * index : 240 + 4 * index] = 255
+        assert check.update(Frame(image, index / 30, index)) is FrameHealth.GOOD
+
+
+@pytest.mark.parametrize("colour", [0, 128, 255, (255, 0, 0), (0, 135, 0)])
+def test_one_colour_is_blank(colour):
+    image = np.full((48, 64, 3), colour, np.uint8)
     assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.BLANK
 
 

@@ -153,7 +153,7 @@ def _row(tracker: str, kind: str, sequences: Sequence[list[ScoredRun]]) -> MeanR
     every = [one for runs in sequences for one in runs]
     scores = [_mean_of(runs) for runs in sequences]
     curves = mean_curves([mean_curves([one.curves for one in runs]) for runs in sequences])
-    states = [one.states for one in every if one.states is not None]
+    states = [mean_state_accuracy(known) for runs in sequences if (known := _states_of(runs))]
     return MeanRow(
         tracker,
         kind,
@@ -169,6 +169,10 @@ def _row(tracker: str, kind: str, sequences: Sequence[list[ScoredRun]]) -> MeanR
 
 def _mean_of(runs: Sequence[ScoredRun]) -> OpeScore:
     return mean_score([one.score for one in runs])
+
+
+def _states_of(runs: Sequence[ScoredRun]) -> list[StateAccuracy]:
+    return [one.states for one in runs if one.states is not None]
 
 
 def _values(scores: Sequence[OpeScore], name: str) -> Values:

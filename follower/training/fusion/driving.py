@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from follower.training.fusion.settings import FusionSetup
 from follower_control.common.strict_config import SettingsError
-from follower_vision.detection import Detection, Detector, make_detector
+from follower_vision.detection import Detection, Detector, OnnxDetector, make_detector
 from follower_vision.disk import write_whole_bytes
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.multi_start import RATE_HZ, Run, Start, run
@@ -27,6 +27,7 @@ from follower_vision.fusion.tracker import Choice, FusionTracker
 from follower_vision.geometry.box import Box, pairwise_iou
 from follower_vision.images.frame import Frame, Image
 from follower_vision.models import ModelStore, default_folder
+from follower_vision.models.download import sha256_of
 from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.track import Track
 
@@ -267,8 +268,11 @@ def _tracker(
     store = ModelStore(default_folder(os.environ))
     detector = None
     if setup.detector is not None:
-        path = cache.with_name(f"{cache.stem}-{Path(setup.detector).stem}.pkl")
-        detector = CachedDetector(make_detector(setup.detector, store), images, path)
+        asked = make_detector(setup.detector, store)
+        parts = [cache.stem, Path(setup.detector).stem]
+        if isinstance(asked, OnnxDetector):  # one trained anew has other answers
+            parts.append(sha256_of(asked.path)[:12])
+        detector = CachedDetector(asked, images, cache.with_name("-".join(parts) + ".pkl"))
     yield lambda model: FusionTracker(
         make_tracker(setup.tracker, store.file), detector, model=model
     )

@@ -79,7 +79,7 @@ def fit_noise(logs: Sequence[Examples], truths: Sequence[Sequence[Box | None]]) 
 
     Observations: the robust deviation (1.48 times the median absolute one) of candidates that
     overlap the truth by more than half. Motion: the densities with the largest likelihood of the
-    true boxes, in steps of a factor of two.
+    true boxes, in steps of a factor of four.
 
     Args:
         logs: one for each sequence.
@@ -108,7 +108,7 @@ def _deviation(rows: Floats, otherwise: float) -> float:
 
 
 def _likelihood(truths: Sequence[Sequence[Box | None]], noise: FilterNoise, axis: int) -> float:
-    """Mean log likelihood of true boxes, 3 frames ahead, of two axes from `axis` on."""
+    """Mean log likelihood of true boxes, a frame ahead, of two axes from `axis` on."""
     sums = []
     for truth in truths:
         known = [box for box in truth[:120] if box is not None]

@@ -22,6 +22,7 @@ from follower_vision.images.frame import Image
 
 _REGION = 2.0
 _MOST_PIXELS = 160.0 * 160.0
+_MOST_REMEMBERED = 256  # where time stands still
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class BlurDetector:
 
     def __init__(self, settings: BlurSettings | None = None) -> None:
         self._settings = settings or BlurSettings()
-        self._history: deque[tuple[float, int, float]] = deque()
+        self._history: deque[tuple[float, int, float]] = deque(maxlen=_MOST_REMEMBERED)
 
     def reset(self) -> None:
         """Forget the history: another target, or the same one found again elsewhere."""

@@ -7,7 +7,7 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from follower_vision.images.frame import Frame
+from follower_vision.images.frame import Frame, Image
 
 _ABOUT_BYTES = 1 << 16
 
@@ -17,7 +17,7 @@ class FrameHealth(StrEnum):
 
     GOOD = "good"
     BLANK = "blank"
-    """Nothing but one brightness: lens cap, black or white frames."""
+    """Nothing but one colour: lens cap, black, white or green frames."""
     FROZEN = "frozen"
     """Exactly the picture of a while ago; a living camera has noise and never repeats itself."""
 
@@ -29,7 +29,7 @@ class FrameCheckSettings:
     Attributes:
         frozen_after_s: a picture that has not changed for this long, and was repeated at least
             twice, is frozen. Recordings of perfectly still scenes need more, or infinity.
-        blank_deviation: a frame whose grey levels deviate less than this is blank.
+        blank_deviation: a frame whose blue, green and red levels deviate less than this is blank.
     """
 
     frozen_after_s: float = 0.1
@@ -43,11 +43,15 @@ class FrameCheckSettings:
 
 
 class FrameCheck:
-    """Checks a sample of every frame's pixels."""
+    """Checks a sample of every frame's pixels, and all of them where the sample is the last one's.
+
+    A small target on a still background may move between the rows of the sample.
+    """
 
     def __init__(self, settings: FrameCheckSettings | None = None) -> None:
         self._settings = settings or FrameCheckSettings()
         self._sample: bytes | None = None
+        self._image: Image | None = None
         self._changed_s = 0.0
         self._repeats = 0
 
@@ -56,13 +60,13 @@ class FrameCheck:
         # Whole rows: they lie together in memory.
         step = min(frame.height, max(1, frame.image.nbytes // _ABOUT_BYTES))
         sample = frame.image[step // 2 :: step].tobytes()
-        if sample == self._sample:
+        if sample == self._sample and np.array_equal(frame.image, self._image):
             self._repeats += 1
         else:
             self._repeats, self._changed_s = 0, frame.captured_s
-        self._sample = sample
-        _, deviation = cv2.meanStdDev(np.frombuffer(sample, np.uint8))
-        if float(deviation[0, 0]) < self._settings.blank_deviation:
+        self._sample, self._image = sample, frame.image
+        _, deviation = cv2.meanStdDev(np.frombuffer(sample, np.uint8).reshape(-1, 1, 3))
+        if float(deviation.max()) < self._settings.blank_deviation:
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s
         if self._repeats >= 2 and still_s >= self._settings.frozen_after_s:

@@ -78,6 +78,7 @@ class OnnxDetector:
     One thread at a time may call `detect`: the input's memory is used again and again.
 
     Attributes:
+        path: the ONNX file.
         class_names: the names of all classes, by their numbers.
     """
 
@@ -103,6 +104,7 @@ class OnnxDetector:
             ModelError: the file is missing, broken or of no known family.
             ValueError: the number of class names is not that of the classes.
         """
+        self.path = path
         self._settings = settings or DetectorSettings()
         self._network = Network(path, device)
         self._tensor = np.zeros(_input_shape(self._network), np.float32)

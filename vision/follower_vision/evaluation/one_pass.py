@@ -107,7 +107,7 @@ def read_lines(path: Path) -> list[str]:
         DatasetError: the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise DatasetError(f"{path}: cannot be read as text ({error})") from None
     return [line.strip() for line in text.splitlines() if line.strip()]

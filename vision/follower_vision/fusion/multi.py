@@ -59,13 +59,22 @@ class MultiFusion:
         """Choose the targets anew; everything earlier is forgotten.
 
         Raises:
-            ValueError: there are none or too many, or one lies outside the image.
+            ValueError: there are none or too many, or one lies outside the image. The earlier
+                targets are still followed then.
         """
         if not 1 <= len(boxes) <= MOST_TARGETS:
             raise ValueError(f"1 to {MOST_TARGETS} targets can be followed, not {len(boxes)}")
-        self._trackers = [self._tracker() for _ in boxes]
-        for tracker, box in zip(self._trackers, boxes, strict=True):
-            tracker.start(frame, box)
+        trackers = [self._tracker() for _ in boxes]
+        try:
+            for tracker, box in zip(trackers, boxes, strict=True):
+                tracker.start(frame, box)
+        except ValueError:
+            for tracker in trackers:
+                tracker.forget_requests()
+            raise
+        for tracker in self._trackers:
+            tracker.forget_requests()
+        self._trackers = trackers
         for tracker in self._trackers:
             tracker.beside([other for other in self._trackers if other is not tracker])
         return self._concluded(frame)

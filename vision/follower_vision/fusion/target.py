@@ -136,7 +136,7 @@ class Target:
         """Predict to the next frame's time, in seconds."""
         self.index += 1
         self.interval_s = max(captured_s - self.captured_s, 1e-3)
-        self.captured_s = captured_s
+        self.captured_s = max(captured_s, self.captured_s)
         self.filter.predict(self.interval_s)
         self.distractors.predict(self.interval_s)
         self.look_alikes.predict(self.interval_s)

@@ -142,6 +142,11 @@ class FusionTracker:
         """Leave other targets to the trackers that follow them through the same frames."""
         self._companions = companions
 
+    def forget_requests(self) -> None:
+        """Let the detector drop what it was asked for."""
+        if self._service is not None:
+            self._service.forget(self._owner)
+
     def close(self) -> None:
         """Release the threads."""
         if self._service is not None:
@@ -162,15 +167,13 @@ class FusionTracker:
                 f"the target's box (x {box.left:.0f}, y {box.top:.0f}, {box.width:.0f} x "
                 f"{box.height:.0f}) lies outside the image of {frame.width} x {frame.height}"
             )
-        if self._service is not None:
-            self._service.forget(self._owner)  # answers under way belong to another target
+        self.forget_requests()  # answers under way belong to another target
         self._owner, self._prediction, self._search = object(), None, None
         self._health, self._blur = FrameCheck(), BlurDetector()
         self._health.update(frame)
         self._motion.start(frame.image, box)
-        memory = AppearanceMemory(
-            describe(frame.image, [box], self._response.search(frame.image, box), self._embedder)
-        )
+        seen = self._response.search(frame.image, box).finite(box)
+        memory = AppearanceMemory(describe(frame.image, [box], seen, self._embedder))
         size, now_s = log_sides(box), frame.captured_s
         filter_ = BoxFilter(self._model.noise, box)
         self._target = Target(filter_, box, size, memory, box, now_s, now_s)
@@ -224,7 +227,9 @@ class FusionTracker:
         """
         target = self._started()
         search, self._search = self._search, None
-        taken = [] if self._service is None else self._service.take(self._owner)
+        # Answers wait while nothing is to be seen that they could be compared with.
+        waits = self._service is None or (search is None and target.index > 0)
+        taken = [] if waits else self._service.take(self._owner)
         answers = [_finite(answer) for answer in taken]
         self.late_answers = () if isinstance(self._service, InlineDetection) else answers
         # Of a frame that is forgotten nobody knows how far its detections have moved since.

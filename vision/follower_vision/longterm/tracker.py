@@ -289,7 +289,7 @@ class LongTermTracker:
     def _candidates(self, frame: Frame) -> list[Box]:
         """Where the target might be by now: near while it coasts, anywhere once it is lost."""
         settings = self._settings
-        away_s = frame.captured_s - self._coasting.last[0]
+        away_s = max(0.0, frame.captured_s - self._coasting.last[0])
         expected = self._coasting.predict(frame.captured_s)
         reach = expected.scale * (settings.reach + settings.reach_growth_s * away_s)
         if self._state is TrackState.LOST:
@@ -299,7 +299,7 @@ class LongTermTracker:
     def _best(self, frame: Frame, candidates: list[Box]) -> tuple[Box, float] | None:
         """The most likely candidate by appearance and, soon after the loss, by position."""
         expected = self._coasting.predict(frame.captured_s)
-        away_s = frame.captured_s - self._coasting.last[0]
+        away_s = max(0.0, frame.captured_s - self._coasting.last[0])
         weight = self._settings.nearness * math.exp(-away_s / _NEARNESS_FADES_S)
         scored = [
             (

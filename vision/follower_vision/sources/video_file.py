@@ -120,14 +120,12 @@ class VideoFile(ClosesItself):
     def _time_s(self, picture: av.VideoFrame) -> float:
         """Time since the first frame; times that stand still or are missing move on."""
         shown_s = picture.time
-        if shown_s is None:
-            return self._sequence / self.nominal_rate_hz
-        if self._origin_s is None:
-            self._origin_s = shown_s
-        time_s = shown_s - self._origin_s
+        if shown_s is not None and self._origin_s is None:
+            self._origin_s = shown_s - self._last_s
+        time_s = -1.0 if shown_s is None else shown_s - (self._origin_s or 0.0)
         if self._sequence and time_s <= self._last_s:
             return self._last_s + 1 / self.nominal_rate_hz
-        return time_s
+        return max(time_s, 0.0)
 
 
 def upright(picture: av.VideoFrame) -> Image:

@@ -74,7 +74,10 @@ class ResponseMap:
     second: MotionEstimate | None = None
 
     def finite(self, otherwise: Box) -> ResponseMap:
-        """Leave out places whose numbers are not finite; if all are, `otherwise` has likeness 0."""
+        """Leave out what is not finite; if no place is left, `otherwise` has likeness 0."""
+        features = self.image_features
+        if features is not None and not np.isfinite(features).all():
+            return replace(self, image_features=np.zeros_like(features)).finite(otherwise)
         second = self.second
         if second is not None and not math.isfinite(second.confidence):
             return replace(self, second=None).finite(otherwise)

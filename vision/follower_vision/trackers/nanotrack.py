@@ -213,8 +213,11 @@ class NanoTracker:
         box = self._started()
         response, zoom, _ = self._search_about(image, box)
         penalty = self._penalty(response, box.width * zoom, box.height * zoom)
-        best = self._best(penalty * response.scores)
-        trust = float(penalty[best] * response.scores[best])
+        penalised = np.nan_to_num(penalty * response.scores)
+        best = self._best(penalised)
+        trust = float(penalised[best])
+        if not trust:  # the network's numbers are not finite
+            return MotionEstimate(box, 0.0)
         self._box = self._bounded(self._smoothed(box, response, best, zoom, trust), image)
         return MotionEstimate(self._box, float(response.scores[best]))
 

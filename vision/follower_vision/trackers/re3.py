@@ -112,6 +112,12 @@ class Re3Output:
     features: Tensor
     state: Re3State
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of its numbers are."""
+        numbers = (self.box, self.confidence, self.features, self.state.hidden, self.state.cell)
+        return all(np.isfinite(one).all() for one in numbers)
+
 
 class Re3Network:
     """Takes two crops and predicts where the target is; several trackers may share it."""
@@ -342,8 +348,10 @@ class Re3Tracker:
         if before is None or memory is None:
             raise RuntimeError("the tracker was not started")
         output = self._network.predict(before.view, image, box, self._fill, memory, before.state)
+        if not output.is_finite:  # and nothing of it is to be remembered
+            return MotionEstimate(box, 0.0), _Answer(image, box, before.state)
         found = self._bounded(absolute_box(output.box, box), image)
-        confidence = output.confidence**self._settings.confidence_power
+        confidence = min(max(output.confidence, 0.0), 1.0) ** self._settings.confidence_power
         answer = _Answer(image, found, output.state)
         return MotionEstimate(found, confidence), answer
 

@@ -21,10 +21,13 @@ from plugin_packages import TRACKER, installed
 from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
-from follower.apps.evaluate.contender import Contender
+from follower.apps.evaluate.contender import Contender, EvaluationResult, RunStart
 from follower.apps.evaluate.run import EvaluationPlan, evaluate
+from follower.apps.evaluate.scores import rows, scored
 from follower_control.common.strict_config import SettingsError
+from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.geometry.box import Box
+from follower_vision.trackers.track import TrackState
 
 ROOT = Path(__file__).parents[4]
 DATA = Path(os.environ.get("FOLLOWER_DATA", ROOT.parent / "shared" / "data"))
@@ -144,6 +147,21 @@ def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) 
     rows = list(csv.DictReader(StringIO((folder / "results.csv").read_text())))
     assert [row["tracking at iou 0"] for row in rows] == ["0.0", ""]
     assert "No states are known of correlation." in (folder / "report.html").read_text()
+
+
+def test_a_sequence_weighs_the_same_however_many_starts_it_has() -> None:
+    """One wrong run of a sequence, three right ones of another: wrong in half of the sequences."""
+    there, far = Box(50, 50, 20, 20), Box(500, 50, 20, 20)
+    runs = []
+    for name, box, count in (("a", far, 1), ("b", there, 3)):
+        sequence = Sequence(name, tuple(Path(f"{k}.png") for k in range(9)), (there,) * 9)
+        states = (TrackState.TRACKING,) * 9
+        result = EvaluationResult((there, *[box] * 8), states=states)
+        start = RunStart("tre", 0, 0, there)
+        runs += [scored("one", sequence, start, 30.0, result)] * count
+    (row,) = rows(runs)
+    assert row.states is not None
+    assert (row.score.success, row.states.false_tracking) == (0.5, 0.5)
 
 
 @pytest.mark.parametrize(
