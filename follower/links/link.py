@@ -36,6 +36,7 @@ _GIMBALS = (
     mavlink.MAV_COMP_ID_GIMBAL5,
     mavlink.MAV_COMP_ID_GIMBAL6,
 )
+_GIMBAL_ATTITUDE = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 _COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 
@@ -76,6 +77,7 @@ class Link(ABC):
         self._sequence = SequenceCounter()
         self._unpacker = Unpacker()
         self._gimbal_device: int | None = None
+        self._gimbal_number = 0
         self._gimbal: GimbalManager | None = None
         self._vehicle: FoundVehicle | None = None
         self._monitor = VehicleMonitor(self._clock)
@@ -137,7 +139,7 @@ class Link(ABC):
 
     def use_gimbal(self, device: int) -> None:
         """From now on find the gimbal, take its control and request its attitude."""
-        self._gimbal_device = device
+        self._gimbal_device = self._gimbal_number = device
         self._requests.watch_gimbal()
 
     def turn_gimbal(self, rates: GimbalRates) -> None:
@@ -289,6 +291,8 @@ class Link(ABC):
             self._on_timesync(message, now_s)
         elif name == "PARAM_VALUE":
             self.parameters.take(message.param_id, message.param_value, message.param_type)
+        elif name == _GIMBAL_ATTITUDE and not self._is_our_gimbal(message.gimbal_device_id):
+            return
         elif self._gimbal is None or not self._gimbal.take(name, message):
             self._health.take(name, message, now_s)
             self._monitor.take(name, message, now_s)
@@ -310,10 +314,20 @@ class Link(ABC):
 
     def _take_gimbal(self, packet: MavlinkPacket, now_s: float) -> None:
         """Take the attitude of a gimbal with a component number, and a clock, of its own."""
-        ours = packet.system == self.vehicle_id and packet.component in _GIMBALS
-        if ours and self._gimbal_device is not None:
-            self._requests.rates.count("GIMBAL_DEVICE_ATTITUDE_STATUS", now_s)
+        gimbals = packet.system == self.vehicle_id and packet.component in _GIMBALS
+        wanted = gimbals and self._gimbal_device is not None
+        if wanted and self._is_our_gimbal(packet.component):
+            self._requests.rates.count(_GIMBAL_ATTITUDE, now_s)
             self._monitor.take_gimbal(self._unpacker.message(packet), now_s)
+
+    def _is_our_gimbal(self, number: int) -> bool:
+        """Whether it is the gimbal that is wanted; where any is, the first one heard of.
+
+        Its number is its component's, or from 1 to 6 if it is the autopilot's own; 0 is not told.
+        """
+        if self._gimbal_number == 0:
+            self._gimbal_number = number
+        return number in (0, self._gimbal_number)
 
     def _take_heartbeat(self, packet: MavlinkPacket, now_s: float) -> None:
         """Take the heartbeat of a vehicle that is not, or not yet, ours."""

@@ -18,6 +18,7 @@ from follower_control.vehicle.state import (
     RcChannels,
     VehicleState,
 )
+from follower_vision.geometry.line_of_sight import wrap_angle
 
 _PX4_EXTRA = {(4, 1): "READY", (4, 9): "PRECLAND"}
 """Sub-modes that pymavlink 2.4.50 does not name (px4_custom_mode.h)."""
@@ -60,7 +61,8 @@ def set_mode_params(autopilot: int, name: str) -> tuple[float, float, float]:
     return custom, float(numbers[name]), 0.0
 
 
-_LEVEL = mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_STEEP = math.sin(math.radians(89))
+_LEVEL = mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK  # a gimbal of two axes has no roll to lock
 _FROM_NORTH = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 _FROM_NOSE = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
 _LOCKED = mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK
@@ -102,14 +104,22 @@ def gimbal_of(message: Any, time_s: float) -> GimbalState | None:
     flags = int(message.flags)
     from_north = bool(flags & _FROM_NORTH) or (not flags & _FROM_NOSE and bool(flags & _LOCKED))
     attitude = Attitude(roll, pitch, yaw, known[0], known[1], known[2], time_s)
-    return GimbalState(attitude, flags & _LEVEL == _LEVEL, from_north)
+    return GimbalState(attitude, bool(flags & _LEVEL), from_north)
 
 
 def _angles(q: list[float]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of a unit quaternion (w, x, y, z), aerospace order."""
+    """Return roll, pitch and yaw of a unit quaternion (w, x, y, z), aerospace order.
+
+    Straight down or up only the sum or difference of roll and yaw is known: it is all yaw there,
+    that it may be interpolated.
+    """
     w, x, y, z = q
+    sine = min(max(2 * (w * y - z * x), -1.0), 1.0)
+    pitch = math.asin(sine)
+    if abs(sine) > _STEEP:
+        down = math.copysign(1.0, sine)
+        return 0.0, pitch, wrap_angle(2 * math.atan2(z - down * x, w + down * y))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, pitch, yaw
 
@@ -271,7 +281,8 @@ class VehicleMonitor:
 
     def _on_home(self, message: Any, _now_s: float) -> None:
         # Moved in flight it would move heights and fence under the vehicle.
-        flies = self.state.landed is False
+        landed = self.state.landed
+        flies = self.state.armed if landed is None else not landed
         told = message.latitude != 0 or message.longitude != 0
         if told and abs(message.altitude) < _HIGHEST_MM and not (flies and self._home):
             self._home = _place_of(message)

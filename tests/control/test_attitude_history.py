@@ -83,10 +83,10 @@ def test_it_refuses_what_is_old_or_not_finite_and_keeps_what_it_has(bad):
 
 
 def test_memory_is_bounded_and_forgets_the_oldest():
-    past = history(*(at(0.01 * i) for i in range(266)))
-    assert len(past) == 256
-    assert past.at(0.09) is None
-    assert past.at(0.11) is not None
+    past = history(*(at(0.002 * i) for i in range(2000)))
+    assert past.at(0.9) is None
+    assert past.at(1.1) is not None  # 3 s, however many samples that are
+    assert len(past) < 1510
 
 
 def test_after_clearing_time_may_begin_anew():

@@ -198,6 +198,22 @@ def test_a_fence_in_degrees_needs_home_and_then_counts_in_metres() -> None:
     assert known.allowed.forward_m_s == pytest.approx(same.allowed.forward_m_s, abs=0.01)
 
 
+@pytest.mark.parametrize("corner", [(95.0, 8.0), (151.2, -33.8), (-33.8, 400.0)])
+def test_a_corner_that_is_nowhere_on_earth_is_refused(corner: tuple[float, float]) -> None:
+    """Latitude and longitude exchanged would be a fence far away, and so none."""
+    with pytest.raises(ValueError, match="latitude, longitude"):
+        replace(FREE, fence_deg=(corner, (-33.8, 151.3), (-33.9, 151.2)))
+
+
+def test_outside_is_told_by_circle_and_polygon() -> None:
+    fences = replace(FREE, fence_radius_m=60.0), replace(FREE, fence_m=SQUARE)
+    for settings in fences:
+        for north, outside in ((0.0, False), (70.0, True)):
+            context = FlightContext(north_m=north, east_m=0.0)
+            assert Envelope(settings).is_outside(context) is outside
+        assert not Envelope(settings).is_outside(FlightContext())
+
+
 def test_the_context_takes_clearance_while_it_is_fresh() -> None:
     state = VehicleState(clearance=Clearance(7.0, 10.0))
     assert FlightContext.of(state, 10.5).clearance_m == 7.0

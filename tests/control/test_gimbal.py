@@ -57,6 +57,14 @@ def test_one_that_is_not_levelled_tilts_with_the_vehicle(pitch, tilt) -> None:
     assert seen.azimuth_rad == pytest.approx(1.0)
 
 
+@given(pitch=st.floats(-1.0, 0.4), tilt=st.floats(-0.3, 0.3), heading=angle)
+def test_its_yaw_from_north_is_not_turned_with_the_vehicle_once_more(pitch, tilt, heading) -> None:
+    told = GimbalState(attitude(0, pitch, heading), is_level=False, from_north=True)
+    seen = sight(told, attitude(0, tilt, heading))
+    assert seen.elevation_rad == pytest.approx(pitch + tilt)
+    assert math.remainder(seen.azimuth_rad - heading, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_between_two_times_the_camera_was_between_two_directions() -> None:
     history = GimbalHistory()
     history.add(GimbalState(attitude(0, -0.2, 0.0, 9.98)))

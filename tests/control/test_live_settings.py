@@ -15,11 +15,11 @@ from follower_control.envelope.flight_context import FlightContext
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.pid import Pid, PidSettings
 from follower_control.servo.servo import VisualServo
-from follower_control.servo.settings import FollowMode, ServoSettings
+from follower_control.servo.settings import FollowMode, RangeFrom, ServoSettings
 from follower_control.target.estimate import TargetEstimate
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
+from follower_control.vehicle.state import Attitude, Clearance, LocalPosition, VehicleState
 
 DT = 0.02
 SIZE, DISTANCE = 1.5, 15.0
@@ -161,6 +161,60 @@ def test_a_held_size_stays_as_far_away_when_the_distance_changes() -> None:
     assert pursuit.servo.errors.range_m == pytest.approx(before_m, rel=1e-3)
 
 
+def test_a_distance_raised_in_flight_does_not_make_the_next_target_seem_farther() -> None:
+    """Its size is unknown: it is as far away as was said before the flight, or nearer."""
+    began = ServoSettings(distance_m=DISTANCE)
+    for wanted_m, told_m in ((36.0, DISTANCE), (6.0, 6.0)):
+        pursuit = Pursuit(began)
+        pursuit.fly(50)
+        pursuit.servo.change(replace(began, distance_m=wanted_m))
+        pursuit.servo.start(HOLD)
+        pursuit.fly(1)
+        assert pursuit.servo.errors is not None
+        assert pursuit.servo.errors.range_m == pytest.approx(told_m, rel=1e-3)
+
+
+@pytest.mark.parametrize(("size_m", "wanted_m"), [(0.8, 150.0), (0.8, 300.0), (6.0, 4.5)])
+def test_on_the_way_to_a_far_other_distance_it_never_moves_the_wrong_way(
+    size_m: float, wanted_m: float
+) -> None:
+    """The target seems `size_m` / SIZE * 19 m away, and that is what is wanted at first."""
+    there_m = size_m / SIZE * 19.0
+    began = ServoSettings(target_size_m=size_m, distance_m=there_m)
+    pursuit = Pursuit(began)
+    pursuit.fly(100)
+    pursuit.servo.change(replace(began, distance_m=wanted_m))
+    for _ in range(200):
+        pursuit.fly(1)
+        assert pursuit.servo.errors is not None
+        assert pursuit.servo.errors.range_m == pytest.approx(there_m, rel=0.05)
+        assert pursuit.servo.errors.log_range * (there_m - wanted_m) >= -1e-3
+
+
+def test_a_standing_target_ten_times_too_far_away_is_not_believed_to_run_from_us() -> None:
+    """We fly to it at 8 m/s; it is 120 m away, and 5 m are wanted."""
+    servo = VisualServo(ServoSettings(target_size_m=SIZE, distance_m=5.0), math.radians(-20))
+    servo.start(HOLD)
+    asked = HOLD
+    for step in range(1, 300):
+        now_s = step * DT
+        north_m = 8.0 * now_s
+        away_m = math.hypot(120.0 - north_m, 5.0)
+        estimate = replace(
+            seen(now_s),
+            azimuth_rad=0.0,
+            elevation_rad=-math.asin(5.0 / away_m),
+            log_scale=math.log(SIZE / away_m),
+            azimuth_rate_rad_s=0.0,
+            log_scale_rate_s=8.0 / away_m,
+        )
+        position = LocalPosition(north_m, 0, -5, 8.0, 0, 0, now_s)
+        asked = servo.update(estimate, replace(vehicle(now_s), position=position), asked)
+        assert servo.errors is not None
+        assert servo.errors.range_m <= 50.0 + 1e-9
+        assert abs(servo.errors.target_speed_m_s) < 1.0
+
+
 def test_a_change_while_nothing_is_steered_leaves_nothing_behind() -> None:
     wanted = ServoSettings(target_size_m=SIZE, distance_m=10.0)
     changed, fresh = Pursuit(ServoSettings(target_size_m=SIZE)), Pursuit(wanted)
@@ -234,3 +288,22 @@ def test_the_envelopes_acceleration_and_jerk_stay_as_they_were(key: str) -> None
     with pytest.raises(ValueError, match=key):
         envelope.change(replace(BEGAN, **{key: 3.0}))
     envelope.change(before)
+
+
+@pytest.mark.parametrize(("clearance", "above_m"), [(None, 5.0), (3.0, 3.0), (9.0, 9.0)])
+def test_the_range_by_the_ground_is_by_what_measures_it_else_by_home(
+    clearance: float | None, above_m: float
+) -> None:
+    by_ground = ServoSettings(range_from=RangeFrom.GROUND, target_middle_m=0.8)
+    servo = VisualServo(by_ground, math.radians(-20))
+    servo.start(HOLD)
+    asked = HOLD
+    for step in range(1, 50):
+        now_s = step * DT
+        standing = replace(vehicle(now_s), position=LocalPosition(0, 0, -5, 0, 0, 0, now_s))
+        if clearance is not None:
+            standing = replace(standing, clearance=Clearance(clearance, now_s))
+        still = replace(seen(now_s), azimuth_rate_rad_s=0.0, log_scale_rate_s=0.0)
+        asked = servo.update(still, standing, asked)
+    assert servo.errors is not None
+    assert servo.errors.range_m == pytest.approx((above_m - 0.8) / math.sin(math.radians(14)))

@@ -12,7 +12,7 @@ from follower_control.servo.position_fix import PositionNoise, target_fix
 from follower_control.servo.settings import RangeFrom, ServoSettings
 from follower_control.target.estimate import TargetEstimate
 from follower_control.target.observation import BearingFrame
-from follower_control.vehicle.state import LocalPosition, VehicleState
+from follower_control.vehicle.state import Clearance, LocalPosition, VehicleState
 from follower_vision.geometry.camera_model import Vector
 
 SIZE = 1.8
@@ -141,3 +141,15 @@ def test_what_is_not_known_is_not_told(
     estimate: TargetEstimate, state: VehicleState, servo: ServoSettings
 ) -> None:
     assert target_fix(estimate, state, servo) is None
+
+
+@given(st.floats(3.0, 20.0), st.floats(-20.0, -3.0), st.floats(-6.0, 6.0))
+def test_by_a_rangefinder_the_ground_is_where_it_was_measured(
+    north: float, east: float, ground_m: float
+) -> None:
+    """The ground lies higher or lower than home, and the target stands on it."""
+    place = np.array((OWN[0][0] + north, OWN[0][1] + east, -ground_m - 0.5))
+    measured = replace(vehicle(), clearance=Clearance(12.0 - ground_m, 4.9))
+    fix = target_fix(seen(place, np.zeros(3)), measured, BY_GROUND, EXACT)
+    assert fix is not None
+    assert fix.position_m == pytest.approx(place.tolist(), abs=1e-6)

@@ -283,6 +283,15 @@ class Envelope:
         near = [bound.turned(-yaw) for bound in bounds if bound.max_speed_m_s < top]
         return tuple(turned for bound in near for turned in bound.while_turning(turn))
 
+    def is_outside(self, context: FlightContext) -> bool:
+        """Whether the vehicle is known to be where a fence allows motion back alone."""
+        place, polygon = context.known("north_m", "east_m"), self._fence_at(context)
+        if place is None:
+            return False
+        radius_m = self._settings.fence_radius_m
+        beyond = radius_m is not None and math.hypot(*place) > radius_m
+        return beyond or (polygon is not None and not polygon.contains(complex(*place)))
+
     def _fence_at(self, context: FlightContext) -> Fence | None:
         """Return the polygon in metres; one in degrees needs to know where home is."""
         corners, home = self._settings.fence_deg, context.home_deg

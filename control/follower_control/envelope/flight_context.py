@@ -61,13 +61,11 @@ class FlightContext:
         attitude = vehicle.attitude if vehicle.attitude_age_s(now_s) <= _STALE_S else None
         position = vehicle.position if vehicle.position_age_s(now_s) <= _STALE_S else None
         moving = position if vehicle.position_age_s(now_s) <= _VELOCITY_STALE_S else None
-        clearance, origin = vehicle.clearance, vehicle.origin
+        origin = vehicle.origin
         north_m, east_m = position.from_home_m if position else (None, None)
         home_m = position.home_m[:2] if position and position.home_m else (0.0, 0.0)
-        if clearance is not None and now_s - clearance.time_s > _STALE_S:
-            clearance = None
         return cls(
-            clearance_m=clearance.height_m if clearance else None,
+            clearance_m=vehicle.fresh_clearance_m(now_s),
             home_deg=origin.geolocated(*home_m) if origin and position else None,
             yaw_rad=attitude.yaw_rad if attitude else None,
             north_m=north_m,

@@ -2,9 +2,21 @@
 
 from dataclasses import dataclass, field, fields
 
-from follower_control.common.strict_config import check_positive
+from follower_control.common.strict_config import check_positive, check_ranges
 from follower_control.envelope.fence import Fence, check_corners
 from follower_control.target.settings import TrustSettings
+
+_RANGES = {
+    **dict.fromkeys(("max_speed_m_s", "max_climb_m_s", "max_descent_m_s"), (0.01, 100)),
+    **dict.fromkeys(("max_acceleration_m_s2", "braking_m_s2"), (0.01, 100)),
+    "max_jerk_m_s3": (0.01, 10_000),
+    "max_yaw_rate_deg_s": (0.1, 1000),
+    "max_yaw_acceleration_deg_s2": (0.1, 100_000),
+    "max_yaw_jerk_deg_s3": (0.1, 10_000_000),
+    "reaction_s": (1e-3, 10),
+    "max_interval_s": (1e-3, 1),
+}
+"""What no vehicle exceeds, and with what the numbers that are sent can be computed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +75,7 @@ class EnvelopeSettings:
     def __post_init__(self) -> None:
         others = {"fence_m", "fence_deg", "trust"}
         check_positive(self, *(one.name for one in fields(self) if one.name not in others))
+        check_ranges(self, **_RANGES)
         if self.braking_m_s2 > self.max_acceleration_m_s2:
             raise ValueError("braking_m_s2 is at most max_acceleration_m_s2")
         low, high = self.min_height_m, self.ceiling_m
@@ -73,4 +86,10 @@ class EnvelopeSettings:
         if self.fence_m is not None:
             check_corners(self.fence_m)
         if self.fence_deg is not None:
+            for latitude_deg, longitude_deg in self.fence_deg:
+                if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
+                    raise ValueError(
+                        "fence_deg has corners (latitude, longitude) of at most 90 and 180 deg, "
+                        f"not ({latitude_deg:g}, {longitude_deg:g})"
+                    )
             Fence.around(next(iter(self.fence_deg), (0.0, 0.0)), self.fence_deg)

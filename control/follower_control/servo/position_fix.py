@@ -100,7 +100,10 @@ def target_fix(
     if position is None or estimate.frame is BearingFrame.BODY or not abs(age_s) <= _STALE_S:
         return None
     s, now = noise, _moved(position, estimate.time_s)
-    ground = _by_ground(estimate, now, servo, s) if _meets_ground(estimate, now, servo) else None
+    measured_m = vehicle.fresh_clearance_m(estimate.time_s)
+    above_m = (now.height_m if measured_m is None else measured_m) - servo.target_middle_m
+    meets = above_m >= _LOWEST_M and estimate.height_angle_rad <= -_FLATTEST_RAD
+    ground = _by_ground(estimate, now, above_m, s) if meets else None
     found = ground
     if servo.target_size_m is not None and (servo.range_from is RangeFrom.SIZE or ground is None):
         found = _by_size(estimate, now, servo, s)
@@ -151,13 +154,12 @@ def _by_size(
 
 
 def _by_ground(
-    estimate: TargetEstimate, own: LocalPosition, servo: ServoSettings, s: PositionNoise
+    estimate: TargetEstimate, own: LocalPosition, above_m: float, s: PositionNoise
 ) -> _Found:
     """Inputs: azimuth, elevation, height above the target's middle, the angles' rates, climb.
 
     The target is taken to move on level ground.
     """
-    above_m = own.height_m - servo.target_middle_m
 
     def place(x: Vector) -> Vector:
         direction, ahead = _directions(x, estimate.frame)
@@ -196,11 +198,6 @@ def _placed(
     turning = (later - direction) / _STEP
     velocity = np.array(own.numbers[3:]) + range_rate_m_s * direction
     return np.concatenate((position, velocity + range_m * turning))
-
-
-def _meets_ground(estimate: TargetEstimate, own: LocalPosition, servo: ServoSettings) -> bool:
-    above_m = own.height_m - servo.target_middle_m
-    return above_m >= _LOWEST_M and estimate.height_angle_rad <= -_FLATTEST_RAD
 
 
 def _moved(position: LocalPosition, time_s: float) -> LocalPosition:

@@ -21,7 +21,7 @@ from follower_control.target.image_prediction import PredictedRegion
 from follower_control.target.observation import BearingFrame, SizeMemory
 from follower_control.target.world_filter import TargetMotion, TargetWorldFilter, place_noise
 from follower_control.vehicle.history import PositionHistory
-from follower_control.vehicle.state import LocalPosition, VehicleState
+from follower_control.vehicle.state import VehicleState
 from follower_vision.geometry.camera_model import Vector
 from follower_vision.geometry.line_of_sight import wrap_angle
 
@@ -131,7 +131,7 @@ def _towards(present: float, wanted: float, reach: float) -> float:
     )
 
 
-_LOG_TEN = math.log(10)
+_LOG_TEN, _LOG_THOUSAND = math.log(10), math.log(1000)
 _STRAIGHT_DOWN_RAD = -math.pi / 2
 
 SIZE_ERROR = 0.08
@@ -171,6 +171,7 @@ class PursuitState:
 
     def __init__(self, settings: ServoSettings, reference: Reference) -> None:
         self._settings = settings
+        self._told_m = settings.distance_m
         self._reference = reference
         self.target = TargetMotion(settings.course_filter_s)
         self._own = PositionHistory()
@@ -231,9 +232,15 @@ class PursuitState:
         self.target.reset()
 
     def hold_size(self, estimate: TargetEstimate) -> None:
-        """Take this size for the wanted one, unless there is one."""
+        """Take this size for the wanted one, unless there is one.
+
+        The target is then as far away as it was said to be before the flight, or nearer: a
+        distance that is raised in flight must not make the target seem farther away.
+        """
         if self._wanted_log_scale is None:
-            self._wanted_log_scale = estimate.log_scale
+            distance_m = self._settings.distance_m
+            nearer = math.log(min(self._told_m, distance_m) / distance_m)
+            self._wanted_log_scale = estimate.log_scale + nearer
 
     def world_estimate(self, estimate: TargetEstimate, vehicle: VehicleState) -> TargetEstimate:
         """Return what is known of the target now, by its motion in the world and our own.
@@ -250,13 +257,13 @@ class PursuitState:
             self._forget()
         here = self._own.at(estimate.time_s)
         if here is None:
-            return self._ranged(estimate, position, 0.0)[0]
-        self._watch(estimate, position, here)
+            return self._ranged(estimate, vehicle, 0.0)[0]
+        self._watch(estimate, vehicle, here)
         self._moving.drop_unproven(estimate.time_s)
         place, velocity = self._moving.at(estimate.time_s)
         size_m = self._size_m
         if self._moving.time_s is None or size_m is None:
-            return self._ranged(estimate, position, 0.0)[0]
+            return self._ranged(estimate, vehicle, 0.0)[0]
         self._here_m, self._velocity_m_s = here, velocity
         own = np.array(position.numbers[3:])
         return reproject(estimate, place - here, velocity - own, size_m)
@@ -316,7 +323,7 @@ class PursuitState:
                 outlooks.append(replace(outlook, seen_s=seen_s, nearer=nearer))
         return outlooks
 
-    def _watch(self, estimate: TargetEstimate, position: LocalPosition, here: Vector) -> None:
+    def _watch(self, estimate: TargetEstimate, vehicle: VehicleState, here: Vector) -> None:
         """Take in where the target was when it was seen last, if that is news."""
         newest_s, seen_s = self._moving.newest_s, estimate.last_seen_s
         there = self._own.at(seen_s)
@@ -324,9 +331,10 @@ class PursuitState:
             return
         above_m = float(here[2] - there[2])
         raw = seen_again(estimate)
-        seen, self._by_ground = self._ranged(raw, position, above_m)
+        seen, self._by_ground = self._ranged(raw, vehicle, above_m)
         self.hold_size(seen)
-        range_m, direction = self._unbounded_m(seen), seen.direction
+        # Nor bounded upwards like what is steered by: it would go on before us at our own speed.
+        range_m, direction = self._distance_m(seen, _LOG_THOUSAND), seen.direction
         self._nearer = self._compared(range_m, raw.log_scale) if self._by_ground else 1.0
         level = np.array([*direction[:2], 0.0]) / max(math.hypot(*direction[:2]), 1e-6)
         along = ALONG_GROUND if self._by_ground else ALONG
@@ -342,20 +350,21 @@ class PursuitState:
         return min(_LARGER * self._known.range_m(log_scale) / range_m, 1.0)
 
     def _ranged(
-        self, estimate: TargetEstimate, position: LocalPosition, higher_m: float
+        self, estimate: TargetEstimate, vehicle: VehicleState, higher_m: float
     ) -> tuple[TargetEstimate, bool]:
         """Put the range by the ground into the place of the one by size, if that is wanted.
 
         Args:
             estimate: of the target.
-            position: our newest one.
+            vehicle: with a position, our newest one.
             higher_m: how much higher we were when the estimate holds.
         """
-        if self._settings.range_from is RangeFrom.SIZE:
+        position, height_m = vehicle.position, vehicle.above_ground_m(estimate.time_s)
+        if self._settings.range_from is RangeFrom.SIZE or position is None or height_m is None:
             return estimate, False
         size_m = self._settings.target_size_m or self._settings.distance_m
         self._wanted_log_scale = math.log(size_m / self._settings.distance_m)
-        above_m = position.height_m + higher_m - self._settings.target_middle_m
+        above_m = height_m + higher_m - self._settings.target_middle_m
         ranged = ranged_by_ground(estimate, size_m, above_m, -position.down_m_s)
         if ranged is not estimate:
             return ranged, True
@@ -400,12 +409,30 @@ class PursuitState:
         return math.hypot(own, moving) + too_far
 
     def range_m(self, estimate: TargetEstimate) -> float:
-        """Return the distance to the target, within a factor of ten of the wanted one."""
-        return self._settings.distance_m * math.exp(clip(self._log_range(estimate), _LOG_TEN))
+        """Return the distance to the target, within a factor of ten of the wanted one.
+
+        A distance wanted anew is gone to in steps: both count, the one meanwhile and the last.
+        """
+        nearest = min(self._meanwhile, 0.0) - _LOG_TEN
+        log_range = min(max(self._log_range(estimate), nearest), self._farthest)
+        return self._settings.distance_m * math.exp(log_range)
 
     def _unbounded_m(self, estimate: TargetEstimate) -> float:
         """Return the distance to the target, however near: the keep-out has to know."""
-        return self._settings.distance_m * math.exp(min(self._log_range(estimate), _LOG_TEN))
+        return self._distance_m(estimate, self._farthest)
+
+    @property
+    def _meanwhile(self) -> float:
+        """The logarithm of the distance wanted at present over the one to come."""
+        return math.log(self._reference.distance_m / self._settings.distance_m)
+
+    @property
+    def _farthest(self) -> float:
+        return max(self._meanwhile, 0.0) + _LOG_TEN
+
+    def _distance_m(self, estimate: TargetEstimate, most: float) -> float:
+        """Return the distance; the logarithm of it over the wanted one is at most so much."""
+        return self._settings.distance_m * math.exp(min(self._log_range(estimate), most))
 
     def _log_range(self, estimate: TargetEstimate) -> float:
         """Return the logarithm of the distance over the wanted one."""

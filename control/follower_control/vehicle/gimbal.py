@@ -36,7 +36,8 @@ def camera_to_world(gimbal: GimbalState, vehicle: Attitude) -> Vector:
     camera = gimbal.attitude
     if not gimbal.is_level:
         body = rotation(vehicle.roll_rad, vehicle.pitch_rad, vehicle.yaw_rad)
-        turn = rotation(camera.roll_rad, camera.pitch_rad, camera.yaw_rad)
+        yaw = camera.yaw_rad - (vehicle.yaw_rad if gimbal.from_north else 0.0)
+        turn = rotation(camera.roll_rad, camera.pitch_rad, yaw)
         return along_camera_axes(product(body, turn))
     yaw = camera.yaw_rad + (0.0 if gimbal.from_north else vehicle.yaw_rad)
     return along_camera_axes(rotation(camera.roll_rad, camera.pitch_rad, yaw))

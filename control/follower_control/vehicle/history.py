@@ -12,7 +12,8 @@ from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_vision.geometry.camera_model import Vector
 from follower_vision.geometry.line_of_sight import wrap_angle
 
-_CAPACITY = 256
+_KEPT_ATTITUDES_S = 3.0
+"""Longer than any camera's latency and vision's time together."""
 _EXTRAPOLATE_S = 0.1
 """How far past the newest sample its body rates are trusted."""
 _GAP_S = 0.5
@@ -23,7 +24,7 @@ class AttitudeHistory:
     """The newest attitudes in order of time; used by one thread."""
 
     def __init__(self) -> None:
-        self._samples: deque[Attitude] = deque(maxlen=_CAPACITY)
+        self._samples: deque[Attitude] = deque()
 
     def __len__(self) -> int:
         """How many samples are kept now."""
@@ -39,6 +40,8 @@ class AttitudeHistory:
         if self._samples and sample.time_s <= self._samples[-1].time_s:
             return False
         self._samples.append(sample)
+        while sample.time_s - self._samples[0].time_s > _KEPT_ATTITUDES_S:
+            self._samples.popleft()
         return True
 
     def clear(self) -> None:

@@ -17,6 +17,7 @@ PX4 lets a pilot into OFFBOARD for COM_OF_LOSS_T (1 s) after a setpoint, goes in
 _EARTH_M = 6_371_000.0
 """Mean radius; over a kilometre the ellipsoid makes less than 4 m of difference."""
 
+_STALE_S = 1.0
 _KEPT_SAMPLES = 5
 _LEAST_SAMPLES = 3
 _OUTLIER_M_S = 2.0
@@ -244,6 +245,18 @@ class VehicleState:
     def position_age_s(self, now_s: float) -> float:
         """Age of the position, seconds; infinite if there is none."""
         return math.inf if self.position is None else now_s - self.position.time_s
+
+    def fresh_clearance_m(self, now_s: float) -> float | None:
+        """Return the height above what is below, unless nothing measured it lately."""
+        known = self.clearance
+        return None if known is None or now_s - known.time_s > _STALE_S else known.height_m
+
+    def above_ground_m(self, now_s: float) -> float | None:
+        """Return the same, or else the height above home; None where neither is known."""
+        measured = self.fresh_clearance_m(now_s)
+        if measured is not None or self.position is None:
+            return measured
+        return self.position.height_m
 
     def heartbeat_age_s(self, now_s: float) -> float:
         """Age of the last heartbeat, seconds; infinite if there was none."""

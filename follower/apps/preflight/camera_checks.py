@@ -33,6 +33,7 @@ _DARK = 3.0
 _FROZEN_SHARE = 0.5
 _NARROW_DEG, _WIDE_DEG = 15.0, 130.0
 _MOST_FOLD = 1e-3
+_MOST_TURNED_DEG = 15.0
 LENS_ADVICE = (
     "set camera.fov_deg (horizontal, from the data sheet), or camera.focal_px and "
     "camera.focal_width_px: `follower calibrate` finds them"
@@ -159,7 +160,7 @@ def folds(model: CameraModel) -> bool:
     return not wrong < _MOST_FOLD * model.width
 
 
-@CAMERA.check("mount", "the camera does not look into the sky", needed=False)
+@CAMERA.check("mount", "the camera looks ahead, and not into the sky")
 def _mount(s: CompanionSnapshot) -> PreflightFinding:
     c = s.settings.camera
     if s.settings.gimbal.enabled:
@@ -169,6 +170,12 @@ def _mount(s: CompanionSnapshot) -> PreflightFinding:
     turned = f", turned {c.yaw_deg:g} deg to the right" if c.yaw_deg else ""
     rolled = f", rolled {c.roll_deg:g} deg" if c.roll_deg else ""
     text = f"looks {pitch}{turned}{rolled}"
+    if abs(c.yaw_deg) > _MOST_TURNED_DEG or abs(c.pitch_deg) > 90:
+        return failed(
+            f"{text}: the nose is turned to the target, and so the camera away from it",
+            "mount it so that it looks ahead, with camera.yaw_deg near 0 and camera.pitch_deg "
+            "from -90 to 90; a camera upside down has camera.roll_deg 180",
+        )
     if c.pitch_deg > 30:
         return warned(f"{text}: into the sky", "looking down is negative in camera.pitch_deg")
     return passed(text)

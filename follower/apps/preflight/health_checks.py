@@ -12,6 +12,8 @@ from follower.apps.preflight.check import (
     unknown,
     warned,
 )
+from follower_control.envelope.envelope import Envelope
+from follower_control.envelope.flight_context import FlightContext
 
 LINK, AUTOPILOT = CheckGroup[Snapshot]("Link"), CheckGroup[Snapshot]("Autopilot")
 _HEARTBEAT_S = 3.0
@@ -279,7 +281,7 @@ def _estimator(s: Snapshot) -> PreflightFinding:
     return warned(text, "calibrate that sensor, or wait") if ratio > _DOUBTFUL else passed(text)
 
 
-@AUTOPILOT.check("position", "a local position that is fresh")
+@AUTOPILOT.check("position", "a local position that is fresh, inside the fence")
 def _position(s: Snapshot) -> PreflightFinding:
     age_s = s.vehicle.position_age_s(s.now_s)
     if s.vehicle.position is None:
@@ -288,7 +290,14 @@ def _position(s: Snapshot) -> PreflightFinding:
         return failed(
             f"{age_s:.1f} s old", "the estimator has lost its position, or the link is slow"
         )
-    return passed(f"{s.vehicle.position.height_m:z.1f} m above home")
+    height = f"{s.vehicle.position.height_m:z.1f} m above home"
+    if Envelope(s.settings.envelope).is_outside(FlightContext.of(s.vehicle, s.now_s)):
+        north_m, east_m = s.vehicle.position.from_home_m
+        return failed(
+            f"{height}, outside the fence: {north_m:z.0f} m north and {east_m:z.0f} m east of home",
+            "check envelope.fence_m, or fence_deg: latitude comes first",
+        )
+    return passed(height)
 
 
 @AUTOPILOT.check("mode", "not OFFBOARD or GUIDED yet: following begins when the pilot says so")

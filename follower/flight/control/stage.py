@@ -180,7 +180,7 @@ class ControlStage:
                 track_sequence=None if self._newest is None else self._newest.sequence,
                 situation=situation,
                 attitudes=tuple(attitudes),
-                gimbal=self._turn_gimbal(now_s, estimate, vehicle),
+                gimbal=self._turn_gimbal(now_s, estimate, vehicle, limited.allowed.yaw_rate_rad_s),
                 health=news,
                 changes=changes,
             )
@@ -263,11 +263,17 @@ class ControlStage:
         return self._guidance.step(state, now_s, estimate, vehicle, now_s - self._seen_s)
 
     def _turn_gimbal(
-        self, now_s: float, estimate: TargetEstimate | None, vehicle: VehicleState
+        self,
+        now_s: float,
+        estimate: TargetEstimate | None,
+        vehicle: VehicleState,
+        yaw_rate_rad_s: float,
     ) -> GimbalRates | None:
         """Keep the target in the gimbal's camera, whoever flies the vehicle."""
         if self._gimbals is None:
             return None
+        if estimate is None and self.supervisor.state is SupervisorState.SEARCHING:
+            return GimbalRates(yaw_rad_s=yaw_rate_rad_s)  # it would look where it looks, else
         return self._gimbal_servo.update(estimate, vehicle.gimbal, vehicle.attitude, now_s)
 
     def _take_track(self, newest: TrackRecord | None, now_s: float) -> None:

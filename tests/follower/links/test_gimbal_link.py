@@ -1,9 +1,11 @@
 """The gimbal and what is below the vehicle, over MAVLink: found, taken, turned, heard."""
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -12,13 +14,20 @@ from follower.links.pymavlink_link import MavlinkLink
 from follower.links.vehicle_monitor import clearance_by_rangefinder, gimbal_of
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import MemoryTransport
-from follower_control.vehicle.gimbal import GimbalRates
+from follower_control.vehicle.gimbal import GimbalHistory, GimbalRates, camera_to_world
+from follower_control.vehicle.state import Attitude
 from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 from follower_sim.vehicle.gimbal import Gimbal, GimbalModel
 from follower_vision.clock import MonotonicClock
+from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
 
 STEP_S = 0.02
+_LOCKED = (
+    mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK
+    | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+    | mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK
+)
 
 
 class Bench:
@@ -145,6 +154,91 @@ def test_any_numbers_in_a_gimbal_s_attitude_are_survived(q, rates, flags) -> Non
     message = mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, 0, flags, q, *rates, 0)
     gimbal = gimbal_of(message, 1.0)
     assert gimbal is None or gimbal.is_finite
+
+
+def told(pitch_rad: float, yaw_rad: float, flags: int = _LOCKED, number: int = 0) -> Any:
+    """A gimbal's attitude as a float32 quaternion, without roll."""
+    q = np.array(
+        [
+            math.cos(yaw_rad / 2) * math.cos(pitch_rad / 2),
+            -math.sin(yaw_rad / 2) * math.sin(pitch_rad / 2),
+            math.cos(yaw_rad / 2) * math.sin(pitch_rad / 2),
+            math.sin(yaw_rad / 2) * math.cos(pitch_rad / 2),
+        ],
+        np.float32,
+    ).tolist()
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, 0, flags, q, 0, 0, 0, 0, gimbal_device_id=number
+    )
+
+
+def turned_by(state: Any, pitch_rad: float, yaw_rad: float) -> float:
+    """The angle (deg) between a camera's axes as told and as they are."""
+    right = along_camera_axes(rotation(0.0, pitch_rad, yaw_rad))
+    found = camera_to_world(state, Attitude(0, 0, 0, 0, 0, 0, 0))
+    cosine = (np.trace(right.T @ found) - 1) / 2
+    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+@given(
+    yaw=st.floats(-3.1, 3.1),
+    first=st.floats(-0.003, 0.003),
+    second=st.floats(-0.003, 0.003),
+    sign=st.sampled_from([-1, 1]),
+)
+@example(yaw=1.7, first=0.0, second=0.0, sign=-1)
+def test_straight_down_and_up_it_looks_where_it_looks_between_two_times_too(
+    yaw: float, first: float, second: float, sign: int
+) -> None:
+    """There roll and yaw flip together from sample to sample, at the slightest tremble."""
+    history, straight = GimbalHistory(), sign * math.pi / 2
+    for time_s, tremble in ((1.0, first), (1.02, second)):
+        state = gimbal_of(told(straight + tremble, yaw), time_s)
+        assert turned_by(state, straight + tremble, yaw) < 0.5
+        assert history.add(state)
+    assert turned_by(history.at(1.01), straight, yaw) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("flags", "is_level", "from_north"),
+    [
+        (_LOCKED, True, True),
+        (mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK, True, False),
+        (mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME, False, True),
+        (0, False, False),
+    ],
+)
+def test_what_its_angles_are_against_is_told_for_each_axis(
+    flags: int, is_level: bool, from_north: bool
+) -> None:
+    state = gimbal_of(told(-0.3, 0.2, flags), 1.0)
+    assert (state.is_level, state.from_north) == (is_level, from_north)
+
+
+@pytest.mark.parametrize(("device", "heard"), [(0, -0.2), (1, -0.2), (2, -1.2), (154, -0.7)])
+def test_of_several_gimbals_the_one_that_is_wanted_is_heard_or_the_first(
+    device: int, heard: float
+) -> None:
+    """Two are the autopilot's, and tell their numbers; two have component numbers of their own."""
+    ours, theirs = MemoryTransport.pair()
+    link = MavlinkLink(ours, LinkSettings(listen_s=0.0))
+    link.use_gimbal(device)
+
+    def say(message: Any, component: int = 1) -> None:
+        theirs.send(message.pack(mavlink.MAVLink(None, 1, component)))
+
+    beat = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, mavlink.MAV_STATE_STANDBY, 3
+    )
+    say(beat)
+    link.poll(0.1)
+    for step in range(5):
+        say(told(-0.2, 0.0, number=1))
+        say(told(-1.2, 0.0, number=2))
+        say(told(-0.7, 0.0), mavlink.MAV_COMP_ID_GIMBAL)
+        say(told(-0.9, 0.0), mavlink.MAV_COMP_ID_GIMBAL2)
+        link.poll(0.2 + step * STEP_S)
+        assert link.state.gimbal.attitude.pitch_rad == pytest.approx(heard, abs=1e-3)
 
 
 @pytest.mark.slow

@@ -152,6 +152,17 @@ def vehicle(**changes: Any) -> Change:
     return lambda s: replace(s, vehicle=replace(s.vehicle, **changes))
 
 
+def fenced(corners_m: list[list[float]], place_m: tuple[float, float]) -> Change:
+    """Set a fence about home, and where the vehicle is."""
+    asked = {"camera": {"fov_deg": 70.0}, "envelope": {"fence_m": corners_m}}
+    position = LocalPosition(*place_m, 0, 0, 0, 0, NOW_S)
+    return lambda s: replace(
+        s,
+        settings=Settings.model_validate(asked),
+        vehicle=replace(s.vehicle, position=position),
+    )
+
+
 def health(**changes: Any) -> Change:
     return lambda s: replace(s, health=replace(s.health, **changes))
 
@@ -251,6 +262,8 @@ BOTH = [
     ("estimator", estimator(time_s=NOW_S - 20), UNKNOWN, "does not come"),
     ("position", vehicle(position=None), FAIL, "does not come"),
     ("position", vehicle(position=LocalPosition(0, 0, 0, 0, 0, 0, 1.0)), FAIL, "99.0 s old"),
+    ("position", fenced([[0, 0], [0, 9], [9, 9], [9, 0]], (4, 4)), PASS, "above home"),
+    ("position", fenced([[0, 0], [0, 9], [9, 9], [9, 0]], (-4, 4)), FAIL, "-4 m north and 4 m"),
     ("mode", vehicle(obeys_setpoints=True), WARN, "disarmed"),
     ("mode", vehicle(obeys_setpoints=True, armed=True), FAIL, "armed"),
     ("landed-state", vehicle(landed=None), WARN, "does not say"),
@@ -284,6 +297,10 @@ BOTH = [
     ("lens", lens(distortion=(-0.28, 0.07, 0, 0, 0)), PASS, "70 deg"),
     ("mount", lens(pitch_deg=-25), PASS, "25 deg down"),
     ("mount", lens(pitch_deg=60), WARN, "sky"),
+    ("mount", lens(pitch_deg=-20, roll_deg=180), PASS, "rolled"),
+    ("mount", lens(pitch_deg=-20, yaw_deg=180), FAIL, "the camera away from it"),
+    ("mount", lens(pitch_deg=-20, yaw_deg=-45), FAIL, "the camera away from it"),
+    ("mount", lens(pitch_deg=-120), FAIL, "the camera away from it"),
     ("mount", lambda s: replace(s, settings=with_gimbal()), WARN, "gimbal"),
     ("circling", servo(mode="orbit"), WARN, "comes too near"),
     ("circling", servo(mode="side", range_from="ground"), PASS, "from the ground"),
