@@ -1,11 +1,8 @@
 """The worked examples of CONTRIBUTING.md: they are short, and they work."""
 
 import csv
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from program import MAIN, run_from
 
 ROOT = Path(__file__).parent.parent
 SOURCES = ("follower", "vision", "control", "sim", "configs", "tests/conftest.py", "pyproject.toml")
@@ -92,23 +90,10 @@ class Copy:
         self.added = sum(change.added for change in made)
 
     def run(self, *arguments: str, codes: tuple[int, ...] = (0,)) -> str:
-        places = (self.root / name for name in (".", "vision", "control", "sim"))
-        ran = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=self.root,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "COLUMNS": "200"},
-            capture_output=True,
-            text=True,
-            timeout=200,
-            check=False,
-        )
-        assert ran.returncode in codes, ran.stdout + ran.stderr
-        return ran.stdout
+        return run_from(self.root, *arguments, cwd=self.root, codes=codes).stdout
 
     def follower(self, *arguments: str, codes: tuple[int, ...] = (0,)) -> str:
-        return self.run(
-            "-c", "from follower.apps.main import main; main()", *arguments, codes=codes
-        )
+        return self.run("-c", MAIN, *arguments, codes=codes)
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import csv
 import math
-import os
 import shutil
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
+from program import MAIN, run_from
 from rich.console import Console
 
 from follower.apps.command_settings import command_settings
@@ -84,17 +84,8 @@ class Installed:
         self.folder = folder
 
     def follower(self, *arguments: str, code: int = 0) -> str:
-        places = [self.site, *(ROOT / name for name in (".", "vision", "control", "sim"))]
-        ran = subprocess.run(
-            [sys.executable, "-c", "from follower.apps.main import main; main()", *arguments],
-            cwd=self.folder,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "COLUMNS": "200"},
-            capture_output=True,
-            text=True,
-            timeout=200,
-            check=False,
-        )
-        assert ran.returncode == code, ran.stdout + ran.stderr
+        command = ("-c", MAIN, *arguments)
+        ran = run_from(ROOT, *command, cwd=self.folder, site=(self.site,), codes=(code,))
         return ran.stdout + ran.stderr
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from program import FOLLOWER, MAIN
 from small_scenario import small_scenario
 
 from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE
@@ -26,7 +27,6 @@ from follower.simulation.options import SimulationOptions
 from follower_vision.sources.open import open_source
 
 RunCommand = Callable[..., Any]
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 
 
 SMALL = small_scenario(60)
@@ -249,7 +249,7 @@ def count_frames(path: Path) -> int:
 @pytest.mark.parametrize(("typed", "offered"), [("doc", "doctor"), ("prefl", "preflight")])
 def test_a_shell_completes_commands(typed: str, offered: str, tmp_path: Path) -> None:
     asked = {"_FOLLOWER_COMPLETE": "complete_bash", "COMP_WORDS": f"follower {typed}"}
-    code = "import sys; sys.argv = ['follower']; from follower.apps.main import main; main()"
+    code = f"import sys; sys.argv = ['follower']; {MAIN}"
     completed = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, **asked, "COMP_CWORD": "1", "HOME": str(tmp_path)},

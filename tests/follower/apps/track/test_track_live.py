@@ -8,7 +8,6 @@ import queue
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,12 +21,12 @@ import av
 import cv2
 import numpy as np
 import pytest
+from program import FOLLOWER
 
 from follower_vision.sources.live_source import LiveSettings
 from follower_vision.sources.open import open_source
 
 INTERRUPTED = 130
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 RATE = 20
 START = (60, 100)
 
