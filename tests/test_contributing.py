@@ -10,8 +10,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
-import yaml
 from program import MAIN, run_from
+from small_scenario import NEAR_CAR
 
 ROOT = Path(__file__).parent.parent
 SOURCES = ("follower", "vision", "control", "sim", "configs", "tests/conftest.py", "pyproject.toml")
@@ -22,16 +22,6 @@ PART = re.compile(
 MOST_LINES, MOST_FILES = 25, 3
 FAILED = 1
 """What `follower sim` returns if the pursuit is not as its scenario wants it."""
-NEAR_CAR = {
-    "name": "near",
-    "title": "A car is nearer than the wanted distance.",
-    "duration_s": 12,
-    "targets": [{"kind": "car", "colour": "#e0401c", "path": {"points": [[12, 0], [13, 0]]}}],
-    "camera": {"width": 320, "height": 240},
-    "start": {"at": [0, 0]},
-    "select": {"colour": "#e0401c"},
-    "follow": {"servo": {"distance_m": 20, "target_size_m": 2.2, "hold_height": True}},
-}
 
 
 class Change(NamedTuple):
@@ -129,7 +119,7 @@ def test_the_motion_tracker_tracks_a_clip(example: Copy) -> None:
 @pytest.mark.parametrize("example", ["A follow mode"], indirect=True)
 def test_the_follow_mode_flies(example: Copy) -> None:
     scenario = example.root / "near.yaml"
-    scenario.write_text(yaml.safe_dump(NEAR_CAR), "utf-8")
+    scenario.write_text(NEAR_CAR, "utf-8")
     example.follower(
         "sim",
         str(scenario),
