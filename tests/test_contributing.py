@@ -1,6 +1,5 @@
 """The worked examples of CONTRIBUTING.md: they are short, and they work."""
 
-import csv
 import re
 import shutil
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from program import MAIN, run_from
 from small_scenario import NEAR_CAR
 
@@ -128,8 +128,7 @@ def test_the_follow_mode_flies(example: Copy) -> None:
         codes=(0, FAILED),
     )
     (written,) = (example.root / "runs").glob("*/setpoints.csv")
-    with written.open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["state"] == "following"]
+    rows = [row for row in rows_of(written) if row["state"] == "following"]
     assert len(rows) > 100
     assert min(float(row["forward_m_s"]) for row in rows) == 0.0
 

@@ -1,6 +1,5 @@
 """Packages that add links and follow modes; and a flight whose tracker fails."""
 
-import csv
 import math
 import pickle
 from contextlib import closing
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from csv_rows import rows_of
 from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
 from small_scenario import NEAR_CAR
 
@@ -120,8 +120,7 @@ def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]
         )
     )
     (written,) = (folder / "runs").glob("*/setpoints.csv")
-    with written.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return rows_of(written)
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Packages that add trackers, detectors and sources; and what they cannot break."""
 
-import csv
 import math
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
 from program import MAIN, run_from
 from rich.console import Console
@@ -105,8 +105,8 @@ def test_the_example_is_installed_and_everything_knows_its_tracker(
     example.follower(*track, "--detector", "embedded")
     names = ("--trackers", "mine,longterm:mine,fusion:mine", "--detector", "embedded")
     example.follower("evaluate", str(clip), *names)
-    with (tmp_path / "runs" / "evaluate" / "results.csv").open(encoding="utf-8") as file:
-        success = {row["tracker"]: float(row["success@0.5"]) for row in csv.DictReader(file)}
+    rows = rows_of(tmp_path / "runs" / "evaluate" / "results.csv")
+    success = {row["tracker"]: float(row["success@0.5"]) for row in rows}
     assert success == {"mine": 1.0, "longterm:mine": 1.0, "fusion:mine": 1.0}
 
 

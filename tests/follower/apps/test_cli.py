@@ -1,6 +1,5 @@
 """The command line: what goes wrong is told in one line, what is interrupted is complete."""
 
-import csv
 import json
 import os
 import re
@@ -17,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from program import FOLLOWER, MAIN
 from small_scenario import small_scenario
 
@@ -229,11 +229,6 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     rows = rows_of(folder / "setpoints.csv")
     assert rows[-1]["state"] == "released"
     assert float(rows[-1]["forward_m_s"]) == pytest.approx(0.0, abs=0.01)
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def count_frames(path: Path) -> int:

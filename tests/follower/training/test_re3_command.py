@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
+from csv_rows import rows_of
 from program import output_of
 
 from follower.ui.terminal.console import check_extra
@@ -34,8 +34,7 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     made = {path.name for path in folder.iterdir()}
     wanted = {"config.yaml", "checkpoint.pt", "samples.png", "log.csv", "tiny.onnx", "tiny.md"}
     assert made >= wanted
-    with (folder / "log.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(folder / "log.csv")
     assert [row["step"] for row in rows] == ["1", "2", "3"]
     assert [row["stage"] for row in rows] == ["0", "0", "1"]
     assert rows[1]["overlap"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import shutil
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from real_data import DATA, needs_data
 
 import follower.apps.track.session as track_module
@@ -113,11 +113,6 @@ def run_program(
 def run(run_program: Run, detector: SquareDetector) -> Run:  # noqa: ARG001
     """Run the program with the detector of squares."""
     return run_program
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def only_run(folder: Path) -> Path:

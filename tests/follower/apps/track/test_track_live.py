@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import queue
 import re
@@ -21,6 +20,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from program import FOLLOWER
 
 from follower_vision.sources.live_source import LiveSettings
@@ -193,8 +193,3 @@ def test_a_stream_that_nobody_sends_ends_in_one_line(
     assert camera.address in ended.err
     assert "is the camera sending?" in ended.err or "is it sending?" in ended.err
     assert list(tmp_path.iterdir()) == []
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
