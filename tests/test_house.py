@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from program import python
 
 ROOT = Path(__file__).parent.parent
 SOURCES = {
@@ -21,13 +22,6 @@ FLIGHT = (
     "follower.flight.vision.tracker_factory, "
     "follower.links.pymavlink_link, follower.links.connections, follower.links.open"
 )
-
-
-def python(code: str) -> str:
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    return result.stdout.strip()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The command line as a program of its own, and in the test's own process."""
+"""How Python and the command line are run: as programs of their own, or in the test's process."""
 
 import os
 import subprocess
@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from follower.apps.main import app
 
+ROOT = Path(__file__).parents[2]
 MAIN = "from follower.apps.main import main; main()"
 FOLLOWER = (sys.executable, "-c", MAIN)
 
@@ -33,6 +34,13 @@ def run_from(
     )
     assert ran.returncode in codes, ran.stdout + ran.stderr
     return ran
+
+
+def python(code: str) -> str:
+    """Return what lines of Python print in a process of their own, at the repository's root."""
+    command = [sys.executable, "-c", code]
+    ran = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    return ran.stdout.strip()
 
 
 def output_of(*arguments: str) -> str:
