@@ -1,11 +1,7 @@
 """The worked examples of CONTRIBUTING.md: they are short, and they work."""
 
-import csv
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +9,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
-import yaml
+from csv_rows import rows_of
+from program import MAIN, run_from
+from small_scenario import NEAR_CAR
 
 ROOT = Path(__file__).parent.parent
 SOURCES = ("follower", "vision", "control", "sim", "configs", "tests/conftest.py", "pyproject.toml")
@@ -24,16 +22,6 @@ PART = re.compile(
 MOST_LINES, MOST_FILES = 25, 3
 FAILED = 1
 """What `follower sim` returns if the pursuit is not as its scenario wants it."""
-NEAR_CAR = {
-    "name": "near",
-    "title": "A car is nearer than the wanted distance.",
-    "duration_s": 12,
-    "targets": [{"kind": "car", "colour": "#e0401c", "path": {"points": [[12, 0], [13, 0]]}}],
-    "camera": {"width": 320, "height": 240},
-    "start": {"at": [0, 0]},
-    "select": {"colour": "#e0401c"},
-    "follow": {"servo": {"distance_m": 20, "target_size_m": 2.2, "hold_height": True}},
-}
 
 
 class Change(NamedTuple):
@@ -92,23 +80,10 @@ class Copy:
         self.added = sum(change.added for change in made)
 
     def run(self, *arguments: str, codes: tuple[int, ...] = (0,)) -> str:
-        places = (self.root / name for name in (".", "vision", "control", "sim"))
-        ran = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=self.root,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "COLUMNS": "200"},
-            capture_output=True,
-            text=True,
-            timeout=200,
-            check=False,
-        )
-        assert ran.returncode in codes, ran.stdout + ran.stderr
-        return ran.stdout
+        return run_from(self.root, *arguments, cwd=self.root, codes=codes).stdout
 
     def follower(self, *arguments: str, codes: tuple[int, ...] = (0,)) -> str:
-        return self.run(
-            "-c", "from follower.apps.main import main; main()", *arguments, codes=codes
-        )
+        return self.run("-c", MAIN, *arguments, codes=codes)
 
 
 @pytest.fixture
@@ -144,7 +119,7 @@ def test_the_motion_tracker_tracks_a_clip(example: Copy) -> None:
 @pytest.mark.parametrize("example", ["A follow mode"], indirect=True)
 def test_the_follow_mode_flies(example: Copy) -> None:
     scenario = example.root / "near.yaml"
-    scenario.write_text(yaml.safe_dump(NEAR_CAR), "utf-8")
+    scenario.write_text(NEAR_CAR, "utf-8")
     example.follower(
         "sim",
         str(scenario),
@@ -153,8 +128,7 @@ def test_the_follow_mode_flies(example: Copy) -> None:
         codes=(0, FAILED),
     )
     (written,) = (example.root / "runs").glob("*/setpoints.csv")
-    with written.open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["state"] == "following"]
+    rows = [row for row in rows_of(written) if row["state"] == "following"]
     assert len(rows) > 100
     assert min(float(row["forward_m_s"]) for row in rows) == 0.0
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from program import python
 
 ROOT = Path(__file__).parent.parent
 SOURCES = {
@@ -21,13 +22,6 @@ FLIGHT = (
     "follower.flight.vision.tracker_factory, "
     "follower.links.pymavlink_link, follower.links.connections, follower.links.open"
 )
-
-
-def python(code: str) -> str:
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    return result.stdout.strip()
 
 
 @pytest.mark.slow
@@ -56,14 +50,15 @@ def test_a_flight_imports_neither_torch_nor_python_control_nor_the_simulator() -
 
 
 @pytest.mark.slow
-def test_the_command_line_and_a_real_flight_load_neither_plots_nor_analysis() -> None:
-    code = "import sys, follower.apps.main, follower.apps.fly.session; print(*sys.modules)"
-    modules = set(python(code).split())
+def test_command_line_and_real_flight_load_no_plots_no_analysis_and_no_simulated_world() -> None:
+    loaded = "follower.apps.main, follower.apps.fly.session, follower.apps.preflight.sign_test"
+    modules = set(python(f"import sys, {loaded}; print(*sys.modules)").split())
     assert modules.isdisjoint({"torch", "control", "matplotlib", "mavsdk"})
     assert modules.isdisjoint({"dask", "distributed", "optuna", "pyarrow"})
     assert modules.isdisjoint({"aiortc", "aioice", "fastapi", "starlette", "uvicorn", "websockets"})
     assert modules.isdisjoint({"prometheus_client", "foxglove", "rerun", "rclpy", "rosbags"})
     assert modules.isdisjoint({"pandas", "supervision", "got10k", "vot", "MAVProxy"})
+    assert modules.isdisjoint({"follower_sim.world.world", "follower_sim.autopilot.autopilot"})
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Packages that add links and follow modes; and a flight whose tracker fails."""
 
-import csv
 import math
 import pickle
 from contextlib import closing
@@ -8,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
+from csv_rows import rows_of
 from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
+from small_scenario import NEAR_CAR
 
 from follower.apps.command_settings import command_settings
 from follower.links.link import Link
@@ -102,22 +102,12 @@ def make(servo, step):
         raise ZeroDivisionError("the leash broke")
     return replace(chased, forward_m_s=max(chased.forward_m_s, 0.0))
 """
-NEAR_CAR = {
-    "name": "near",
-    "title": "A car is nearer than the wanted distance.",
-    "duration_s": 14,
-    "targets": [{"kind": "car", "colour": "#e0401c", "path": {"points": [[12, 0], [13, 0]]}}],
-    "camera": {"width": 320, "height": 240},
-    "start": {"at": [0, 0]},
-    "select": {"colour": "#e0401c"},
-    "follow": {"servo": {"distance_m": 20, "target_size_m": 2.2, "hold_height": True}},
-}
 
 
 def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]:
     """Fly beside the car; return the setpoints, a row a control step."""
     scenario = folder / "near.yaml"
-    scenario.write_text(yaml.safe_dump(NEAR_CAR), "utf-8")
+    scenario.write_text(NEAR_CAR, "utf-8")
     simulate(
         SimulationOptions(
             str(scenario),
@@ -130,8 +120,7 @@ def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]
         )
     )
     (written,) = (folder / "runs").glob("*/setpoints.csv")
-    with written.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return rows_of(written)
 
 
 @pytest.mark.slow

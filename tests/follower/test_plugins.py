@@ -1,8 +1,6 @@
 """Packages that add trackers, detectors and sources; and what they cannot break."""
 
-import csv
 import math
-import os
 import shutil
 import subprocess
 import sys
@@ -15,7 +13,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
 from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
+from program import MAIN, run_from
 from rich.console import Console
 
 from follower.apps.command_settings import command_settings
@@ -84,17 +84,8 @@ class Installed:
         self.folder = folder
 
     def follower(self, *arguments: str, code: int = 0) -> str:
-        places = [self.site, *(ROOT / name for name in (".", "vision", "control", "sim"))]
-        ran = subprocess.run(
-            [sys.executable, "-c", "from follower.apps.main import main; main()", *arguments],
-            cwd=self.folder,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "COLUMNS": "200"},
-            capture_output=True,
-            text=True,
-            timeout=200,
-            check=False,
-        )
-        assert ran.returncode == code, ran.stdout + ran.stderr
+        command = ("-c", MAIN, *arguments)
+        ran = run_from(ROOT, *command, cwd=self.folder, site=(self.site,), codes=(code,))
         return ran.stdout + ran.stderr
 
 
@@ -114,8 +105,8 @@ def test_the_example_is_installed_and_everything_knows_its_tracker(
     example.follower(*track, "--detector", "embedded")
     names = ("--trackers", "mine,longterm:mine,fusion:mine", "--detector", "embedded")
     example.follower("evaluate", str(clip), *names)
-    with (tmp_path / "runs" / "evaluate" / "results.csv").open(encoding="utf-8") as file:
-        success = {row["tracker"]: float(row["success@0.5"]) for row in csv.DictReader(file)}
+    rows = rows_of(tmp_path / "runs" / "evaluate" / "results.csv")
+    success = {row["tracker"]: float(row["success@0.5"]) for row in rows}
     assert success == {"mine": 1.0, "longterm:mine": 1.0, "fusion:mine": 1.0}
 
 

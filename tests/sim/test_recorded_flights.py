@@ -3,16 +3,15 @@
 Fitted were the files that end in 1 and the first half of px_wind3; these are the others.
 """
 
-import os
 import runpy
 from pathlib import Path
 from typing import Any
 
 import pytest
+from real_data import DATA, needs_data
 
+pytestmark = [pytest.mark.slow, needs_data("autopilot_flights")]
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "autopilot_steps" / "flights.py"
-_SHARED = Path(__file__).parents[2].parent / "shared" / "data"
-DATA = Path(os.environ.get("FOLLOWER_DATA", _SHARED)) / "autopilot_flights"
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +27,11 @@ def module_path() -> Any:
 
 
 def difference(benchmark: dict[str, Any], name: str, from_share: float = 0.0) -> Any:
-    path = DATA / f"{name}.csv"
-    if not path.exists():
-        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
-    real, flown = benchmark["fly_recording"](path)
+    real, flown = benchmark["fly_recording"](DATA / "autopilot_flights" / f"{name}.csv")
     from_s = max(5.0, from_share * float(real.time_s[-1]))
     return benchmark["FlightDifference"].between(real, flown, from_s)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "from_share"),
     [("ap_calm2", 0.0), ("ap_wind2", 0.0), ("px_calm2", 0.0), ("px_wind3", 0.5)],
@@ -52,7 +47,6 @@ def test_the_simulator_flies_as_the_real_autopilot_did(
     assert off.tilt_deg <= 3.0
 
 
-@pytest.mark.slow
 def test_at_its_tilt_limit_it_misses_the_velocity_by_as_much(benchmark: dict[str, Any]) -> None:
     off = difference(benchmark, "px_wind2")
     assert off.miss_simulated_m_s == pytest.approx(off.miss_real_m_s, rel=0.2)

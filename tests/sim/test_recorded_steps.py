@@ -1,12 +1,12 @@
 """The simulated vehicle beside the recordings of real autopilots."""
 
 import math
-import os
 import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
+from real_data import DATA, needs_data
 
 from follower_sim.scoring.recorded_step import RecordedStep, SentSetpoint
 
@@ -15,9 +15,6 @@ _metrics = runpy.run_path(str(BENCHMARK / "step_metrics.py"))
 crossing, fall, rise = (_metrics[name] for name in ("crossing", "fall", "rise"))
 stepped_signals, max_tilt_deg = _metrics["stepped_signals"], _metrics["max_tilt_deg"]
 fly_again = runpy.run_path(str(BENCHMARK / "step_replay.py"))["fly_again"]
-
-_SHARED = Path(__file__).parents[2].parent / "shared" / "data"
-DATA = Path(os.environ.get("FOLLOWER_DATA", _SHARED)) / "autopilot_steps"
 
 STEPS = {
     "ardupilot": (
@@ -50,20 +47,14 @@ STEPS = {
 }
 
 
-def recorded(name: str) -> RecordedStep:
-    path = DATA / f"{name}.csv"
-    if not path.exists():
-        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
-    return RecordedStep.load(path)
-
-
+@needs_data("autopilot_steps")
 @pytest.mark.parametrize(
     ("flavour", "name"), [(flavour, name) for flavour, names in STEPS.items() for name in names]
 )
 def test_every_recorded_step_is_met_within_15_percent_or_the_readings_noise(
     flavour: str, name: str
 ) -> None:
-    real = recorded(name)
+    real = RecordedStep.load(DATA / "autopilot_steps" / f"{name}.csv")
     flown = fly_again(flavour, real)
     for true, ours in zip(stepped_signals(real), stepped_signals(flown), strict=True):
         assert rise(real, true).disagreements(rise(flown, ours)) == []

@@ -1,11 +1,9 @@
 """The correlation tracker on generated images: physics and failures."""
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
+from real_data import DATA, needs_data
 
 from follower_vision.evaluation.datasets import load_dataset
 from follower_vision.evaluation.metrics import mean_score, ope_score
@@ -22,8 +20,6 @@ from follower_vision.trackers.correlation.tracker import PeakRatio
 from follower_vision.trackers.motion_tracker import MotionEstimate
 
 RNG_SEED = 7
-ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("FOLLOWER_DATA", ROOT.parent / "shared" / "data")) / "sequences"
 
 
 def texture(rng, height, width, grain=4):
@@ -310,22 +306,20 @@ def boxes_of(estimates: list[MotionEstimate]) -> list[Box]:
     return [estimate.box for estimate in estimates]
 
 
+@needs_data("sequences")
 @pytest.mark.slow
 def test_confidence_falls_while_a_car_is_hidden():
     """Whether it is found again behind the bridge hangs on last bits: that is not promised."""
-    if not DATA.is_dir():
-        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
-    (sequence,), _ = load_dataset(DATA / "uavdt_S0601")
+    (sequence,), _ = load_dataset(DATA / "sequences" / "uavdt_S0601")
     confidences = [estimate.confidence for estimate in run(CorrelationTracker(), sequence)]
     assert min(confidences[5:24]) > 0.6
     assert max(confidences[29:34]) < 0.3
 
 
+@needs_data("sequences")
 @pytest.mark.slow
 def test_real_sequences_are_followed_better_than_csrt_does():
-    if not DATA.is_dir():
-        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
-    sequences, _ = load_dataset(DATA)
+    sequences, _ = load_dataset(DATA / "sequences")
     tracker = CorrelationTracker()
     runs = [(boxes_of(run(tracker, one)), one.truth) for one in sequences]
     score = mean_score([ope_score(boxes, truth) for boxes, truth in runs])

@@ -38,6 +38,23 @@ from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.track import Track, TrackState
 
 
+@pytest.fixture
+def started(fusion: Trackers) -> Trackers:
+    """Make a tracker that was started on BOX in the first frame."""
+
+    def make(*parts: object, **more: object) -> FusionTracker:
+        tracker = fusion(*parts, **more)
+        tracker.start(frame(0), BOX)
+        return tracker
+
+    return make
+
+
+@pytest.fixture
+def tracker(started: Trackers) -> FusionTracker:
+    return started()
+
+
 def test_it_starts_inside_the_image_and_steps_after_that(fusion: Trackers) -> None:
     tracker = fusion()
     for premature in (tracker.step, tracker.advance, tracker.conclude):
@@ -52,9 +69,7 @@ def test_it_starts_inside_the_image_and_steps_after_that(fusion: Trackers) -> No
     assert track.box == Box(0, 100, 20, 20)
 
 
-def test_it_follows_what_is_seen(fusion: Trackers, motion: ToldMotion) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
+def test_it_follows_what_is_seen(tracker: FusionTracker, motion: ToldMotion) -> None:
     sights = going_right(20)
     tracks = follow(tracker, motion, sights)
     for number, (track, ((box, _),)) in enumerate(zip(tracks, sights, strict=True), 1):
@@ -83,10 +98,8 @@ def test_who_tracks_believes_it_and_who_is_lost_does_not(
 
 
 def test_a_target_unseen_is_lost_after_0_4_s_and_found_again(
-    fusion: Trackers, motion: ToldMotion
+    tracker: FusionTracker, motion: ToldMotion
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     tracks = follow(tracker, motion, [*going_right(10), *unseen(20), *going_right(2)])
     states = [track.state for track in tracks]
     coasting = round(0.4 * RATE_HZ)
@@ -100,10 +113,8 @@ def test_a_target_unseen_is_lost_after_0_4_s_and_found_again(
 
 
 def test_a_target_unseen_goes_on_as_it_went_for_a_while(
-    fusion: Trackers, motion: ToldMotion
+    tracker: FusionTracker, motion: ToldMotion
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     seen_last = follow(tracker, motion, going_right(20))[-1].box
     coasting = [track.box.cx - seen_last.cx for track in follow(tracker, motion, unseen(20), 21)]
     steps = np.diff([0.0, *coasting])
@@ -113,10 +124,8 @@ def test_a_target_unseen_goes_on_as_it_went_for_a_while(
 
 @pytest.mark.parametrize("kind", ["frozen", "blank"])
 def test_frames_that_show_nothing_are_not_searched(
-    fusion: Trackers, motion: ToldMotion, kind: str
+    tracker: FusionTracker, motion: ToldMotion, kind: str
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     follow(tracker, motion, going_right(10))
     image = NOISE[10] if kind == "frozen" else np.zeros_like(NOISE[10])
     tracks = [tracker.step(Frame(image, k / RATE_HZ, k)) for k in range(11, 40)]
@@ -131,10 +140,8 @@ def test_frames_that_show_nothing_are_not_searched(
 
 
 def test_of_several_the_one_that_is_believed_most_is_taken(
-    fusion: Trackers, motion: ToldMotion
+    tracker: FusionTracker, motion: ToldMotion
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     other = BOX.moved_to(160, 120)
     (track,) = follow(tracker, motion, [[(other, 0.7), (BOX, 0.8)]])
     assert track.box.distance(BOX) < 1e-9
@@ -143,10 +150,8 @@ def test_of_several_the_one_that_is_believed_most_is_taken(
 
 
 def test_what_is_doubtful_is_followed_but_neither_called_seen_nor_learnt(
-    fusion: Trackers, motion: ToldMotion
+    tracker: FusionTracker, motion: ToldMotion
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     doubtful = Box(BOX.cx + 5, BOX.cy, 1.3 * BOX.width, BOX.height)
     (track,) = follow(tracker, motion, [[(doubtful, 0.49)]])
     assert (track.state, track.produced_by) == (TrackState.COASTING, "peak")
@@ -157,11 +162,10 @@ def test_what_is_doubtful_is_followed_but_neither_called_seen_nor_learnt(
 
 
 def test_the_detector_looks_about_the_target_every_fourth_frame(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     detector = ToldDetector()
-    tracker = fusion(detector)
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     follow(tracker, motion, going_right(12))
     assert len(detector.regions) == 1 + 3
     for region in detector.regions:
@@ -170,20 +174,18 @@ def test_the_detector_looks_about_the_target_every_fourth_frame(
         assert region.distance(BOX) < region.width / 4 + 12 * 3
 
 
-def test_in_doubt_it_looks_every_second_frame(fusion: Trackers, motion: ToldMotion) -> None:
+def test_in_doubt_it_looks_every_second_frame(started: Trackers, motion: ToldMotion) -> None:
     detector = ToldDetector()
-    tracker = fusion(detector)
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     follow(tracker, motion, [[(BOX, 0.52)]] * 8)
     assert len(detector.regions) == 1 + 4
 
 
 def test_a_lost_target_is_searched_for_where_something_like_it_was_detected(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     detector, elsewhere = ToldDetector(), Box(250, 60, 20, 30)
-    tracker = fusion(detector)
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     detector.sees = [seen(elsewhere, 0.3)]
     follow(tracker, motion, unseen(30))
     assert min(place.distance(elsewhere) for place in motion.searched[-2:]) < 1e-9
@@ -191,11 +193,10 @@ def test_a_lost_target_is_searched_for_where_something_like_it_was_detected(
 
 
 def test_a_detection_far_away_finds_the_lost_target_again(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     detector, elsewhere = ToldDetector(), Box(250, 60, 20, 30)
-    tracker = fusion(detector)
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     follow(tracker, motion, unseen(20))
     detector.sees = [seen(elsewhere)]
     tracks = follow(tracker, motion, unseen(3), 21)
@@ -217,12 +218,11 @@ def detected(tracker: FusionTracker) -> list[np.ndarray]:
 
 
 def test_an_answer_that_comes_late_is_moved_along_with_the_target(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     service = HeldDetection()
-    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    tracker = started(ToldDetector(), mode=lambda _: service)
     found = detected(tracker)
-    tracker.start(frame(0), BOX)
     follow(tracker, motion, going_right(4))
     asked = service.requests[-1]
     assert asked.index == 4
@@ -237,12 +237,11 @@ def test_an_answer_that_comes_late_is_moved_along_with_the_target(
 
 
 def test_an_answer_for_a_frame_that_is_forgotten_proposes_and_teaches_nothing(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     service = HeldDetection()
-    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    tracker = started(ToldDetector(), mode=lambda _: service)
     found = detected(tracker)
-    tracker.start(frame(0), BOX)
     follow(tracker, motion, [[(BOX, 1.0)]] * 70)
     asked = next(one for one in service.requests if one.index == 4)
     memory = tracker._started().detector
@@ -254,20 +253,18 @@ def test_an_answer_for_a_frame_that_is_forgotten_proposes_and_teaches_nothing(
     assert (memory.hits, memory.silence) == before
 
 
-def test_the_first_answer_may_come_however_late(fusion: Trackers, motion: ToldMotion) -> None:
+def test_the_first_answer_may_come_however_late(started: Trackers, motion: ToldMotion) -> None:
     service = HeldDetection()
-    tracker = fusion(ToldDetector(), mode=lambda _: service)
-    tracker.start(frame(0), BOX)
+    tracker = started(ToldDetector(), mode=lambda _: service)
     follow(tracker, motion, [[(BOX, 1.0)]] * 70)
     service.answers = [DetectionAnswer(service.requests[0], [seen(BOX)])]
     assert tracker.step(frame(71)).state is TrackState.TRACKING
 
 
-def test_an_answer_for_an_earlier_target_is_ignored(fusion: Trackers, motion: ToldMotion) -> None:
+def test_an_answer_for_an_earlier_target_is_ignored(started: Trackers, motion: ToldMotion) -> None:
     service = HeldDetection()
-    tracker = fusion(ToldDetector(), mode=lambda _: service)
+    tracker = started(ToldDetector(), mode=lambda _: service)
     found = detected(tracker)
-    tracker.start(frame(0), BOX)
     tracker.start(frame(1), Box(200, 100, 20, 30))
     service.answers = [DetectionAnswer(service.requests[0], [seen(BOX)])]
     follow(tracker, motion, unseen(1), 2)
@@ -275,22 +272,22 @@ def test_an_answer_for_an_earlier_target_is_ignored(fusion: Trackers, motion: To
 
 
 def test_what_the_detector_saw_at_the_start_tells_how_its_boxes_differ(
-    fusion: Trackers, motion: ToldMotion
+    started: Trackers, motion: ToldMotion
 ) -> None:
     """The user chose the upper half of what the detector takes for one thing."""
     detector = ToldDetector()
     whole = Box(BOX.cx, BOX.bottom, BOX.width, 2 * BOX.height)
     detector.sees = [seen(whole)]
-    tracker = fusion(detector)
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     found = detected(tracker)
     follow(tracker, motion, unseen(4))
     assert found[0] == pytest.approx(corners_of([BOX])[0])
 
 
-def test_nothing_is_taken_where_the_target_cannot_be(fusion: Trackers, motion: ToldMotion) -> None:
-    far, tracker = BOX.moved_to(260, 120), fusion()
-    tracker.start(frame(0), BOX)
+def test_nothing_is_taken_where_the_target_cannot_be(
+    tracker: FusionTracker, motion: ToldMotion
+) -> None:
+    far = BOX.moved_to(260, 120)
     tracker.expect(foreseen(BOX))
     (track,) = follow(tracker, motion, [[(far, 1.0)]])
     assert track.state is TrackState.COASTING
@@ -314,10 +311,8 @@ def test_a_lost_target_is_expected_where_control_says(fusion: Trackers, motion: 
 
 @pytest.mark.parametrize("in_flight", [False, True])
 def test_in_a_flight_a_lost_target_is_followed_from_the_second_frame_that_shows_it(
-    fusion: Trackers, motion: ToldMotion, in_flight: bool
+    tracker: FusionTracker, motion: ToldMotion, in_flight: bool
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     follow(tracker, motion, unseen(20))
     states = []
     for number in (21, 22):
@@ -358,9 +353,8 @@ def test_two_targets_that_overlap_keep_both_their_boxes(
     assert track.state is TrackState.TRACKING
 
 
-def test_put_back_it_goes_on_from_there(fusion: Trackers, motion: ToldMotion) -> None:
-    place, tracker = Box(220, 60, 24, 24), fusion()
-    tracker.start(frame(0), BOX)
+def test_put_back_it_goes_on_from_there(tracker: FusionTracker, motion: ToldMotion) -> None:
+    place = Box(220, 60, 24, 24)
     follow(tracker, motion, unseen(20))
     tracker.put_back(place)
     assert tracker.sure_box == place
@@ -371,10 +365,9 @@ def test_put_back_it_goes_on_from_there(fusion: Trackers, motion: ToldMotion) ->
 
 @pytest.mark.parametrize("interval_s", [1 / 120, 1 / 30, 1 / 8])
 def test_the_way_gone_unseen_depends_on_the_time_not_on_the_frames(
-    fusion: Trackers, motion: ToldMotion, interval_s: float
+    tracker: FusionTracker, motion: ToldMotion, interval_s: float
 ) -> None:
-    tracker, speed_px_s, time_s = fusion(), 30.0, 0.0
-    tracker.start(frame(0), BOX)
+    speed_px_s, time_s = 30.0, 0.0
     for number in range(1, 41):
         time_s = number * interval_s
         motion.sights = [(BOX.moved_to(BOX.cx + speed_px_s * time_s, BOX.cy), 1.0)]
@@ -387,10 +380,8 @@ def test_the_way_gone_unseen_depends_on_the_time_not_on_the_frames(
 
 
 def test_a_frame_with_the_time_of_the_last_one_is_answered(
-    fusion: Trackers, motion: ToldMotion
+    tracker: FusionTracker, motion: ToldMotion
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     follow(tracker, motion, going_right(3))
     for number, time_s in enumerate((3 / RATE_HZ, 2 / RATE_HZ), 4):
         assert tracker.step(frame(number, time_s)).state is TrackState.TRACKING
@@ -410,12 +401,11 @@ NONE = (math.nan, math.inf, -math.inf)
 
 @pytest.mark.parametrize("score", NONE)
 def test_a_detection_that_is_no_number_never_reaches_a_track(
-    fusion: Trackers, motion: ToldMotion, score: float
+    started: Trackers, motion: ToldMotion, score: float
 ) -> None:
     detector = ToldDetector()
-    tracker = fusion(detector)
     detector.sees = [seen(BOX, score), seen(BOX, 0.9)]
-    tracker.start(frame(0), BOX)
+    tracker = started(detector)
     detector.sees = [seen(Box(140, 120, 20, 30), score), seen(BOX, 0.9)]
     for track in follow(tracker, motion, [[(BOX, 1.0)]] * 9):
         assert math.isfinite(track.confidence)
@@ -424,18 +414,14 @@ def test_a_detection_that_is_no_number_never_reaches_a_track(
 
 @pytest.mark.parametrize("score", NONE)
 def test_an_answer_of_the_motion_tracker_that_is_no_number_is_no_sight(
-    fusion: Trackers, motion: ToldMotion, score: float
+    tracker: FusionTracker, motion: ToldMotion, score: float
 ) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
     tracks = follow(tracker, motion, [[(BOX, score), (BOX.moved_to(150, 120), 0.3)]] * 3)
     assert all(math.isfinite(track.confidence) for track in tracks)
     assert tracks[-1].box.distance(BOX) < 1
 
 
-def test_the_box_stays_on_the_image(fusion: Trackers, motion: ToldMotion) -> None:
-    tracker = fusion()
-    tracker.start(frame(0), BOX)
+def test_the_box_stays_on_the_image(tracker: FusionTracker, motion: ToldMotion) -> None:
     leaving = [[(BOX.moved_to(BOX.cx + 40 * k, BOX.cy), 1.0)] for k in range(1, 6)]
     for track in follow(tracker, motion, [*leaving, *unseen(30)])[5:]:
         assert 0 <= track.box.cx <= 320

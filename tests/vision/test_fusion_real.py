@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
 import pytest
+from real_data import DATA, needs_data
 
 from follower_vision.detection.onnx_detector import OnnxDetector
 from follower_vision.fusion import FusionTracker, MultiFusion
@@ -15,16 +15,7 @@ from follower_vision.images.frame import Frame
 from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.track import Track, TrackState
 
-DATA = Path(
-    os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
-)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (DATA / "weights").is_dir() or not (DATA / "sequences").is_dir(),
-        reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-    ),
-]
+pytestmark = [pytest.mark.slow, needs_data("weights", "sequences")]
 
 
 def _weights(name: str) -> Path:

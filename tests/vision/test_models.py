@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import os
 import re
 import resource
 import shutil
@@ -16,6 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from real_data import DATA, needs_data
 
 from follower_vision.detection import detector_names, make_detector
 from follower_vision.models import (
@@ -393,18 +393,9 @@ def test_make_detector_knows_names_and_paths(tmp_path: Path) -> None:
         make_detector(str(tmp_path / "mine.onnx"), store)
 
 
-WEIGHTS = (
-    Path(os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-    / "weights"
-)
-
-
-@pytest.mark.skipif(
-    not WEIGHTS.is_dir(),
-    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-)
+@needs_data("weights")
 def test_the_table_describes_the_real_files() -> None:
-    store = ModelStore(WEIGHTS)
+    store = ModelStore(DATA / "weights")
     present = [model for model in store.models if store.is_present(model)]
     assert len(present) >= 8
     for model in present:

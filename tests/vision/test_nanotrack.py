@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from real_data import DATA, needs_data
 
 from follower_vision.geometry.box import Box
 from follower_vision.onnx_network import ModelError
@@ -22,14 +22,7 @@ from follower_vision.trackers.nanotrack import (
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper
 
-DATA = Path(
-    os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
-)
 HALF_SIDE = 32.0
-needs_data = pytest.mark.skipif(
-    not (DATA / "weights").is_dir(),
-    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-)
 
 
 def _save(path: Path, nodes: list, inputs: list, outputs: list, constants: list = ()) -> Path:
@@ -256,7 +249,7 @@ def test_a_head_is_no_backbone_nor_the_other_way_round(tmp_path: Path) -> None:
         NanoTrackNetwork(backbone, backbone)
 
 
-@needs_data
+@needs_data("weights", "sequences")
 @pytest.mark.parametrize("version", [1, 2, 3])
 def test_real_network_follows_a_real_car(version: int) -> None:
     folder = DATA / "sequences" / "otb_car4"

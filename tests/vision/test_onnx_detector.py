@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from real_data import DATA, needs_data
 
 from follower_vision.detection import DetectorSettings, OnnxDetector
 from follower_vision.detection.detection import InputFormat, Placement
@@ -20,15 +20,8 @@ from follower_vision.onnx_network import ModelError
 onnx = pytest.importorskip("onnx", reason="tiny networks are built with the onnx package")
 h = onnx.helper
 
-DATA = Path(
-    os.environ.get("FOLLOWER_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
-)
 SIDE = 64
 BOX_SHARE = 0.25
-needs_data = pytest.mark.skipif(
-    not (DATA / "weights").is_dir(),
-    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-)
 
 
 def red_detector(path: Path, side: int | str = SIDE, names: str | None = None) -> Path:
@@ -406,7 +399,7 @@ def real_frames() -> list[tuple[np.ndarray, Box, set[str]]]:
     return frames
 
 
-@needs_data
+@needs_data("weights", "sequences")
 @pytest.mark.parametrize(
     ("file", "whole", "zoomed"),
     [

@@ -1,6 +1,5 @@
 """The command line: what goes wrong is told in one line, what is interrupted is complete."""
 
-import csv
 import json
 import os
 import re
@@ -17,6 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
+from program import FOLLOWER, MAIN
 from small_scenario import small_scenario
 
 from follower.apps.main import FAILED, INTERRUPTED, SUCCESS, UNUSABLE
@@ -26,7 +27,6 @@ from follower.simulation.options import SimulationOptions
 from follower_vision.sources.open import open_source
 
 RunCommand = Callable[..., Any]
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 
 
 SMALL = small_scenario(60)
@@ -231,11 +231,6 @@ def test_ctrl_c_holds_and_leaves_a_complete_report_and_a_playable_video(
     assert float(rows[-1]["forward_m_s"]) == pytest.approx(0.0, abs=0.01)
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def count_frames(path: Path) -> int:
     with open_source(str(path)) as source:
         count = 0
@@ -249,7 +244,7 @@ def count_frames(path: Path) -> int:
 @pytest.mark.parametrize(("typed", "offered"), [("doc", "doctor"), ("prefl", "preflight")])
 def test_a_shell_completes_commands(typed: str, offered: str, tmp_path: Path) -> None:
     asked = {"_FOLLOWER_COMPLETE": "complete_bash", "COMP_WORDS": f"follower {typed}"}
-    code = "import sys; sys.argv = ['follower']; from follower.apps.main import main; main()"
+    code = f"import sys; sys.argv = ['follower']; {MAIN}"
     completed = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, **asked, "COMP_CWORD": "1", "HOME": str(tmp_path)},

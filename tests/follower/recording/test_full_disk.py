@@ -7,12 +7,12 @@ system can be mounted, there.
 import re
 import resource
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from program import FOLLOWER
 from small_scenario import small_scenario
 
 from follower.apps.inspect import inspect_flight
@@ -23,7 +23,6 @@ from follower.recording import open_flight
 from follower.recording.run_folder import RunFiles, write_setpoints
 from follower_vision.images.frame import Frame
 
-FOLLOWER = (sys.executable, "-c", "from follower.apps.main import main; main()")
 SMALL = small_scenario(16)
 MOUNTED = ("unshare", "-rm", "sh", "-ec", 'mount -t tmpfs -o size=800k none "$0"; exec "$@"')
 MOST_BYTES = 250_000

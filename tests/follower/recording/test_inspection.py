@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from html_page import Page
+from program import output_of
 from rich.console import Console
-from typer.testing import CliRunner
 
 from follower.apps.inspect import inspect_flight
-from follower.apps.main import app
 from follower.flight.log import FlightLog, TrackRecord
 from follower.recording import FlightFileError
 from follower.report.pilot_plot import first_uses
@@ -129,8 +128,7 @@ def test_a_foreign_file_is_refused_in_one_line(content: bytes, tmp_path: Path) -
 @pytest.mark.slow
 def test_the_report_goes_where_it_is_wanted(small_flight: Any, tmp_path: Path) -> None:
     out = tmp_path / "here.html"
-    result = CliRunner().invoke(app, ["inspect", str(small_flight.folder), "--out", str(out)])
-    assert result.exit_code == 0, result.output
+    output_of("inspect", str(small_flight.folder), "--out", str(out))
     assert out.is_file()
     assert not (small_flight.folder / "inspection.html").exists()
 

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from program import FOLLOWER
 from rich.console import Console
 
 from follower.apps.inspect import inspect_flight
@@ -321,7 +321,7 @@ def test_a_control_step_is_written_in_parts_that_end_with_the_step(small_flight:
 @pytest.mark.slow
 def test_the_command_replays_in_another_process(small_flight: Any, tmp_path: Path) -> None:
     """Another process, other addresses in memory, other hash seeds: the same bits."""
-    command = [sys.executable, "-c", "from follower.apps.main import main; main()", "replay"]
+    command = (*FOLLOWER, "replay")
     done = subprocess.run(
         [*command, str(small_flight.folder), "--out", str(tmp_path)],
         capture_output=True,

@@ -6,13 +6,13 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from program import FOLLOWER
 from websockets.sync.client import connect
 
 from follower.apps.replay.playback_page import Player
@@ -54,12 +54,11 @@ def test_a_flight_is_played_and_then_the_one_that_is_chosen(
 ) -> None:
     for name in ("first", "second"):
         shutil.copytree(small_flight.folder, tmp_path / name)
-    code = "from follower.apps.main import main; main()"
     arguments = ("replay", "first", "--cockpit")
     settings = tmp_path / "said.txt"
     with settings.open("w") as said:
         program = subprocess.Popen(
-            [sys.executable, "-c", code, *arguments, "--set", "cockpit.port=0"],
+            [*FOLLOWER, *arguments, "--set", "cockpit.port=0"],
             stdout=said,
             stderr=subprocess.STDOUT,
             cwd=tmp_path,

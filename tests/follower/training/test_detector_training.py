@@ -9,9 +9,8 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from typer.testing import CliRunner
+from program import output_of
 
-from follower.apps.main import app
 from follower.training.detector.labelled_image import IGNORED, LabelledImage, mirrored
 from follower.training.detector.loss import (
     RegionLoss,
@@ -346,8 +345,7 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
         (data / f"{number}.txt").write_text(line + f"{right - left} {bottom - top}\n")
     sizes = "training={side_px: 96, channels: [8, 8, 8, 8, 16], steps: 3, batch: 2, save_every: 1}"
     run = ["train", "detector", "--data", str(data), "--out", str(tmp_path), "--device", "cpu"]
-    done = CliRunner().invoke(app, [*run, "--set", "name=mine", "--set", sizes])
-    assert done.exit_code == 0, done.output
+    output_of(*run, "--set", "name=mine", "--set", sizes)
     folder = tmp_path / "mine"
     names = ("samples.png", "detections.png", "log.csv", "mine.onnx", "mine.md", "checkpoint.pt")
     assert all((folder / name).is_file() for name in names)
@@ -356,10 +354,8 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     config = (folder / "config.yaml").read_text()
     (folder / "config.yaml").write_text(config.replace("steps: 3\n", "steps: 5\n"))
     begun = ["--set", "name=begun", "--start", str(folder / "mine.onnx"), "--set", sizes]
-    another = CliRunner().invoke(app, [*run, *begun])
-    assert another.exit_code == 0, another.output
+    output_of(*run, *begun)
     assert OnnxDetector(tmp_path / "begun" / "begun.onnx").class_names == ("red", "blue")
-    again = CliRunner().invoke(app, ["train", "detector", "--resume", str(folder)])
-    assert again.exit_code == 0, again.output
+    output_of("train", "detector", "--resume", str(folder))
     steps = [row.split(",")[0] for row in (folder / "log.csv").read_text().splitlines()]
     assert steps == ["step", "1", "2", "3", "4", "5"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from csv_rows import rows_of
+from program import output_of
 
-from follower.apps.main import app
 from follower.ui.terminal.console import check_extra
 from follower_control.common.strict_config import SettingsError
 from follower_vision.trackers.re3 import Re3Network
@@ -26,23 +25,16 @@ training:
 """
 
 
-def follower(*arguments: str) -> str:
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
 @pytest.mark.slow
 def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     recipe = tmp_path / "tiny.yaml"
     recipe.write_text(RECIPE, encoding="utf-8")
-    follower("train", "re3", "--config", str(recipe), "--out", str(tmp_path), "--device", "cpu")
+    output_of("train", "re3", "--config", str(recipe), "--out", str(tmp_path), "--device", "cpu")
     folder = tmp_path / "tiny"
     made = {path.name for path in folder.iterdir()}
     wanted = {"config.yaml", "checkpoint.pt", "samples.png", "log.csv", "tiny.onnx", "tiny.md"}
     assert made >= wanted
-    with (folder / "log.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(folder / "log.csv")
     assert [row["step"] for row in rows] == ["1", "2", "3"]
     assert [row["stage"] for row in rows] == ["0", "0", "1"]
     assert rows[1]["overlap"]
@@ -52,17 +44,17 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
 
     card = (folder / "tiny.md").read_text(encoding="utf-8")
     (folder / "tiny.onnx").unlink()
-    output = follower("export", str(folder))
+    output = output_of("export", str(folder))
     sha256 = output.split("sha256 ")[1].strip()
     assert sha256 in card
     assert (folder / "tiny.onnx").is_file()
 
-    assert "tiny.onnx" in follower("train", "re3", "--resume", str(folder), "--device", "cpu")
+    assert "tiny.onnx" in output_of("train", "re3", "--resume", str(folder), "--device", "cpu")
 
 
 @pytest.mark.slow
 def test_sequences_are_written_where_evaluate_finds_them(tmp_path: Path) -> None:
-    follower("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
+    output_of("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
     assert len(list((tmp_path / "out").glob("generated_*/img/*.jpg"))) == 6
 
 

@@ -11,9 +11,8 @@ import torch
 from easy_scenes import EASY, check_interrupted
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
+from program import output_of
 
-from follower.apps.main import app
 from follower.training.scenes.generator import SceneMaker, SceneSettings
 from follower.training.scenes.image_source import ImageSource
 from follower.training.siamese.examples import Batches
@@ -167,14 +166,9 @@ def test_the_exported_networks_answer_as_the_trained_one(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_training_leaves_a_tracker_by_its_head_and_can_be_exported_again(tmp_path: Path) -> None:
-    def follower(*arguments: str) -> str:
-        result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-        assert result.exit_code == 0, result.output
-        return result.output
-
     recipe = tmp_path / "tiny.yaml"
     recipe.write_text(RECIPE, encoding="utf-8")
-    follower("train", "siamese", "-c", str(recipe), "--out", str(tmp_path), "--device", "cpu")
+    output_of("train", "siamese", "-c", str(recipe), "--out", str(tmp_path), "--device", "cpu")
     folder = tmp_path / "tiny"
     made = {path.name for path in folder.iterdir()}
     networks = {f"tiny_{part}.{kind}" for part in ("backbone", "head") for kind in ("onnx", "md")}
@@ -186,6 +180,6 @@ def test_a_training_leaves_a_tracker_by_its_head_and_can_be_exported_again(tmp_p
     assert tracker.name == "tiny"
     assert 0 <= tracker.update(image).confidence <= 1
     head.unlink()
-    output = follower("export", str(folder))
+    output = output_of("export", str(folder))
     assert output.rsplit("sha256 ", 1)[1].strip() in (folder / "tiny_head.md").read_text("utf-8")
     assert head.is_file()

@@ -2,7 +2,6 @@
 
 import csv
 import math
-import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from real_data import DATA, needs_data
 
 from follower.tuning.identify.readers import VehicleAxis
 from follower.tuning.identify.result import Spread, load_vehicle, write_identification
@@ -19,12 +19,8 @@ from follower_control.common.strict_config import SettingsError
 from follower_control.tuning.fit import fit_size
 from follower_control.tuning.response_model import ResponseData, ResponseModel, TooLittleError
 
-ROOT = Path(__file__).parents[3]
-STEPS = Path(os.environ.get("FOLLOWER_DATA", ROOT / "../shared/data")) / "autopilot_steps"
-needs_steps = pytest.mark.skipif(
-    not STEPS.is_dir(),
-    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-)
+STEPS = DATA / "autopilot_steps"
+needs_steps = needs_data("autopilot_steps")
 
 
 @needs_steps

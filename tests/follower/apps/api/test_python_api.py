@@ -5,8 +5,6 @@ from __future__ import annotations
 import doctest
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from flying_vehicle import flying_vehicle, write_square
+from program import python
 from public_surface import SURFACE, current_surface, read_surface
 
 import follower
@@ -117,11 +116,9 @@ def test_a_name_that_is_not_there_and_what_dir_lists() -> None:
 
 @pytest.mark.slow
 def test_importing_it_loads_nothing_that_is_not_asked_for() -> None:
-    code = "import sys, follower; print(*sys.modules)"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = {name for name in ran.stdout.split() if name.startswith("follower")}
-    assert loaded == {"follower"}
-    assert {"cv2", "typer", "onnxruntime", "importlib.metadata"}.isdisjoint(ran.stdout.split())
+    modules = python("import sys, follower; print(*sys.modules)").split()
+    assert {name for name in modules if name.startswith("follower")} == {"follower"}
+    assert {"cv2", "typer", "onnxruntime", "importlib.metadata"}.isdisjoint(modules)
 
 
 def test_the_page_documents_each_name_where_it_lives() -> None:

@@ -1,9 +1,6 @@
 """What a bench's figures mean: the advice, the file, boards side by side, a flight's warning."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -12,6 +9,7 @@ from typing import Any
 import cv2
 import pytest
 import yaml
+from program import python
 from rich.console import Console
 
 from follower.apps.bench.advice import advise
@@ -315,11 +313,8 @@ def test_no_bench_or_something_else_in_its_place_is_silence(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_flight_imports_nothing_else_of_the_bench() -> None:
-    code = "import sys, follower.apps.fly.session; print(*sys.modules)"
-    ran = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ
-    )
-    loaded = {name for name in ran.stdout.split() if name.startswith("follower.apps.bench.")}
+    modules = python("import sys, follower.apps.fly.session; print(*sys.modules)").split()
+    loaded = {name for name in modules if name.startswith("follower.apps.bench.")}
     assert loaded == {"follower.apps.bench.last"}
 
 

@@ -24,7 +24,6 @@ from follower_vision.clock import MonotonicClock
 SMALL, LARGE = (160, 120), (256, 144)
 SECONDS = 0.3
 INTERRUPTED = 130
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 
 
 @pytest.fixture(scope="module")

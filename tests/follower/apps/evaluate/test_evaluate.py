@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from plugin_packages import TRACKER, installed
+from real_data import DATA, needs_data
 from rich.console import Console
 
 from follower.apps.evaluate import run as evaluation
@@ -29,9 +30,7 @@ from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.track import TrackState
 
-ROOT = Path(__file__).parents[4]
-DATA = Path(os.environ.get("FOLLOWER_DATA", ROOT.parent / "shared" / "data"))
-REFERENCE = ROOT.parent / "shared" / "tools" / "ope_reference.py"
+REFERENCE = Path(__file__).parents[5] / "shared" / "tools" / "ope_reference.py"
 
 
 @pytest.fixture
@@ -348,10 +347,7 @@ def test_a_name_says_kind_motion_tracker_and_detector(
     assert (contender.kind, contender.motion, contender.detector) == expected
 
 
-@pytest.mark.skipif(
-    not (DATA / "weights").is_dir(),
-    reason="no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA",
-)
+@needs_data("weights", "sequences")
 @pytest.mark.slow
 def test_fusion_is_measured_with_its_states(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -10,7 +10,6 @@ import re
 import resource
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -21,13 +20,13 @@ from typing import Any
 import numpy as np
 import pytest
 from flying_vehicle import PATIENT
+from program import FOLLOWER
 from promises import LateS, assert_keeps, assert_releases
 from waiting import until
 
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 SETTINGS = (
     *("--set", "camera.fov_deg=70", "--set", "camera.pitch_deg=-20"),
     *("--set", "link.vehicle_id=1", "--set", "servo.max_forward_m_s=2"),

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ import httpx
 import pytest
 from flying_vehicle import PATIENT
 from plugin_packages import Site
+from program import FOLLOWER
 from websockets.sync.client import ClientConnection, connect
 
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
@@ -42,13 +42,12 @@ class Flight:
     def __init__(
         self, link: str, video: Path, folder: Path, *options: str, packages: str = ""
     ) -> None:
-        code = "from follower.apps.main import main; main()"
         arguments = ("fly", "--connect", link, "--camera", str(video), "--cockpit", *SETTINGS)
         places = os.pathsep.join(filter(None, (packages, os.environ.get("PYTHONPATH"))))
         self.log = folder / "said.txt"
         self._file = self.log.open("w")
         self.process = subprocess.Popen(
-            [sys.executable, "-c", code, *arguments, *options],
+            [*FOLLOWER, *arguments, *options],
             stdout=self._file,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from program import output_of
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -177,10 +178,7 @@ def test_the_delay_of_a_recorded_flight_s_camera_is_found(
 ) -> None:
     flight, _ = whole
     out = tmp_path / "latency.yaml"
-    result = CliRunner().invoke(
-        app, ["calibrate", "latency", str(flight.folder), "--out", str(out)], catch_exceptions=False
-    )
-    assert result.exit_code == 0, result.output
+    output_of("calibrate", "latency", str(flight.folder), "--out", str(out))
     assert abs(load_settings(out).camera.latency_s) < 0.5 * FRAME_S
 
 

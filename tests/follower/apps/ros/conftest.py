@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 import ros_interfaces
+from program import MAIN
 from promises import LateS, assert_keeps, assert_releases, is_moving
 
 from follower.simulation.faults.wire_tap import FIRMWARE, FlightEvidence
@@ -27,7 +28,6 @@ LARGE_IMAGES = ROOT / "configs/ros/large_images.xml"
 STILL_M_S = 0.5
 _LATE_S = 1.0
 """Half is of the time-outs below, half of messages between three processes."""
-NODE = "from follower.apps.main import main; main()"
 FLIGHT = (
     *("--set", "servo.distance_m=14", "--set", "servo.range_from=ground"),
     *("--set", "servo.target_middle_m=0.4", "--set", "servo.elevation_deg=-25"),
@@ -117,7 +117,7 @@ class Rig:
 
     def follower(self, *arguments: str) -> None:
         out = ("--out", str(self.folder / "runs"), "--target", "#e0401c")
-        self.start("follower", "-c", NODE, "ros", *FLIGHT, *out, *arguments)
+        self.start("follower", "-c", MAIN, "ros", *FLIGHT, *out, *arguments)
 
     def begin(self, mode: str, port: int, *arguments: str, flavour: str = "px4") -> None:
         """Start both processes, and activate the node with the vehicle in the pilot's mode."""

@@ -4,7 +4,6 @@ import json
 import math
 import re
 import subprocess
-import sys
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,12 @@ import pytest
 pytest.importorskip("rosbags", reason="rosbags is not here: pip install -e .[ros]")
 
 from mcap.reader import make_reader
+from program import FOLLOWER, output_of
 from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from typer.testing import CliRunner
 
 from follower import open_flight, simulate
-from follower.apps.main import app
 from follower.apps.ros.bag import CLIP, TABLE, pack, read_bag, unpack
 from follower.apps.ros.conversion import attitude_of, turned_to_body
 from follower.apps.viewers.scene import FlightScene
@@ -241,8 +239,7 @@ def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> N
 def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path: Path) -> None:
     flown = FlightScene(open_flight(flight)).camera
     assert flown is not None
-    result = CliRunner().invoke(app, ["import", str(bag), "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
+    output_of("import", str(bag), "--out", str(tmp_path))
     (folder,) = tmp_path.glob("import-*")
     lens = FlightScene(open_flight(folder)).camera
     assert lens is not None
@@ -273,9 +270,7 @@ def test_what_is_no_bag_or_exists_already_is_refused(flight: Path, bag: Path) ->
         pack(flight, bag)
     (flight / "broken").mkdir()
     (flight / "broken" / "metadata.yaml").write_text("no: bag")
-    command = [sys.executable, "-c", "from follower.apps.main import main; main()"]
-    result = subprocess.run(
-        [*command, "ros-bag", str(flight / "broken")], capture_output=True, text=True
-    )
+    command = [*FOLLOWER, "ros-bag", str(flight / "broken")]
+    result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 2
     assert "cannot be read as a bag" in result.stderr

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from program import MAIN
 from typer.testing import CliRunner
 
 from follower.apps.main import app
@@ -144,10 +145,8 @@ def test_the_packages_files_are_what_the_settings_and_configs_have() -> None:
 
 def without(package: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a command where a package is not installed."""
-    code = (
-        f"import sys; sys.modules[{package!r}] = None; sys.argv = ['follower', *{arguments!r}]; "
-        "from follower.apps.main import main; main()"
-    )
+    missing = f"import sys; sys.modules[{package!r}] = None"
+    code = f"{missing}; sys.argv = ['follower', *{arguments!r}]; {MAIN}"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import os
 import re
 import shutil
 import sys
@@ -13,6 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
+from real_data import DATA, needs_data
 
 import follower.apps.track.session as track_module
 from follower.apps.main import FAILED, SUCCESS, UNUSABLE, main
@@ -25,7 +25,6 @@ from follower_vision.images.frame import Image
 from follower_vision.sources.open import open_source
 from follower_vision.trackers.track import Track, TrackState
 
-DATA = Path(os.environ.get("FOLLOWER_DATA", "../shared/data")).resolve()
 FRAMES, SIDE = 30, 28
 COLOURS = ((30, 30, 220), (40, 200, 40), (220, 60, 40))
 
@@ -114,11 +113,6 @@ def run_program(
 def run(run_program: Run, detector: SquareDetector) -> Run:  # noqa: ARG001
     """Run the program with the detector of squares."""
     return run_program
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def only_run(folder: Path) -> Path:
@@ -348,16 +342,15 @@ def test_the_line_tells_state_rate_delay_drops_and_reconnects() -> None:
     assert broken == "no frames: rtsp://a: no stream"
 
 
+@needs_data("sequences/otb_jogging1", "weights/yolox_nano_bi.onnx")
 @pytest.mark.slow
 def test_a_person_in_real_footage_is_chosen_by_its_number_and_followed(
     run_program: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sequence, weights = DATA / "sequences" / "otb_jogging1", DATA / "weights"
-    if not (sequence.is_dir() and (weights / "yolox_nano_bi.onnx").is_file()):
-        pytest.skip("no real data: put it in ../shared/data or name its folder in FOLLOWER_DATA")
-    monkeypatch.setenv("FOLLOWER_MODELS", str(weights.resolve()))
+    monkeypatch.setenv("FOLLOWER_MODELS", str(weights))
     arguments = ("--select", "person:1", "--select", "person:2", "--no-video")
-    code, out, _ = run_program(str(sequence.resolve()), *arguments)
+    code, out, _ = run_program(str(sequence), *arguments)
     assert code == SUCCESS, out
     rows = rows_of(only_run(tmp_path) / "boxes.csv")
     truth = np.loadtxt(sequence / "groundtruth.txt", delimiter=",")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import queue
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,12 +20,13 @@ import av
 import cv2
 import numpy as np
 import pytest
+from csv_rows import rows_of
+from program import FOLLOWER
 
 from follower_vision.sources.live_source import LiveSettings
 from follower_vision.sources.open import open_source
 
 INTERRUPTED = 130
-FOLLOWER = [sys.executable, "-c", "from follower.apps.main import main; main()"]
 RATE = 20
 START = (60, 100)
 
@@ -194,8 +193,3 @@ def test_a_stream_that_nobody_sends_ends_in_one_line(
     assert camera.address in ended.err
     assert "is the camera sending?" in ended.err or "is it sending?" in ended.err
     assert list(tmp_path.iterdir()) == []
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
+from program import FOLLOWER, MAIN
 from rich.console import Console
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
@@ -134,8 +135,8 @@ def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
 
 
 def test_workers_end_with_the_campaign_that_was_killed(tmp_path: Path) -> None:
-    begin = [sys.executable, "-c", "from follower.apps.main import main; main()", "campaign"]
-    campaign = subprocess.Popen([*begin, config(tmp_path), "--out", str(tmp_path / "out")])
+    command = [*FOLLOWER, "campaign", config(tmp_path), "--out", str(tmp_path / "out")]
+    campaign = subprocess.Popen(command)
     try:
         workers = waited_for(lambda: children(campaign.pid), 60.0)
     finally:
@@ -199,8 +200,7 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_table(
     """SIGKILL, while it flies its first run or a later one; its last line is half written."""
     pq = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "out"
-    command = [sys.executable, "-c", "from follower.apps.main import main; main()", "campaign"]
-    command += [config(tmp_path), "--workers", "2", "--out", str(out)]
+    command = [*FOLLOWER, "campaign", config(tmp_path), "--workers", "2", "--out", str(out)]
     killed = subprocess.Popen(command)
     try:
         assert waited_for(lambda: children(killed.pid), 300.0)
@@ -409,7 +409,7 @@ def test_ctrl_c_ends_a_campaign_at_once_and_without_noise(tmp_path: Path, flying
     Path(path).write_text(text.replace("duration_s=13", "duration_s=300"), "utf-8")
     # As from a terminal, wherever the tests run: what a script begins with `&` is deaf to Ctrl-C.
     hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{hears}; from follower.apps.main import main; main()"]
+    command = [sys.executable, "-c", f"{hears}; {MAIN}"]
     out = tmp_path / "out"
     process = subprocess.Popen(
         [*command, "campaign", path, "--workers", "2", "--out", str(out)],

@@ -12,11 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from program import output_of
 
 pytest.importorskip("torch")
 
-from follower.apps.main import app
 from follower.training.fusion.driving import (
     RESET_FRAMES,
     CachedDetector,
@@ -132,9 +131,7 @@ def test_the_command_says_what_is_reached_and_fits_the_same_each_time(
     words += ["--folds", str(tmp_path / "folds.json")]
     for setting in settings:
         words += ["--set", setting]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
-    assert "out of fold: success" in " ".join(result.output.split())
+    assert "out of fold: success" in " ".join(output_of(*words).split())
     again = json.loads((tmp_path / "fusion-nanotrack" / "fitted.json").read_text("utf-8"))
     assert again["models"] == json.loads(fitted.path.read_text("utf-8"))["models"]
 
