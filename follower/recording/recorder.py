@@ -20,7 +20,7 @@ from follower.recording.messages import FrameRecord, messages_of
 from follower.recording.tlog import Direction, TlogWriter
 from follower.recording.video_writer import VideoQueue, give_way
 from follower.settings.recorder import RecorderSettings, WhenFull
-from follower_control.common.transport import Transport
+from follower_control.common.transport import Transport, WrappedTransport
 from follower_sim.kinematics import TruthSample
 from follower_vision.clock import Clock
 from follower_vision.disk import failure_said
@@ -188,29 +188,25 @@ class Recorder(ClosesItself):
                 self._report(f"left out what cannot be written, {type(record).__name__}: {error}")
 
 
-class RecordedTransport:
+class RecordedTransport(WrappedTransport):
     """A transport whose bytes are recorded, both ways."""
 
-    def __init__(self, transport: Transport, recorder: Recorder, clock: Clock) -> None:
-        self._transport = transport
+    def __init__(self, inner: Transport, recorder: Recorder, clock: Clock) -> None:
+        super().__init__(inner)
         self._recorder = recorder
         self._clock = clock
 
     def send(self, data: bytes) -> None:
         """Send and record one packet."""
-        self._transport.send(data)
+        super().send(data)
         self._recorder.add(Bytes(data, Direction.SENT), self._clock.now())
 
     def receive(self) -> bytes:
         """Return and record what has arrived."""
-        data = self._transport.receive()
+        data = super().receive()
         if data:
             self._recorder.add(Bytes(data, Direction.RECEIVED), self._clock.now())
         return data
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._transport.close()
 
 
 class _LogWriter(ClosesItself):

@@ -16,7 +16,12 @@ from follower.links.open import open_link
 from follower.links.packet_parser import PacketReader
 from follower.links.signing import Signer, SigningKey
 from follower.settings.link import LINK_KINDS, LinkKind, LinkSettings
-from follower_control.common.transport import MemoryTransport, Transport, UdpTransport
+from follower_control.common.transport import (
+    MemoryTransport,
+    Transport,
+    UdpTransport,
+    WrappedTransport,
+)
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
 from follower_sim.kinematics import BodyState
@@ -40,11 +45,11 @@ MAVSDK_ONCE = pytest.mark.parametrize(
 """For what MAVSDK does alike with both autopilots."""
 
 
-class LossyTransport:
+class LossyTransport(WrappedTransport):
     """Loses, doubles and reorders packets in both directions, and notes all that is sent."""
 
     def __init__(self, inner: Transport, clock: Clock, trouble: float = 0.0) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._clock = clock
         self._trouble = trouble
         self._lots = np.random.default_rng(3)
@@ -57,14 +62,11 @@ class LossyTransport:
         message = mavlink.MAVLink(None).decode(bytearray(data))
         self.sent.append((self._clock.now(), message))
         for packet in self._shaken([data]):
-            self._inner.send(packet)
+            super().send(packet)
 
     def receive(self) -> bytes:
-        packets = [packet.data for packet in self._reader.feed(self._inner.receive())]
+        packets = [packet.data for packet in self._reader.feed(super().receive())]
         return b"".join(self._shaken(packets))
-
-    def close(self) -> None:
-        self._inner.close()
 
     def of(self, message_id: int) -> list[tuple[float, Any]]:
         return [(at, m) for at, m in list(self.sent) if m.get_msgId() == message_id]
@@ -84,29 +86,26 @@ class LossyTransport:
                 yield self._kept.popleft()[1]
 
 
-class SigningPeer:
+class SigningPeer(WrappedTransport):
     """Makes a simulated autopilot one that signs, and obeys only what is signed."""
 
     def __init__(self, inner: Transport, clock: Clock) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._clock = clock
         self._signer = Signer(SigningKey(SECRET), EPOCH_NS)
         self._reader = PacketReader()
         self.refused = 0
 
     def send(self, data: bytes) -> None:
-        self._inner.send(self._signer.sign(data, self._clock.now()))
+        super().send(self._signer.sign(data, self._clock.now()))
 
     def receive(self) -> bytes:
         good = b""
-        for packet in self._reader.feed(self._inner.receive()):
+        for packet in self._reader.feed(super().receive()):
             refusal = self._signer.refusal(packet, self._clock.now())
             self.refused += refusal is not None
             good += b"" if refusal is not None else packet.data
         return good
-
-    def close(self) -> None:
-        self._inner.close()
 
 
 class Rig:

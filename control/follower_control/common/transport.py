@@ -32,6 +32,25 @@ class Transport(Protocol):
         ...
 
 
+class WrappedTransport:
+    """Does the same as another transport; its subclasses do a little more, or a little less."""
+
+    def __init__(self, inner: Transport) -> None:
+        self._inner = inner
+
+    def send(self, data: bytes) -> None:
+        """Send one packet."""
+        self._inner.send(data)
+
+    def receive(self) -> bytes:
+        """Return what has arrived."""
+        return self._inner.receive()
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._inner.close()
+
+
 class MemoryTransport:
     """One end of a pair in memory: lockstep runs, where the kernel's timing must not matter."""
 

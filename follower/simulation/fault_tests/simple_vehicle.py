@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
 from follower.simulation.faults.wire_tap import FIRMWARE, WireSetpoint
-from follower_control.common.transport import Transport
+from follower_control.common.transport import Transport, WrappedTransport
 from follower_sim.autopilot.firmware import Firmware, FlightMode
 from follower_sim.kinematics import Triple
 
@@ -22,7 +22,7 @@ _FROM_VEHICLE = bytes((1, 1, 0, 0, 0))
 """System, component and message id, as they stand in a heartbeat's head."""
 
 
-class WireWatch:
+class WireWatch(WrappedTransport):
     """A transport of the follower's that notes setpoints sent and heartbeats received.
 
     Packets are taken apart by their bytes, without anybody's MAVLink parser. It stands before the
@@ -35,7 +35,7 @@ class WireWatch:
     """
 
     def __init__(self, inner: Transport) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self.now_s = 0.0
         self.setpoints: list[WireSetpoint] = []
         self.modes: list[int] = []
@@ -44,20 +44,16 @@ class WireWatch:
         """Send one packet, and note the setpoint in it."""
         if int.from_bytes(data[7:10], "little") == _SETPOINT:
             self.setpoints.append(setpoint_in(data, self.now_s))
-        self._inner.send(data)
+        super().send(data)
 
     def receive(self) -> bytes:
         """Return what has arrived, and note the heartbeats in it."""
-        data = self._inner.receive()
+        data = super().receive()
         at = data.find(_FROM_VEHICLE)
         while at >= 0:
             self._observe(data[max(0, at - 5) : at + 16])
             at = data.find(_FROM_VEHICLE, at + 1)
         return data
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._inner.close()
 
     def _observe(self, packet: bytes) -> None:
         whole = len(packet) == _HEAD + _HEARTBEAT_LENGTH + 2

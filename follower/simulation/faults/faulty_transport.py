@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from follower.links.packet_parser import PacketReader
 from follower.links.signing import Signer, SigningKey
 from follower.simulation.faults.fault import FaultAction, FaultKind
-from follower_control.common.transport import Transport
+from follower_control.common.transport import Transport, WrappedTransport
 from follower_vision.clock import Clock
 
 _REPLAYED_AFTER = 200
@@ -139,7 +139,7 @@ class _Way:
         return action is not None and float(self._rng.random()) < action.amount
 
 
-class FaultyTransport:
+class FaultyTransport(WrappedTransport):
     """The follower's transport with the faults of the link in it, both ways.
 
     Args:
@@ -152,7 +152,7 @@ class FaultyTransport:
     def __init__(
         self, inner: Transport, schedule: FaultSource, clock: Clock, rng: np.random.Generator
     ) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._schedule = schedule
         self._clock = clock
         self._reader = PacketReader()
@@ -175,21 +175,17 @@ class FaultyTransport:
         with self._lock:
             packets = self._there.carry([data], self._clock.now())
         for packet in packets:
-            self._inner.send(packet)
+            super().send(packet)
 
     def receive(self) -> bytes:
         """Return what has arrived, and what was slipped in."""
         now_s = self._clock.now()
-        packets = [packet.data for packet in self._reader.feed(self._inner.receive())]
+        packets = [packet.data for packet in self._reader.feed(super().receive())]
         for packet in packets:
             self._hostile.keep(packet)
         with self._lock:
             arriving = self._back.carry(packets, now_s)
         return b"".join(self._between(arriving, now_s))
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._inner.close()
 
     def _between(self, packets: list[bytes], now_s: float) -> list[bytes]:
         forgeries = [

@@ -12,34 +12,30 @@ from follower.simulation.faults.fault import PlannedFault
 from follower.simulation.faults.injector import FaultInjector
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
 from follower.simulation.flight import SimulatedFlight, epoch_ns
-from follower_control.common.transport import Transport
+from follower_control.common.transport import Transport, WrappedTransport
 from follower_vision.clock import Clock
 
 _SECRET = bytes(range(1, 33))
 
 
-class SigningPeer:
+class SigningPeer(WrappedTransport):
     """A transport of the autopilot's that signs what leaves and drops what is not signed."""
 
     def __init__(self, inner: Transport, clock: Clock) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._clock = clock
         self._signer = Signer(SigningKey(_SECRET), epoch_ns(clock))
         self._reader = PacketReader()
 
     def send(self, data: bytes) -> None:
         """Send one packet, signed."""
-        self._inner.send(self._signer.sign(data, self._clock.now()))
+        super().send(self._signer.sign(data, self._clock.now()))
 
     def receive(self) -> bytes:
         """Return what has arrived with the right signature."""
         now_s = self._clock.now()
-        packets = self._reader.feed(self._inner.receive())
+        packets = self._reader.feed(super().receive())
         return b"".join(p.data for p in packets if self._signer.refusal(p, now_s) is None)
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._inner.close()
 
 
 Ends = tuple[Transport, Transport]

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower_control.common.transport import Transport
+from follower_control.common.transport import Transport, WrappedTransport
 from follower_sim.autopilot.autopilot import COMPONENT_ID, SYSTEM_ID, SimAutopilot
 from follower_sim.autopilot.firmware import ARDUCOPTER, PX4
 from follower_sim.kinematics import Triple
@@ -59,7 +59,7 @@ class TrueMotion:
         return math.hypot(*self.velocity_m_s)
 
 
-class WireTap:
+class WireTap(WrappedTransport):
     """A transport that does the same as another one, and notes what goes through it.
 
     It has a MAVLink parser of its own, pymavlink's, and believes no signature and no sender.
@@ -70,7 +70,7 @@ class WireTap:
     """
 
     def __init__(self, inner: Transport, clock: Clock) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._clock = clock
         self._out, self._in = _parser(), _parser()
         self.sent: list[tuple[float, Any]] = []
@@ -79,17 +79,13 @@ class WireTap:
     def send(self, data: bytes) -> None:
         """Send one packet and note it."""
         self.sent += self._messages(self._out, data)
-        self._inner.send(data)
+        super().send(data)
 
     def receive(self) -> bytes:
         """Return what has arrived and note it."""
-        data = self._inner.receive()
+        data = super().receive()
         self.received += self._messages(self._in, data)
         return data
-
-    def close(self) -> None:
-        """Close the transport."""
-        self._inner.close()
 
     def _messages(self, parser: Any, data: bytes) -> list[tuple[float, Any]]:
         now_s = self._clock.now()

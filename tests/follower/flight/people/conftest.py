@@ -16,7 +16,7 @@ from follower.flight.supervision.autonomy import Autonomy
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.links.pymavlink_link import MavlinkLink
 from follower.settings.settings import load_settings
-from follower_control.common.transport import MemoryTransport
+from follower_control.common.transport import MemoryTransport, WrappedTransport
 from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.kinematics import BodyState
 from follower_sim.vehicle.vehicle import STEP_S
@@ -30,11 +30,11 @@ OURS = {"px4": "OFFBOARD", "ardupilot": "GUIDED"}
 SETPOINT = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
 
-class Wire:
+class Wire(WrappedTransport):
     """Notes what we send."""
 
     def __init__(self, inner: MemoryTransport, clock: SimulatedClock) -> None:
-        self._inner = inner
+        super().__init__(inner)
         self._clock = clock
         self.sent: list[tuple[float, Any]] = []
         self.cut = False
@@ -44,17 +44,14 @@ class Wire:
     def send(self, data: bytes) -> None:
         if not self.cut:
             self.sent.append((self._clock.now(), mavlink.MAVLink(None).decode(bytearray(data))))
-            self._inner.send(data)
+            super().send(data)
 
     def receive(self) -> bytes:
         """Return what has come, as much of it as a line hands over at once."""
-        waiting = b"" if self.cut else self._waiting + self._inner.receive()
+        waiting = b"" if self.cut else self._waiting + super().receive()
         most = len(waiting) if self.most_bytes is None else self.most_bytes
         data, self._waiting = waiting[:most], waiting[most:]
         return data
-
-    def close(self) -> None:
-        self._inner.close()
 
     def setpoints(self, since_s: float) -> list[float]:
         """Return when setpoints left, later than a time."""
