@@ -20,7 +20,7 @@ from follower.training.re3.network import Re3Module, Re3ModuleState
 from follower.training.re3.settings import Re3Config
 from follower.training.re3.trainer import Re3Trainer
 from follower.training.scenes.generator import SceneMaker
-from follower.training.scenes.image_pool import image_source, prepare_once
+from follower.training.scenes.image_pool import image_source
 from follower.training.scenes.scene import Scene
 from follower.training.trainer import begin, open_folder, train
 from follower_vision.geometry.box import Box
@@ -159,8 +159,7 @@ def train_re3(
     """
     training = config.training
     state = open_folder(config, training, folder, device, resume)
-    prepare_once(config.pictures, folder, training.seed)
-    pictures = image_source(folder, training.seed, training.worlds)
+    pictures = image_source(config.pictures, folder, training.seed, training.worlds)
     trainer = Re3Trainer(training, pictures, device, network_type)
     maker = SceneMaker(pictures, training.scenes, training.seed)
     begin(trainer, folder, state, lambda: sample_sheet(maker))

@@ -103,27 +103,23 @@ def load(stock: Path, seed: int, collages: int = COLLAGES) -> ImageSource:
     return ImageSource(pictures.photographs + crowded, pictures.textures, pictures.cutouts)
 
 
-def prepare_once(pictures: Path | None, folder: Path, seed: int) -> None:
-    """Prepare the stock of a training's folder, if it has pictures and none is there.
+def image_source(pictures: Path | None, folder: Path, seed: int, worlds: int) -> ImageSource:
+    """Return what the scenes of a training are made of: its stock, if any, and rendered pictures.
+
+    Args:
+        pictures: see `prepare`; the stock is made of them if it is not there yet.
+        folder: of the training.
+        seed: of the training.
+        worlds: of the simulator, whose views and bodies join the pictures.
 
     Raises:
         SettingsError: see `prepare`.
     """
-    if pictures is not None and not (folder / STOCK).is_dir():
-        prepare(pictures, folder / STOCK, seed)
-
-
-def image_source(folder: Path, seed: int, worlds: int) -> ImageSource:
-    """Return what the scenes of a training are made of: its stock, if any, and rendered pictures.
-
-    Args:
-        folder: of the training.
-        seed: of the training.
-        worlds: of the simulator, whose views and bodies join the pictures.
-    """
     stock = folder / STOCK
-    pictures = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
-    return pictures.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
+    if pictures is not None and not stock.is_dir():
+        prepare(pictures, stock, seed)
+    source = load(stock, seed) if stock.is_dir() else procedural(np.random.default_rng(seed))
+    return source.joined(rendered(np.random.default_rng((seed, _WORLDS)), worlds))
 
 
 def _small_photograph(path: Path) -> npt.NDArray[np.uint8] | None:

@@ -15,7 +15,7 @@ from follower.training.onnx_export import (
     store_as_half,
     write_card,
 )
-from follower.training.scenes.image_pool import image_source, prepare_once
+from follower.training.scenes.image_pool import image_source
 from follower.training.siamese.examples import Batch
 from follower.training.siamese.network import (
     CELLS,
@@ -55,8 +55,8 @@ def train_siamese(
     """
     training = config.training
     state = open_folder(config, training, folder, device, resume)
-    prepare_once(config.pictures, folder, training.seed)
-    trainer = SiameseTrainer(training, image_source(folder, training.seed, training.worlds), device)
+    pictures = image_source(config.pictures, folder, training.seed, training.worlds)
+    trainer = SiameseTrainer(training, pictures, device)
     begin(trainer, folder, state, lambda: sample_sheet(trainer.batch(0)))
     if not export_only:
         train(trainer, folder)
