@@ -33,6 +33,7 @@ from follower.report.track_losses import (
 )
 from follower.ui.terminal.console import check_extra, print_line
 from follower.ui.terminal.flight_display import STATE_STYLES
+from follower_control.servo.settings import RangeFrom, ServoSettings
 from follower_sim.scoring.score import PursuitGoal
 from follower_vision.disk import failure_said, is_unwritable, write_whole
 from follower_vision.trackers.track import TrackState
@@ -253,9 +254,8 @@ def inspect_recorded(
     more: Sequence[str] = (),
 ) -> Path:
     """Do the same for a flight that was read already; `more` are sections to add, HTML."""
-    size_m = recorded.config.number("servo", "target_size_m")
     goal = _goal(recorded.config) if recorded.truth else None
-    flight = LoggedFlight(recorded.log, recorded.truth, goal, size_m)
+    flight = LoggedFlight(recorded.log, recorded.truth, goal, _servo(recorded.config))
     found, console = losses(flight), console or Console()
     filmed = any(frame.video_index is not None for frame in recorded.frames)
     if filmed and (problem := video_problem(recorded.folder / VIDEO)):
@@ -342,6 +342,20 @@ def _goal(config: FlightConfig) -> PursuitGoal | None:
     try:
         return PursuitGoal(distance_m, math.radians(elevation_deg))
     except ValueError:
+        return None
+
+
+def _servo(config: FlightConfig) -> ServoSettings | None:
+    """Return what ranges were taken from, None if the settings do not say it in a known form."""
+    said = config.group("servo")
+    try:
+        return ServoSettings(
+            distance_m=said["distance_m"],
+            target_size_m=said.get("target_size_m"),
+            range_from=RangeFrom(said.get("range_from", RangeFrom.SIZE)),
+            target_middle_m=said.get("target_middle_m", 0.0),
+        )
+    except (KeyError, TypeError, ValueError):
         return None
 
 

@@ -220,9 +220,10 @@ def demo(
     """Fly a pursuit: the camera shakes, the car vanishes in a hall, and another one crosses.
 
     Fusion with the networks that come along finds it again. Takes under a minute in real
-    time. A computer that is too slow for that flies once more in --lockstep, into the next folder,
-    for as long as it takes. Afterwards runs/demo holds the video, an HTML report and the score. The
-    exit code is 0 if the pursuit succeeded, 1 if it failed; see docs/reference/supervisor.md.
+    time. Where it fails because the computer is too slow, it is flown once more in --lockstep,
+    into the next folder, for as long as it takes. Afterwards runs/demo holds the video, an HTML
+    report and the score. The exit code is 0 if the pursuit succeeded, 1 if it failed; see
+    docs/reference/supervisor.md.
     """
     from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
     from follower.simulation.options import SimulationOptions

@@ -232,7 +232,8 @@ def open_flight(folder: str | Path) -> RecordedFlight:
 
 def _no_flight(path: Path) -> str:
     if not path.is_dir():
-        return f"{path}: there is no such folder; a flight is a folder with {LOG} in it"
+        what = "this is a file" if path.exists() else "there is no such folder"
+        return f"{path}: {what}; a flight is a folder with {LOG} in it"
     others = [name for name in (CONFIG, TLOG, VIDEO) if (path / name).is_file()]
     there = f"only {', '.join(others)}" if others else "nothing else of a flight either"
     return f"{path}: no flight, {LOG} is missing; there is {there}"

@@ -33,9 +33,13 @@ def new_run_folder(base: Path, name: str) -> Path:
     """Make and return `base/name`, or `base/name-2`, `-3`, … where that exists already.
 
     Raises:
+        SettingsError: a file is in its way.
         OSError: the folder cannot be made.
     """
-    base.mkdir(parents=True, exist_ok=True)
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError, FileNotFoundError):
+        raise SettingsError(f"--out {base}: no folder can be made there; name another") from None
     for number in itertools.count(1):
         folder = base / (name if number == 1 else f"{name}-{number}")
         try:

@@ -17,10 +17,10 @@ from follower.report.series import (
     LoggedFlight,
     Span,
     Timing,
+    believed_ranges,
     boxes,
     control_times,
     directions,
-    estimated_ranges,
     estimated_target,
     setpoints,
     timings,
@@ -220,14 +220,14 @@ def distance(flight: LoggedFlight) -> Figure | None:
     """Draw range and height: true, estimated and wanted."""
     controls = flight.log.controls
     time = control_times(controls, flight.start_s)
-    ranges = estimated_ranges(controls, flight.target_size_m)
+    ranges = believed_ranges(controls, flight.servo)
     height = flight.motion.position_m[:, 2]
     if not (flight.truth or np.isfinite(ranges).any() or np.isfinite(height).any()):
         return None
     figure, axes = style.time_panels([1.9, 1.1], flight.length_s)
     _draw_wanted_range(axes[0], flight)
     true = np.array([sample.range_m for sample in flight.truth], np.float64)
-    style.curve(axes[0], time, ranges, ORANGE, "from the box's size", width=2.4)
+    style.curve(axes[0], time, ranges, ORANGE, "as believed", width=2.4)
     style.curve(axes[0], _truth_times(flight), true, INK, "truth", width=0.9)
     axes[0].set_ylabel("range [m]")
     axes[0].set_ylim(0, _top(true, ranges))
@@ -377,8 +377,8 @@ def _guessed_target(flight: LoggedFlight) -> Array:
     if flight.truth:
         return np.empty((0, 2))
     controls = flight.log.controls
-    ranges = estimated_ranges(controls, flight.target_size_m)
-    places = estimated_target(controls, flight.target_size_m)
+    ranges = believed_ranges(controls, flight.servo)
+    places = estimated_target(controls, flight.servo)
     known = np.isfinite(places).all(axis=1)
     # A box that has shrunk to a few pixels would make a map of kilometres.
     near = ranges <= _WILD * np.median(ranges[known]) if known.any() else known

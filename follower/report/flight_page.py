@@ -15,6 +15,7 @@ from follower.flight.log import FlightLog
 from follower.flight.supervision.flight_end import HANDED_OVER, SUCCESS, pursuit_end
 from follower.report import figures, html, style
 from follower.report.series import LoggedFlight, ReportMeta, timings
+from follower_control.servo.settings import ServoSettings
 from follower_sim.kinematics import TruthSample
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.criteria import CriterionResult, checks, verdict
@@ -75,7 +76,7 @@ def write_report(
     goal: PursuitGoal | None = None,
     score: PursuitScore | None = None,
     criteria: Criteria | None = None,
-    target_size_m: float | None = None,
+    servo: ServoSettings | None = None,
 ) -> Path:
     """Write `report.html` and return its path. Works with any log, an empty one too.
 
@@ -87,12 +88,12 @@ def write_report(
         goal: the wanted direction and distance, for the plots.
         score: None where there is no truth.
         criteria: what the score is held against, by default the usual ones.
-        target_size_m: the servo's `target_size_m`; with it the range seen by the box is drawn.
+        servo: its settings; with them the range that it goes by is drawn.
 
     Raises:
         OSError: it cannot be written.
     """
-    flight = LoggedFlight(log, truth, goal, target_size_m, score)
+    flight = LoggedFlight(log, truth, goal, servo, score)
     page = render(flight, meta, score, criteria or Criteria())
     return write_whole(folder / REPORT, page)
 

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord, setpoint_delays
 from follower.flight.supervision.flight_end import FlightEnd
 from follower.flight.supervision.supervisor import SupervisorState
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.estimate import ranged_by_ground
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.state import VehicleState
 from follower_sim.kinematics import TruthSample
@@ -70,25 +72,38 @@ def directions(controls: Sequence[ControlRecord]) -> Array:
     return np.degrees(_table([_direction(record) for record in controls], 2))
 
 
-def estimated_ranges(controls: Sequence[ControlRecord], target_size_m: float | None) -> Array:
-    """Return the range that the estimate's angular size stands for, metres, shape (N,)."""
-    size = _NAN if target_size_m is None else target_size_m
-    return np.array(
-        [
-            _NAN if record.estimate is None else size / math.exp(record.estimate.log_scale)
-            for record in controls
-        ],
-        np.float64,
-    )
+def believed_ranges(controls: Sequence[ControlRecord], servo: ServoSettings | None) -> Array:
+    """Return the range that the servo goes by, metres, shape (N,): by the ground, or a size.
+
+    Where no size is given it is the one that fits to the wanted distance when it first follows.
+    """
+    if servo is None:
+        return np.full(len(controls), _NAN)
+    size_m = servo.target_size_m
+    first = next((one.estimate for one in controls if one.estimate and one.state.steers), None)
+    if size_m is None and first is not None:
+        size_m = servo.distance_m * math.exp(first.log_scale)
+    return np.array([_believed_range(one, servo, size_m) for one in controls], np.float64)
 
 
-def estimated_target(controls: Sequence[ControlRecord], target_size_m: float | None) -> Array:
+def _believed_range(record: ControlRecord, servo: ServoSettings, size_m: float | None) -> float:
+    estimate, height_m = record.estimate, record.vehicle.above_ground_m(record.time_s)
+    if estimate is None:
+        return _NAN
+    if servo.range_from is RangeFrom.GROUND and height_m is not None:
+        ranged = ranged_by_ground(estimate, 1.0, height_m - servo.target_middle_m, 0.0)
+        if ranged is not estimate:
+            return math.exp(-ranged.log_scale)
+    return _NAN if size_m is None else size_m / math.exp(estimate.log_scale)
+
+
+def estimated_target(controls: Sequence[ControlRecord], servo: ServoSettings | None) -> Array:
     """Return where the target stood by the estimate and the vehicle's position, (N, 2).
 
-    North and east in metres on the autopilot's local origin. It is as good as the belief about the
-    target's size. NaN where nothing is known or the target has not been seen for 0.3 s.
+    North and east in metres on the autopilot's local origin. It is as good as the range is. NaN
+    where nothing is known or the target has not been seen for 0.3 s.
     """
-    ranges = estimated_ranges(controls, target_size_m)
+    ranges = believed_ranges(controls, servo)
     rows = [_target_place(record) for record in controls]
     table = _table(rows, 4)
     return table[:, :2] + ranges[:, None] * table[:, 2:]
@@ -251,7 +266,7 @@ class LoggedFlight:
         log: what happened.
         truth: the simulator's samples, empty for a real flight or a recording.
         goal: what was wanted, None if that is unknown.
-        target_size_m: the servo's belief about the target's size, None if it has none.
+        servo: its settings, by which ranges are believed; None if they are unknown.
         score: what the flight is worth, None without truth.
         start_s: when the flight began, seconds on the system's clock.
         length_s: from then to its last.
@@ -264,7 +279,7 @@ class LoggedFlight:
     log: FlightLog
     truth: Sequence[TruthSample] = ()
     goal: PursuitGoal | None = None
-    target_size_m: float | None = None
+    servo: ServoSettings | None = None
     score: PursuitScore | None = None
     start_s: float = field(init=False)
     length_s: float = field(init=False)

@@ -341,6 +341,8 @@ def settings_data(
     source = "settings"
     if path is not None:
         data, source = merged(data, read_mapping(path)), str(path)
+        if {"targets", "start"} <= data.keys():
+            raise SettingsError(f"{path}: this is a scenario; fly it by `follower sim {path}`")
     for override in overrides:
         data, source = merged(data, _override(override)), f"--set {override}"
     return data, source

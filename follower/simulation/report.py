@@ -128,7 +128,7 @@ def report_flight(
             goal=flight.goal,
             score=score,
             criteria=criteria,
-            target_size_m=flight.settings.servo.target_size_m,
+            servo=flight.settings.servo,
         ),
     )
     files = [folder / name for name, _ in (*FILES, *_PROGRAMS_FILES) if (folder / name).exists()]

@@ -195,7 +195,7 @@ class _Simulation:
         judged = [] if injector is None else verdicts(self.faults, flight, injector)
         remarks = (
             *(() if self.sitl is None else self.sitl.remarks(flight)),
-            NO_PIXELS if self.options.vision is VisionSource.TRUTH else None,
+            f"{NO_PIXELS}; not recorded" if self.options.vision is VisionSource.TRUTH else None,
             BY_USER if interrupted else None,
             self._late_frames(flight),
             video.remark if video else None,

@@ -17,6 +17,7 @@ from rich.console import Console
 
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower_control.servo.settings import ServoSettings
 from follower_control.target.estimate import TargetEstimate
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
@@ -37,7 +38,7 @@ class SyntheticFlight:
     log: FlightLog
     truth: list[TruthSample]
     goal: PursuitGoal
-    target_size_m: float
+    servo: ServoSettings
 
 
 MakeFlight = Callable[..., SyntheticFlight]
@@ -144,7 +145,7 @@ def make_flight(
             before = state
     log.note(START_S + 3, "autopilot", "Takeoff <complete> & hovering")
     log.events.sort(key=lambda event: event.time_s)
-    return SyntheticFlight(log, truth, GOAL, SIZE_M)
+    return SyntheticFlight(log, truth, GOAL, ServoSettings(target_size_m=SIZE_M))
 
 
 def follow(now: VelocitySetpoint, asked: VelocitySetpoint) -> VelocitySetpoint:

@@ -78,6 +78,16 @@ def test_mistakes_are_named_in_one_line(tmp_path: Path, old: str, new: str, mess
     assert "\n" not in str(caught.value)
 
 
+def test_all_that_is_missing_and_settings_in_a_scenario_s_place_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: x")
+    with pytest.raises(SettingsError, match=r"title, duration_s, .*start.*: missing"):
+        load_scenario(path)
+    path.write_text("servo: {distance_m: 9}")
+    with pytest.raises(SettingsError, match="these are settings: give them by -c"):
+        load_scenario(path)
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"nowhere\.yaml: cannot be read: No such file"):
         load_scenario(tmp_path / "nowhere.yaml")

@@ -31,6 +31,7 @@ from follower_vision.images.camera_rotation import CornerFlow
 from follower_vision.images.frame import Frame
 
 _REACH_S = 2.0
+_SCALE_OFF = 0.1
 _STEP_S = 0.02
 _FOUND, _NOT_FOUND = 0, 1
 
@@ -122,6 +123,8 @@ def run(turns: Turns, out: Path, config: Path | None = None) -> int:
         f"delay {said} over {len(turns.flows)} frames, correlation {found.peak:.3f}; the image "
         f"turns {found.scale:.2f} times as much as the gyro",
     )
+    if not 1 - _SCALE_OFF < found.scale < 1 + _SCALE_OFF:
+        print_line(console, "That is far from 1: is the field of view right?", "yellow")
     if found.problems:
         print_line(
             console,

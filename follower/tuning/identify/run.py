@@ -54,7 +54,11 @@ def identify(sources: Sequence[Path], out: Path, report: bool, command: str) -> 
         files.append(write_identification(folder / REPORT, found, command))
     for file in files:
         print_line(console, str(file))
-    print_line(console, f"Next: follower tune {shlex.quote(str(path))}")
+    poor = [axis for axis, fit in found.fits.items() if fit.held_out_fit < _POOR]
+    if poor:
+        print_line(console, f"Next: follower excite, for better data of {', '.join(poor)}")
+    else:
+        print_line(console, f"Next: follower tune {shlex.quote(str(path))}")
 
 
 def read_recording(path: Path) -> Recording:

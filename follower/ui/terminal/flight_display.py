@@ -105,7 +105,8 @@ class FlightDisplay(LiveDisplay):
 
 def plain_line(status: LiveStatus) -> str:
     """Return a status in one line."""
-    total = "" if status.total_s is None else f"/{status.total_s:.0f}"
+    lasts = status.total_s is not None and status.elapsed_s <= status.total_s  # then it ends
+    total = f"/{status.total_s:.0f}" if lasts else ""
     parts = [
         f"{status.elapsed_s:6.1f}{total} s",
         f"{status.state} ({_why(status)})",

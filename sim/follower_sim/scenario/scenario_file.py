@@ -71,6 +71,8 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         SettingsError: the file is missing, is no YAML, or does not describe a scenario.
     """
     data = overridden(read_mapping(path), overrides, SCENE)
+    if "targets" not in data and not {"servo", "envelope", "link"}.isdisjoint(data):
+        raise SettingsError(f"{path}: these are settings: give them by -c to a scenario's flight")
     source = f"{path} with {SCENE} {overrides[-1]}" if overrides else str(path)
     return parse(Scenario, data, source)
 

@@ -21,6 +21,7 @@ from follower.report.flight_page import write_report, write_score
 from follower.report.series import (
     LoggedFlight,
     ReportMeta,
+    believed_ranges,
     directions,
     setpoints,
     state_spans,
@@ -29,6 +30,7 @@ from follower.report.series import (
     true_motion,
 )
 from follower.simulation.ground_truth import score_flight, stopped_s
+from follower_control.servo.settings import RangeFrom
 from follower_control.vehicle.setpoint import HOLD
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.score import PursuitScore
@@ -81,7 +83,7 @@ def write_flight(folder: Path, flight: Any, score: PursuitScore) -> str:
         truth=flight.truth,
         goal=flight.goal,
         score=score,
-        target_size_m=flight.target_size_m,
+        servo=flight.servo,
     )
     return path.read_text("utf-8")
 
@@ -267,6 +269,30 @@ def test_the_approachs_end_is_drawn_where_the_score_says(flight: Any) -> None:
     else:
         first = next(r.time_s for r in flight.log.controls if r.state == "following")
         assert shown.approached_s == pytest.approx(first - shown.start_s + score.approach_s)
+
+
+def test_the_range_that_is_gone_by_is_drawn_whatever_it_is_taken_from(flight: Any) -> None:
+    controls, by_size = flight.log.controls, flight.servo
+    true = np.array([sample.range_m for sample in flight.truth])
+    ranges = believed_ranges(controls, by_size)
+    known = np.isfinite(ranges)
+    assert known.sum() > 900
+    assert np.median(np.abs(ranges[known] / true[: len(controls)][known] - 1)) < 0.1
+    # Without a size the target is where it is wanted when it is first followed.
+    guessed = believed_ranges(controls, replace(by_size, target_size_m=None))
+    first = next(n for n, one in enumerate(controls) if one.estimate and one.state.steers)
+    assert guessed[first] == pytest.approx(by_size.distance_m)
+    np.testing.assert_allclose(guessed / guessed[first], ranges / ranges[first], rtol=1e-6)
+    assert np.isnan(believed_ranges(controls, None)).all()
+
+
+def test_a_range_by_the_ground_is_where_the_line_of_sight_meets_it(flight: Any) -> None:
+    ground = replace(flight.servo, range_from=RangeFrom.GROUND, target_middle_m=0.5)
+    ranges = believed_ranges(flight.log.controls, ground)
+    for record, range_m in zip(flight.log.controls, ranges, strict=True):
+        if record.estimate is not None:
+            above_m = record.vehicle.position.height_m - 0.5
+            assert range_m == pytest.approx(above_m / -math.sin(record.estimate.elevation_rad))
 
 
 def test_thinning_keeps_the_peaks_and_the_gaps() -> None:

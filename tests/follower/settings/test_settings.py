@@ -49,6 +49,8 @@ def test_the_file_overrides_the_base_and_the_command_line_overrides_both(tmp_pat
         ),
         ("servo: {max_yaw_rate_deg_s: -3}", r"max_yaw_rate_deg_s lies between .*, not -3$"),
         ("servo: {distance_cm: 1500}", r"'servo.distance_cm'; did you mean 'distance_m'\?"),
+        ("servo: 5", "servo: 5 is no section; write its keys below it"),
+        ("start: {}\ntargets: []", "this is a scenario; fly it by `follower sim "),
         ("camera: {latency_s: 80}", "latency_s lies between -2 and 2, not 80"),
         ("control_rate_hz: [50]", "is no number; write one alone, in hertz"),
         (

@@ -60,7 +60,8 @@ class FrameCheck:
         # Whole rows: they lie together in memory.
         step = min(frame.height, max(1, frame.image.nbytes // _ABOUT_BYTES))
         sample = frame.image[step // 2 :: step].tobytes()
-        if sample == self._sample and np.array_equal(frame.image, self._image):
+        last = self._image
+        if last is not None and sample == self._sample and np.array_equal(frame.image, last):
             self._repeats += 1
         else:
             self._repeats, self._changed_s = 0, frame.captured_s

@@ -228,8 +228,8 @@ class FusionTracker:
         target = self._started()
         search, self._search = self._search, None
         # Answers wait while nothing is to be seen that they could be compared with.
-        waits = self._service is None or (search is None and target.index > 0)
-        taken = [] if waits else self._service.take(self._owner)
+        sees = search is not None or target.index == 0
+        taken = self._service.take(self._owner) if self._service is not None and sees else []
         answers = [_finite(answer) for answer in taken]
         self.late_answers = () if isinstance(self._service, InlineDetection) else answers
         # Of a frame that is forgotten nobody knows how far its detections have moved since.
