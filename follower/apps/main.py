@@ -347,10 +347,12 @@ def trackers() -> None:
 
 @app.command(epilog=_SETTINGS_EPILOG)
 def settings(config: Config = None, overrides: Overrides = None) -> None:
-    """Print all settings as they resolve, as YAML to copy and edit."""
+    """Print all settings as they resolve, each with what it means, as YAML to copy and edit."""
+    from follower.settings.field_docs import explained_yaml
     from follower.settings.settings import load_settings
 
-    typer.echo(load_settings(config, overrides=overrides or ()).to_yaml(), nl=False)
+    resolved = load_settings(config, overrides=overrides or ())
+    typer.echo(explained_yaml(resolved, resolved.to_yaml()), nl=False)
 
 
 def main() -> NoReturn:

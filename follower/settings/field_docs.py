@@ -7,6 +7,7 @@ meanings from the "Attributes:" of the docstring. So the dataclass is the only p
 import inspect
 import operator
 import re
+import textwrap
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -63,7 +64,30 @@ def setting_meaning(settings: object, key: str) -> str:
         key: path of the setting, such as "servo.azimuth.kp".
     """
     section, _, name = key.rpartition(".")
-    return meanings(inspect.getdoc(operator.attrgetter(section)(settings)) or "").get(name, "")
+    holder = operator.attrgetter(section)(settings) if section else settings
+    return meanings(inspect.getdoc(holder) or "").get(name, "")
+
+
+def explained_yaml(settings: object, text: str) -> str:
+    """Return settings as YAML with each one's meaning above it.
+
+    Args:
+        settings: what the text says.
+        text: block style, two spaces a level.
+    """
+    lines, path = list[str](), list[str]()
+    for line in text.splitlines():
+        key = re.match(r"((?:  )*)(\w+):", line)
+        if key is not None:
+            path[len(key[1]) // 2 :] = [key[2]]
+            try:
+                meaning = setting_meaning(settings, ".".join(path))
+            except AttributeError:  # a mapping's own keys
+                meaning = ""
+            indent = f"{key[1]}# "
+            lines += textwrap.wrap(meaning, 98, initial_indent=indent, subsequent_indent=indent)
+        lines.append(line)
+    return "\n".join(lines) + "\n"
 
 
 def without_none(hint: Any) -> tuple[Any, bool]:

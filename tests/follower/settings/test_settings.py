@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from follower.apps.video_input import VideoInput
+from follower.settings.field_docs import explained_yaml
 from follower.settings.settings import CameraSettings, Settings, load_settings
 from follower.tuning.identify.result import VehicleFile
 from follower_control.common.strict_config import SettingsError
@@ -169,3 +170,16 @@ def test_controls_keep_their_kinds() -> None:
         "auto_exposure": "Manual Mode",
         "white_balance_automatic": False,
     }
+
+
+def test_settings_are_printed_with_what_they_mean_and_read_as_they_are() -> None:
+    one = load_settings(overrides=["servo.distance_m=12.5", "camera.capture.controls={gain: 3}"])
+    text = explained_yaml(one, one.to_yaml())
+    assert load_settings(base=yaml.safe_load(text)) == one
+    assert "  # wanted distance to the target.\n  distance_m: 12.5\n" in text
+    assert [line for line in text.splitlines() if not line.lstrip().startswith("#")] == (
+        one.to_yaml().splitlines()
+    )
+    explained = len([line for line in text.splitlines() if line.lstrip().startswith("#")])
+    assert explained > 300
+    assert max(map(len, text.splitlines())) <= 100
