@@ -92,6 +92,14 @@ def test_a_label_stands_above_its_box_and_below_it_at_the_upper_edge():
     assert top > 45
 
 
+def test_a_label_does_not_stand_where_the_lines_of_text_do():
+    text = Box.from_xywh(8, 8, 300, 60)
+    box = Box.from_xywh(50, 80, 30, 40)
+    ((left, top),) = place_labels([box], [SIZE], 640, 480, [text])
+    assert Box.from_xywh(left, top, *SIZE).intersection(text) == 0
+    assert Box.from_xywh(left, top, *SIZE).distance(box) < 100
+
+
 def test_labels_of_neighbours_do_not_cover_each_other_or_the_boxes():
     boxes = [Box.from_xywh(200 + 25 * number, 200, 20, 40) for number in range(4)]
     corners = place_labels(boxes, [SIZE] * 4, 640, 480)

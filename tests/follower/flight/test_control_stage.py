@@ -15,7 +15,13 @@ from follower.links.vehicle_health import GpsHealth, SensorHealth, VehicleHealth
 from follower.settings.live import SettingChange
 from follower.settings.settings import Settings, load_settings
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState, heading_velocity
+from follower_control.vehicle.state import (
+    Attitude,
+    GimbalState,
+    LocalPosition,
+    VehicleState,
+    heading_velocity,
+)
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.track import Track, TrackState
 
@@ -348,3 +354,19 @@ def test_following_goes_on_from_what_is_sent_and_only_from_a_hold_from_the_own_v
     stopped = replace(drifting, position=LocalPosition(0, 0, -10, 0, 0, 0, 0.1))
     guidance.begin(stopped, 0.1)
     assert guidance.step(SupervisorState.HOLDING, 0.1, None, stopped, 0.0).allowed == sent
+
+
+def test_in_a_search_the_gimbal_turns_with_the_vehicle() -> None:
+    """It is told rates against the world: without one the vehicle would turn under its camera."""
+    bench = Bench(0.0, True, "gimbal.enabled=true", "servo.elevation_deg=-20")
+    turned = 0.0
+    for state in (TrackState.TRACKING,) * 50 + (TrackState.LOST,) * 400:
+        bench.now_s += STEP_S
+        held = Attitude(0.0, math.radians(-20), 0.0, 0.0, 0.0, 0.0, bench.now_s)
+        bench.vehicle = replace(bench.vehicle, gimbal=GimbalState(held))
+        record = bench.step(bench.box(), state)
+        if record.state is SupervisorState.SEARCHING and record.estimate is None:
+            assert record.gimbal is not None
+            assert record.gimbal.yaw_rad_s == record.allowed.yaw_rate_rad_s
+            turned = max(turned, abs(record.gimbal.yaw_rad_s))
+    assert turned > math.radians(5)

@@ -31,11 +31,15 @@ _WEIGHT = 600
 
 
 def place_labels(
-    boxes: Sequence[Box], sizes: Sequence[tuple[float, float]], width: int, height: int
+    boxes: Sequence[Box],
+    sizes: Sequence[tuple[float, float]],
+    width: int,
+    height: int,
+    text: Sequence[Box] = (),
 ) -> list[tuple[float, float]]:
     """Return the top-left corner of each box's label.
 
-    A label stands above its box unless the image's edge, another box or an earlier label is there;
+    A label stands above its box unless the image's edge, another box, text or a label is there;
     then below it or beside it, wherever the least of these is covered.
 
     Args:
@@ -43,13 +47,14 @@ def place_labels(
         sizes: (width, height) of each label, in pixels.
         width: of the image.
         height: of the image.
+        text: where else something is written.
     """
-    placed: list[Box] = []
+    placed = list(text)
     for index, (box, size) in enumerate(zip(boxes, sizes, strict=True)):
         taken = [*placed, *boxes[:index], *boxes[index + 1 :]]
         places = [_inside(place, width, height) for place in _places(box, size)]
         placed.append(min(places, key=lambda place: sum(place.intersection(o) for o in taken)))
-    return [(label.left, label.top) for label in placed]
+    return [(label.left, label.top) for label in placed[len(text) :]]
 
 
 def _places(box: Box, size: tuple[float, float]) -> Iterator[Box]:
@@ -96,13 +101,16 @@ def draw_tracks(image: Image, tracks: Sequence[Track], lines: Sequence[str] = ()
     canvas = image.copy()
     unit = _unit(canvas)
     _draw_centre(canvas, unit)
+    size = _text_size(unit)
+    places = [(size // 2, size // 2 + row * round(1.5 * size)) for row in range(len(lines))]
+    shapes = [_label_size(canvas, line, size) for line in lines]
+    text = [Box.from_xywh(*at, *shape) for at, shape in zip(places, shapes, strict=True)]
     if len(tracks) == 1:
-        _draw_target(canvas, tracks[0], unit)
+        _draw_target(canvas, tracks[0], unit, text)
     else:
-        _draw_numbered(canvas, tracks, unit)
-    for row, line in enumerate(lines):
-        size = _text_size(unit)
-        _draw_text(canvas, line, (size // 2, size // 2 + row * round(1.5 * size)), _WHITE, size)
+        _draw_numbered(canvas, tracks, unit, text)
+    for line, place in zip(lines, places, strict=True):
+        _draw_text(canvas, line, place, _WHITE, size)
     return canvas
 
 
@@ -113,7 +121,7 @@ def draw_labelled(image: Image, boxes: Sequence[Box], labels: Sequence[str]) -> 
     colours = [target_colour(number) for number in range(1, len(boxes) + 1)]
     for box, colour in zip(boxes, colours, strict=True):
         _draw_thick(canvas, box, colour, unit)
-    _draw_labels(canvas, boxes, labels, colours, unit)
+    _draw_labels(canvas, boxes, labels, colours, unit, ())
     return canvas
 
 
@@ -134,16 +142,18 @@ def draw_box(canvas: Image, box: Box, colour: Colour, thickness: int = 1) -> Non
     cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
-def _draw_target(canvas: Image, track: Track, unit: float) -> None:
+def _draw_target(canvas: Image, track: Track, unit: float, text: Sequence[Box]) -> None:
     colour = STATE_COLOURS[track.state]
     _draw_thick(canvas, track.box, colour, unit)
     arm = min(8 * unit, 0.3 * min(track.box.width, track.box.height))
     _draw_cross(canvas, (track.box.cx, track.box.cy), (0.0, arm), colour, max(1, round(unit)))
     label = f"{track.state.upper()} {track.confidence:.2f} {track.produced_by}"
-    _draw_labels(canvas, [track.box], [label], [colour], unit)
+    _draw_labels(canvas, [track.box], [label], [colour], unit, text)
 
 
-def _draw_numbered(canvas: Image, tracks: Sequence[Track], unit: float) -> None:
+def _draw_numbered(
+    canvas: Image, tracks: Sequence[Track], unit: float, text: Sequence[Box]
+) -> None:
     colours = [target_colour(number) for number in range(1, len(tracks) + 1)]
     for track, colour in zip(tracks, colours, strict=True):
         if track.state is TrackState.TRACKING:
@@ -153,7 +163,7 @@ def _draw_numbered(canvas: Image, tracks: Sequence[Track], unit: float) -> None:
             _draw_corners(canvas, track.box, _DARK, thick + 2)
             _draw_corners(canvas, track.box, colour, thick)
     labels = [f"{n} {one.state.upper()} {one.confidence:.2f}" for n, one in enumerate(tracks, 1)]
-    _draw_labels(canvas, [track.box for track in tracks], labels, colours, unit)
+    _draw_labels(canvas, [track.box for track in tracks], labels, colours, unit, text)
 
 
 def _draw_thick(canvas: Image, box: Box, colour: Colour, unit: float) -> None:
@@ -182,11 +192,12 @@ def _draw_labels(
     labels: Sequence[str],
     colours: Sequence[Colour],
     unit: float,
+    text: Sequence[Box],
 ) -> None:
     """Write each label beside its box, always inside the image."""
     size = _text_size(unit)
-    sizes = [(_text_width(canvas, label, size) + 6, round(1.4 * size)) for label in labels]
-    places = place_labels(boxes, sizes, canvas.shape[1], canvas.shape[0])
+    sizes = [_label_size(canvas, label, size) for label in labels]
+    places = place_labels(boxes, sizes, canvas.shape[1], canvas.shape[0], text)
     for label, (left, top), colour in zip(labels, places, colours, strict=True):
         _draw_text(canvas, label, (round(left), round(top)), colour, size)
 
@@ -218,15 +229,17 @@ def _draw_text(
 ) -> None:
     """Write on a darkened strip whose top-left corner is given."""
     x, y = corner
-    tall, wide = round(1.4 * size), _text_width(canvas, text, size) + 6
+    wide, tall = _label_size(canvas, text, size)
     strip = canvas[max(0, y) : y + tall, max(0, x) : x + wide]
     strip[:] = strip // 3
     cv2.putText(canvas, text, (x + 3, y + round(1.05 * size)), colour, _font(), size, _WEIGHT)
 
 
-def _text_width(canvas: Image, text: str, size: int) -> int:
+def _label_size(canvas: Image, text: str, size: int) -> tuple[int, int]:
+    """Return the width and height of the strip behind a text, in pixels."""
     frame = (int(canvas.shape[1]), int(canvas.shape[0]))
-    return int(cv2.getTextSize(frame, text, (0, 0), _font(), size, _WEIGHT)[2])
+    wide = int(cv2.getTextSize(frame, text, (0, 0), _font(), size, _WEIGHT)[2])
+    return wide + 6, round(1.4 * size)
 
 
 def _font() -> cv2.FontFace:
