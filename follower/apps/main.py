@@ -229,9 +229,18 @@ def demo(
     from follower.simulation.options import SimulationOptions
     from follower.simulation.run import simulate
 
-    changes = tuple(overrides or ())
     options = SimulationOptions(
-        "demo", autopilot, seed, lockstep, config, changes, out, video, connect, record, link
+        scenario="demo",
+        autopilot=autopilot,
+        seed=seed,
+        lockstep=lockstep,
+        config=config,
+        overrides=tuple(overrides or ()),
+        out=out,
+        video=video,
+        connect=connect,
+        record=record,
+        link=link,
     )
     result = simulate(options)
     ours = connect is None and link != "mavsdk"  # what can be flown in lockstep
@@ -270,21 +279,21 @@ def sim(
         return
 
     options = SimulationOptions(
-        scenario,
-        autopilot,
-        seed,
-        lockstep,
-        config,
-        tuple(overrides or ()),
-        out,
-        video,
-        connect,
-        record,
-        link,
-        tuple(faults or ()),
-        VisionSource.of(vision),
-        tuple(scene or ()),
-        cockpit,
+        scenario=scenario,
+        autopilot=autopilot,
+        seed=seed,
+        lockstep=lockstep,
+        config=config,
+        overrides=tuple(overrides or ()),
+        out=out,
+        video=video,
+        connect=connect,
+        record=record,
+        link=link,
+        faults=tuple(faults or ()),
+        vision=VisionSource.of(vision),
+        scene=tuple(scene or ()),
+        cockpit=cockpit,
     )
     raise typer.Exit(simulate(options).exit_code)
 

@@ -109,19 +109,19 @@ def sitl_command(
     from follower.simulation.options import VisionSource
 
     matrix = SitlMatrix(
-        tuple(scenarios or ()),
-        programs(arducopter, px4, simulated, connect),
-        link,
-        repeat,
-        seed,
-        speedup,
-        params,
-        config,
-        tuple(overrides or ()),
-        VisionSource.of(vision),
-        tuple(scene or ()),
-        video,
-        connect,
-        random,
+        scenarios=tuple(scenarios or ()),
+        programs=programs(arducopter, px4, simulated, connect),
+        link=link,
+        repeat=repeat,
+        seed=seed,
+        speedup=speedup,
+        parameter_file=params,
+        config=config,
+        overrides=tuple(overrides or ()),
+        vision=VisionSource.of(vision),
+        scene=tuple(scene or ()),
+        video=video,
+        connect=connect,
+        random=random,
     )
     raise typer.Exit(fly_matrix(matrix, out))

@@ -140,5 +140,5 @@ def track_command(
     )
     settings = with_needed_detector(settings, bool(select or paper))
     video_input = VideoInput(source, realtime, rate_hz, settings.camera.capture)
-    files = TrackFiles(out, save, boxes, video, record)
+    files = TrackFiles(out=out, save=save, boxes=boxes, video=video, record=record)
     raise typer.Exit(track(settings, choice, video_input, files))
