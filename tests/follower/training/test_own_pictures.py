@@ -106,9 +106,9 @@ def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"images": [{"id": 7}]}, r"images\[0\]\.file_name: Field required"),
+        ({"images": [{"id": 7}]}, r"images\[0\]\.file_name: missing"),
         ({"images": [{"id": 7, "file_name": "c.png"}]}, "image 0: the picture c.png"),
-        ({"annotations": [{"image_id": 7}]}, r"annotations\[0\]\.category_id: Field required"),
+        ({"annotations": [{"image_id": 7}]}, r"annotations\[0\]\.category_id, .*: missing"),
         ({"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, 1, 1]}]}, "category 5"),
         (
             {"annotations": [{"image_id": 7, "category_id": 4, "bbox": [0, 0, 0, 1]}]},
