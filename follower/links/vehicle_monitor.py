@@ -117,8 +117,8 @@ def _angles(q: list[float]) -> tuple[float, float, float]:
     sine = min(max(2 * (w * y - z * x), -1.0), 1.0)
     pitch = math.asin(sine)
     if abs(sine) > _STEEP:
-        down = math.copysign(1.0, sine)
-        return 0.0, pitch, wrap_angle(2 * math.atan2(z - down * x, w + down * y))
+        up = math.copysign(1.0, sine)
+        return 0.0, pitch, wrap_angle(2 * math.atan2(z - up * x, w + up * y))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, pitch, yaw

@@ -119,13 +119,14 @@ class VideoFile(ClosesItself):
 
     def _time_s(self, picture: av.VideoFrame) -> float:
         """Time since the first frame; times that stand still or are missing move on."""
-        shown_s = picture.time
-        if shown_s is not None and self._origin_s is None:
-            self._origin_s = shown_s - self._last_s
-        time_s = -1.0 if shown_s is None else shown_s - (self._origin_s or 0.0)
+        shown_s, time_s = picture.time, self._last_s
+        if shown_s is not None:
+            if self._origin_s is None:
+                self._origin_s = shown_s - self._last_s
+            time_s = shown_s - self._origin_s
         if self._sequence and time_s <= self._last_s:
             return self._last_s + 1 / self.nominal_rate_hz
-        return max(time_s, 0.0)
+        return time_s
 
 
 def upright(picture: av.VideoFrame) -> Image:
