@@ -94,6 +94,7 @@ class Recorder(ClosesItself):
         self._video = VideoQueue(folder, settings or RecorderSettings(), self._report, threaded)
         self._committed_s = clock.now()
         self._thread: threading.Thread | None = None
+        self._writer.commit()  # the head: killed at any time, the log can be read
         if threaded:
             self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
             self._thread.start()
