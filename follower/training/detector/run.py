@@ -1,21 +1,17 @@
 """`follower train detector`: from a configuration to an ONNX file."""
 
 import json
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
-import onnx
 import torch
 import typer
-from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
-from onnxruntime.quantization.shape_inference import quant_pre_process
 
+from follower.training import quantise
 from follower.training.detector.dataset import FolderPictures
 from follower.training.detector.labelled_image import (
     IGNORED,
@@ -35,9 +31,9 @@ from follower.training.onnx_export import ExportedNetwork, export_network, write
 from follower.training.trainer import SAMPLES, load_checkpoint, open_folder, train
 from follower_vision.detection.families import YOLOV2_STRIDE
 from follower_vision.images.frame import Image
-from follower_vision.onnx_network import Network, Tensor
+from follower_vision.onnx_network import Feeds, Network
 
-_MOST_LOSS = 0.005
+_INPUT = "pictures"
 _TIMED = 15
 _CPU = torch.device("cpu")
 
@@ -60,7 +56,7 @@ def export_detector(trainer: DetectorTrainer, path: Path) -> ExportedNetwork:
         return (torch.from_numpy(rng.random((1, 3, side, side), np.float32)),)
 
     network = trainer.averaged.cpu().eval()
-    return export_network(network, path, noise, (("pictures",), ("region",)), metadata)
+    return export_network(network, path, noise, ((_INPUT,), ("region",)), metadata)
 
 
 def write_detector_card(
@@ -99,73 +95,15 @@ def _rounded(precision: float | None) -> str:
     return "not measured" if precision is None else f"{precision:.3f}"
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredDetector:
-    """What a detector's file is worth.
-
-    Attributes:
-        precision: mean average precision at an overlap of 0.5; None without anything to find.
-        work_ms: processor time of one detection, median.
-    """
-
-    precision: float | None
-    work_ms: float
-
-    def __str__(self) -> str:
-        return f"mAP@0.5 {_rounded(self.precision)}, {self.work_ms:.2f} ms"
-
-
-class _Ranges(CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has no types
-    """Shows pictures to find out between which numbers each layer's answers lie."""
-
-    def __init__(self, name: str, pictures: Sequence[LabelledImage]) -> None:
-        self._feeds: Iterator[dict[str, Tensor]] = (
-            {name: as_tensor([picture], _CPU).numpy()} for picture in pictures
-        )
-
-    def get_next(self) -> dict[str, Tensor] | None:
-        return next(self._feeds, None)
-
-
-def write_eight_bit(path: Path, pictures: Sequence[LabelledImage], out: Path) -> None:
-    """Write a detector's file with weights and answers of 8 bits but in its first and last layers.
-
-    Processors of x86 without VNNI add up such products in 16 bits, which may overflow: measure
-    there before use.
-
-    Args:
-        path: of the trained detector.
-        pictures: some that it has learnt from, for the ranges.
-        out: the file to write.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        prepared = Path(folder) / "prepared.onnx"
-        quant_pre_process(str(path), str(prepared), skip_symbolic_shape=True)
-        graph = onnx.load(prepared).graph
-        layers = [node.name for node in graph.node if node.op_type == "Conv"]
-        quantize_static(
-            str(prepared),
-            str(out),
-            _Ranges(graph.input[0].name, pictures),
-            per_channel=True,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-            nodes_to_exclude=[layers[0], layers[-1]],
-        )
-    written = onnx.load(out)
-    onnx.helper.set_model_props(written, Network(path).metadata)
-    onnx.save(written, out)
-
-
 def measure_files(
     paths: Sequence[Path], trainer: DetectorTrainer, pictures: Sequence[LabelledImage]
-) -> list[MeasuredDetector]:
-    """Return what detectors' files are worth, timed in turn so that all share what disturbs.
+) -> list[tuple[float, float]]:
+    """Return mAP@0.5 and median processor time in ms of detectors' files, timed in turn.
 
     Args:
         paths: of the files, each in 32 or 8 bits.
         trainer: has trained them.
-        pictures: to measure with, at least one.
+        pictures: to measure with, at least one with an object.
     """
     networks = [Network(path) for path in paths]
     times: list[list[float]] = [[] for _ in networks]
@@ -179,16 +117,8 @@ def measure_files(
     for network, spent in zip(networks, times, strict=True):
         found = [trainer.reader.read(network.run(picture)[0][0]) for picture in inputs]
         precision = mean_average_precision(found, pictures, len(trainer.class_names)).mean
-        measured.append(MeasuredDetector(precision, float(np.median(spent))))
+        measured.append((precision or 0.0, float(np.median(spent))))
     return measured
-
-
-def is_worth_it(eight_bit: MeasuredDetector, trained: MeasuredDetector) -> bool:
-    """Return whether the 8-bit detector is faster at no loss that would be noticed."""
-    if eight_bit.precision is None or trained.precision is None:
-        return False
-    loss = trained.precision - eight_bit.precision
-    return loss <= _MOST_LOSS and eight_bit.work_ms < trained.work_ms
 
 
 DETECTIONS = "detections.png"
@@ -243,10 +173,12 @@ def train_detector(
         trainer.begin_with(begin)
     train(trainer, folder)
     exported = export_detector(trainer, folder / f"{config.name}.onnx")
-    write_detector_card(exported, trainer, config, trainer.measure(trainer.held_out))
+    measured = trainer.measure(trainer.held_out)
+    write_detector_card(exported, trainer, config, measured)
     if trainer.held_out:
         cv2.imwrite(str(folder / DETECTIONS), _found_sheet(trainer))
-        _try_eight_bit(exported.path, shown, trainer)
+    if measured.mean is not None:
+        try_eight_bit(exported.path, shown, trainer)
     return exported
 
 
@@ -274,14 +206,16 @@ def _show_samples(
     return anchors
 
 
-def _try_eight_bit(path: Path, shown: Sequence[LabelledImage], trainer: DetectorTrainer) -> None:
-    """Write NAME-int8.onnx, report what it is worth, and keep it if it is worth it."""
+def try_eight_bit(path: Path, shown: Sequence[LabelledImage], trainer: DetectorTrainer) -> None:
+    """Write NAME-int8.onnx, report what it is worth, and keep it if it is faster at no loss."""
     out = path.with_name(f"{path.stem}-int8.onnx")
-    write_eight_bit(path, shown, out)
-    trained, eight_bit = measure_files([path, out], trainer, trainer.held_out)
-    kept = is_worth_it(eight_bit, trained)
+    feeds: list[Feeds] = [{_INPUT: as_tensor([picture], _CPU).numpy()} for picture in shown]
+    quantise.reduce_file(path, quantise.Precision.INT8, feeds, out)
+    whole, small = measure_files([path, out], trainer, trainer.held_out)
+    kept = whole[0] - small[0] <= quantise.MOST_LOSS and small[1] < whole[1]
+    words = [f"mAP@0.5 {precision:.3f}, {work_ms:.2f} ms" for precision, work_ms in (small, whole)]
     result = str(out) if kept else "not kept"
-    typer.echo(f"in 8 bits: {eight_bit}; as trained: {trained}: {result}")
+    typer.echo(f"in 8 bits: {words[0]}; as trained: {words[1]}: {result}")
     if not kept:
         out.unlink()
 

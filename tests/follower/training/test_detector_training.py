@@ -11,6 +11,7 @@ import pytest
 import torch
 from program import output_of
 
+from follower.training.detector import run
 from follower.training.detector.labelled_image import IGNORED, LabelledImage, mirrored
 from follower.training.detector.loss import (
     RegionLoss,
@@ -21,13 +22,7 @@ from follower.training.detector.loss import (
 )
 from follower.training.detector.network import state_of_onnx
 from follower.training.detector.random_scene import RenderedPictures, cut_view, whole_view
-from follower.training.detector.run import (
-    MeasuredDetector,
-    export_detector,
-    is_worth_it,
-    measure_files,
-    write_eight_bit,
-)
+from follower.training.detector.run import export_detector, measure_files, try_eight_bit
 from follower.training.detector.settings import DetectorTraining
 from follower.training.detector.trainer import (
     DetectorTrainer,
@@ -204,24 +199,32 @@ def test_the_exported_file_answers_as_the_network_does_and_detects(
 
 
 def test_in_eight_bits_it_finds_as_much_and_says_what_it_is(
-    trained: DetectorTrainer, tmp_path: Path
+    trained: DetectorTrainer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(run, "measure_files", lambda *_: [(0.6, 2.0), (0.6, 1.0)])
     path, small = _exported(trained, tmp_path / "squares.onnx"), tmp_path / "squares-int8.onnx"
     stream = Squares().training(SIDE, 3)
-    write_eight_bit(path, [next(stream) for _ in range(20)], small)
+    try_eight_bit(path, [next(stream) for _ in range(20)], trained)
     whole, eight_bit = measure_files([path, small], trained, Squares().held_out(SIDE, 30))
-    assert whole.precision is not None
-    assert eight_bit.precision is not None
-    assert eight_bit.precision > whole.precision - 0.1
+    assert eight_bit[0] > whole[0] - 0.1 > 0
     assert OnnxDetector(small).class_names == ("red", "blue")
+    assert small.stat().st_size < 0.8 * path.stat().st_size
 
 
-def test_eight_bits_are_kept_only_where_they_are_faster_at_no_loss() -> None:
-    trained = MeasuredDetector(0.6, 2.0)
-    assert is_worth_it(MeasuredDetector(0.599, 1.0), trained)
-    assert not is_worth_it(MeasuredDetector(0.59, 1.0), trained)
-    assert not is_worth_it(MeasuredDetector(0.61, 2.1), trained)
-    assert not is_worth_it(MeasuredDetector(None, 1.0), MeasuredDetector(None, 2.0))
+@pytest.mark.parametrize(
+    ("eight_bit", "kept"), [((0.599, 1.0), True), ((0.59, 1.0), False), ((0.61, 2.1), False)]
+)
+def test_eight_bits_are_kept_only_where_they_are_faster_at_no_loss(
+    trained: DetectorTrainer,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    eight_bit: tuple[float, float],
+    kept: bool,
+) -> None:
+    monkeypatch.setattr(run, "measure_files", lambda *_: [(0.6, 2.0), eight_bit])
+    path = _exported(trained, tmp_path / "squares.onnx")
+    try_eight_bit(path, Squares().held_out(SIDE, 2), trained)
+    assert (tmp_path / "squares-int8.onnx").exists() == kept
 
 
 def _best_is_right(detector: OnnxDetector, picture: LabelledImage) -> bool:
@@ -344,8 +347,8 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
         line = f"{picture.classes[0]} {(left + right) / 2} {(top + bottom) / 2} "
         (data / f"{number}.txt").write_text(line + f"{right - left} {bottom - top}\n")
     sizes = "training={side_px: 96, channels: [8, 8, 8, 8, 16], steps: 3, batch: 2, save_every: 1}"
-    run = ["train", "detector", "--data", str(data), "--out", str(tmp_path), "--device", "cpu"]
-    output_of(*run, "--set", "name=mine", "--set", sizes)
+    words = ["train", "detector", "--data", str(data), "--out", str(tmp_path), "--device", "cpu"]
+    output_of(*words, "--set", "name=mine", "--set", sizes)
     folder = tmp_path / "mine"
     names = ("samples.png", "detections.png", "log.csv", "mine.onnx", "mine.md", "checkpoint.pt")
     assert all((folder / name).is_file() for name in names)
@@ -354,7 +357,7 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     config = (folder / "config.yaml").read_text()
     (folder / "config.yaml").write_text(config.replace("steps: 3\n", "steps: 5\n"))
     begun = ["--set", "name=begun", "--start", str(folder / "mine.onnx"), "--set", sizes]
-    output_of(*run, *begun)
+    output_of(*words, *begun)
     assert OnnxDetector(tmp_path / "begun" / "begun.onnx").class_names == ("red", "blue")
     output_of("train", "detector", "--resume", str(folder))
     steps = [row.split(",")[0] for row in (folder / "log.csv").read_text().splitlines()]
