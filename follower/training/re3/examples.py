@@ -104,11 +104,11 @@ def strayed(rng: np.random.Generator, box: Box) -> Box:
 
 
 def swapped(rng: np.random.Generator, examples: Sequence[Example]) -> list[Example]:
-    """Give some examples another one's picture, in which their target is not."""
+    """Give some examples a neighbour's picture, of another scene, in which their target is not."""
     out = list(examples)
     for index, example in enumerate(examples):
         if rng.uniform() < _TURNED_AWAY:
-            other = examples[(index + len(examples) // 2) % len(examples)]
+            other = examples[index - 1 if index else min(1, len(examples) - 1)]
             out[index] = example._replace(present=other.present, visible=False)
     return out
 

@@ -168,7 +168,7 @@ class Re3Trainer(Trainer[Re3Module]):
 
     def _pairs(self, stage: TrainingStage) -> Re3Loss:
         rng = np.random.default_rng((self.settings.seed, self.step_number, 1))
-        count = -(-stage.batch // _PAIRS_A_SCENE)
+        count = max(2, -(-stage.batch // _PAIRS_A_SCENE))
         scenes = [self._maker.scene(self._number(index), _PAIR_FRAMES) for index in range(count)]
         examples = [pair(rng, scenes[index % count]) for index in range(stage.batch)]
         batch = Batch(swapped(rng, examples), self.device)

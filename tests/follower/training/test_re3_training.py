@@ -13,7 +13,16 @@ from easy_scenes import EASY, check_interrupted
 from onnx import helper, save
 
 from follower.training.onnx_export import AGREEMENT, folded
-from follower.training.re3.examples import Batch, Tracked, answered, looked, pair, remembered
+from follower.training.re3.examples import (
+    Batch,
+    Example,
+    Tracked,
+    answered,
+    looked,
+    pair,
+    remembered,
+    swapped,
+)
 from follower.training.re3.network import Re3Module
 from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3, sample_sheet
 from follower.training.re3.settings import (
@@ -58,6 +67,21 @@ def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: ImageSource) -> None:
         loss().backward()
         optimiser.step()
     assert float(loss().detach()) < 0.9 * float(before.detach())
+
+
+@pytest.mark.parametrize(("batch", "scenes"), [(2, 2), (9, 3), (24, 6), (32, 8)])
+def test_a_picture_without_the_target_is_of_another_scene(batch: int, scenes: int) -> None:
+    small, size = np.zeros((1, 1, 3), np.uint8), (1.0, 1.0)
+    dealt = [
+        Example(small, size, small, small + np.uint8(k % scenes), size, (0.0,) * 4, True)
+        for k in range(batch)
+    ]
+    absent = 0
+    for seed in range(100):
+        for one, other in zip(dealt, swapped(np.random.default_rng(seed), dealt), strict=True):
+            assert other.visible == bool((one.present == other.present).all())
+            absent += not other.visible
+    assert absent > batch
 
 
 @pytest.mark.slow
