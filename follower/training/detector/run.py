@@ -29,6 +29,7 @@ from follower.training.detector.trainer import (
 )
 from follower.training.onnx_export import ExportedNetwork, export_network, write_card
 from follower.training.trainer import SAMPLES, load_checkpoint, open_folder, train
+from follower_control.common.strict_config import SettingsError
 from follower_vision.detection.families import YOLOV2_STRIDE
 from follower_vision.images.frame import Image
 from follower_vision.onnx_network import Feeds, Network
@@ -162,6 +163,8 @@ def train_detector(
         begin = state_of_onnx(start, config.training, pictures.class_names, sample)
     elif start is not None:
         begin = load_checkpoint(start, device)
+        if begin.get("kind") != DetectorTrainer.kind:
+            raise SettingsError(f"--start {start}: this is no training of a detector")
     known = state or begin
     anchors = None if known is None else np.array(known["anchors"])
     if state is None or anchors is None:

@@ -23,7 +23,7 @@ from follower.training.detector.loss import (
 from follower.training.detector.network import state_of_onnx
 from follower.training.detector.random_scene import RenderedPictures, cut_view, whole_view
 from follower.training.detector.run import export_detector, measure_files, try_eight_bit
-from follower.training.detector.settings import DetectorTraining
+from follower.training.detector.settings import DetectorConfig, DetectorTraining
 from follower.training.detector.trainer import (
     DetectorTrainer,
     as_tensor,
@@ -31,6 +31,7 @@ from follower.training.detector.trainer import (
     mean_average_precision,
 )
 from follower.training.onnx_export import AGREEMENT
+from follower.training.trainer import save_checkpoint
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import OnnxDetector
 from follower_vision.detection.detection import Candidates
@@ -288,6 +289,27 @@ def test_a_network_of_other_classes_or_layers_or_another_tool_begins_no_training
         state_of_onnx(path, SMALL, ("red", "blue"), pictures)
 
 
+def test_no_training_begins_with_another_kind_of_network(tmp_path: Path) -> None:
+    data = _own_pictures(tmp_path / "mine")
+    save_checkpoint(tmp_path, {"kind": "re3"})
+    config = DetectorConfig(data=data, training=SMALL)
+    with pytest.raises(SettingsError, match="this is no training of a detector"):
+        run.train_detector(config, tmp_path / "out", CPU, start=tmp_path)
+
+
+def _own_pictures(folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "data.yaml").write_text("names: [red, blue]")
+    rng = np.random.default_rng(0)
+    for number in range(8):
+        picture = square(120, rng)
+        cv2.imwrite(str(folder / f"{number}.png"), picture.image)
+        left, top, right, bottom = (picture.boxes[0] / 120).tolist()
+        line = f"{picture.classes[0]} {(left + right) / 2} {(top + bottom) / 2} "
+        (folder / f"{number}.txt").write_text(line + f"{right - left} {bottom - top}\n")
+    return folder
+
+
 def test_a_mirrored_picture_is_the_same_after_mirroring_it_again() -> None:
     picture = square(SIDE, np.random.default_rng(3))
     once, twice = mirrored(picture), mirrored(mirrored(picture))
@@ -336,16 +358,7 @@ def test_rendered_pictures_come_from_the_seed_and_their_boxes_lie_inside() -> No
 def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     tmp_path: Path,
 ) -> None:
-    data = tmp_path / "mine"
-    data.mkdir()
-    (data / "data.yaml").write_text("names: [red, blue]")
-    rng = np.random.default_rng(0)
-    for number in range(8):
-        picture = square(120, rng)
-        cv2.imwrite(str(data / f"{number}.png"), picture.image)
-        left, top, right, bottom = (picture.boxes[0] / 120).tolist()
-        line = f"{picture.classes[0]} {(left + right) / 2} {(top + bottom) / 2} "
-        (data / f"{number}.txt").write_text(line + f"{right - left} {bottom - top}\n")
+    data = _own_pictures(tmp_path / "mine")
     sizes = "training={side_px: 96, channels: [8, 8, 8, 8, 16], steps: 3, batch: 2, save_every: 1}"
     words = ["train", "detector", "--data", str(data), "--out", str(tmp_path), "--device", "cpu"]
     output_of(*words, "--set", "name=mine", "--set", sizes)
