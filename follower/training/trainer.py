@@ -130,7 +130,7 @@ class Trainer(ABC, Generic[NetworkT]):
 
 
 def open_folder(
-    config: TrainingConfig, plan: TrainingPlan, folder: Path, device: torch.device, resume: bool
+    plan: TrainingPlan, folder: Path, device: torch.device, resume: bool
 ) -> dict[str, Any] | None:
     """Make a training's folder ready; return the state to go on from, None to begin.
 
@@ -141,8 +141,6 @@ def open_folder(
     cv2.setNumThreads(1)
     state = load_checkpoint(folder, device) if resume else None
     folder.mkdir(parents=True, exist_ok=True)
-    resolved = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-    (folder / CONFIG).write_text(resolved, encoding="utf-8")
     return state
 
 
@@ -161,8 +159,10 @@ def begin(
     typer.echo(f"{folder / SAMPLES}: look at it.")
 
 
-def train(trainer: Trainer[Any], folder: Path) -> None:
+def train(trainer: Trainer[Any], config: TrainingConfig, folder: Path) -> None:
     """Do all steps that are left; the training can be interrupted at any time."""
+    resolved = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    (folder / CONFIG).write_text(resolved, encoding="utf-8")
     log = ProgressLog(
         folder / LOG, ("step", *trainer.figures, trainer.quality), trainer.step_number
     )

@@ -152,7 +152,7 @@ def train_detector(
     Raises:
         SettingsError: the data or the checkpoint cannot be used.
     """
-    state = open_folder(config, config.training, folder, device, resume)
+    state = open_folder(config.training, folder, device, resume)
     pictures: TrainingImages = config.rendered
     if config.data is not None:
         pictures = FolderPictures(config.data, config.folder, config.seed)
@@ -174,7 +174,7 @@ def train_detector(
         trainer.restore(state)
     elif begin is not None:
         trainer.begin_with(begin)
-    train(trainer, folder)
+    train(trainer, config, folder)
     exported = export_detector(trainer, folder / f"{config.name}.onnx")
     measured = trainer.measure(trainer.held_out)
     write_detector_card(exported, trainer, config, measured)

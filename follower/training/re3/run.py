@@ -158,13 +158,13 @@ def train_re3(
         SettingsError: the pictures or the checkpoint cannot be used.
     """
     training = config.training
-    state = open_folder(config, training, folder, device, resume)
+    state = open_folder(training, folder, device, resume)
     pictures = image_source(config.pictures, folder, training.seed, training.worlds)
     trainer = Re3Trainer(training, pictures, device, network_type)
     maker = SceneMaker(pictures, training.scenes, training.seed)
     begin(trainer, folder, state, lambda: sample_sheet(maker))
     if not export_only:
-        train(trainer, folder)
+        train(trainer, config, folder)
     return finish(trainer, config, folder)
 
 

@@ -54,12 +54,12 @@ def train_siamese(
         SettingsError: the pictures or the checkpoint cannot be used.
     """
     training = config.training
-    state = open_folder(config, training, folder, device, resume)
+    state = open_folder(training, folder, device, resume)
     pictures = image_source(config.pictures, folder, training.seed, training.worlds)
     trainer = SiameseTrainer(training, pictures, device)
     begin(trainer, folder, state, lambda: sample_sheet(trainer.batch(0)))
     if not export_only:
-        train(trainer, folder)
+        train(trainer, config, folder)
     return finish(trainer, config, folder)
 
 

@@ -297,6 +297,13 @@ def test_no_training_begins_with_another_kind_of_network(tmp_path: Path) -> None
         run.train_detector(config, tmp_path / "out", CPU, start=tmp_path)
 
 
+def test_a_training_that_cannot_begin_leaves_an_earlier_ones_recipe(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("the earlier one's")
+    with pytest.raises(SettingsError, match="no such folder"):
+        run.train_detector(DetectorConfig(data=tmp_path / "mistyped"), tmp_path, CPU)
+    assert (tmp_path / "config.yaml").read_text() == "the earlier one's"
+
+
 def _own_pictures(folder: Path) -> Path:
     folder.mkdir()
     (folder / "data.yaml").write_text("names: [red, blue]")
