@@ -319,7 +319,9 @@ def _read_recipe(
     """
     path = resume / "config.yaml" if resume else recipe
     data, source = settings_data(path, overrides=overrides or [])
-    settings = parse(model, data | dict(given), source)
+    chosen = {text.partition("=")[0] for text in overrides or ()}
+    more = {key: value for key, value in given.items() if key not in chosen}
+    settings = parse(model, data | more, source)
     return settings, resume or out / settings.name
 
 

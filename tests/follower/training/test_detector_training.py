@@ -368,17 +368,20 @@ def test_the_command_trains_on_a_folder_resumes_and_leaves_all_that_it_promises(
     data = _own_pictures(tmp_path / "mine")
     sizes = "training={side_px: 96, channels: [8, 8, 8, 8, 16], steps: 3, batch: 2, save_every: 1}"
     words = ["train", "detector", "--data", str(data), "--out", str(tmp_path), "--device", "cpu"]
-    output_of(*words, "--set", "name=mine", "--set", sizes)
+    output_of(*words, "--set", "name=mine", "--set", sizes, "--set", "licence=CC0-1.0")
     folder = tmp_path / "mine"
     names = ("samples.png", "detections.png", "log.csv", "mine.onnx", "mine.md", "checkpoint.pt")
     assert all((folder / name).is_file() for name in names)
-    assert "mAP@0.5" in (folder / "mine.md").read_text()
+    card = (folder / "mine.md").read_text()
+    assert "mAP@0.5" in card
+    assert "CC0-1.0" in card
     assert OnnxDetector(folder / "mine.onnx").class_names == ("red", "blue")
     config = (folder / "config.yaml").read_text()
     (folder / "config.yaml").write_text(config.replace("steps: 3\n", "steps: 5\n"))
     begun = ["--set", "name=begun", "--start", str(folder / "mine.onnx"), "--set", sizes]
     output_of(*words, *begun)
     assert OnnxDetector(tmp_path / "begun" / "begun.onnx").class_names == ("red", "blue")
+    assert "that of its pictures" in (tmp_path / "begun" / "begun.md").read_text()
     output_of("train", "detector", "--resume", str(folder))
     steps = [row.split(",")[0] for row in (folder / "log.csv").read_text().splitlines()]
     assert steps == ["step", "1", "2", "3", "4", "5"]
