@@ -292,7 +292,7 @@ def read_sequence(place: Path) -> Sequence:
     """Return the sequence in a folder.
 
     Raises:
-        SettingsError: there is none, or several.
+        SettingsError: there is none, or several, or nothing to follow in it.
     """
     try:
         found, problems = load_dataset(place)
@@ -301,4 +301,6 @@ def read_sequence(place: Path) -> Sequence:
     if len(found) != 1:
         reason = problems[0] if problems else f"it holds {len(found)} sequences"
         raise SettingsError(f"{place}: expected one sequence: {reason}")
+    if not any(found[0].truth[1:]):
+        raise SettingsError(f"{place}: no box after the first frame")
     return found[0]

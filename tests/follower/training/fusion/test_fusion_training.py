@@ -291,6 +291,10 @@ def test_what_cannot_be_used_is_one_clear_line(footage: Path, tmp_path: Path) ->
         FusionTrainer(a_config(), sequence_folders([footage]), tmp_path, {"square1": 0})
     with pytest.raises(SettingsError, match="no sequence here"):
         read_sequence(tmp_path / "other" / "square1")
+    gone = write_sequence(tmp_path / "gone", 1)
+    (gone / "groundtruth.txt").write_text("20,40,24,24\n" + "0,0,0,0\n" * (FRAMES - 1))
+    with pytest.raises(SettingsError, match="gone: no box after the first frame"):
+        read_sequence(gone)
     (tmp_path / "folds.json").write_text("[1]")
     with pytest.raises(SettingsError, match="write"):
         read_folds(tmp_path / "folds.json")
