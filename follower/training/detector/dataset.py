@@ -26,9 +26,9 @@ from follower.training.detector.random_scene import shown, whole_view
 from follower.training.detector.settings import FolderSettings
 from follower_control.common.strict_config import SettingsError, parse, read_mapping
 
-_HELD_OUT_WORDS = {
-    f"{part}{year}" for part in ("val", "valid", "test") for year in ("", "2014", "2017")
-}
+_YEARS = ("", "2014", "2017")
+_LEARNT_WORDS = {f"train{year}" for year in _YEARS}
+_HELD_OUT_WORDS = {f"{part}{year}" for part in ("val", "valid", "test") for year in _YEARS}
 _ROUNDING = 2e-3
 _LEAST_PICTURES = 2
 _Corners = tuple[float, float, float, float]
@@ -69,9 +69,10 @@ class Entry:
 
 
 def is_held_out(path: Path) -> bool:
-    """Return whether the names of a file and its folders keep it for validation."""
-    words = {word.lower() for part in path.parts for word in Path(part).stem.split("_")}
-    return not words.isdisjoint(_HELD_OUT_WORDS)
+    """Return whether the first telling name, of a file's folders or its own, keeps it apart."""
+    names = ({word.lower() for word in Path(part).stem.split("_")} for part in path.parts)
+    telling = (words for words in names if words & (_LEARNT_WORDS | _HELD_OUT_WORDS))
+    return bool(next(telling, set()) & _HELD_OUT_WORDS)
 
 
 class _CocoImage(BaseModel):
@@ -145,11 +146,12 @@ def _coco_entries(folder: Path, path: Path, coco: _Coco, numbers: dict[int, int]
         x, y, width, height = one.bbox
         kind = IGNORED if one.iscrowd else numbers[one.category_id]
         objects[one.image_id].append((kind, (x, y, x + width, y + height)))
-    entries, held_out = [], is_held_out(path.relative_to(folder))
+    entries, labels = [], path.relative_to(folder)
     for place, image in enumerate(coco.images):
         mine = objects.pop(image.id, [])
         picture = _picture(folder, path, image.file_name, f"{path}, image {place}")
         boxes, kinds = tuple(box for _, box in mine), tuple(kind for kind, _ in mine)
+        held_out = is_held_out(Path(f"{labels}/{image.file_name}"))
         entries.append(Entry(picture, boxes, kinds, held_out))
     if objects:
         raise SettingsError(f"{path}: annotations name an image {next(iter(objects))!r}: no such")

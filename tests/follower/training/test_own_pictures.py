@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from follower.training.detector.dataset import FolderPictures, read_coco, read_yolo
+from follower.training.detector.dataset import FolderPictures, is_held_out, read_coco, read_yolo
 from follower.training.detector.labelled_image import IGNORED
 from follower.training.detector.settings import FolderSettings
 from follower_control.common.strict_config import SettingsError
@@ -53,6 +53,28 @@ def test_yolos_shares_become_pixels_and_its_folders_part_the_pictures(tmp_path: 
     loaded = learnt.load()
     np.testing.assert_allclose(loaded.boxes, [[12, 6, 20, 10], [30, 10, 50, 30]], atol=1e-4)
     assert loaded.classes.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("path", "held_out"),
+    [
+        ("images/train/test_flight.jpg", False),
+        ("train/val_di_fassa.jpg", False),
+        ("images/val2017/train_1.jpg", True),
+        ("test_3.jpg", True),
+        ("images/1.jpg", False),
+    ],
+)
+def test_a_folder_named_train_counts_before_a_pictures_own_name(path: str, held_out: bool) -> None:
+    assert is_held_out(Path(path)) == held_out
+
+
+def test_the_folders_of_one_coco_files_pictures_part_them(tmp_path: Path) -> None:
+    for part in ("train", "val"):
+        picture(tmp_path / part / "a.png")
+    images = [{"id": 7, "file_name": "train/a.png"}, {"id": 9, "file_name": "val/a.png"}]
+    _, entries = read_coco(coco(tmp_path, images=images))
+    assert [one.held_out for one in entries] == [False, True]
 
 
 def test_names_may_stand_in_a_text_file_and_labels_beside_the_pictures(tmp_path: Path) -> None:
