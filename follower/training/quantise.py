@@ -48,6 +48,8 @@ _INTERVAL_S = 0.1
 _MOST_FEEDS = 64
 _SIZE = {"width": 640, "height": 480, "drop_probability": 0.0}
 _PER_CHANNEL_OPSET = 13
+_STANDARD = ("", "ai.onnx")
+"""The domain of ONNX's own operators, which need not be the first in a file."""
 _QUANTISED = {"QuantizeLinear", "DequantizeLinear", "QLinearConv", "ConvInteger", "MatMulInteger"}
 
 
@@ -350,7 +352,8 @@ def _halved(model: onnx.ModelProto) -> Any:
 
 
 def _quantised(model: onnx.ModelProto, feeds: list[Feeds]) -> Any:
-    if model.opset_import[0].version < _PER_CHANNEL_OPSET:
+    opset = max(one.version for one in model.opset_import if one.domain in _STANDARD)
+    if opset < _PER_CHANNEL_OPSET:
         model = onnx.version_converter.convert_version(model, _PER_CHANNEL_OPSET)
     with tempfile.TemporaryDirectory() as folder:
         whole, prepared, out = (Path(folder, f"{name}.onnx") for name in ("a", "b", "c"))

@@ -20,6 +20,7 @@ from follower.training.quantise import (
     Films,
     Precision,
     find_reducible,
+    reduce_file,
     reduce_network,
     render_sequences,
 )
@@ -83,6 +84,18 @@ def test_re3_with_its_seven_inputs_is_quantised_too(film: list[Sequence], tmp_pa
     assert not Network.listeners
     with pytest.raises(ModelError, match="quantised already"):
         reduce_network(find_reducible(str(made.files[0]), ModelStore(tmp_path)), "int8", film, film)
+
+
+def test_a_network_that_names_other_operators_first_is_quantised_too(tmp_path: Path) -> None:
+    h, whole, small = onnx.helper, tmp_path / "a.onnx", tmp_path / "a.int8.onnx"
+    ends = [h.make_tensor_value_info(name, 1, [1, 1, 4, 4]) for name in "ab"]
+    kernel = onnx.numpy_helper.from_array(np.ones((1, 1, 1, 1), np.float32), "kernel")
+    nodes = [h.make_node("Conv", ["a", "kernel"], ["c"]), h.make_node("Add", ["a", "c"], ["b"])]
+    graph = h.make_graph(nodes, "sum", ends[:1], ends[1:], [kernel])
+    domains = [h.make_opsetid("ai.onnx.ml", 3), h.make_opsetid("", 17)]
+    onnx.save(h.make_model(graph, opset_imports=domains, ir_version=8), whole)
+    reduce_file(whole, Precision.INT8, [{"a": np.ones((1, 1, 4, 4), np.float32)}], small)
+    assert "QuantizeLinear" in op_types(small)
 
 
 def test_films_are_the_same_each_time(film: list[Sequence], tmp_path: Path) -> None:
