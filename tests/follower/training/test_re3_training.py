@@ -160,6 +160,13 @@ def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     assert exported.path.stat().st_size < 2 * weights + 220_000
 
 
+def test_a_network_that_answers_with_no_numbers_is_not_exported_as_agreeing(tmp_path: Path) -> None:
+    network = Re3Module(SMALL)
+    torch.nn.init.constant_(network.refine.weight, torch.nan)
+    with pytest.raises(ModelError, match="differs from the trained network by nan"):
+        export_re3(network, tmp_path / "tracker.onnx")
+
+
 def test_folding_the_normalisation_in_changes_nothing(pictures: ImageSource) -> None:
     torch.manual_seed(2)
     network = Re3Module(SMALL)
