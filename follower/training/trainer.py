@@ -2,6 +2,7 @@
 
 import copy
 import csv
+import io
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from torch.nn.utils import clip_grad_norm_
 from follower.training.settings import TrainingConfig, TrainingPlan
 from follower.ui.terminal.console import print_line
 from follower_control.common.strict_config import SettingsError
+from follower_vision.disk import write_whole_bytes
 from follower_vision.images.frame import Image
 
 CHECKPOINT, CONFIG, LOG, SAMPLES = "checkpoint.pt", "config.yaml", "log.csv", "samples.png"
@@ -190,10 +192,13 @@ def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     Args:
         folder: of the training.
         state: tensors, plain numbers and texts, in dicts and lists.
+
+    Raises:
+        OSError: it cannot be written.
     """
-    fresh = folder / f"{CHECKPOINT}.part"
-    torch.save(state, fresh)
-    fresh.replace(folder / CHECKPOINT)
+    content = io.BytesIO()
+    torch.save(state, content)
+    write_whole_bytes(folder / CHECKPOINT, content.getvalue())
 
 
 def load_checkpoint(folder: Path, device: torch.device) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import resource
 from pathlib import Path
 
 import cv2
@@ -33,6 +34,7 @@ from follower.training.re3.settings import (
 from follower.training.re3.trainer import Re3Trainer, re3_loss
 from follower.training.scenes.generator import SceneMaker, SceneSettings
 from follower.training.scenes.image_source import ImageSource
+from follower.training.trainer import load_checkpoint, save_checkpoint
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 from follower_vision.images.crop import crop
@@ -158,6 +160,19 @@ def test_torch_and_onnx_agree(tmp_path: Path) -> None:
     assert exported.difference <= AGREEMENT
     weights = sum(value.numel() for value in network.parameters())
     assert exported.path.stat().st_size < 2 * weights + 220_000
+
+
+def test_where_there_is_no_room_the_earlier_checkpoint_stays(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, {"step": 1})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"checkpoint\.pt"):
+            save_checkpoint(tmp_path, {"step": 2, "network": torch.zeros(100_000)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
+    assert load_checkpoint(tmp_path, CPU) == {"step": 1}
 
 
 def test_a_network_that_answers_with_no_numbers_is_not_exported_as_agreeing(tmp_path: Path) -> None:
