@@ -72,8 +72,9 @@ def find_device(name: str) -> torch.device:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
         device = torch.device(name)
-    except RuntimeError:
-        raise SettingsError(f"--device {name}: use auto, cpu, cuda or cuda:1") from None
-    if device.type == "cuda" and not torch.cuda.is_available():
-        raise SettingsError(f"--device {name}: torch finds no GPU here; use cpu")
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError):  # the latter if torch was built without the device
+        raise SettingsError(
+            f"--device {name}: torch has none here; use auto, cpu, cuda or cuda:1"
+        ) from None
     return device

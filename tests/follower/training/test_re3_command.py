@@ -8,6 +8,7 @@ import pytest
 from csv_rows import rows_of
 from program import output_of
 
+from follower.training.settings import find_device
 from follower.ui.terminal.console import check_extra
 from follower_control.common.strict_config import SettingsError
 from follower_vision.trackers.re3 import Re3Network
@@ -56,6 +57,13 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
 def test_sequences_are_written_where_evaluate_finds_them(tmp_path: Path) -> None:
     output_of("train", "sequences", str(tmp_path / "out"), "--count", "2", "--frames", "3")
     assert len(list((tmp_path / "out").glob("generated_*/img/*.jpg"))) == 6
+
+
+@pytest.mark.parametrize("name", ["gpu", "meta", "mps", "cuda:9"])
+def test_a_device_that_is_not_here_is_refused_before_the_training(name: str) -> None:
+    with pytest.raises(SettingsError, match=f"--device {name}: torch has none here"):
+        find_device(name)
+    assert find_device("cpu").type == "cpu"
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
