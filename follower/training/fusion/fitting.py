@@ -92,13 +92,12 @@ def fit_noise(logs: Sequence[Examples], truths: Sequence[Sequence[Box | None]]) 
         rows = residuals[(sources == number) & np.isfinite(residuals[:, 0])]
         place[source] = _deviation(rows[:, :2], 0.05)
         size[source] = _deviation(rows[:, 2:], 0.08)
-    best = FilterNoise(1.0, 0.1, place, size)
     grid = [4.0**k for k in range(-1, 4)]
     manoeuvre = max(grid, key=lambda m: _likelihood(truths, FilterNoise(m, 0.2, place, size), 0))
     growth = max(
         grid, key=lambda g: _likelihood(truths, FilterNoise(manoeuvre, g / 8, place, size), 2)
     )
-    return FilterNoise(manoeuvre, growth / 8, best.place, best.size)
+    return FilterNoise(manoeuvre, growth / 8, place, size)
 
 
 def _deviation(rows: Floats, otherwise: float) -> float:
