@@ -58,13 +58,15 @@ class Entry:
         """Read the picture.
 
         Raises:
-            SettingsError: the file is no picture.
+            SettingsError: the file is no picture, or an object lies outside of it.
         """
         image = read_picture(self.path)
         height, width = image.shape[:2]
         boxes = np.array(self.boxes, np.float32).reshape(-1, 4)
         if self.shares:
             boxes = boxes * np.array([width, height, width, height], np.float32)
+        if (boxes[:, :2] >= (width, height)).any() or (boxes[:, 2:] <= 0).any():
+            raise SettingsError(f"{self.path}: a box lies outside the picture, {width}x{height}")
         return LabelledImage(image, boxes, np.array(self.classes, np.intp))
 
 

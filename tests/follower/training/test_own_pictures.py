@@ -125,6 +125,16 @@ def test_cocos_categories_are_numbered_and_its_crowds_ignored(tmp_path: Path) ->
     assert second.classes.tolist() == [IGNORED]
 
 
+@pytest.mark.parametrize("box", [[80, 5, 20, 10], [10, 40, 20, 10], [-20, 5, 20, 10]])
+def test_a_box_outside_its_picture_as_of_another_resolution_is_refused(
+    tmp_path: Path, box: list[float]
+) -> None:
+    one = {"image_id": 7, "category_id": 4, "bbox": box}
+    _, entries = read_coco(coco(tmp_path, annotations=[one]))
+    with pytest.raises(SettingsError, match=r"a\.png: a box lies outside the picture, 80x40"):
+        entries[0].load()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
