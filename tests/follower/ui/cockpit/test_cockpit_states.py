@@ -164,3 +164,60 @@ def test_who_cannot_take_control_is_told(page: Page, browser: Browser, open_page
     watcher.click("#take")
     watcher.wait_for_selector("#hint.bad:has-text('in control')")
     watcher.context.close()
+
+
+def drag_two_fingers(page: Page, across: int, down: int) -> None:
+    """Move two fingers apart, one to the left and one to the right of a point."""
+    fingers = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *apart: int) -> None:
+        points = [{"x": across + dx, "y": down + dx, "id": int(dx > 0)} for dx in apart]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", -30)
+    touch("touchStart", -30, 30)
+    touch("touchMove", -90, 90)
+    touch("touchEnd", -90)
+    touch("touchEnd")
+
+
+def test_two_fingers_choose_nothing(page: Page, served: Any) -> None:
+    before = len(asked(served, "select_box"))
+    box = page.locator("#glass").bounding_box()
+    assert box is not None
+    drag_two_fingers(page, round(box["x"] + box["width"] / 2), round(box["y"] + box["height"] / 2))
+    with one_more(served, "stop_tracking"):  # requests come in their order
+        page.click("#drop")
+    assert len(asked(served, "select_box")) == before
+
+
+def test_nothing_is_chosen_on_a_picture_that_is_old(page: Page, feed: Feed, served: Any) -> None:
+    feed.frames = False
+    page.wait_for_selector("#age:has-text('The picture is')")
+    before = len(asked(served, "select_point"))
+    page.click("#glass")
+    page.wait_for_selector("#hint.bad:has-text('picture is old')")
+    assert len(asked(served, "select_point")) == before
+    feed.frames = True
+    page.wait_for_selector("#age", state="hidden")
+    with one_more(served, "select_point"):
+        page.click("#glass")
+
+
+def test_numbers_do_not_outlive_the_line_and_are_asked_for_again(page: Page) -> None:
+    page.evaluate(
+        """() => { window.said = []; const send = WebSocket.prototype.send;
+        WebSocket.prototype.send = function (text) { said.push(text);
+          if (!text.includes("objects")) send.call(this, text); };
+        page.objects = true; take({ kind: "hello", page }); $("objects").click();
+        take({ kind: "objects", objects: [{ number: 1, name: "car", box: [0, 0, 1, 1] }] }); }"""
+    )
+    assert page.evaluate("objects.length") == 1
+    page.evaluate("() => { said = []; take({ kind: 'hello', page }); }")
+    assert page.evaluate("objects") == []
+    assert '{"kind":"objects","on":true}' in page.evaluate("said")
+    page.evaluate(
+        "() => { said = []; take({ kind: 'hello', page: { ...page, objects: false } }); }"
+    )
+    assert not page.evaluate("wantObjects")
+    assert not [text for text in page.evaluate("said") if "objects" in text]
