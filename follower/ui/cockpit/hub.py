@@ -91,7 +91,7 @@ class Hub:
 
     @property
     def state_age_s(self) -> float:
-        """How long ago the newest state came, seconds; infinite before the first."""
+        """How long ago the flight's time moved last, seconds; infinite before the first state."""
         return self._clock.now() - self._told_s
 
     def join(self) -> Client | None:
@@ -181,7 +181,10 @@ class Hub:
         """Take a message from the flight."""
         match message["kind"]:
             case "state":
-                self.state, self._told_s = message["state"], self._clock.now()
+                # Whoever tells of the flight may go on while its control hangs.
+                if not self.state or message["state"].get("time_s") != self.state.get("time_s"):
+                    self._told_s = self._clock.now()
+                self.state = message["state"]
                 self.tell("state", at=self._clock.now(), **self.state)
             case "page":
                 self.page = {**self.page, **message["page"]}

@@ -55,7 +55,7 @@ class FlightMetrics(Collector):
         if not state:
             return
         age_s = self._hub.state_age_s
-        yield _gauge("state_age_seconds", "Since the flight told of its state", age_s)
+        yield _gauge("state_age_seconds", "Since the flight's time moved", age_s)
         yield _states("supervisor_state", "The supervisor's state", SupervisorState, state["state"])
         yield _states("track_state", "Vision's state of the target", TrackState, state.get("track"))
         for key, name, meaning, factor in _NUMBERS:

@@ -15,8 +15,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from follower.flight.status import LiveStatus
 from follower.settings.settings import configs_folder
+from follower.ui.cockpit.hub import Hub
 from follower.ui.cockpit.publisher import state_message
 from follower_control.vehicle.setpoint import VelocitySetpoint
+from follower_vision.clock import SimulatedClock
 
 ASKED = VelocitySetpoint(2.0, 0.5, -0.25, math.radians(10))
 STATUS = LiveStatus(
@@ -69,6 +71,17 @@ def test_what_is_known_is_a_metric_in_base_units_and_the_rest_is_left_out(served
     names = {name for name, *_ in found}
     assert names.isdisjoint({"follower_elevation_error_degrees", "follower_height_meters"})
     assert ("follower_velocity_meters_per_second", "down", "flown") not in found
+
+
+def test_a_state_whose_time_stands_still_grows_old_though_it_is_told() -> None:
+    clock = SimulatedClock()
+    hub = Hub({}, [].append, clock, 1)
+    ages_s = []
+    for time_s in (0.0, 0.1, 0.1, 0.1, 0.2):
+        clock.sleep_until(clock.now() + 1.0)
+        hub.take({"kind": "state", "state": {"state": "following", "time_s": time_s}})
+        ages_s.append(hub.state_age_s)
+    assert ages_s == [0, 0, 1, 2, 0]
 
 
 @pytest.mark.slow

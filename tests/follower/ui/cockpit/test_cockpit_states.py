@@ -29,6 +29,7 @@ class Feed:
         self._station = station
         self.moment: dict[str, Any] | None = FOLLOWING
         self.frames = True
+        self.stuck, self.time_s = False, 0.0
         self.ended = threading.Event()
 
     def run(self) -> None:
@@ -36,8 +37,9 @@ class Feed:
         for number in range(1_000_000):
             if self.ended.wait(0.1):
                 return
+            self.time_s = self.time_s if self.stuck else number / 10
             if self.moment is not None:
-                self._station.show({"time_s": number / 10, **self.moment})
+                self._station.show({"time_s": self.time_s, **self.moment})
             if self.frames:
                 self._station.add(Frame(image, number / 10, number), (), ())
 
@@ -90,6 +92,13 @@ def test_a_flight_that_says_nothing_is_shown_as_silent_though_frames_come(
     feed.moment = FOLLOWING
     page.wait_for_selector("#age", state="hidden")
     assert not page.evaluate("$('status').classList.contains('old')")
+
+
+def test_a_state_that_is_told_again_and_again_is_shown_as_silent(page: Page, feed: Feed) -> None:
+    feed.stuck = True
+    page.wait_for_selector("#age:has-text('No word from the flight')")
+    feed.stuck = False
+    page.wait_for_selector("#age", state="hidden")
 
 
 def test_a_picture_that_stands_still_is_shown_as_old(page: Page, feed: Feed) -> None:
