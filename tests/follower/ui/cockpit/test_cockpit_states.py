@@ -5,9 +5,10 @@ And what is pressed does what it said when it was pressed.
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -230,3 +231,60 @@ def test_numbers_do_not_outlive_the_line_and_are_asked_for_again(page: Page) -> 
     )
     assert not page.evaluate("wantObjects")
     assert not [text for text in page.evaluate("said") if "objects" in text]
+
+
+class Relay:
+    """A network between a page and its server, which can be cut.
+
+    Args:
+        port: of the server.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._server = "127.0.0.1", port
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._lines: list[socket.socket] = []
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        """Break all lines that there are."""
+        for line in self._lines:
+            with suppress(OSError):
+                line.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._listener.close()
+        self.cut()
+        for line in self._lines:
+            line.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                ends = self._listener.accept()[0], socket.create_connection(self._server)
+                self._lines += ends
+                for one, other in (ends, ends[::-1]):
+                    threading.Thread(target=self._pass_on, args=(one, other), daemon=True).start()
+
+    def _pass_on(self, one: socket.socket, other: socket.socket) -> None:
+        with suppress(OSError):
+            while data := one.recv(65536):
+                other.sendall(data)
+        with suppress(OSError):
+            other.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.usefixtures("feed")
+def test_pictures_come_again_after_the_network_broke(
+    browser: Browser, open_page: Any, served: Any
+) -> None:
+    page = open_page(browser)
+    page.add_init_script("delete window.RTCPeerConnection")
+    with closing(page.context), closing(Relay(served.port)) as relay:
+        page.goto(relay.url)
+        until(lambda: page.evaluate("$('mjpeg').naturalWidth") == 64)
+        relay.cut()
+        until(lambda: page.evaluate("$('mjpeg').naturalWidth") == 0)
+        until(lambda: page.evaluate("$('mjpeg').naturalWidth") == 64)
