@@ -147,6 +147,49 @@ def test_a_withdrawal_that_is_not_answered_takes_another_way(page: Page, served:
     assert not asked(served, "consent")[-1]["given"]
 
 
+def test_that_stop_was_not_answered_is_seen_wherever_one_has_scrolled(
+    browser: Browser, open_page: Any, served: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(served.station.operator, "answers", False)
+    phone = open_page(browser, viewport={"width": 360, "height": 640}, is_mobile=True)
+    with closing(phone.context):
+        phone.goto(served.url)
+        phone.wait_for_selector("#gains .gain")
+        phone.evaluate("$('recordings').scrollIntoView()")
+        phone.click("#stop")
+        phone.wait_for_selector("#hint.bad:has-text('transmitter')")
+        hint, actions = (phone.locator(one).bounding_box() for one in ("#hint", "#actions"))
+        assert 0 <= hint["y"] <= hint["y"] + hint["height"] <= actions["y"]
+
+
+def test_another_flights_settings_have_its_own_ranges(page: Page) -> None:
+    """A page that stays open is connected to whatever flies next at its address."""
+    slider = page.locator("[data-key='envelope.max_speed_m_s'] input[type=range]")
+    assert slider.get_attribute("max") == "10"
+    page.evaluate(
+        """() => { const next = structuredClone(page);
+        next.settings.find(one => one.key === "envelope.max_speed_m_s").high = 4;
+        take({ kind: "hello", page: next }); }"""
+    )
+    assert slider.get_attribute("max") == "4"
+    assert page.locator("[data-key='envelope.max_speed_m_s']").count() == 1
+
+
+def test_a_number_that_is_deleted_is_shown_again(page: Page, served: Any) -> None:
+    served.station.tell_page({"values": {"servo.azimuth.kp": 1.5}})
+    field = page.locator("[data-key='servo.azimuth.kp'] input[type=number]")
+    until(lambda: field.input_value() == "1.5")
+    field.fill("")
+    field.press("Enter")
+    assert field.input_value() == "1.5"
+
+
+def test_who_gives_consent_is_said_where_the_page_cannot(page: Page, feed: Feed) -> None:
+    feed.moment = RELEASED
+    page.evaluate("() => take({ kind: 'page', page: { ...page, consent: 'rc' } })")
+    page.wait_for_selector("#consent:disabled:text-is('Consent is by rc')")
+
+
 def test_stop_can_be_pressed_in_every_way(page: Page, served: Any) -> None:
     ways: list[Callable[[], None]] = [
         lambda: page.click("#stop"),
