@@ -21,6 +21,8 @@ _SESSION = "follower.session"
 _MOST_BUCKETS = 256
 _SHARED = ""
 MOST_BODY_BYTES = 65_536
+_BODY_WITHIN_S = 10.0
+"""Who does not send what it announced would keep a place that others want."""
 _OPEN = frozenset({"/", "/api/session", "/openapi.json"})
 _REQUEST = "/api/request"
 _ASKS_TOKEN = {"www-authenticate": "Bearer"}
@@ -215,13 +217,19 @@ def _unambiguous(headers: Headers) -> Headers:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Cut off a body that is longer than it said."""
-    received = 0
+    """Cut off a body that is longer than it said, or takes too long."""
+    received, end_s = 0, asyncio.get_running_loop().time() + _BODY_WITHIN_S
+    complete = False
 
     async def wrapped() -> Message:
-        nonlocal received
-        event = await receive()
+        nonlocal received, complete
+        try:
+            async with asyncio.timeout_at(None if complete else end_s):
+                event = await receive()
+        except TimeoutError:
+            return {"type": "http.disconnect"}
         received += len(event.get("body", b""))
+        complete = not event.get("more_body", False)
         if received > MOST_BODY_BYTES:
             return {"type": "http.disconnect"}
         return event

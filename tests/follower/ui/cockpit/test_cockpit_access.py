@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import httpx
@@ -15,6 +15,7 @@ from uvicorn import Config
 from uvicorn.server import ServerState
 from websockets.sync.client import connect
 
+from follower.ui.cockpit import asgi_guard
 from follower.ui.cockpit.app import make_app
 from follower.ui.cockpit.asgi_guard import (
     ConnectionLimiter,
@@ -179,6 +180,22 @@ def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> N
     for line in lines:
         line.close()
     assert 30 <= shut < 100
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asgi_guard, "_BODY_WITHIN_S", 0.2)
+
+    async def slow() -> AsyncIterator[bytes]:
+        yield b"{"
+        await asyncio.sleep(PATIENCE_S)
+
+    async def run() -> httpx.Response:
+        async with bare_client(print) as client:
+            headers = {"content-type": "application/json", "content-length": "50"}
+            answer = client.post("/api/session", content=slow(), headers=headers)
+            return await asyncio.wait_for(answer, PATIENCE_S / 2)
+
+    assert asyncio.run(run()).status_code == 400
 
 
 def test_who_asks_for_nothing_is_hung_up_on() -> None:
