@@ -60,6 +60,13 @@ class Objects:
         except (ModelError, PluginError) as error:
             self._say(f"Nothing is numbered on the page: {error}")
             return
+        try:
+            self._scan_all(detector)
+        finally:  # only an error ends it
+            self._show([])
+            self._say("Nothing is numbered on the page any more: an error in the detector")
+
+    def _scan_all(self, detector: Detector) -> None:
         seen = -1
         while True:
             self._wake.wait()

@@ -91,6 +91,16 @@ def test_a_missing_network_is_said() -> None:
     assert "no such network" in said[0]
 
 
+def test_numbers_do_not_outlive_their_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown, said, ended = list[Any](), list[str](), threading.Event()
+    monkeypatch.setattr(threading, "excepthook", lambda _: ended.set())
+    monkeypatch.setattr(TwoCars, "detect", lambda *_: 1 / 0)
+    Objects(TwoCars, lambda: FRAME, shown.append, said.append, MonotonicClock()).want("me", True)
+    assert ended.wait(10)
+    assert shown == [[]]
+    assert "any more" in said[0]
+
+
 def test_every_setting_has_a_range_that_holds_its_value_and_a_meaning() -> None:
     entries = setting_list(Settings())
     assert [entry["key"] for entry in entries] == list(setting_values(Settings()))
