@@ -82,7 +82,7 @@ class H264Encoder:
         self._last_tick = max(round(captured_s * TICKS_PER_S), self._last_tick + 1)
         frame.pts = self._last_tick
         frame.time_base = Fraction(1, TICKS_PER_S)
-        if key or captured_s - self._key_s >= self._keyframe_s:
+        if key or not 0 <= captured_s - self._key_s < self._keyframe_s:  # a replay may go back
             frame.pict_type = PictureType.I
             self._key_s = captured_s
         packets = self._context.encode(frame)

@@ -58,6 +58,12 @@ def test_a_clock_that_goes_back_makes_no_time_twice() -> None:
     assert ticks == sorted(set(ticks))
 
 
+def test_a_replay_of_an_earlier_flight_has_key_pictures_too() -> None:
+    encoder = H264Encoder("libx264", SETTINGS, WIDTH, HEIGHT)
+    made = [encoder.encode(image(0), time_s) for time_s in (100.0, 1.0, 1.1)]
+    assert [unit.is_key for unit in made if unit] == [True, True, False]
+
+
 def test_the_first_encoder_that_works_is_taken() -> None:
     assert make_encoder(VideoSettings(), 64, 64).name in ("h264_nvenc", "h264_v4l2m2m", "libx264")
     if Path("/dev/video11").exists():
