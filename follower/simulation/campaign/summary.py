@@ -157,6 +157,7 @@ def _lines(figures: Sequence[RunMetrics], goals: Goals) -> tuple[GoalLine, ...]:
             goals,
             counts=False,
         ),
+        _none_of("Wrong ends", [one.wrong_end is not None for one in figures]),
         _none_of(
             "Envelope violations",
             [one.envelope_violations > goals.max_violations for one in figures],

@@ -342,6 +342,14 @@ def test_goals_are_pooled_over_the_runs() -> None:
     assert not summary.reached
 
 
+def test_a_campaign_that_ends_with_another_target_has_not_met_its_goals() -> None:
+    rows = [row(0), row(1, wrong_end="swap in plain sight")]
+    summary = summary_of(judged(rows, Goals()), Goals())
+    (line,) = (line for line in summary.lines if line.name == "Wrong ends")
+    assert (line.value, line.wanted, line.verdict) == ("1 of 2 runs", "none", "not met")
+    assert not summary.reached
+
+
 def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     rows = judged([row(0), row(1, reacquired_s=(None,)), row(2, error="it broke")], Goals())
