@@ -155,7 +155,8 @@ def _place_failures(case: FaultCase) -> Iterator[str]:
     if limits.ceiling_m is not None and max(heights, default=0.0) > limits.ceiling_m + _HEIGHT_M:
         yield f"it climbs to {max(heights):.1f} m"
     if limits.fence_radius_m is not None:
-        away = max((math.hypot(*m.position_m[:2]) for m in flown), default=0.0)
+        home = case.evidence.motion[0].position_m[:2]
+        away = max((math.dist(m.position_m[:2], home) for m in flown), default=0.0)
         if away > limits.fence_radius_m + 2.0:
             yield f"it flies {away:.0f} m away"
 

@@ -14,6 +14,7 @@ RELEASE_WITHIN_S = 0.1
 OLDEST_S = 0.25
 _SLACK = 1e-3
 _FLOAT32 = 1e-4
+_GROWN_M_S = 0.05
 
 
 def envelope_failures(
@@ -144,14 +145,23 @@ def _same(setpoint: WireSetpoint, record: ControlRecord) -> bool:
 def input_failures(
     controls: Sequence[ControlRecord], setpoints: Sequence[WireSetpoint]
 ) -> Iterator[str]:
-    """Yield where the servo steered by something older than the supervisor allows.
+    """Yield where a vehicle that is held was steered on.
 
-    From 0.1 s after the last good step on, the speed on the wire may not grow, and 4 s later it is
+    From 0.1 s after a hold's begin on, the speed on the wire may not grow, and from 5 s on it is
     zero.
     """
     for began_s, ended_s in _unsteered(controls):
-        within = [s for s in setpoints if began_s + 0.1 < s.time_s < ended_s]
-        for setpoint in within:
+        slowest = math.inf
+        for setpoint in setpoints:
+            if not began_s + 0.1 < setpoint.time_s < ended_s:
+                continue
+            if setpoint.speed_m_s > slowest + _GROWN_M_S:
+                yield (
+                    f"{setpoint.time_s:.2f} s: {setpoint.speed_m_s:.2f} m/s after a hold that was "
+                    f"at {slowest:.2f} m/s"
+                )
+                return
+            slowest = min(slowest, setpoint.speed_m_s)
             if setpoint.time_s > began_s + 5.0 and setpoint.speed_m_s > 0.05:
                 yield f"{setpoint.time_s:.2f} s: still {setpoint.speed_m_s:.2f} m/s after a hold"
                 return

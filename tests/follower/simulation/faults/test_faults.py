@@ -37,6 +37,7 @@ from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdi
 from follower.simulation.faults.setpoint_rules import (
     envelope_failures,
     heartbeat_failures,
+    input_failures,
     pilot_failures,
 )
 from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint, WireTap
@@ -216,6 +217,33 @@ def test_a_sentence_is_told_as_kept_only_where_it_was_judged() -> None:
     chosen = said("release-land@1:5", alone=False)
     assert chosen.startswith("Fault release-land@1:5: what always holds was kept. (Its own")
     assert must not in chosen
+
+
+def test_the_fence_is_about_where_the_vehicle_stood() -> None:
+    def failures(start_m: float, end_m: float) -> str:
+        evidence = FlightEvidence("px4")
+        evidence.motion = [
+            TrueMotion(time_s, (north_m, 0, -5), (0, 0, 0), "OFFBOARD", True, True)
+            for time_s, north_m in ((0.0, start_m), (12.0, end_m))
+        ]
+        planned, limits = PlannedFault.parse("garbage"), EnvelopeSettings(fence_radius_m=50.0)
+        controls = [released_at(1.5)]
+        return "; ".join(
+            judge(FaultCase(planned, 1.0, 5.0, evidence, controls, (), limits)).failures
+        )
+
+    assert "m away" not in failures(-200.0, -160.0)
+    assert "it flies 80 m away" in failures(-40.0, 40.0)
+
+
+def test_what_is_held_may_not_fly_faster_again() -> None:
+    controls = [released_at(1.0), released_at(12.0)]
+    braking = sent((1.02, 4.0), (1.2, 3.5), (2.0, 1.0), (3.0, 0.0))
+    assert list(input_failures(controls, braking)) == []
+    (failure,) = input_failures(controls, sent((1.2, 1.0), (2.0, 1.5), (3.0, 4.0), (5.9, 0.0)))
+    assert failure == "2.00 s: 1.50 m/s after a hold that was at 1.00 m/s"
+    (failure,) = input_failures(controls, sent((1.2, 1.0), (6.1, 1.0)))
+    assert "still 1.00 m/s" in failure
 
 
 def sent(*values: tuple[float, float]) -> list[WireSetpoint]:
