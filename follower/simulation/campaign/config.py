@@ -188,7 +188,7 @@ class OptimiseSettings(_Section):
     trials: Annotated[int, Field(ge=1)] = 40
     runs_per_trial: Annotated[int, Field(ge=1)] = 24
     """Each trial flies the same runs, the campaign's first ones."""
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     settings: dict[str, tuple[float, float]] = Field(min_length=1)
     """Which settings of the follower, each from the smallest to the largest value tried."""
 

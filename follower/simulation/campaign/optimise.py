@@ -124,7 +124,7 @@ def _mean_cost(
 ) -> float:
     changes = tuple(f"{key}={value}" for key, value in values.items())
     tried = [replace(spec, overrides=(*spec.overrides, *changes)) for spec in specs]
-    for row in fly_runs(engine, [spec for spec in tried if spec.key not in store.rows]):
+    for row in fly_runs(engine, [spec for spec in tried if not store.has(spec.key)]):
         store.add(row)
     rows = [store.rows[spec.key] for spec in tried]
     costs = [_NOT_FLOWN if row["error"] else cost(RunMetrics.from_dict(row)) for row in rows]

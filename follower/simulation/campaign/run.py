@@ -91,17 +91,12 @@ def fly_missing(
     specs: Sequence[RunSpec], engine: Engine, store: RunStore, console: Console, title: str
 ) -> None:
     """Fly those of the runs whose rows are not in the store, or have an error."""
-    missing = [spec for spec in specs if not _is_whole(store.rows.get(spec.key))]
+    missing = [spec for spec in specs if not store.has(spec.key)]
     flown = len(specs) - len(missing)
     with job_progress(console, title, len(specs), flown) as count_one:
         for row in fly_runs(engine, missing):
             store.add(row)
             count_one()
-
-
-def _is_whole(row: dict[str, Any] | None) -> bool:
-    """Whether a row has every figure; one from before a figure was thought of has not."""
-    return row is not None and not row["error"] and set(RunMetrics.__dataclass_fields__) <= set(row)
 
 
 def in_its_place(row: dict[str, Any], spec: RunSpec) -> dict[str, Any]:

@@ -45,6 +45,11 @@ class RunStore(AbstractContextManager["RunStore"]):
     def __exit__(self, *_error: object) -> None:
         self._file.close()
 
+    def has(self, key: str) -> bool:
+        """Whether a run was flown and has every figure; its row may be from before one was."""
+        row = self.rows.get(key, {"error": "not flown"})
+        return not row["error"] and set(RunMetrics.__dataclass_fields__) <= set(row)
+
     def add(self, row: Mapping[str, Any]) -> None:
         """Keep a run's row; one of the same key takes the last one's place."""
         line = json.dumps(row, allow_nan=False, separators=(",", ":")) + "\n"

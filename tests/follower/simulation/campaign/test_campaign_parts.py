@@ -151,6 +151,11 @@ def test_the_key_knows_the_flight_and_not_its_number(tmp_path: Path) -> None:
         ("vision: truth+noise", "vision: eyes", "vision: Input should be 'pixels' or"),
         ("[px4, ardupilot]", "[px5]", "autopilots[0]: Input should be 'px4' or 'ardupilot'"),
         ("seed: 3", "seed: 3\ngoals: {reacquired: 1}", "unknown key 'goals.reacquired'"),
+        (
+            "seed: 3",
+            "seed: 3\noptimise: {seed: -1, settings: {servo.azimuth.kp: [0, 3]}}",
+            "optimise.seed: Input should be greater than or equal to 0",
+        ),
     ],
 )
 def test_a_campaign_that_cannot_be_used_is_refused_by_the_keys_name(

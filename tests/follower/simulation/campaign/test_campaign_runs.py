@@ -320,6 +320,31 @@ def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) 
     ]
 
 
+def test_a_search_flies_again_what_could_not_be_flown_or_lacks_a_figure(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    more = "optimise: {trials: 1, runs_per_trial: 2, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
+    campaign, out, quiet = (
+        load_campaign(config(tmp_path, more)),
+        tmp_path / "out",
+        Console(quiet=True),
+    )
+    specs, flown = planned(campaign), []
+
+    def pretended(spec: RunSpec) -> dict[str, Any]:
+        flown.append(spec.number)
+        return same_angle(spec)
+
+    with RunStore(out) as store:
+        optimise(campaign, specs, Pretending(pretended), store, out, quiet)
+        first, second = store.rows.values()
+        store.add({**first, "error": "its process died"})
+        store.add({name: value for name, value in second.items() if name != "wrong_end"})
+        optimise(campaign, specs, Pretending(pretended), store, out, quiet)
+    assert flown == [0, 1, 0, 1]
+    (trial,) = json.loads((out / "trials.json").read_text("utf-8"))
+    assert trial["cost"] < 20
+
+
 ROW: dict[str, Any] = {
     "error": "",
     "time_to_acquire_s": 0.5,
