@@ -160,6 +160,9 @@ class CampaignParameter(_Section):
             self._check_values(self.values)
         elif self.between is not None and not self.between[0] < self.between[1]:
             raise ValueError("a parameter lies `between` a smaller and a larger number")
+        if f"{SCENE}seed" in self.key_names:
+            raise ValueError("runs have seeds of their own, not the scenario's: the same flights"
+                             " would count twice; say how many `runs` or `repeats`")  # fmt: skip
         return self
 
     @property
@@ -226,6 +229,14 @@ class CampaignConfig(_Section):
             if not find_scenario(name).exists():
                 raise ValueError(f"{name}: there is no such file")
         return names
+
+    @model_validator(mode="after")
+    def _differ(self) -> Self:
+        for name, named in (("scenarios", self.scenarios), ("autopilots", self.autopilots)):
+            if self.runs is None and len(set(named)) < len(named):
+                raise ValueError(f"{name} differ where every combination is flown: the same flights"
+                                 " would count twice")  # fmt: skip
+        return self
 
     @model_validator(mode="after")
     def _can_be_combined(self) -> Self:

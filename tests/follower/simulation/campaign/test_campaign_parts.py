@@ -184,6 +184,26 @@ def test_a_parameter_that_leads_nowhere_is_refused_before_all_flying(
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("more", "refused"),
+    [
+        ("scenarios: [pursue-car, pursue-boat, pursue-car]", "scenarios differ"),
+        ("scenarios: [pursue-car]\nautopilots: [px4, px4]", "autopilots differ"),
+        (
+            "scenarios: [pursue-car]\nparameters: {s: {key: scene.seed, values: [1, 2]}}",
+            "runs have seeds of their own",
+        ),
+    ],
+)
+def test_no_flight_counts_twice(tmp_path: Path, more: str, refused: str) -> None:
+    text = f"name: twice\ntitle: Twice.\n{more}\n"
+    with pytest.raises(SettingsError, match=refused):
+        load_campaign(written(tmp_path, text))
+    if "differ" in refused:  # what is drawn has a seed of its own
+        specs = planned(load_campaign(written(tmp_path, f"{text}runs: 6\n")))
+        assert len({spec.key for spec in specs}) == 6
+
+
 def test_an_unknown_campaign_is_named_with_those_that_there_are() -> None:
     with pytest.raises(SettingsError, match=r"no campaign 'all'.*quick, standard"):
         load_campaign("all")
