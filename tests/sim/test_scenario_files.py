@@ -29,6 +29,7 @@ targets:
 start: {at: [-15, 0]}
 select: {colour: "#e0401c"}
 """
+SPEEDS = "{points: [[0, 0], [100, 0]], speeds: [{at_s: 1, speed_m_s: 5}]}"
 
 
 def written(folder: Path, text: str) -> Path:
@@ -67,6 +68,24 @@ def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
             "camera: with this distortion the lens cannot image its own corners",
         ),
         ("start:", "ground: {roads: [{width_m: 5}]}\nstart:", "a road needs either `along`"),
+        ("[100, 0]", "[1.0e+9, 0]", "a course is at most 100 km long"),
+        (SPEEDS, "{shape: {kind: winding, speed_m_s: 1.0e+9}}", "a course is at most 100 km long"),
+        (
+            SPEEDS,
+            "{shape: {kind: winding, speed_m_s: 5, scale_m: 1.0e-9}}",
+            "targets[0].path.shape: scale_m lies between 1 and 100000, not 1e-09",
+        ),
+        ("duration_s: 10", "duration_s: 1.0e+12", "duration_s: Input should be less than"),
+        (
+            "start:",
+            "occlusions: {hidden_s: 1.0e+6}\nstart:",
+            "occlusions.hidden_s: Input should be",
+        ),
+        (
+            "start:",
+            "wind: {mean_m_s: 1.0e+200}\nstart:",
+            "wind.mean_m_s: Input should be less than",
+        ),
     ],
 )
 def test_mistakes_are_named_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -86,6 +105,11 @@ def test_all_that_is_missing_and_settings_in_a_scenario_s_place_are_named(tmp_pa
     path.write_text("servo: {distance_m: 9}")
     with pytest.raises(SettingsError, match="these are settings: give them by -c"):
         load_scenario(path)
+
+
+def test_a_number_of_a_list_is_written_in_digits(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="'²' is no number from 0 to 0"):
+        load_scenario(written(tmp_path, MINIMAL), ["targets.².kind=boat"])
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -193,9 +193,12 @@ def test_no_sequence_of_demands_makes_it_diverge(flavour: str, sequence: list[De
     assert math.hypot(*vehicle.state.velocity_m_s) < 2.5
 
 
-def test_negative_drag_is_refused() -> None:
-    with pytest.raises(ValueError, match="drag is not negative"):
-        Drag(-1.0, 0.0, 0.0)
+@pytest.mark.parametrize("drag", [(-1.0, 0.0, 0.0), (1e6, 0.0, 0.0), (0.0, 1e6, 0.0)])
+def test_drag_that_pulls_or_stops_it_within_a_step_is_refused(
+    drag: tuple[float, float, float],
+) -> None:
+    with pytest.raises(ValueError, match="lies between 0 and"):
+        Drag(*drag)
 
 
 def test_less_drag_needs_less_tilt_to_stand_in_the_wind() -> None:

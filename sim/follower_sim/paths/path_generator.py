@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from follower_control.common.strict_config import check_positive, check_ranges
-from follower_sim.paths.spline import SpeedChange
+from follower_sim.paths.spline import SpeedChange, check_length
 
 ShapeKind = Literal["straight", "winding", "stop-and-go", "figure-eight", "evasive"]
 
@@ -48,8 +48,8 @@ class PathShape:
     acceleration_m_s2: float = 1.5
 
     def __post_init__(self) -> None:
-        check_positive(self, "speed_m_s", "scale_m", "acceleration_m_s2")
-        check_ranges(self, from_s=(0, 1e9), height_m=(0, 1e9))
+        check_positive(self, "speed_m_s", "acceleration_m_s2")
+        check_ranges(self, from_s=(0, 1e9), height_m=(0, 1e9), scale_m=(1, 1e5))
 
 
 def drawn(shape: PathShape, rng: np.random.Generator, until_s: float) -> dict[str, Any]:
@@ -59,6 +59,8 @@ def drawn(shape: PathShape, rng: np.random.Generator, until_s: float) -> dict[st
     """
     driven_s = max(0.0, until_s - shape.from_s) + _SPARE_S
     length_m = _FASTEST * shape.speed_m_s * driven_s + 2 * shape.scale_m
+    if shape.kind != "figure-eight":
+        check_length(length_m)
     places = _PLACES[shape.kind](shape, rng, length_m)
     return {
         "points": _placed(places, shape),

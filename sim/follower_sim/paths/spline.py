@@ -17,6 +17,7 @@ from follower_vision.geometry.camera_model import Vector
 Corners = Literal["winding", "rounded"]
 
 _STEP_M = 0.2
+_LONGEST_M = 100e3
 
 _KEPT = 16
 """So many poses are kept: one step asks for the same few again and again."""
@@ -103,7 +104,7 @@ class Course:
         closed: the course returns to its first point and goes on.
 
     Raises:
-        ValueError: too few points, two neighbours at one place, or a bad radius.
+        ValueError: too few points, two neighbours at one place, too long, or a bad radius.
     """
 
     def __init__(
@@ -169,10 +170,22 @@ def _check(way: Vector, radius_m: float, closed: bool) -> None:
     if len(way) < least:
         raise ValueError(f"a course needs at least {least} points")
     around = np.vstack([way, way[:1]]) if closed else way
-    if np.linalg.norm(np.diff(around, axis=0), axis=1).min() < 0.01:
+    legs_m = np.linalg.norm(np.diff(around, axis=0), axis=1)
+    if legs_m.min() < 0.01:
         raise ValueError("two neighbouring points of a course are at one place")
+    check_length(float(legs_m.sum()))
     if not radius_m > 0:
         raise ValueError("a course's radius must be positive")
+
+
+def check_length(length_m: float) -> None:
+    """Refuse a course that this computer's memory may not hold.
+
+    Raises:
+        ValueError: it is too long.
+    """
+    if length_m > _LONGEST_M:
+        raise ValueError(f"a course is at most {_LONGEST_M / 1000:g} km long")
 
 
 def _directions(steps: Vector, closed: bool) -> Vector:

@@ -21,6 +21,7 @@ from follower_vision.geometry.line_of_sight import CameraMount
 from follower_vision.selection import ColourSearchSettings
 
 _SHAPED_UNTIL_S = 80.0
+_LONGEST_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,12 +235,12 @@ class OcclusionSettings(_Section):
 
     kind: Literal["canopy", "hall"] = "canopy"
     """Leaves on posts, or a building that the path runs through."""
-    hidden_s: NotNegative = 0.0
+    hidden_s: Annotated[float, Field(ge=0, le=_LONGEST_S)] = 0.0
     """How long the target takes to pass below each; or is hidden by it, with a `distance_m`."""
     count: Annotated[int, Field(ge=0, le=20)] = 2
-    first_s: NotNegative = 26.0
+    first_s: Annotated[float, Field(ge=0, le=_LONGEST_S)] = 26.0
     """When it comes to the first one."""
-    every_s: Positive = 14.0
+    every_s: Annotated[float, Field(gt=0, le=_LONGEST_S)] = 14.0
     """Time from one to the next."""
     clearance_m: Positive = 0.6
     """Between the target's top and a roof."""
@@ -266,10 +267,10 @@ class LookAlikeSettings(_Section):
 class WindSettings(_Section):
     """A mean wind and gusts about it."""
 
-    mean_m_s: NotNegative = 0.0
+    mean_m_s: Annotated[float, Field(ge=0, le=200)] = 0.0
     from_deg: float = 0.0
     """Where the mean wind comes from, clockwise from north."""
-    gust_m_s: NotNegative = 0.0
+    gust_m_s: Annotated[float, Field(ge=0, le=100)] = 0.0
     """Standard deviation of the gusts along each horizontal axis; vertically a third of it."""
 
 
@@ -407,7 +408,7 @@ class Scenario(_Section):
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
     title: str
-    duration_s: Positive
+    duration_s: Annotated[float, Field(gt=0, le=24 * _LONGEST_S)]
     seed: Annotated[int, Field(ge=0)] = 0
     ground: GroundSettings = GroundSettings()
     sky: SkySettings = SkySettings()

@@ -59,7 +59,7 @@ def _put(section: Any, parts: Sequence[str], value: Any, source: str) -> None:
 
 
 def _number(section: list[Any], part: str, source: str) -> int:
-    if not part.isdigit() or int(part) >= len(section):
+    if not part.isdecimal() or int(part) >= len(section):
         raise SettingsError(f"{source}: {part!r} is no number from 0 to {len(section) - 1}")
     return int(part)
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from follower_control.common.strict_config import check_ranges
 from follower_sim.kinematics import Triple
 
 
@@ -92,8 +93,8 @@ class Drag:
     vertical_per_s: float
 
     def __post_init__(self) -> None:
-        if min(self.linear_per_s, self.quadratic_per_m, self.vertical_per_s) < 0:
-            raise ValueError("drag is not negative")
+        # More stops it within a step of the simulation.
+        check_ranges(self, linear_per_s=(0, 10), quadratic_per_m=(0, 1), vertical_per_s=(0, 10))
 
 
 @dataclass(frozen=True, slots=True)
