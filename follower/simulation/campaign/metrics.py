@@ -183,9 +183,7 @@ def _broken_setpoints(
 
 def _broken_places(flight: SimulatedFlight, limits: EnvelopeSettings) -> int:
     """Return how many of the limits on places the true vehicle broke while it was steered."""
-    steered = {
-        record.time_s for record in flight.log.controls if record.state is SupervisorState.FOLLOWING
-    }
+    steered = {record.time_s for record in flight.log.controls if record.state.steers}
     places = [s.vehicle.position_m for s in flight.truth if s.time_s in steered]
     if not places:
         return 0

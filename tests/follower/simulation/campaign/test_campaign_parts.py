@@ -5,13 +5,15 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from follower.flight.supervision.supervisor import SupervisorState
 from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.campaign.config import (
     Goals,
@@ -21,15 +23,17 @@ from follower.simulation.campaign.config import (
     planned,
 )
 from follower.simulation.campaign.fly import row_of
-from follower.simulation.campaign.metrics import RunMetrics
+from follower.simulation.campaign.metrics import RunMetrics, _broken_places
 from follower.simulation.campaign.optimise import present
 from follower.simulation.campaign.report import _groups
 from follower.simulation.campaign.run import check, in_its_place, judged
 from follower.simulation.campaign.store import ROWS, RunStore, read_rows, write_parquet
 from follower.simulation.campaign.summary import cost, reacquired_by_length, summary_of, wilson
+from follower.simulation.flight import SimulatedFlight
 from follower.ui.terminal.console import needed
 from follower.workers import job_progress
 from follower_control.common.strict_config import SettingsError
+from follower_control.envelope.settings import EnvelopeSettings
 from follower_sim.kinematics import BodyState, TruthSample
 from follower_sim.scoring.occlusions import ObservedFrame, hidden_spans, occlusions
 
@@ -365,6 +369,18 @@ def test_goals_are_pooled_over_the_runs() -> None:
     assert not lines["Line-of-sight error, RMS, outside occlusions"].met
     assert lines["Target in frame, outside occlusions"].met
     assert not summary.reached
+
+
+@pytest.mark.parametrize("state", [SupervisorState.FOLLOWING, SupervisorState.COASTING])
+def test_a_place_beyond_the_fence_counts_as_long_as_it_is_steered(state: SupervisorState) -> None:
+    place = BodyState(1.0, (90.0, 0.0, -8.0))
+    flight = SimpleNamespace(
+        log=SimpleNamespace(controls=[SimpleNamespace(time_s=1.0, state=state)]),
+        truth=[SimpleNamespace(time_s=1.0, vehicle=place)],
+        scenario=SimpleNamespace(start=SimpleNamespace(at=(0.0, 0.0))),
+    )
+    limits = EnvelopeSettings(fence_radius_m=80.0)
+    assert _broken_places(cast(SimulatedFlight, flight), limits) == 1
 
 
 def test_a_campaign_that_ends_with_another_target_has_not_met_its_goals() -> None:
