@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from follower.flight.log import failed_plugins
 from follower.flight.supervision.flight_end import BROKEN_OFF, LastRelease
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
@@ -104,6 +105,11 @@ def dropped(recorded: RecordedFlight) -> list[str]:
     return [*(f"The recorder said: {text}." for text in said), *recorded.remarks]
 
 
+def _remarks(recorded: RecordedFlight) -> list[str]:
+    """Return what went wrong in the flight's parts and in its recording, in sentences."""
+    return [*failed_plugins(recorded.log), *dropped(recorded)]
+
+
 def seen_share(recorded: RecordedFlight) -> float | None:
     """Return the share of the frames with a chosen target in which vision saw it."""
     states = [record.track.state for record in recorded.log.tracks if record.track is not None]
@@ -185,7 +191,7 @@ def _end(recorded: RecordedFlight) -> str:
 def _headline(
     recorded: RecordedFlight, flight: LoggedFlight, meta: ReportMeta, found: Sequence[TrackLoss]
 ) -> str:
-    lines = [*meta.remarks, *dropped(recorded)]
+    lines = [*meta.remarks, *_remarks(recorded)]
     kind = recorded.config.kind
     flown = " flight" if kind in ("simulated", "real") else ""
     said = f"{flight.length_s:.1f} s of {kind}{flown}"
@@ -312,7 +318,7 @@ def _print_summary(
     if flight.states:
         console.print()
         console.print(_states(flight.states))
-    for line in dropped(recorded):
+    for line in _remarks(recorded):
         print_line(console, line, "yellow")
     console.print()
 

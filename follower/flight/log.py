@@ -1,7 +1,8 @@
 """What happened in a flight, kept in memory for the score and the report."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias, TypeVar
 
@@ -17,6 +18,7 @@ from follower_control.vehicle.state import Attitude, VehicleState
 from follower_vision.detection import Detection
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
+from follower_vision.plugins import telling_failures
 from follower_vision.trackers.target_tracker import TargetPrediction
 from follower_vision.trackers.track import Track
 
@@ -149,7 +151,7 @@ class Event:
 
     Attributes:
         time_s: when it happened, seconds on the system's clock.
-        source: who says so: "supervisor", "autopilot", "autonomy", "recorder".
+        source: who says so: "supervisor", "autopilot", "autonomy", "recorder", "plug-in".
         text: what happened.
     """
 
@@ -225,6 +227,20 @@ class FlightLog:
         records.append(record)
         if self.kept is not None and len(records) > 2 * self.kept:
             del records[: -self.kept]
+
+
+_PLUGIN = "plug-in"
+
+
+def noting_failed_plugins(log: FlightLog, now: Callable[[], float]) -> AbstractContextManager[None]:
+    """Note in the log, while entered, what parts of other packages do wrong; `now` in seconds."""
+    return telling_failures(lambda text: log.note(now(), _PLUGIN, text))
+
+
+def failed_plugins(log: FlightLog) -> list[str]:
+    """Return what parts of other packages have done wrong in a flight, in sentences."""
+    said = [event.text for event in log.events if event.source == _PLUGIN]
+    return [f"{text[0].upper()}{text[1:]}" for text in said]
 
 
 def setpoint_delays(controls: Sequence[ControlRecord]) -> list[float]:

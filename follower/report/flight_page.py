@@ -11,7 +11,7 @@ from string import Template
 
 from matplotlib.figure import Figure
 
-from follower.flight.log import FlightLog
+from follower.flight.log import FlightLog, failed_plugins
 from follower.flight.supervision.flight_end import HANDED_OVER, SUCCESS, pursuit_end
 from follower.report import figures, html, style
 from follower.report.series import LoggedFlight, ReportMeta, timings
@@ -156,7 +156,7 @@ def render(
 def _headline(
     flight: LoggedFlight, meta: ReportMeta, score: PursuitScore | None, criteria: Criteria
 ) -> str:
-    remarks = list(meta.remarks)
+    remarks = [*failed_plugins(flight.log), *meta.remarks]
     if score is None:
         box = verdict_box("", f"{flight.length_s:.1f} s, no truth to score by", remarks)
         return box + html.tiles(_log_figures(flight.log))

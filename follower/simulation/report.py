@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from follower.flight.log import failed_plugins
 from follower.flight.supervision.flight_end import (
     HANDED_OVER,
     INTERRUPTED,
@@ -101,10 +102,10 @@ def report_flight(
         console: where the score is printed.
         end: how it ended, if not as the flight itself tells it.
     """
-    criteria = flight.scenario.expect
+    criteria, failed = flight.scenario.expect, failed_plugins(flight.log)
     end = end or flight.end
     if end.exit_code == SUCCESS:
-        end = pursuit_end(verdict(score, criteria))
+        end = pursuit_end([*verdict(score, criteria), *failed])
     written = RunFiles(folder)
     written.write("boxes.csv", lambda path: write_boxes(path, flight.log.tracks))
     written.write("setpoints.csv", lambda path: write_setpoints(path, flight.log.controls))
@@ -133,7 +134,7 @@ def report_flight(
     )
     files = [folder / name for name, _ in (*FILES, *_PROGRAMS_FILES) if (folder / name).exists()]
     print_score(console, score, criteria, files, end)
-    for remark in (*remarks, *written.remarks):
+    for remark in (*failed, *remarks, *written.remarks):
         print_line(console, remark)
     return end
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from follower.flight.log import FlightLog
+from follower.flight.log import FlightLog, noting_failed_plugins
 from follower.flight.supervision.flight_end import (
     BY_CTRL_C,
     FAILED,
@@ -225,7 +225,9 @@ class _Simulation:
             save = partial(flight.requests.save, self.options.config)
             rate_hz = self.scenario.camera.rate_hz
             ground_station = open_ground_station(flight.settings, flight.view, rate_hz, clock, save)
-        with closing(flight), ground_station, terminal, StopOnInterrupt(flight.stop) as interrupt:
+        noting = noting_failed_plugins(flight.log, clock.now)
+        ending = StopOnInterrupt(flight.stop)
+        with closing(flight), ground_station, noting, terminal, ending as interrupt:
             if early.interrupted:
                 flight.stop()
             keyboard = Keyboard(sys.stdin)

@@ -3,6 +3,8 @@
 import math
 import pickle
 from contextlib import closing
+from dataclasses import fields
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +14,19 @@ from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
 from small_scenario import NEAR_CAR
 
 from follower.apps.command_settings import command_settings
+from follower.apps.inspect import inspect_flight
 from follower.links.link import Link
 from follower.links.open import open_link
 from follower.settings.link import LinkSettings
 from follower.settings.settings import load_settings
 from follower.simulation.options import SimulationOptions, VisionSource
-from follower.simulation.run import simulate
+from follower.simulation.run import SimulationResult, simulate
 from follower.ui.cockpit.publisher import setting_list
 from follower.ui.ground_station.parameters import NONE, by_name
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
 from follower_control.servo.settings import FollowMode
+from follower_sim.scenario.scenario import Criteria
 from follower_vision.clock import MonotonicClock
 from follower_vision.plugins import PluginError
 
@@ -104,23 +108,26 @@ def make(servo, step):
 """
 
 
-def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]:
-    """Fly beside the car; return the setpoints, a row a control step."""
+def flight(folder: Path, *overrides: str, record: bool = False, **options: Any) -> SimulationResult:
+    """Fly beside the car."""
     scenario = folder / "near.yaml"
     scenario.write_text(NEAR_CAR, "utf-8")
-    simulate(
+    return simulate(
         SimulationOptions(
             str(scenario),
             lockstep=True,
             overrides=overrides,
             out=folder / "runs",
             video=False,
-            record=False,
+            record=record,
             **options,
         )
     )
-    (written,) = (folder / "runs").glob("*/setpoints.csv")
-    return rows_of(written)
+
+
+def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]:
+    """Do the same; return the setpoints, a row a control step."""
+    return rows_of(flight(folder, *overrides, **options).folder / "setpoints.csv")
 
 
 @pytest.mark.slow
@@ -153,6 +160,35 @@ def test_a_follow_mode_that_fails_in_flight_holds(
         "the follow mode 'frayed' of follower-frayed 1.0 fails, and the vehicle holds: "
         "ZeroDivisionError: the leash broke"
     )
+
+
+@pytest.mark.slow
+def test_each_flight_in_which_a_follow_mode_fails_has_failed_and_says_so(
+    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site.add("follower-worn", "follow_modes", "worn", LEASH.replace("FAILS_S", "13.5"))
+    line = (
+        "The follow mode 'worn' of follower-worn 1.0 fails, and the vehicle holds: "
+        "ZeroDivisionError: the leash broke"
+    )
+    lenient = tuple(f"expect.{one.name}=null" for one in fields(Criteria))
+    for _ in range(2):
+        result = flight(tmp_path, "servo.mode=worn", vision=VisionSource.TRUTH, scene=lenient)
+        assert (result.end.sentence, result.exit_code) == ("The pursuit failed", 1)
+        assert line in " ".join(capsys.readouterr().out.split())
+        assert escape(line) in (result.folder / "report.html").read_text("utf-8")
+
+
+@pytest.mark.slow
+def test_a_recording_says_which_part_failed(
+    site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site.add("follower-stray", "follow_modes", "stray", "def make(servo, step): return None\n")
+    result = flight(tmp_path, "servo.mode=stray", "detector=null", record=True)
+    report = inspect_flight(result.folder)
+    line = "The follow mode 'stray' of follower-stray 1.0 fails, and the vehicle holds"
+    assert line in " ".join(capsys.readouterr().out.split())
+    assert escape(line) in report.read_text("utf-8")
 
 
 def test_a_follow_mode_of_a_package_is_shown_to_operators(site: Site) -> None:

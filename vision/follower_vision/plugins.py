@@ -6,7 +6,8 @@ A package is asked for a part only when the part's name is: lists of names impor
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -16,6 +17,7 @@ AnswerT = TypeVar("AnswerT")
 
 _LOGGER = logging.getLogger(__name__)
 _OURS = "drone-target-follower"
+_TOLD: list[Callable[[str], None]] = []
 
 
 class PluginError(ValueError):
@@ -148,8 +150,24 @@ class PluginGuard:
             fault = said(error)
         if not self._told:
             self._told = True
-            _LOGGER.warning("the %s fails, and %s: %s", self._plugin, self._instead, fault)
+            text = f"the {self._plugin} fails, and {self._instead}: {fault}"
+            _LOGGER.warning("%s", text)
+            for tell in tuple(_TOLD):
+                tell(text)
         return otherwise
+
+
+@contextmanager
+def telling_failures(tell: Callable[[str], None]) -> Iterator[None]:
+    """Have what parts of other packages do wrong in flight told to `tell` too, while entered.
+
+    It is called on the thread on which the part fails.
+    """
+    _TOLD.append(tell)
+    try:
+        yield
+    finally:
+        _TOLD.remove(tell)
 
 
 @cache

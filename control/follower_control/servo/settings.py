@@ -8,7 +8,7 @@ from functools import cache, partial
 from follower_control.common.strict_config import check_ranges
 from follower_control.servo.pid import PidSettings
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_vision.plugins import PluginError, PluginGroup, PluginGuard, warn_once
+from follower_vision.plugins import Plugin, PluginError, PluginGroup, PluginGuard, warn_once
 
 _TINY = 1e-6
 """A share of the largest value: of what is smaller, logarithm and inverse are no numbers."""
@@ -48,11 +48,22 @@ class AddedMode:
 
     Attributes:
         mode: its name.
-        law: returns a setpoint for a `VisualServo` and a `ServoStep`; a hold where it fails.
+        law: returns a setpoint for a `VisualServo` and a `ServoStep`, or fails.
+        plugin: where it is from.
     """
 
     mode: FollowMode
     law: Callable[..., VelocitySetpoint]
+    plugin: Plugin
+
+    def guarded(self) -> Callable[..., VelocitySetpoint]:
+        """Return the law for one flight: where it fails it holds, which is told once."""
+        guard = PluginGuard(self.plugin, "the vehicle holds")
+
+        def law(*step: object) -> VelocitySetpoint:
+            return guard.run(partial(self.law, *step), HOLD, _is_setpoint)
+
+        return law
 
 
 @cache  # modes are compared by identity, and a change in flight must not wait for an import
@@ -65,14 +76,10 @@ def added_mode(name: str) -> AddedMode:
     plugin = MODE_PLUGINS.find(name)
     if plugin is None:
         raise PluginError(f"there is no follow mode {name!r}")
-    law, guard = plugin.load(), PluginGuard(plugin, "the vehicle holds")
+    law = plugin.load()
     mode = str.__new__(FollowMode, name)
     mode._name_ = mode._value_ = name
-
-    def guarded(*step: object) -> VelocitySetpoint:
-        return guard.run(partial(law, *step), HOLD, _is_setpoint)
-
-    return AddedMode(mode, guarded)
+    return AddedMode(mode, law, plugin)
 
 
 def _is_setpoint(answer: VelocitySetpoint) -> bool:

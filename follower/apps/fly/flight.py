@@ -9,7 +9,7 @@ from follower.apps.video_input import SteadySource
 from follower.flight.control.loop import ControlLoop
 from follower.flight.control.stage import ControlStage
 from follower.flight.control.takeoff_monitor import AutopilotWait
-from follower.flight.log import ControlRecord, FlightLog, TrackRecord
+from follower.flight.log import ControlRecord, FlightLog, TrackRecord, noting_failed_plugins
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
@@ -193,7 +193,8 @@ class RealFlight:
 
         rate_hz = self.settings.control_rate_hz
         run = RealtimeRun(self._clock, self._source, self._vision, self._control, rate_hz)
-        run.run(go_on, _SHOW_EVERY_S)
+        with noting_failed_plugins(self.log, self._clock.now):
+            run.run(go_on, _SHOW_EVERY_S)
 
     def stop(self, why: FlightEnd | None = None) -> None:
         """Hold, then release; from any thread. `why` is how the flight ends, if not as asked."""

@@ -27,7 +27,7 @@ from follower.apps.inspect import inspect_recorded
 from follower.apps.target_choice import LIST, TargetChoice
 from follower.apps.video_input import VideoInput
 from follower.flight.control.offline import RecordedControl, recorded_settings
-from follower.flight.log import FlightLog
+from follower.flight.log import FlightLog, noting_failed_plugins
 from follower.flight.target.selectors import Selector, TargetsSelector
 from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import VisionStage
@@ -371,6 +371,7 @@ def _record(
         ExitStack() as opened,
         _progress(console) as progress,
         Recorder(folder, config, clock, settings.recorder, threaded=False, kept=_KEPT) as recorder,
+        noting_failed_plugins(recorder.log, clock.now),
     ):
         if source is not None:
             frames = opened.enter_context(source.open())
