@@ -32,7 +32,7 @@ from follower_control.common.strict_config import (
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.gimbal_servo import GimbalSettings
 from follower_control.servo.search import SearchSettings
-from follower_control.servo.settings import ServoSettings
+from follower_control.servo.settings import MODE_PLUGINS, FollowMode, ServoSettings
 from follower_control.target.settings import EstimatorSettings
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.camera_model import CameraModel
@@ -319,7 +319,10 @@ def load_settings(
     """
     data, source = settings_data(path, base, overrides)
     refuse_retired(data, source)
-    return parse(Settings, merged(_defaults(), data), source)
+    settings = parse(Settings, merged(_defaults(), data), source)
+    if "servo" in data:
+        MODE_PLUGINS.names(tuple(FollowMode))  # warns of a mode that has a built-in one's name
+    return settings
 
 
 @cache

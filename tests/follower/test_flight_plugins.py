@@ -199,14 +199,32 @@ def test_a_follow_mode_of_a_package_is_shown_to_operators(site: Site) -> None:
     assert by_name()["SRV_MODE"].number(settings) == NONE, "it stands for no number"
 
 
-def test_a_follow_mode_that_cannot_be_used_is_named_and_refused(
+def test_a_follow_mode_that_cannot_be_used_is_named_and_refused_in_one_line(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     site.add("follower-torn", "follow_modes", "torn", "import no_such_module\n")
-    with pytest.raises(SettingsError, match=r"servo.mode: Input should be 'chase', "):
+    said = r"servo.mode: the follow mode 'torn' of follower-torn 1.0 cannot be imported: Module"
+    with pytest.raises(SettingsError, match=said):
         load_settings(overrides=["servo.mode=torn"])
+    assert warnings_in(caplog) == []
+
+
+@pytest.mark.parametrize("mistyped", ["twin", "null", "3", "[chase]"])
+def test_a_mistyped_follow_mode_is_told_all_there_are(site: Site, mistyped: str) -> None:
+    site.add("follower-twine", "follow_modes", "twine", LEASH)
+    said = r"servo\.mode: there is no follow mode .*; there are chase, .*overhead, twine$"
+    with pytest.raises(SettingsError, match=said):
+        load_settings(overrides=[f"servo.mode={mistyped}"])
+    assert site.imported() == []
+
+
+def test_a_package_with_a_follow_mode_of_our_name_is_named(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    site.add("follower-double", "follow_modes", "chase", LEASH)
+    assert load_settings(overrides=["servo.mode=chase"]).servo.mode is FollowMode.CHASE
     (line,) = warnings_in(caplog)
-    assert line.startswith("the follow mode 'torn' of follower-torn 1.0 cannot be imported: ")
+    assert line.startswith("drone-target-follower and follower-double 1.0 each have a follow mode")
 
 
 @pytest.mark.slow

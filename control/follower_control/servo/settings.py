@@ -4,11 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache, partial
+from typing import Annotated
+
+from pydantic import BeforeValidator
 
 from follower_control.common.strict_config import check_ranges
 from follower_control.servo.pid import PidSettings
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_vision.plugins import Plugin, PluginError, PluginGroup, PluginGuard, warn_once
+from follower_vision.plugins import Plugin, PluginError, PluginGroup, PluginGuard
 
 _TINY = 1e-6
 """A share of the largest value: of what is smaller, logarithm and inverse are no numbers."""
@@ -34,12 +37,8 @@ class FollowMode(StrEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> "FollowMode | None":
-        try:
-            added = isinstance(value, str) and MODE_PLUGINS.find(value) is not None
-            return added_mode(str(value)).mode if added else None
-        except PluginError as error:  # what checks settings would not pass it on
-            warn_once(str(error))
-            return None
+        added = isinstance(value, str) and MODE_PLUGINS.find(value) is not None
+        return added_mode(str(value)).mode if added else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +74,18 @@ def added_mode(name: str) -> AddedMode:
     """
     plugin = MODE_PLUGINS.find(name)
     if plugin is None:
-        raise PluginError(f"there is no follow mode {name!r}")
+        there = ", ".join([*FollowMode, *MODE_PLUGINS.names(tuple(FollowMode))])
+        raise PluginError(f"there is no follow mode {name!r}; there are {there}")
     law = plugin.load()
     mode = str.__new__(FollowMode, name)
     mode._name_ = mode._value_ = name
     return AddedMode(mode, law, plugin)
+
+
+def _follow_mode(value: object) -> FollowMode:
+    """Return the mode of a name; pydantic passes on what a validator raises, not what enums do."""
+    ours = next((mode for mode in FollowMode if mode == value), None)
+    return ours or added_mode(str(value)).mode
 
 
 def _is_setpoint(answer: VelocitySetpoint) -> bool:
@@ -161,7 +167,7 @@ class ServoSettings:
             height above the target.
     """
 
-    mode: FollowMode = FollowMode.CHASE
+    mode: Annotated[FollowMode, BeforeValidator(_follow_mode)] = FollowMode.CHASE
     distance_m: float = 15.0
     target_size_m: float | None = None
     range_from: RangeFrom = RangeFrom.SIZE
