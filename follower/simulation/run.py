@@ -99,6 +99,8 @@ class _Simulation:
         self.options = options
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
         self.scenario, self.settings = options.resolve()
+        for one in self.faults:
+            one.check_begins_by(self.scenario.duration_s)
         self.connection = AutopilotConnection(
             options.autopilot, options.lockstep, options.connect, options.program
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -23,18 +24,23 @@ Selector: TypeAlias = Callable[[Frame], Box | None]
 TargetsSelector: TypeAlias = Callable[[Frame], list[Box]]
 """Finds the boxes of all targets in a frame, or none while one is not there (yet)."""
 
+_LOGGER = logging.getLogger(__name__)
 _LEAST_IN_IMAGE = 0.5
 
 
 def box_selector(target: Box) -> Selector:
-    """Select what `target` shows in the next frame.
+    """Select what `target` shows in the next frame; what of it lies outside is cut off, and told.
 
     The selector raises SourceError if less than half of the box lies in the image.
     """
 
     def select(frame: Frame) -> Box:
         check_in_image(target, frame.width, frame.height)
-        return target
+        inside = target.clipped(frame.width, frame.height) or target
+        if inside is not target:
+            said = "the target %s reaches beyond the image, which is %dx%d: %s is followed"
+            _LOGGER.warning(said, _text(target), frame.width, frame.height, _text(inside))
+        return inside
 
     return select
 
@@ -48,11 +54,14 @@ def check_in_image(target: Box, width: int, height: int) -> None:
     share = target.visible_share(width, height)
     if share < _LEAST_IN_IMAGE:
         where = "outside" if share == 0 else f"with {share:.0%} of it only in"
-        x, y, across, down = target.xywh
         raise SourceError(
-            f"the target {x:g},{y:g},{across:g},{down:g} lies {where} the image, which is "
+            f"the target {_text(target)} lies {where} the image, which is "
             f"{width}x{height}: give x,y,w,h of a box in the first frame"
         )
+
+
+def _text(box: Box) -> str:
+    return ",".join(f"{number:g}" for number in box.xywh)
 
 
 def colour_selector(

@@ -283,6 +283,23 @@ class PlannedFault:
         for_s = fault.for_s if match[3] is None else float(match[3])
         return cls(fault, at_s, for_s)
 
+    def check_begins_by(self, end_s: float) -> None:
+        """Refuse a fault that would never come, in a flight that ends at `end_s`.
+
+        Raises:
+            SettingsError: it begins later.
+        """
+        if self.at_s is not None and self.at_s >= end_s:
+            raise SettingsError(
+                f"--fault {self}: the flight ends at {end_s:g} s; give an earlier time, or "
+                f"--scene duration_s={math.ceil(self.at_s + self._shown_s)}"
+            )
+
+    @property
+    def _shown_s(self) -> float:
+        """For how long it is worth watching, in seconds."""
+        return _AFTERWARDS_S + (self.for_s if math.isfinite(self.for_s) else 0.0)
+
     def __str__(self) -> str:
         at = "" if self.at_s is None else f"@{self.at_s:g}"
         changed = self.for_s != self.fault.for_s and math.isfinite(self.for_s)

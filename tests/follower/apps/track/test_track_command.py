@@ -276,6 +276,18 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(
     assert len(list(pictures.iterdir())) == FRAMES
 
 
+def test_a_box_that_reaches_beyond_the_image_is_cut_off_there_and_told(
+    run: Run, pictures: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run(str(pictures), "--target", "300,100,30,30", "--no-video")
+    assert [record.getMessage() for record in caplog.records] == [
+        "the target 300,100,30,30 reaches beyond the image, which is 320x240: "
+        "300,100,20,30 is followed"
+    ]
+    first = rows_of(only_run(tmp_path) / "boxes.csv")[0]
+    assert [float(first[name]) for name in "xywh"] == [300, 100, 20, 30]
+
+
 @pytest.mark.parametrize("wish", ["person:3", "7"])
 def test_a_number_too_large_leaves_the_picture_to_choose_from_alone(
     run: Run, pictures: Path, tmp_path: Path, wish: str

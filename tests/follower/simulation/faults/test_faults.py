@@ -41,6 +41,8 @@ from follower.simulation.faults.setpoint_rules import (
     pilot_failures,
 )
 from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint, WireTap
+from follower.simulation.options import SimulationOptions
+from follower.simulation.run import simulate
 from follower.workers import engine_for
 from follower_control.common.strict_config import SettingsError
 from follower_control.common.transport import MemoryTransport
@@ -176,6 +178,14 @@ def test_a_fault_is_planned_by_its_name_time_and_duration(
     planned = PlannedFault.parse(text)
     assert (planned.at_s, planned.for_s) == (at_s, for_s)
     assert PlannedFault.parse(str(planned)) == planned
+
+
+def test_a_fault_after_the_end_is_refused(tmp_path: Path) -> None:
+    late = SimulationOptions("winding", lockstep=True, out=tmp_path, faults=("frames-black@78:2",))
+    said = r"--fault frames-black@78:2: the flight ends at 78 s; .* or --scene duration_s=83"
+    with pytest.raises(SettingsError, match=said):
+        simulate(late)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
