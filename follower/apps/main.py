@@ -337,10 +337,22 @@ def inspect(
 
 
 @app.command()
-def scenarios() -> None:
+def scenarios(
+    keys: Annotated[
+        bool,
+        typer.Option(
+            "--keys", help="Print all keys of a scenario file instead, with what each one means."
+        ),
+    ] = False,
+) -> None:
     """List the scenarios that come along."""
+    from follower.settings.field_docs import explained_keys
+    from follower_sim.scenario.scenario import Scenario
     from follower_sim.scenario.scenario_file import load_scenario
 
+    if keys:
+        typer.echo(explained_keys(Scenario), nl=False)
+        return
     for name, path in scenario_files().items():
         typer.echo(f"{name:18} {load_scenario(path).title}")
 

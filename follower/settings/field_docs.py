@@ -4,12 +4,21 @@ The types come from the annotations, the units from the names (as everywhere in 
 meanings from the "Attributes:" of the docstring. So the dataclass is the only place to change.
 """
 
+import ast
+import dataclasses
 import inspect
 import operator
 import re
 import textwrap
-from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, is_dataclass
+from itertools import pairwise
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import yaml
+from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
 
 _UNITS_BY_NAME = {
     "log_scale_rate_s": "1/s",
@@ -88,6 +97,130 @@ def explained_yaml(settings: object, text: str) -> str:
             lines += textwrap.wrap(meaning, 98, initial_indent=indent, subsequent_indent=indent)
         lines.append(line)
     return "\n".join(lines) + "\n"
+
+
+_KINDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+_BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+_WIDTH = 98
+
+
+@dataclass(frozen=True, slots=True)
+class _Key:
+    """A key of a section: what may stand there, and what does if it is left out."""
+
+    name: str
+    hint: Any
+    meaning: str
+    default: Any = None
+    is_required: bool = False
+
+    @property
+    def section(self) -> type | None:
+        """The section below it, which may be one of a list; None if it has a value of its own."""
+        hint, _ = without_none(_plain(self.hint))
+        inner = _plain(get_args(hint)[0]) if get_origin(hint) is list else hint
+        is_model = inspect.isclass(inner) and issubclass(inner, BaseModel)
+        return inner if is_model or is_dataclass(inner) else None
+
+    @property
+    def is_list(self) -> bool:
+        """Whether there may be several."""
+        return get_origin(without_none(_plain(self.hint))[0]) is list
+
+
+def explained_keys(section: type, indent: str = "") -> str:
+    """Return all keys of a section as YAML with the defaults, and above each what it means.
+
+    A key without a default has no value; a list of sections has one, as an example.
+
+    Args:
+        section: a pydantic model or a dataclass.
+        indent: what each line begins with.
+    """
+    return "".join(f"{line}\n" for key in _keys(section) for line in _explained(key, indent))
+
+
+def _explained(key: _Key, indent: str) -> Iterator[str]:
+    kind = "" if key.section else _kind(key.hint)
+    if key.section and key.is_list:
+        kind = "list"
+    elif key.section and key.default is None and not key.is_required:
+        kind = "none if left out"
+    said = ", ".join(filter(None, (kind, "required" if key.is_required else "")))
+    text = f"{key.meaning} ({said})" if said else key.meaning
+    start = f"{indent}# "
+    yield from textwrap.wrap(text.strip(), _WIDTH, initial_indent=start, subsequent_indent=start)
+    if key.section is None:
+        yield f"{indent}{key.name}: {'' if key.is_required else _flow(key.default)}".rstrip()
+        return
+    yield f"{indent}{key.name}:"
+    if key.is_list:
+        yield f"{indent}  -"
+    deeper = "    " if key.is_list else "  "
+    yield explained_keys(key.section, indent + deeper).rstrip("\n")
+
+
+def _keys(section: Any) -> Iterator[_Key]:
+    said = {**meanings(inspect.getdoc(section) or ""), **_said_below(section)}
+    hints = get_type_hints(section, include_extras=True)
+    if issubclass(section, BaseModel):
+        for name, field in section.model_fields.items():
+            default = None if field.is_required() else field.get_default(call_default_factory=True)
+            yield _Key(name, hints[name], said.get(name, ""), default, field.is_required())
+        return
+    for one in dataclasses.fields(section):
+        default = None if one.default is dataclasses.MISSING else one.default
+        if one.default_factory is not dataclasses.MISSING:
+            default = one.default_factory()
+        required = one.default is one.default_factory is dataclasses.MISSING
+        yield _Key(one.name, hints[one.name], said.get(one.name, ""), default, required)
+
+
+def _said_below(section: type) -> dict[str, str]:
+    """Return name → meaning from the strings that stand below the fields."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(section))).body
+    found: dict[str, str] = {}
+    for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
+        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+            found[ast.unparse(field.target)] = " ".join(ast.literal_eval(below.value).split())
+    return found
+
+
+def _kind(hint: Any) -> str:
+    """Return in words what may stand where this type is asked for."""
+    if get_origin(hint) is Annotated:
+        return " ".join((_kind(get_args(hint)[0]), *_bounds(hint.__metadata__)))
+    parts = get_args(hint)
+    if get_origin(hint) is Literal:
+        return " | ".join(map(str, parts))
+    if get_origin(hint) in (Union, UnionType):
+        return " or ".join(map(_kind, parts))
+    if get_origin(hint) is list:
+        return f"list of {_kind(parts[0])}"
+    if get_origin(hint) is tuple:
+        return f"[{', '.join(map(_kind, parts))}]"
+    if get_origin(hint) is dict:
+        return "keys and values"
+    return "null" if hint is NoneType else _KINDS.get(hint, hint.__name__)
+
+
+def _bounds(metadata: Iterable[Any]) -> Iterator[str]:
+    """Yield the limits that pydantic's annotations set."""
+    for one in metadata:
+        for bound in (one, *getattr(one, "metadata", ())):
+            for name, word in _BOUNDS.items():
+                if getattr(bound, name, None) is not None:
+                    yield f"{word} {getattr(bound, name):g}"
+
+
+def _plain(hint: Any) -> Any:
+    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def _flow(value: Any) -> str:
+    """Return a value as YAML in one line."""
+    text = yaml.safe_dump(to_jsonable_python(value), default_flow_style=True, width=1000)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def without_none(hint: Any) -> tuple[Any, bool]:

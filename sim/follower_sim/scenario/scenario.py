@@ -118,12 +118,17 @@ class PathSettings(_Section):
     """A target's course and its speeds; without speeds it stands at the first point."""
 
     points: list[CoursePoint] = Field(default_factory=list)
+    """Each [north, east] or [north, east, height], in metres."""
     shape: PathShape | None = None
     """In place of all the others: a way of moving, drawn from the seed."""
     corners: Corners = "winding"
+    """A smooth curve through every point, or straight lines with arcs at the corners."""
     radius_m: Positive = 5.0
+    """Of the arcs."""
     closed: bool = False
+    """It returns to its first point and goes on."""
     speeds: list[SpeedChange] = Field(default_factory=list)
+    """In their order; none: it stands."""
 
     @model_validator(mode="after")
     def _can_be_built(self) -> Self:
@@ -155,6 +160,7 @@ class TargetSettings(_Section):
 
     kind: TargetKind
     colour: ColourText
+    """As "#rrggbb"."""
     path: PathSettings
 
 
@@ -162,7 +168,9 @@ class RoadSettings(_Section):
     """A road painted on the ground: along a target's path, or through points of its own."""
 
     along: int | None = None
+    """The number of the target along whose path it runs, from 0."""
     points: list[CoursePoint] | None = None
+    """Or its own, as a path's."""
     corners: Corners = "winding"
     radius_m: Positive = 5.0
     width_m: Positive = 6.5
@@ -211,7 +219,9 @@ class SceneryItem(_Section):
 
     kind: SceneryKind
     at: PlanePoint
+    """[north, east] in metres."""
     heading_deg: float = 0.0
+    """Clockwise from north."""
     size_m: Positive | None = None
     """Height of a tree, rock or buoy, length of a house, of a bridge's deck, a canopy or a hall."""
     height_m: Positive = 2.6
@@ -356,6 +366,12 @@ class FaultSettings(_Section):
     from_s: NotNegative
     until_s: Positive = 1e9
 
+    @model_validator(mode="after")
+    def _begins_before_it_ends(self) -> Self:
+        if self.until_s <= self.from_s:
+            raise ValueError(f"it ends at {self.until_s:g} s, before it begins")
+        return self
+
 
 class VehicleSettings(_Section):
     """The airframe that flies."""
@@ -369,13 +385,16 @@ class StartSettings(_Section):
     """Where the vehicle stands before it takes off."""
 
     at: PlanePoint
+    """[north, east] in metres."""
     heading_deg: float = 0.0
+    """Clockwise from north."""
 
 
 class SelectSettings(_Section):
     """How the operator points out the target: by what it looks like, never by its true place."""
 
     colour: ColourText
+    """The target's, as "#rrggbb"."""
     search: ColourSearchSettings = ColourSearchSettings()
 
 

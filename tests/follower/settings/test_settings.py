@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from small_scenario import small_scenario
 
 from follower.apps.video_input import VideoInput
-from follower.settings.field_docs import explained_yaml
-from follower.settings.settings import CameraSettings, Settings, load_settings
+from follower.settings.field_docs import explained_keys, explained_yaml
+from follower.settings.settings import CameraSettings, Settings, load_settings, scenario_files
 from follower.tuning.identify.result import VehicleFile
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario import Scenario
@@ -183,3 +184,33 @@ def test_settings_are_printed_with_what_they_mean_and_read_as_they_are() -> None
     explained = len([line for line in text.splitlines() if line.lstrip().startswith("#")])
     assert explained > 300
     assert max(map(len, text.splitlines())) <= 100
+
+
+def keys_of(value: object, path: str = "") -> set[str]:
+    """Return the paths of all keys in a mapping, those of a list's items alike."""
+    if isinstance(value, list):
+        return {path}.union(*(keys_of(one, path) for one in value))
+    if not isinstance(value, dict) or path == ".follow":
+        return {path}
+    return set[str]().union(*(keys_of(inner, f"{path}.{key}") for key, inner in value.items()))
+
+
+def test_all_keys_of_a_scenario_are_explained_with_their_defaults() -> None:
+    text = explained_keys(Scenario)
+    explained = yaml.safe_load(text)
+    for path in scenario_files().values():
+        assert keys_of(yaml.safe_load(path.read_text("utf-8"))) <= keys_of(explained), path
+    defaults = Scenario.model_validate(yaml.safe_load(small_scenario(20))).model_dump(mode="json")
+    for section in ("sky", "weather", "occlusions", "wind", "stand_in", "expect"):
+        assert explained[section] == defaults[section]
+    assert "# how long the flight may last, in seconds. (number above 0, required)\n" in text
+    assert "    # (person | car | boat | quadrotor, required)\n    kind:\n" in text
+    assert "  # Horizontal field of view, distortion left out. (number above 5 below 150)" in text
+
+
+def test_a_scenarios_fault_begins_before_it_ends() -> None:
+    turned = yaml.safe_load(small_scenario(20)) | {
+        "faults": [{"kind": "black", "from_s": 9, "until_s": 4}]
+    }
+    with pytest.raises(ValueError, match="it ends at 4 s, before it begins"):
+        Scenario.model_validate(turned)
