@@ -172,7 +172,9 @@ class RoadSettings(_Section):
     points: list[CoursePoint] | None = None
     """Or its own, as a path's."""
     corners: Corners = "winding"
+    """As a path's."""
     radius_m: Positive = 5.0
+    """Likewise."""
     width_m: Positive = 6.5
     surface: Literal["asphalt", "dirt"] = "asphalt"
 
@@ -204,9 +206,12 @@ class SkySettings(_Section):
     """Sun, clouds and haze."""
 
     sun_azimuth_deg: float = 140.0
+    """Clockwise from north."""
     sun_elevation_deg: Annotated[float, Field(gt=5, le=90)] = 48.0
     clouds: Share = 0.4
+    """Share of the sky that they cover."""
     visibility_m: Positive = 900.0
+    """Distance at which haze has taken 63 % of the contrast."""
 
 
 SceneryKind = Literal[
@@ -234,6 +239,7 @@ class ScatterSettings(_Section):
     kind: Literal["broadleaf", "fir", "house", "rock", "bale", "buoy"]
     count: Annotated[int, Field(ge=1, le=500)]
     clear_m: NotNegative = 10.0
+    """Least distance from the paths."""
     within_m: Positive = 60.0
     """Farthest distance from the paths."""
     size_m: tuple[Positive, Positive] | None = None
@@ -316,9 +322,11 @@ class SimCameraSettings(_Section):
     latency_s: NotNegative = 0.05
     """From the middle of the exposure to the frame's arrival."""
     latency_jitter_s: NotNegative = 0.004
+    """Standard deviation of a normal error whose size is added to that."""
     jitter_s: NotNegative = 0.001
     """Standard deviation of the capture time about its schedule."""
     drop_probability: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """That a frame is lost."""
     stamp_offset_s: float = 0.0
     """Error of the frames' time stamps, unknown to the vision side."""
 
@@ -364,7 +372,9 @@ class FaultSettings(_Section):
     kind: Literal["black", "frozen", "silent", "shaken", "target_removed"]
     """`shaken`: the camera trembles during long exposures, so that its pictures are blurred."""
     from_s: NotNegative
+    """When it begins."""
     until_s: Positive = 1e9
+    """When it ends."""
 
     @model_validator(mode="after")
     def _begins_before_it_ends(self) -> Self:
