@@ -61,6 +61,8 @@ class SearchSettings:
 class Search:
     """Turns to where the target left, then looks ever farther to both sides of that.
 
+    Once the target may be on every side it turns round and round.
+
     Args:
         settings: how to look.
         view_rad: how wide the camera sees.
@@ -123,6 +125,8 @@ class Search:
         stale = vehicle.attitude_age_s(now_s) > _STALE_S
         if self._centre_rad is None or vehicle.attitude is None or stale or not self._settings.turn:
             return HOLD.yaw_rate_rad_s
+        if self._leg > 0 and self._is_anywhere:
+            return math.copysign(self._rate, self._wanted_off_rad)
         # To the other side it turns by way of the middle, however far the sides are apart.
         off = wrap_angle(vehicle.attitude.yaw_rad - self._centre_rad)
         error = self._wanted_off_rad - off
@@ -140,6 +144,11 @@ class Search:
         look_s = s.look_s + s.stay_s if self._leg == 0 and all_in_view else s.look_s
         if self._sweep > 0 and now_s - self._looked_s >= look_s:
             self._leg += 1
+
+    @property
+    def _is_anywhere(self) -> bool:
+        """Whether it may be on every side: one turn round sees all of them, to and fro may not."""
+        return self._right_rad + self._left_rad >= 2 * (math.pi - self._seen_rad)
 
     @property
     def _wanted_off_rad(self) -> float:
