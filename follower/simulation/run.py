@@ -49,6 +49,7 @@ from follower_vision.clock import MonotonicClock, SimulatedClock
 BY_USER = "The user ended this flight."
 _LEAST_FRAME_SHARE = 0.8
 _LONGEST_GAP_S = 0.3
+_LEAST_STEP_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +201,7 @@ class _Simulation:
             f"{NO_PIXELS}; not recorded" if self.options.vision is VisionSource.TRUTH else None,
             BY_USER if interrupted else None,
             self._late_frames(flight),
+            self._late_control(flight),
             video.remark if video else None,
             station.remark if station else None,
             *(() if recorder is None else recorder.remarks),
@@ -265,6 +267,11 @@ class _Simulation:
             return None
         return late_frame_warning(flight.log, self.scenario.camera.rate_hz)
 
+    def _late_control(self, flight: SimulatedFlight) -> str | None:
+        if flight.lockstep or self.faults:
+            return None
+        return late_control_warning(flight.log, flight.settings.control_rate_hz)
+
     def _open_station(
         self, settings: Settings, folder: Path, console: Console
     ) -> UiProcessClient | None:
@@ -314,4 +321,25 @@ def late_frame_warning(log: FlightLog, camera_hz: float) -> str | None:
         f"Frames came late: vision saw {seen_hz:.0f} of the camera's {camera_hz:.0f} frames a "
         f"second, with gaps of up to {gap_s:.1f} s. This computer is too slow or too busy for real "
         "time; --lockstep does not depend on it."
+    )
+
+
+def late_control_warning(log: FlightLog, rate_hz: float) -> str | None:
+    """Return a remark on a flight in which control was too slow, None if it was not.
+
+    Args:
+        log: of the flight.
+        rate_hz: control steps a second that were wanted.
+    """
+    began_s = np.array([record.time_s for record in log.controls])
+    if len(began_s) < 2:
+        return None
+    flown_hz = (len(began_s) - 1) / float(began_s[-1] - began_s[0])
+    if flown_hz >= _LEAST_STEP_SHARE * rate_hz:
+        return None
+    busy_ms = 1e3 * float(np.median([record.busy_s for record in log.controls]))
+    return (
+        f"Control came late: {flown_hz:.0f} of the wanted {rate_hz:.0f} steps a second, and "
+        f"{busy_ms:.1f} ms of work in one. This computer is too busy, or a part of another package "
+        "too slow."
     )

@@ -1,10 +1,13 @@
 """A flight in real time says so if the computer was too slow for it."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from follower.flight.log import FlightLog, TrackRecord
-from follower.simulation.run import late_frame_warning
+from follower.simulation.run import late_control_warning, late_frame_warning
 
 
 def log_of(captured_s: list[float]) -> FlightLog:
@@ -33,3 +36,16 @@ def test_a_gap_is_told_however_many_frames_there_were(gap_s: float) -> None:
     said = late_frame_warning(log_of(before + after), 30)
     assert said is not None
     assert f"gaps of up to {gap_s:.1f} s" in said
+
+
+def test_control_that_is_too_slow_is_told_with_what_a_step_takes(fly: Any) -> None:
+    flown = fly()
+    assert late_control_warning(FlightLog(), 50) is None
+    assert late_control_warning(flown.log, 50) is None
+    slow = FlightLog()
+    for number, record in enumerate(flown.log.controls):
+        slow.add_control(replace(record, time_s=0.1 * number, busy_s=0.1))
+    said = late_control_warning(slow, 50)
+    assert said is not None
+    assert "10 of the wanted 50 steps a second" in said
+    assert "100.0 ms" in said
