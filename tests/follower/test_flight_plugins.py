@@ -97,15 +97,17 @@ def test_a_link_that_fails_in_flight_is_named_and_the_flight_goes_on_to_its_end(
     )
 
 
-LEASH = """
-from dataclasses import replace
+EXAMPLE = Path(__file__).parents[2] / "examples/follower-template-mode/follower_template_mode.py"
+LEASH = EXAMPLE.read_text("utf-8")
 
-def make(servo, step):
-    chased = servo.chase(step)
-    if step.estimate.time_s > FAILS_S:
-        raise ZeroDivisionError("the leash broke")
-    return replace(chased, forward_m_s=max(chased.forward_m_s, 0.0))
-"""
+
+def breaking(at_s: float) -> str:
+    """Return a leash that breaks in flight."""
+    return LEASH.replace(
+        "    chased =",
+        f"    if step.estimate.time_s > {at_s}:\n"
+        '        raise ZeroDivisionError("the leash broke")\n    chased =',
+    )
 
 
 def flight(folder: Path, *overrides: str, record: bool = False, **options: Any) -> SimulationResult:
@@ -134,7 +136,7 @@ def flown(folder: Path, *overrides: str, **options: Any) -> list[dict[str, str]]
 def test_a_follow_mode_of_a_package_flies(
     site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    site.add("follower-leash", "follow_modes", "leash", LEASH.replace("FAILS_S", "1e9"))
+    site.add("follower-leash", "follow_modes", "leash", LEASH)
     rows = flown(tmp_path, "servo.mode=leash", vision=VisionSource.TRUTH)
     forward = [float(row["forward_m_s"]) for row in rows if row["state"] == "following"]
     assert len(forward) > 100
@@ -151,7 +153,7 @@ def test_a_follow_mode_of_a_package_flies(
 def test_a_follow_mode_that_fails_in_flight_holds(
     site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    site.add("follower-frayed", "follow_modes", "frayed", LEASH.replace("FAILS_S", "10.0"))
+    site.add("follower-frayed", "follow_modes", "frayed", breaking(10.0))
     rows = flown(tmp_path, "servo.mode=frayed", vision=VisionSource.TRUTH)
     last = [row for row in rows if row["state"] == "following"][-1]
     assert [float(last[name]) for name in ("forward_m_s", "right_m_s", "down_m_s")] == [0, 0, 0]
@@ -166,7 +168,7 @@ def test_a_follow_mode_that_fails_in_flight_holds(
 def test_each_flight_in_which_a_follow_mode_fails_has_failed_and_says_so(
     site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    site.add("follower-worn", "follow_modes", "worn", LEASH.replace("FAILS_S", "13.5"))
+    site.add("follower-worn", "follow_modes", "worn", breaking(13.5))
     line = (
         "The follow mode 'worn' of follower-worn 1.0 fails, and the vehicle holds: "
         "ZeroDivisionError: the leash broke"

@@ -203,7 +203,10 @@ def test_all_keys_of_a_scenario_are_explained_with_their_defaults() -> None:
     defaults = Scenario.model_validate(yaml.safe_load(small_scenario(20))).model_dump(mode="json")
     for section in ("sky", "weather", "occlusions", "wind", "stand_in", "expect"):
         assert explained[section] == defaults[section]
-    assert "# how long the flight may last, in seconds. (number above 0, required)\n" in text
+    assert (
+        "# how long the flight may last, in seconds. (number above 0 at most 86400, required)\n"
+        in text
+    )
     assert "    # (person | car | boat | quadrotor, required)\n    kind:\n" in text
     assert "  # Horizontal field of view, distortion left out. (number above 5 below 150)" in text
 
