@@ -132,7 +132,14 @@ def test_where_control_foretells_the_target_a_model_that_has_seen_flights_choose
     unused = [usual.factor[FEATURES.index(name)] for name in FEATURES if "deviation" in name]
     assert unused == [0, 0, 0]
     assert all(foretold.factor[FEATURES.index(name)] for name in FEATURES if "deviation" in name)
-    assert model_for("correlation", foretold=True) is model_for("correlation")
+
+
+@pytest.mark.parametrize("name", ["correlation", "nanotrack-v3"])
+def test_without_such_a_model_what_control_foretells_is_no_feature(name: str) -> None:
+    """How a place fits it counts by itself: see `Target.misplacement`."""
+    model = model_for(name)
+    assert model_for(name, foretold=True) is model
+    assert not any(model.factor[FEATURES.index(one)] for one in FEATURES if "foreseen" in one)
 
 
 def test_the_models_that_come_along_are_small_and_know_each_source() -> None:
