@@ -154,10 +154,6 @@ class VisionLoop:
             self._on_record(record)
         return record
 
-    def learn(self) -> None:
-        """Do what can wait until the answer is out."""
-        self._stage.learn()
-
 
 def _started(loop: Callable[[], None]) -> Future[None]:
     """Run a loop on a thread that does not keep the program alive if it hangs."""
@@ -282,7 +278,6 @@ class RealtimeRun:
             frame = self._frames.wait(_PATIENCE_S)
             if frame is not None:
                 self._vision.tracks.put(self._vision.step(frame))
-                self._vision.learn()
                 self._clock.sleep_until(self._clock.now() + self._pause.after_frame())
 
     def _control_loop(self) -> None:

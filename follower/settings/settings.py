@@ -37,7 +37,6 @@ from follower_control.target.settings import EstimatorSettings
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CameraMount
-from follower_vision.longterm.tracker import LongTermSettings
 from follower_vision.onnx_network import AUTO, accelerators
 from follower_vision.sources.capture import CaptureSettings, without_password
 from follower_vision.trackers.registry import is_tracker, tracker_names
@@ -58,6 +57,7 @@ RETIRED = {
     "fusion.validate_blurred_every": "write fusion.doubt_every",
     "fusion.search_every": "write fusion.doubt_every",
     **{f"fusion.{name}": _FITTED for name in _FUSION_RULES},
+    "longterm": "without a detector the target is followed by Fusion too; leave it out",
     "ground_station.definition_uri": "PARAM_* of component 191 offers the settings; leave it out",
 }
 """What to do instead of each key, by its path."""
@@ -259,9 +259,7 @@ class Settings(BaseModel):
     """The object detector that validates the motion tracker, one of `follower models list` or a
     file; None does without one."""
     fusion: FusionSettings = FusionSettings()
-    """Used with a detector."""
-    longterm: LongTermSettings = LongTermSettings()
-    """Used without one."""
+    """How the target is chosen among what they propose."""
     vision: VisionSettings = VisionSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     servo: ServoSettings = ServoSettings()

@@ -28,7 +28,6 @@ from follower.settings.settings import Settings, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 from follower_vision.detection import Detector, detector_names, make_detector
-from follower_vision.fusion import FusionTracker
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.models import ModelStore
@@ -103,11 +102,11 @@ def test_the_example_is_installed_and_everything_knows_its_tracker(
     example.follower(*track, "--boxes", str(boxes))
     assert boxes.read_text("utf-8").splitlines()[-1].startswith("11,0.366667,115.000,80.000")
     example.follower(*track, "--detector", "embedded")
-    names = ("--trackers", "mine,longterm:mine,fusion:mine", "--detector", "embedded")
+    names = ("--trackers", "mine,fusion:mine+none,fusion:mine", "--detector", "embedded")
     example.follower("evaluate", str(clip), *names)
     rows = rows_of(tmp_path / "runs" / "evaluate" / "results.csv")
     success = {row["tracker"]: float(row["success@0.5"]) for row in rows}
-    assert success == {"mine": 1.0, "longterm:mine": 1.0, "fusion:mine": 1.0}
+    assert success == {"mine": 1.0, "fusion:mine+none": 1.0, "fusion:mine": 1.0}
 
 
 def test_lists_and_settings_import_nothing_of_a_package(site: Site) -> None:
@@ -171,10 +170,10 @@ def test_one_that_is_asked_for_and_cannot_be_used_ends_the_command_in_one_line(
 def test_an_evaluation_leaves_it_out_and_goes_on(site: Site, clip: Path, tmp_path: Path) -> None:
     site.add("follower-bad", "trackers", "bad", "import no_such_module\n")
     said = StringIO()
-    names = ["bad", "identity", "longterm:bad"]
+    names = ["bad", "identity", "fusion:bad+none"]
     assert evaluate(EvaluationPlan([clip], names, out=tmp_path), Console(file=said, width=200)) == 0
     lines = [line for line in said.getvalue().splitlines() if "left out" in line]
-    assert [line.split()[0] for line in lines] == ["bad", "longterm:bad"]
+    assert [line.split()[0] for line in lines] == ["bad", "fusion:bad+none"]
     assert "of follower-bad 1.0 cannot be imported" in lines[0]
     results = (tmp_path / "evaluate" / "results.csv").read_text("utf-8")
     assert "identity" in results
@@ -241,14 +240,12 @@ def make(find_file, device):
 """
 
 
-@pytest.fixture(params=["longterm", "fusion"])
-def frail(request: pytest.FixtureRequest, site: Site) -> Callable[[str], TargetTracker]:
+@pytest.fixture
+def frail(site: Site) -> Callable[[str], TargetTracker]:
     """Make a target tracker of a package's motion tracker that fails from its eleventh frame on."""
 
     def make(code: str) -> TargetTracker:
         site.add("follower-frail", "trackers", "frail", TRACKER + code)
-        if request.param == "fusion":
-            return FusionTracker(make_tracker("frail", no_file))
         return make_target_tracker(Settings(tracker="frail"))
 
     return make

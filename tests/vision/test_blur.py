@@ -72,14 +72,6 @@ def test_there_is_no_verdict_without_a_past():
     assert not BlurDetector().update(moved(texture(), 15), BOX, 0.0)
 
 
-def test_reset_forgets_the_past():
-    detector = BlurDetector()
-    for index in range(30):
-        detector.update(texture(), BOX, index / 30)
-    detector.reset()
-    assert not detector.update(moved(texture(), 15), BOX, 1.0)
-
-
 @pytest.mark.parametrize("box", [Box(-500, 0, 10, 10), Box(0, 0, 1, 1), Box(160, 120, 5000, 5000)])
 def test_odd_boxes_are_never_blurred(box):
     assert not seen_after(texture(), texture(), box)

@@ -8,7 +8,6 @@ import pytest
 
 from follower_vision.detection.detection import Detection
 from follower_vision.fusion import PaperFusion
-from follower_vision.fusion.paper import EPSILON
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.motion_tracker import MotionEstimate
@@ -143,7 +142,6 @@ def test_a_lost_target_is_found_by_its_looks_anywhere() -> None:
 
 
 def test_whoever_looks_different_is_not_the_target() -> None:
-    assert EPSILON == 1.2
     pursuit = lost()
     pursuit.detector.sees = [Detection(BOX, 0, "thing", 0.9)]
     assert pursuit.go(1, STRANGER)[0].state is TrackState.LOST

@@ -12,7 +12,7 @@ from follower_vision.appearance.appearance import (
     colour_histogram,
     intersections,
 )
-from follower_vision.appearance.reidentify import Reidentifier, ReidentifySettings
+from follower_vision.appearance.reidentify import EPSILON, MOST_TEMPLATES, Reidentifier
 from follower_vision.geometry.box import Box
 
 
@@ -35,8 +35,8 @@ RED, BLUE = (40, 50, 220), (220, 90, 40)
 HERE, THERE = Box(80, 80, 40, 40), Box(220, 150, 40, 40)
 
 
-def learnt(settings: ReidentifySettings | None = None) -> Reidentifier:
-    known = Reidentifier(settings)
+def learnt() -> Reidentifier:
+    known = Reidentifier()
     for index in range(30):
         image = scene((HERE, patch(1, RED)), seed=index)
         if index == 0:
@@ -74,7 +74,7 @@ def test_the_best_of_several_is_chosen_and_only_above_epsilon():
     image = scene((HERE, patch(2, BLUE)), (THERE, patch(1, RED)))
     box, score = known.best(image, [HERE, THERE, Box(160, 40, 40, 40)])
     assert box == THERE
-    assert score >= known.epsilon == 1.2
+    assert score >= EPSILON == 1.2
     assert known.best(image, [HERE]) is None
     assert known.best(image, []) is None
 
@@ -97,24 +97,13 @@ def test_templates_are_of_the_first_second_and_bounded_at_any_rate(rate_hz):
         for time_s in 10 + np.arange(3 * rate_hz) / rate_hz
         if known.learn(image, HERE, float(time_s))
     ]
-    assert len(known.templates) <= ReidentifySettings().max_templates
+    assert len(known.templates) <= MOST_TEMPLATES
     assert len(known.templates) >= 4
     assert max(taken) <= 11.0
 
 
-def test_recent_views_are_few_and_can_be_switched_off():
-    image = scene((HERE, patch(1, RED)))
-    for most in (0, 2):
-        known = learnt(ReidentifySettings(max_recent=most))
-        before = len(known.templates)
-        for _ in range(5):
-            known.refresh(image, HERE)
-        assert len(known.templates) == before + most
-
-
 def test_a_new_start_forgets_the_old_target():
     known = learnt()
-    known.refresh(scene((HERE, patch(1, RED))), HERE)
     known.start(scene((HERE, patch(5, BLUE))), HERE, 5.0)
     assert len(known.templates) == 1
     assert known.score(scene((THERE, patch(1, RED))), THERE) < 1.2

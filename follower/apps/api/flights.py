@@ -90,8 +90,8 @@ def evaluate(
 
     Args:
         folder: a sequence, a folder of them or a data set as it is unpacked, or several of these.
-        trackers: names from `follower trackers`, "longterm", "fusion", "fusion-paper", or
-            KIND:NAME+DETECTOR as "fusion:re3+embedded".
+        trackers: names from `follower trackers`, "fusion", "fusion-paper", or KIND:NAME+DETECTOR
+            as "fusion:re3+embedded"; "fusion:re3+none" has no detector.
         detector: Fusion's where the name gives none.
         tre: also start from so many frames.
         sre: also start from twelve moved boxes.

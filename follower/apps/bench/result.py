@@ -21,7 +21,7 @@ class BenchSetup(_Record):
 
     Attributes:
         tracker: the motion tracker.
-        detector: Fusion's; None is the long-term tracker without one.
+        detector: Fusion's; None is without one.
         device: where networks run.
         width: of the frames, in pixels.
         height: of the frames, in pixels.

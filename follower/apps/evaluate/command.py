@@ -38,9 +38,9 @@ def evaluate_command(
         str,
         typer.Option(
             metavar="A,B,C",
-            help="Names from `follower trackers`; longterm, fusion and fusion-paper (the paper's "
-            "algorithm), alone or as KIND:NAME or KIND:NAME+DETECTOR. The others are compared "
-            "with the first.",
+            help="Names from `follower trackers`; fusion and fusion-paper (the paper's algorithm), "
+            "alone or as KIND:NAME or KIND:NAME+DETECTOR, for fusion also +none. The others are "
+            "compared with the first.",
         ),
     ] = "correlation",
     detector: Annotated[

@@ -16,16 +16,16 @@ from follower_vision.evaluation.one_pass import DatasetError, Sequence, read_ima
 from follower_vision.fusion import FusionSettings
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
-from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.trackers.motion_tracker import MotionEstimate, MotionTracker
 from follower_vision.trackers.registry import is_tracker, make_tracker
 from follower_vision.trackers.target_tracker import TargetTracker
 from follower_vision.trackers.track import Track, TrackState
 
-_KINDS = ("longterm", "fusion", "fusion-paper")
-_WITH_DETECTOR = frozenset({"fusion", "fusion-paper"})
+_KINDS = ("fusion", "fusion-paper")
 _MOTION = "nanotrack-v3"
+_NONE = "none"
+"""What a name says in a detector's place to do without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,8 @@ class Contender:
 
     Attributes:
         name: as on the command line: a motion tracker, or KIND:MOTION+DETECTOR, of which the
-            motion tracker (nanotrack-v3) and the detector may be left out.
-        default_detector: for the kinds with one.
+            motion tracker (nanotrack-v3) and the detector may be left out; "none" is no detector.
+        default_detector: where the name says nothing of one.
     """
 
     name: str
@@ -47,10 +47,12 @@ class Contender:
                 f"--trackers {self.name}: write a name from `follower trackers`, a network's "
                 f"path, or one of {', '.join(_KINDS)}, alone or as KIND:NAME or KIND:NAME+DETECTOR"
             )
+        if self.kind == "fusion-paper" and self.detector == _NONE:
+            raise SettingsError(f"--trackers {self.name}: the paper's algorithm needs a detector")
 
     @property
     def kind(self) -> str:
-        """Either "longterm", "fusion", "fusion-paper", or "" for a motion tracker alone."""
+        """Either "fusion", "fusion-paper", or "" for a motion tracker alone."""
         head = self.name.partition(":")[0].partition("+")[0]
         return head if head in _KINDS else ""
 
@@ -67,8 +69,8 @@ class Contender:
 
     @property
     def detector(self) -> str:
-        """The detector's name, "" for the kinds without one."""
-        return (self.asked_detector or self.default_detector) if self.kind in _WITH_DETECTOR else ""
+        """The detector's name, "none" to do without one, "" for a motion tracker alone."""
+        return (self.asked_detector or self.default_detector) if self.kind else ""
 
     @property
     def identity(self) -> str:
@@ -85,10 +87,9 @@ class Contender:
         motion = make_tracker(self.motion, store.file)
         if not self.kind:
             return AlwaysBelieved(motion)
-        if self.kind == "longterm":
-            return LongTermTracker(motion)
         settings = FusionSettings.paper() if self.kind == "fusion-paper" else FusionSettings()
-        return make_fusion(motion, make_detector(self.detector, store), settings)
+        detector = None if self.detector == _NONE else make_detector(self.detector, store)
+        return make_fusion(motion, detector, settings)
 
     def start(self, frame: Frame, box: Box) -> tuple[TargetTracker, Track]:
         """Return a fresh tracker that was started, and its first track.

@@ -93,7 +93,6 @@ def run_import(
             following = None
         clock.sleep_until(frame.captured_s)
         answer = vision.step(frame)
-        vision.learn()
         found = found or answer.track is not None
         control = control or _control(settings, log, frame, telemetry)
         control.step(answer, None if following is None else following.captured_s)

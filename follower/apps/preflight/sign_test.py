@@ -193,7 +193,6 @@ class SignTest:
             )
         if frame is not None:
             self._track = self._vision.step(frame)
-            self._vision.learn()
         self._command, seen = self._dry_run.step(now_s, self._track, vehicle, self._link.attitudes)
         if seen is not None:
             self._evidence.add(*seen)

@@ -201,7 +201,6 @@ class Replay:
         self._vision.prospects = lambda *_: recorded.prospect
         track = self._vision.step(self._frame)
         answer = replace(recorded, track=track, busy_s=timer.elapsed_s())
-        self._vision.learn()
         self.log.add_track(answer)
         return answer
 

@@ -20,7 +20,6 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.target_tracker import (
     AcceptsPrediction,
-    Learner,
     TargetPrediction,
     TargetTracker,
 )
@@ -126,11 +125,6 @@ class VisionStage:
         if self._started and isinstance(self._tracker, FusionTracker):
             self.detected = self._tracker.late_answers
         return self._track
-
-    def learn(self) -> None:
-        """Do what the tracker has put off; call it when the track is on its way."""
-        if isinstance(self._tracker, Learner):
-            self._tracker.learn()
 
     def _refuse_old_request(self) -> None:
         """Refuse a selection of what was seen before no frames came: it may be something else."""

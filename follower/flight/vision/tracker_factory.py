@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detector, make_detector
 from follower_vision.detection.detection_service import DetectionMode
 from follower_vision.fusion import (
@@ -14,7 +15,6 @@ from follower_vision.fusion import (
     MultiFusion,
     PaperFusion,
 )
-from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.trackers.motion_tracker import MotionTracker
 from follower_vision.trackers.opencv import OPENCV_KINDS
@@ -27,7 +27,7 @@ from follower_vision.trackers.target_tracker import (
 
 
 def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetection) -> TargetTracker:
-    """Return a fresh target tracker: Fusion with a detector, else a long-term tracker without.
+    """Return a fresh target tracker: Fusion with the motion tracker and detector of the settings.
 
     Args:
         settings: all of them.
@@ -35,6 +35,7 @@ def make_target_tracker(settings: Settings, mode: DetectionMode = InlineDetectio
 
     Raises:
         ModelError: a network is missing or broken; the message says how to get it.
+        SettingsError: the paper's algorithm is asked for without a detector.
     """
     return make_tracker_with(make_settings_detector(settings), settings, mode)
 
@@ -61,14 +62,22 @@ def make_multi_tracker(
 
 def make_fusion(
     motion: MotionTracker,
-    detector: Detector,
+    detector: Detector | None,
     settings: FusionSettings,
     mode: DetectionMode = InlineDetection,
 ) -> FusionTracker | PaperFusion:
-    """Return the algorithm that the settings name; the paper's always waits for its detector."""
-    if settings.algorithm == "paper":
-        return PaperFusion(motion, detector)
-    return FusionTracker(motion, detector, settings, mode)
+    """Return the algorithm that the settings name; the paper's always waits for its detector.
+
+    Raises:
+        SettingsError: the paper's has none.
+    """
+    if settings.algorithm == "fitted":
+        return FusionTracker(motion, detector, settings, mode)
+    if detector is None:
+        raise SettingsError(
+            "fusion.algorithm: the paper's needs a detector; name one in `detector`"
+        )
+    return PaperFusion(motion, detector)
 
 
 def make_settings_detector(settings: Settings) -> Detector | None:
@@ -92,10 +101,7 @@ def make_tracker_with(
     detector: Detector | None, settings: Settings, mode: DetectionMode
 ) -> TargetTracker:
     """Return what `make_target_tracker` does, with this detector instead of the settings' own."""
-    motion = _motion_tracker(settings)
-    if detector is None:
-        return LongTermTracker(motion, settings.longterm)
-    return make_fusion(motion, detector, settings.fusion, mode)
+    return make_fusion(_motion_tracker(settings), detector, settings.fusion, mode)
 
 
 def _close_all(trackers: list[TargetTracker]) -> None:

@@ -10,11 +10,11 @@ from follower.flight.vision.tracker_factory import (
     make_target_tracker,
 )
 from follower.settings.settings import Settings
+from follower_control.common.strict_config import SettingsError
 from follower_vision.detection import Detection
 from follower_vision.fusion import FusionSettings, FusionTracker, MultiFusion, PaperFusion
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
-from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.onnx_network import ModelError
 from follower_vision.trackers.target_tracker import SeparateTrackers
 
@@ -33,7 +33,7 @@ class BlindDetector:
 @pytest.mark.parametrize(
     ("settings", "kind"),
     [
-        (Settings(), LongTermTracker),
+        (Settings(), FusionTracker),
         (Settings(detector="embedded"), FusionTracker),
         (Settings(detector="embedded", fusion=PAPER), PaperFusion),
     ],
@@ -42,6 +42,11 @@ def test_one_target_is_followed_by_what_the_settings_name(settings: Settings, ki
     tracker = make_target_tracker(settings)
     assert type(tracker) is kind
     close_tracker(tracker)
+
+
+def test_the_papers_algorithm_without_a_detector_is_refused() -> None:
+    with pytest.raises(SettingsError, match="the paper's needs a detector"):
+        make_target_tracker(Settings(fusion=PAPER))
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from follower.flight.threads import VisionLoop
 from follower.flight.vision.stage import OUT_OF_ORDER, VisionStage
 from follower.settings.settings import Settings
 from follower_vision.clock import SimulatedClock
+from follower_vision.fusion import FusionTracker
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
-from follower_vision.longterm.tracker import LongTermTracker
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.registry import make_tracker
 from follower_vision.trackers.track import TrackState
@@ -31,7 +31,7 @@ def frame(number: int, time_s: float) -> Frame:
 
 @pytest.mark.parametrize("early_s", [0.35, 0.4, -60.0, math.nan])
 def test_a_frame_that_is_not_newer_is_no_sighting(early_s: float) -> None:
-    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    stage = VisionStage(FusionTracker(CorrelationTracker()))
     stage.select(lambda _: BOX)
     for number in range(5):
         seen = stage.step(frame(number, 0.1 * number))
@@ -49,7 +49,7 @@ def test_a_frame_that_is_not_newer_is_no_sighting(early_s: float) -> None:
 
 
 def test_a_target_is_not_chosen_in_a_frame_from_the_past() -> None:
-    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    stage = VisionStage(FusionTracker(CorrelationTracker()))
     assert stage.step(frame(0, 1.0)) is None
     stage.select(lambda _: BOX)
     assert stage.step(frame(1, 0.5)) is None
@@ -59,7 +59,7 @@ def test_a_target_is_not_chosen_in_a_frame_from_the_past() -> None:
 
 
 def test_another_target_in_place_of_the_one_followed_is_counted_the_same_one_is_not() -> None:
-    stage = VisionStage(LongTermTracker(CorrelationTracker()))
+    stage = VisionStage(FusionTracker(CorrelationTracker()))
     boxes = [BOX, BOX.moved_to(84, 60), BOX.moved_to(30, 30), BOX]
     counted = []
     for number, box in enumerate(boxes):
@@ -72,7 +72,7 @@ def test_another_target_in_place_of_the_one_followed_is_counted_the_same_one_is_
 
 def test_a_box_that_the_tracker_cannot_follow_is_refused_and_vision_goes_on() -> None:
     requests = OperatorRequests(Settings())
-    stage = VisionStage(LongTermTracker(make_tracker("mil", Path)), requests)
+    stage = VisionStage(FusionTracker(make_tracker("mil", Path)), requests)
     stage.select(lambda _: BOX)
     assert stage.step(frame(0, 0.0)) is not None
     asked = requests.select_rectangle(0.5, 0.0, 0.6, 1.0, "test")  # MIL needs image around it
@@ -89,7 +89,7 @@ def test_a_box_that_the_tracker_cannot_follow_is_refused_and_vision_goes_on() ->
 
 def test_what_ends_vision_is_told_while_the_flight_goes_on() -> None:
     log = FlightLog()
-    stage = VisionStage(LongTermTracker(make_tracker("mil", Path)))
+    stage = VisionStage(FusionTracker(make_tracker("mil", Path)))
     vision = VisionLoop(stage, SimulatedClock(), log)
     stage.select(lambda _: Box(80, 60, 16, 120))
     with pytest.raises(ValueError, match="mil"):

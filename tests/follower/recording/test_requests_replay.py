@@ -67,7 +67,6 @@ def fly(folder: Path, seconds: float, asks: Asks) -> FlightLog:
             if step % FRAMES_PER_STEP == 0:
                 frame = frame_at(step // FRAMES_PER_STEP, now_s)
                 vision.tracks.put(vision.step(frame, 0.01))
-                vision.learn()
             vehicle = vehicle_at(now_s)
             assert vehicle.attitude is not None
             control.step(now_s, vision.tracks.newest, vehicle, [vehicle.attitude])

@@ -22,8 +22,6 @@ from follower_control.servo.pid import PidSettings
 from follower_control.servo.search import SearchSettings
 from follower_control.servo.settings import ServoSettings
 from follower_sim.noisy_tracker import NoisyTrackerSettings
-from follower_vision.appearance.blur import BlurSettings
-from follower_vision.appearance.reidentify import ReidentifySettings
 from follower_vision.detection.detection import DetectorSettings
 from follower_vision.selection import ColourSearchSettings
 from follower_vision.sources.live_source import LiveSettings
@@ -103,14 +101,8 @@ BY_WORDS: list[tuple[type, str, dict[str, Any]]] = [
     )),
     (TrainingStage, "greater than 0", {"steps": 0}),
     (TrainingStage, "greater than 0", {"steps": 1, "rate": 0.0}),
-    *((BlurSettings, "blur", wrong) for wrong in (
-        {"ratio": 0}, {"ratio": 1.5}, {"window_s": 0.1}, {"least_history_s": -1},
-    )),
     *((LiveSettings, "live source", wrong) for wrong in (
         {"retry_s": 0}, {"retry_s": 9}, {"first_frame_s": 0},
-    )),
-    *((ReidentifySettings, "re-identification", wrong) for wrong in (
-        {"epsilon": 2.5}, {"max_templates": 0}, {"shift_ratio": 0.6}, {"max_recent": -1},
     )),
     *((ColourSearchSettings, "lies?|positive", wrong) for wrong in (
         {"hue_tolerance_deg": 0}, {"min_area_px": -1}, {"saturation_ratio": 2},

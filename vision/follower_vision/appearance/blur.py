@@ -10,7 +10,6 @@ plain wall has less of it than a blurred image of a forest.
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from statistics import median
 
 import cv2
@@ -22,40 +21,20 @@ from follower_vision.images.frame import Image
 
 _REGION = 2.0
 _MOST_PIXELS = 160.0 * 160.0
+_BLURRED_RATIO = 0.4
+"""Blurred below this share of the recent median sharpness."""
+_WINDOW_S = 1.0
+"""How far back "recent" reaches."""
+_LEAST_HISTORY_S = 0.15
+"""No verdict before the history is so long."""
 _MOST_REMEMBERED = 256  # where time stands still
-
-
-@dataclass(frozen=True, slots=True)
-class BlurSettings:
-    """When a neighbourhood counts as blurred.
-
-    Attributes:
-        ratio: blurred below this share of the recent median sharpness.
-        window_s: how far back "recent" reaches.
-        least_history_s: no verdict before the history is this long.
-    """
-
-    ratio: float = 0.4
-    window_s: float = 1.0
-    least_history_s: float = 0.15
-
-    def __post_init__(self) -> None:
-        if not 0 < self.ratio < 1:
-            raise ValueError(f"blur: ratio lies between 0 and 1, not {self.ratio:g}")
-        if not 0 <= self.least_history_s < self.window_s < math.inf:
-            raise ValueError("blur: least_history_s has to be shorter than window_s")
 
 
 class BlurDetector:
     """Compares a target's sharpness with its own of the last second."""
 
-    def __init__(self, settings: BlurSettings | None = None) -> None:
-        self._settings = settings or BlurSettings()
+    def __init__(self) -> None:
         self._history: deque[tuple[float, int, float]] = deque(maxlen=_MOST_REMEMBERED)
-
-    def reset(self) -> None:
-        """Forget the history: another target, or the same one found again elsewhere."""
-        self._history.clear()
 
     def update(self, image: Image, box: Box, captured_s: float) -> bool:
         """Return whether the neighbourhood of `box` is blurred in this frame, and remember it.
@@ -70,15 +49,15 @@ class BlurDetector:
         value = _sharpness(region, halvings)
         usual = self._usual(halvings, captured_s)
         self._history.append((captured_s, halvings, value))
-        return usual is not None and value < self._settings.ratio * usual
+        return usual is not None and value < _BLURRED_RATIO * usual
 
     def _usual(self, halvings: int, now_s: float) -> float | None:
         """The recent median, of the same reduction: those of others do not compare."""
         history = self._history
-        while history and history[0][0] < now_s - self._settings.window_s:
+        while history and history[0][0] < now_s - _WINDOW_S:
             history.popleft()
         known = [(then_s, past) for then_s, count, past in history if count == halvings]
-        if not known or now_s - known[0][0] < self._settings.least_history_s:
+        if not known or now_s - known[0][0] < _LEAST_HISTORY_S:
             return None
         return median(past for _, past in known)
 

@@ -1,7 +1,5 @@
 """Detects blank frames and a frozen camera."""
 
-import math
-from dataclasses import dataclass
 from enum import StrEnum
 
 import cv2
@@ -10,6 +8,10 @@ import numpy as np
 from follower_vision.images.frame import Frame, Image
 
 _ABOUT_BYTES = 1 << 16
+_FROZEN_AFTER_S = 0.1
+"""A picture that has not changed for so long, and was repeated at least twice, is frozen."""
+_BLANK_DEVIATION = 4.0
+"""A frame whose blue, green and red levels deviate less than this is blank."""
 
 
 class FrameHealth(StrEnum):
@@ -22,34 +24,13 @@ class FrameHealth(StrEnum):
     """Exactly the picture of a while ago; a living camera has noise and never repeats itself."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameCheckSettings:
-    """When a frame is not to be trusted.
-
-    Attributes:
-        frozen_after_s: a picture that has not changed for this long, and was repeated at least
-            twice, is frozen. Recordings of perfectly still scenes need more, or infinity.
-        blank_deviation: a frame whose blue, green and red levels deviate less than this is blank.
-    """
-
-    frozen_after_s: float = 0.1
-    blank_deviation: float = 4.0
-
-    def __post_init__(self) -> None:
-        if not self.frozen_after_s > 0:
-            raise ValueError("frame check: frozen_after_s has to be positive")
-        if not 0 <= self.blank_deviation < math.inf:
-            raise ValueError("frame check: blank_deviation has to be 0 or more")
-
-
 class FrameCheck:
     """Checks a sample of every frame's pixels, and all of them where the sample is the last one's.
 
     A small target on a still background may move between the rows of the sample.
     """
 
-    def __init__(self, settings: FrameCheckSettings | None = None) -> None:
-        self._settings = settings or FrameCheckSettings()
+    def __init__(self) -> None:
         self._sample: bytes | None = None
         self._image: Image | None = None
         self._changed_s = 0.0
@@ -67,9 +48,9 @@ class FrameCheck:
             self._repeats, self._changed_s = 0, frame.captured_s
         self._sample, self._image = sample, frame.image
         _, deviation = cv2.meanStdDev(np.frombuffer(sample, np.uint8).reshape(-1, 1, 3))
-        if float(deviation.max()) < self._settings.blank_deviation:
+        if float(deviation.max()) < _BLANK_DEVIATION:
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s
-        if self._repeats >= 2 and still_s >= self._settings.frozen_after_s:
+        if self._repeats >= 2 and still_s >= _FROZEN_AFTER_S:
             return FrameHealth.FROZEN
         return FrameHealth.GOOD

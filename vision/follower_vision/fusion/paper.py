@@ -12,18 +12,16 @@ from __future__ import annotations
 from collections import Counter
 
 from follower_vision.appearance.blur import BlurDetector
-from follower_vision.appearance.reidentify import Reidentifier, ReidentifySettings
+from follower_vision.appearance.reidentify import LEARNING_S, Reidentifier
 from follower_vision.detection.detection import Detection, Detector
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.motion_tracker import MotionTracker
 from follower_vision.trackers.track import Track, TrackState
 
-EPSILON = 1.2
 _VALIDATE_EVERY = 10
 _MATCH_IOU = 0.3
 _MISSES_TO_LOSE = 5
-_LEARNING_S = 1.0
 
 
 class PaperFusion:
@@ -39,9 +37,7 @@ class PaperFusion:
     def __init__(self, motion: MotionTracker, detector: Detector) -> None:
         self._motion = motion
         self._detector = detector
-        self._known = Reidentifier(
-            ReidentifySettings(epsilon=EPSILON, learning_s=_LEARNING_S, max_recent=0)
-        )
+        self._known = Reidentifier()
         self._track: Track | None = None
 
     def start(self, frame: Frame, box: Box) -> Track:
@@ -79,7 +75,7 @@ class PaperFusion:
     def _validate(self, frame: Frame, box: Box, confidence: float) -> Track:
         self._since_look = 0
         detections = self._detector.detect(frame.image)
-        if frame.captured_s - self._started_s <= _LEARNING_S:
+        if frame.captured_s - self._started_s <= LEARNING_S:
             self._vote(detections, box)
         overlaps = [(one.box.iou(box), one.box) for one in self._of_its_class(detections)]
         overlap, nearest = max(overlaps, key=lambda pair: pair[0], default=(0.0, box))

@@ -27,18 +27,6 @@ class TargetTracker(Protocol):
         ...
 
 
-@runtime_checkable
-class Learner(Protocol):
-    """What a target tracker offers that puts off to after its answer what can wait."""
-
-    def learn(self) -> None:
-        """Learn from the last frame; the next `step` does it otherwise, with the same result.
-
-        It is for those who want an answer early: call it once the answer is out.
-        """
-        ...
-
-
 class MultiTargetTracker(Protocol):
     """Follows a few targets through time; each track has the states of a `TargetTracker`'s."""
 

@@ -134,14 +134,14 @@ def test_attributes_are_scored_over_their_frames(data: Path, tmp_path: Path) -> 
 def test_states_are_told_of_trackers_that_have_some(data: Path, tmp_path: Path) -> None:
     console = Console(record=True, width=160, quiet=False, file=StringIO())
     evaluate(
-        EvaluationPlan((data,), ("longterm:correlation", "correlation"), out=tmp_path / "r"),
+        EvaluationPlan((data,), ("fusion:correlation+none", "correlation"), out=tmp_path / "r"),
         console,
     )
     folder = tmp_path / "r" / "evaluate"
     stored = json.loads((folder / "results.json").read_text())
     states = {row["tracker"]: row["states"] for row in stored["means"]}
     assert states["correlation"] is None
-    assert states["longterm:correlation"]["tracking at iou 0"] == 0
+    assert states["fusion:correlation+none"]["tracking at iou 0"] == 0
     assert "no states: correlation" in console.export_text()
     rows = list(csv.DictReader(StringIO((folder / "results.csv").read_text())))
     assert [row["tracking at iou 0"] for row in rows] == ["0.0", ""]
@@ -180,7 +180,7 @@ def test_a_first_box_outside_the_image_skips_and_partly_outside_is_clipped(
     lines = (data / "other" / "groundtruth.txt").read_text().splitlines()
     (data / "other" / "groundtruth.txt").write_text("\n".join([first, *lines[1:]]))
     console = Console(record=True, width=160, file=StringIO())
-    names = ("correlation", "longterm:correlation")
+    names = ("correlation", "fusion:correlation+none")
     assert evaluate(EvaluationPlan((data,), names, out=tmp_path / "r"), console) == 0
     (line,) = [one for one in console.export_text().splitlines() if said in one]
     assert "Traceback" not in line
@@ -198,7 +198,7 @@ def test_a_sliver_of_a_first_box_is_enough_or_skips_its_sequence_in_one_line(
     lines = (data / "other" / "groundtruth.txt").read_text().splitlines()
     (data / "other" / "groundtruth.txt").write_text("\n".join([first, *lines[1:]]))
     for number, (names, measured) in enumerate(
-        [(("correlation", "re3", "longterm:correlation"), 2), (("mil",), 1)]
+        [(("correlation", "re3", "fusion:correlation+none"), 2), (("mil",), 1)]
     ):
         console = Console(record=True, width=160, file=StringIO())
         out = tmp_path / str(number)
@@ -333,7 +333,7 @@ def test_a_tracker_is_told_the_data_sets_own_frame_rate(
     ("name", "expected"),
     [
         ("correlation", ("", "correlation", "")),
-        ("longterm:correlation", ("longterm", "correlation", "")),
+        ("fusion:correlation+none", ("fusion", "correlation", "none")),
         ("fusion", ("fusion", "nanotrack-v3", "yolox-nano")),
         ("fusion-paper", ("fusion-paper", "nanotrack-v3", "yolox-nano")),
         ("fusion+fastestdet", ("fusion", "nanotrack-v3", "fastestdet")),
@@ -367,7 +367,9 @@ def test_fusion_is_measured_with_its_states(
     assert runs["fusion"]["success@0.5"] > 0.5
 
 
-@pytest.mark.parametrize("name", ["nobody", "fusion:nobody", "csrt+x", "correlation:mil", ""])
+@pytest.mark.parametrize(
+    "name", ["nobody", "fusion:nobody", "csrt+x", "correlation:mil", "fusion-paper+none", ""]
+)
 def test_a_name_that_nobody_knows_is_refused(name: str) -> None:
     with pytest.raises(SettingsError, match="--trackers"):
         Contender(name, "yolox-nano")

@@ -32,9 +32,6 @@ class Hung:
             self.forever.wait()
         self.steps += 1
 
-    def learn(self) -> None:
-        pass
-
     def hold(self) -> None:
         self.holds += 1
 
