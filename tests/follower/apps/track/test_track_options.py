@@ -90,6 +90,7 @@ def test_a_target_is_followed_by_our_own_networks_unless_something_else_is_named
             ("--target", BOX, "--set", "fusion.size_clamp=true"),
             "size_clamp is gone: Fusion chooses",
         ),
+        (("--target", BOX, "--set", "longterm.coast_s=1"), "longterm is gone: without a detector"),
         (("--target", BOX, "--tracker", "goturn"), "--tracker goturn: .*correlation"),
         (("--target", BOX, "--no-video", "--save", "a.mp4"), "contradict"),
     ],
