@@ -1,9 +1,9 @@
-"""Is a hidden car found again, and is another one taken for it? Fusion and its tracker alone.
+"""Is a hidden car found again, and is another one taken for it? With a detector and without.
 
     python benchmarks/hidden_car.py --seeds 50
 
 Flies the scenario `demo` on a simulated clock, each seed with the scenario's own settings (Fusion
-with the embedded detector) and with the same motion tracker without a detector. A seed changes the
+with the embedded detector) and without a detector. A seed changes the
 scenery, the wind, the camera's noise and timing. Each flight takes the time of some 1200 rendered
 frames.
 """
@@ -29,7 +29,7 @@ from follower_vision.clock import SimulatedClock
 
 SOON_S = 1.0
 """So quickly a target that comes into sight again is to be found."""
-WAYS = {"Fusion": (), "motion tracker alone": ("detector=null",)}
+WAYS = {"with the detector": (), "without": ("detector=null",)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ _DEMO_EPILOG = """
 
 `follower demo --autopilot ardupilot --set servo.distance_m=18` – another vehicle, another distance
 
-`follower demo --lockstep --set detector=null` – the motion tracker alone: it does not find the car
+`follower demo --lockstep --set detector=null` – without a detector
 """
 _SIM_EPILOG = """
 **Examples**
