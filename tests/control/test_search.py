@@ -150,12 +150,11 @@ def test_from_side_to_side_it_always_turns_by_way_of_the_middle() -> None:
 def test_what_may_be_on_every_side_is_seen_within_one_turn(
     begin_deg: float, drift_deg_s: float
 ) -> None:
-    rate_deg_s, half_deg, sides_deg = 20.0, 35.0, 35.0
+    rate_deg_s, half_deg = 20.0, 35.0
     table = Turntable(0.0, look_s=0.0, sweep_deg=20.0)
     table.search.start(estimate(0.0), table.vehicle)
     table.search.spread(np.radians([-170.0, 0.0, 170.0]))
-    longest_s = 4 * sides_deg / rate_deg_s + 360.0 / (rate_deg_s - abs(drift_deg_s))
-    table.run(longest_s)
+    table.run(360.0 / (rate_deg_s - abs(drift_deg_s)))
     target_deg = begin_deg + drift_deg_s * STEP_S * np.arange(len(table.yaws))
     off_deg = (target_deg - np.array(table.yaws) + 180.0) % 360.0 - 180.0
     assert np.min(np.abs(off_deg)) < half_deg
