@@ -31,7 +31,7 @@ class Track:
         box: in pixels of that frame.
         state: how far to trust the box. Control steers by TRACKING boxes alone.
         confidence: 0 (none) to 1 (certain), as the producer judges it.
-        produced_by: what made this box, e.g. "correlation", "detector", "reacquired".
+        produced_by: what made this box, e.g. "peak", "detection", "prediction".
         captured_s: capture time of the frame, on the system's clock.
         sequence: the frame's number.
 

@@ -158,7 +158,7 @@ def test_the_page_shows_what_a_packages_tracker_follows(
             (track,) = told(client, "track")["tracks"]
     finally:
         flight.close()
-    assert (track["state"], track["by"]) == ("tracking", "mine")
+    assert (track["state"], track["by"]) == ("tracking", "peak")
 
 
 def named(checks: list[dict[str, Any]], name: str) -> dict[str, Any]:
