@@ -233,7 +233,7 @@ def test_a_package_with_a_follow_mode_of_our_name_is_named(
 def test_a_flight_whose_tracker_fails_goes_on_to_its_end(
     site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    code = FAILS_LATE.format(fault="raise OSError").replace("> 10", "> 250")
+    code = FAILS_LATE.format(fault="raise OSError").replace("> 10", "> 60")
     site.add("follower-tired", "trackers", "tired", TRACKER + code)
     rows = flown(tmp_path, "tracker=tired", "detector=null")
     assert float(rows[-1]["time"]) > 13.0

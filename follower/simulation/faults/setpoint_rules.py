@@ -14,6 +14,7 @@ RELEASE_WITHIN_S = 0.1
 OLDEST_S = 0.25
 _SLACK = 1e-3
 _FLOAT32 = 1e-4
+_BRAKES_S = 0.5
 _GROWN_M_S = 0.05
 
 
@@ -147,13 +148,13 @@ def input_failures(
 ) -> Iterator[str]:
     """Yield where a vehicle that is held was steered on.
 
-    From 0.1 s after a hold's begin on, the speed on the wire may not grow, and from 5 s on it is
-    zero.
+    From 0.5 s after a hold's begin on, when the limit on jerk has ended what it was speeding up by,
+    the speed on the wire may not grow, and from 5 s on it is zero.
     """
     for began_s, ended_s in _unsteered(controls):
         slowest = math.inf
         for setpoint in setpoints:
-            if not began_s + 0.1 < setpoint.time_s < ended_s:
+            if not began_s + _BRAKES_S < setpoint.time_s < ended_s:
                 continue
             if setpoint.speed_m_s > slowest + _GROWN_M_S:
                 yield (

@@ -250,9 +250,9 @@ def test_what_is_held_may_not_fly_faster_again() -> None:
     controls = [released_at(1.0), released_at(12.0)]
     braking = sent((1.02, 4.0), (1.2, 3.5), (2.0, 1.0), (3.0, 0.0))
     assert list(input_failures(controls, braking)) == []
-    (failure,) = input_failures(controls, sent((1.2, 1.0), (2.0, 1.5), (3.0, 4.0), (5.9, 0.0)))
+    (failure,) = input_failures(controls, sent((1.6, 1.0), (2.0, 1.5), (3.0, 4.0), (5.9, 0.0)))
     assert failure == "2.00 s: 1.50 m/s after a hold that was at 1.00 m/s"
-    (failure,) = input_failures(controls, sent((1.2, 1.0), (6.1, 1.0)))
+    (failure,) = input_failures(controls, sent((1.6, 1.0), (6.1, 1.0)))
     assert "still 1.00 m/s" in failure
 
 
