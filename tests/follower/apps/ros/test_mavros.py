@@ -73,7 +73,7 @@ def test_services_change_the_follow_mode_in_flight(flying) -> None:
         flying.spin(0.5)
     refused = flying.set("follower", servo__mode="dance")
     assert not refused.successful
-    assert "'chase', 'watch', 'side', 'orbit' or 'overhead'" in refused.reason
+    assert "there are chase, watch, side, orbit, overhead" in refused.reason
 
 
 def test_an_unusable_target_is_refused_in_words(flying) -> None:
