@@ -1,7 +1,8 @@
 """What a message's dataclass says about its fields: kind, unit and meaning.
 
 The types come from the annotations, the units from the names (as everywhere in this project), the
-meanings from the "Attributes:" of the docstring. So the dataclass is the only place to change.
+meanings from the "Attributes:" of the docstring or from below the field. So the dataclass is the
+only place to change.
 """
 
 import ast
@@ -12,6 +13,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -20,6 +22,7 @@ import yaml
 from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
+_WIDTH = 98
 _UNITS_BY_NAME = {
     "log_scale_rate_s": "1/s",
     **dict.fromkeys(("cx", "cy", "width", "height"), "px"),
@@ -65,8 +68,22 @@ def meanings(docstring: str) -> dict[str, str]:
     return found
 
 
+@cache
+def _said_of(section: type) -> dict[str, str]:
+    """Return name → meaning from a class's docstring and from the strings below its fields."""
+    found = meanings(inspect.getdoc(section) or "")
+    try:
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(section))).body
+    except (OSError, TypeError):  # installed without sources; or no class of Python's
+        return found
+    for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
+        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+            found[ast.unparse(field.target)] = " ".join(ast.literal_eval(below.value).split())
+    return found
+
+
 def setting_meaning(settings: object, key: str) -> str:
-    """Return what the docstring of a setting's section says about it, "" if nothing.
+    """Return what a setting's section says about it, "" if nothing.
 
     Args:
         settings: that have the key.
@@ -74,7 +91,8 @@ def setting_meaning(settings: object, key: str) -> str:
     """
     section, _, name = key.rpartition(".")
     holder = operator.attrgetter(section)(settings) if section else settings
-    return meanings(inspect.getdoc(holder) or "").get(name, "")
+    kind: Any = type(holder)  # mypy does not take a type for hashable
+    return _said_of(kind).get(name, "")
 
 
 def explained_yaml(settings: object, text: str) -> str:
@@ -94,14 +112,13 @@ def explained_yaml(settings: object, text: str) -> str:
             except AttributeError:  # a mapping's own keys
                 meaning = ""
             indent = f"{key[1]}# "
-            lines += textwrap.wrap(meaning, 98, initial_indent=indent, subsequent_indent=indent)
+            lines += textwrap.wrap(meaning, _WIDTH, initial_indent=indent, subsequent_indent=indent)
         lines.append(line)
     return "\n".join(lines) + "\n"
 
 
 _KINDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 _BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
-_WIDTH = 98
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +178,7 @@ def _explained(key: _Key, indent: str) -> Iterator[str]:
 
 
 def _keys(section: Any) -> Iterator[_Key]:
-    said = {**meanings(inspect.getdoc(section) or ""), **_said_below(section)}
+    said = _said_of(section)
     hints = get_type_hints(section, include_extras=True)
     if issubclass(section, BaseModel):
         for name, field in section.model_fields.items():
@@ -174,16 +191,6 @@ def _keys(section: Any) -> Iterator[_Key]:
             default = one.default_factory()
         required = one.default is one.default_factory is dataclasses.MISSING
         yield _Key(one.name, hints[one.name], said.get(one.name, ""), default, required)
-
-
-def _said_below(section: type) -> dict[str, str]:
-    """Return name → meaning from the strings that stand below the fields."""
-    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(section))).body
-    found: dict[str, str] = {}
-    for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
-        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
-            found[ast.unparse(field.target)] = " ".join(ast.literal_eval(below.value).split())
-    return found
 
 
 def _kind(hint: Any) -> str:

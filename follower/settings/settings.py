@@ -259,7 +259,7 @@ class Settings(BaseModel):
     """The object detector that validates the motion tracker, one of `follower models list` or a
     file; None does without one."""
     fusion: FusionSettings = FusionSettings()
-    """How the target is chosen among what they propose."""
+    """How the target is chosen among what both propose."""
     vision: VisionSettings = VisionSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     servo: ServoSettings = ServoSettings()

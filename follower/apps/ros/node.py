@@ -91,7 +91,7 @@ class FollowerNode(LifecycleNode):
         for name in NodeOptions.__dataclass_fields__:
             self.declare_parameter(name, getattr(options, name))
         for key, value in self._base.items():
-            meaning = setting_meaning(settings, key) if "." in key else ""
+            meaning = setting_meaning(settings, key)
             described = ParameterDescriptor(description=meaning, dynamic_typing=True)
             self.declare_parameter(key, value, described)
         self._live = {one.key for one in live_keys()}

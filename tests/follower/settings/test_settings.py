@@ -183,6 +183,7 @@ def test_settings_are_printed_with_what_they_mean_and_read_as_they_are() -> None
     )
     explained = len([line for line in text.splitlines() if line.lstrip().startswith("#")])
     assert explained > 300
+    assert "# The motion tracker, one of `follower trackers`.\ntracker: " in text
     assert max(map(len, text.splitlines())) <= 100
 
 
