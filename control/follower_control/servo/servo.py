@@ -4,6 +4,7 @@ import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar
 
 from follower_control.common.small_matrix import clip
@@ -85,7 +86,7 @@ class VisualServo:
         self._settings = s = settings
         self._max_descent_m_s = max_descent_m_s
         self.mode = s.mode
-        self._added_laws: dict[FollowMode, Callable[..., VelocitySetpoint]] = {}
+        self._added_law = cache(lambda name: added_mode(name).guarded())
         self._mount_pitch = mount_pitch_rad
         self._reference = Reference(s.distance_m, self._wanted_elevation)
         self._azimuth_pid, self._elevation_pid = Pid(s.azimuth), Pid(s.elevation)
@@ -196,13 +197,8 @@ class VisualServo:
         return self._asked
 
     def _steered(self, step: ServoStep) -> VelocitySetpoint:
-        law = self._LAWS.get(self.mode) or self._added_law()
+        law = self._LAWS.get(self.mode) or self._added_law(self.mode.value)
         return law(self, step)
-
-    def _added_law(self) -> Callable[..., VelocitySetpoint]:
-        if self.mode not in self._added_laws:
-            self._added_laws[self.mode] = added_mode(self.mode.value).guarded()
-        return self._added_laws[self.mode]
 
     def _begin(self, estimate: TargetEstimate, yaw: float) -> None:
         self._last_s = estimate.time_s
