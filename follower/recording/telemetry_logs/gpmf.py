@@ -186,12 +186,14 @@ class GpmfReader:
             TelemetryError: there is neither a fix nor a gyro.
         """
         samples = TelemetrySamples(on_video_clock=True)
-        stamps = [all_[0].stamp_us for all_ in self._pieces.values()]
-        zero_us = min((one for one in stamps if one is not None), default=0.0)
+        firsts = [pieces[0] for pieces in self._pieces.values()]
+        stamped = [(one.stamp_us, one.shown_s) for one in firsts if one.stamp_us is not None]
+        stamp_us, shown_s = min(stamped, default=(0.0, 0.0))
+        zero_s = shown_s - stamp_us / 1e6
         for key in (_GPS, _NEW_GPS):
-            self._take_fixes(samples, key, zero_us)
-        gyro = self._turned(_GYRO, zero_us)
-        force = self._turned(_ACCELERATION, zero_us)
+            self._take_fixes(samples, key, zero_s)
+        gyro = self._turned(_GYRO, zero_s)
+        force = self._turned(_ACCELERATION, zero_s)
         if len(gyro) > 1 and len(force) > 1:
             samples.gyro = [tuple(row) for row in gyro.tolist()]
             attitudes = _attitudes(gyro, force)
@@ -203,28 +205,28 @@ class GpmfReader:
             )
         return samples
 
-    def _take_fixes(self, samples: TelemetrySamples, key: bytes, zero_us: float) -> None:
-        rows = self._timed(key, zero_us)
+    def _take_fixes(self, samples: TelemetrySamples, key: bytes, zero_s: float) -> None:
+        rows = self._timed(key, zero_s)
         if key == _NEW_GPS:
             rows = rows[rows[:, _GPS9_FIX + 1] >= _FIX_2D]
         for time_s, latitude, longitude, height_m in rows[:, :4].tolist():
             samples.add_fix(time_s, latitude, longitude, height_m - rows[0, 3])
 
-    def _timed(self, key: bytes, zero_us: float) -> Vector:
+    def _timed(self, key: bytes, zero_s: float) -> Vector:
         """Return rows (time, values), (N, 1 + columns)."""
         pieces = [piece for piece in self._pieces.get(key, ()) if len(piece.values)]
         if not pieces:
             return np.empty((0, 1 + _COLUMNS[key]))
         values = np.concatenate([piece.values for piece in pieces])
-        rows = np.column_stack([_times(pieces, zero_us), values])
+        rows = np.column_stack([_times(pieces, zero_s), values])
         return np.asarray(rows[(np.abs(rows) < _MOST).all(axis=1)], np.float64)
 
-    def _turned(self, key: bytes, zero_us: float) -> Vector:
+    def _turned(self, key: bytes, zero_s: float) -> Vector:
         """Return rows (time, forward, right, down), at most 100 a second.
 
         GoPro's axes: X to the left, Y back, Z up; ORIN says in which order they come.
         """
-        rows = self._timed(key, zero_us)
+        rows = self._timed(key, zero_s)
         if not len(rows):
             return rows
         axes = self._pieces[key][0].axes
@@ -238,16 +240,15 @@ class GpmfReader:
         return np.asarray(rows[:whole].reshape(-1, group, 4).mean(axis=1), np.float64)
 
 
-def _times(pieces: list[Piece], zero_us: float) -> Vector:
-    """Return when each sample was taken, on the video's time.
+def _times(pieces: list[Piece], zero_s: float) -> Vector:
+    """Return when each sample was taken, on the video's time; `zero_s` is where STMP is 0 there.
 
     A payload's first sample is told by STMP, else by the video's time; TSMP counts those between.
     """
     starts = [
-        piece.shown_s if piece.stamp_us is None
-        else pieces[0].shown_s + (piece.stamp_us - zero_us) / 1e6
+        piece.shown_s if piece.stamp_us is None else zero_s + piece.stamp_us / 1e6
         for piece in pieces
-    ]  # fmt: skip
+    ]
     times = []
     step_s = pieces[0].duration_s / len(pieces[0].values)
     for n, piece in enumerate(pieces):

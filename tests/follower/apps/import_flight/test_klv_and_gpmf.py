@@ -110,6 +110,21 @@ def test_gpmf_is_scaled_and_turned_to_the_body_s_axes(orientation: str) -> None:
     assert attitude.yaw_rad == pytest.approx(yaw_rad(2.0) - mean, abs=0.02)
 
 
+def test_a_gps_that_has_no_fix_at_first_tells_the_same_times_as_the_gyro() -> None:
+    reader = GpmfReader()
+    for second in range(4):
+        mark = gpmf("STMP", "J", 8, struct.pack(">Q", 1_000_000 * second + 250_000))
+        fix = gpmf("GPSF", "L", 4, struct.pack(">L", 3 if second >= 2 else 0))
+        place = [[LATITUDE, LONGITUDE, 520.0, 4.0, 4.0]] * 10
+        streams = gpmf_stream("GYRO", "s", [[0.0] * 3] * 10, [939] * 3, mark)
+        streams += gpmf_stream("ACCL", "s", [[9.8, 0.0, 0.0]] * 10, [417] * 3, mark)
+        streams += gpmf_stream("GPS5", "l", place, [10**7, 10**7, 1000, 1000, 100], mark, fix)
+        reader.take(gpmf("DEVC", "", 1, streams), second + 0.5, 1.0)
+    samples = reader.samples()
+    assert samples.places[0][0] == pytest.approx(2.5)
+    assert samples.places[-1][0] == pytest.approx(samples.gyro[-1][0])
+
+
 def test_gps9_gives_places_and_its_own_fix() -> None:
     row = (LATITUDE, LONGITUDE, 500.0, 3.0, 3.0, 8000, 45_000.5, 1.2)
     scales = [10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1]
