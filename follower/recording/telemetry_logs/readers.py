@@ -21,7 +21,7 @@ _REBOOT_S = 1.0
 
 
 def read_mavlink(path: Path) -> TelemetrySamples:
-    """Read a tlog, the messages of the first vehicle that is heard in it.
+    """Read a tlog, the messages of the first vehicle's autopilot that is heard in it.
 
     Attitudes and positions carry the autopilot's own time since boot, which is free of the link's
     delays; it is brought onto the log's time by the smallest delay.
@@ -32,6 +32,8 @@ def read_mavlink(path: Path) -> TelemetrySamples:
     """
     samples, clock, heard = TelemetrySamples(), _BootClock(), None
     for arrival_s, message in _messages(path):
+        if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
+            continue  # companions and gimbals have the vehicle's system, and modes of their own
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
             heard = heard or message.get_srcSystem()

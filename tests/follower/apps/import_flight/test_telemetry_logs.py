@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from follower.recording.telemetry_logs import (
     TelemetryError,
@@ -195,8 +196,6 @@ def test_what_cannot_be_read_is_named(
 def test_other_systems_in_a_tlog_are_not_mistaken_for_the_vehicle(
     writers: Any, script: Any, tmp_path: Path
 ) -> None:
-    from pymavlink.dialects.v20 import common as mavlink
-
     path = writers["tlog"](tmp_path / "log.tlog", script)
     ground = mavlink.MAVLink(None, 255, 190)
     beat = mavlink.MAVLink_heartbeat_message(6, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
@@ -206,6 +205,21 @@ def test_other_systems_in_a_tlog_are_not_mistaken_for_the_vehicle(
     )
     path.write_bytes(head + path.read_bytes())
     assert max(abs(one.roll_rad) for one in read_telemetry(path).attitudes) < 1
+
+
+def test_other_components_of_the_vehicle_in_a_tlog_are_not_mistaken_for_its_autopilot(
+    writers: Any, script: Any, tmp_path: Path
+) -> None:
+    path = writers["tlog"](tmp_path / "log.tlog", script)
+    companion = mavlink.MAVLink(None, 1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+    beat = mavlink.MAVLink_heartbeat_message(18, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    wrong = mavlink.MAVLink_attitude_message(99_000, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)
+    stamp = struct.pack(">Q", 1_790_000_017_000_000)
+    last = b"".join(stamp + message.pack(companion) for message in (beat, wrong))
+    path.write_bytes(path.read_bytes() + last)
+    log = read_telemetry(path)
+    assert [one.mode for one in log.modes] == ["OFFBOARD"]
+    assert max(abs(one.roll_rad) for one in log.attitudes) < 1
 
 
 def test_playback_hands_out_each_attitude_once_and_never_early(
