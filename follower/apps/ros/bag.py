@@ -382,16 +382,17 @@ def read_bag(bag: Path) -> TelemetryLog | None:
 def _take_places(samples: TelemetrySamples, reader: AnyReader, start_s: float) -> None:
     """Take the places that nobody gives velocities for, of the first topic that has some."""
     kinds = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/NavSatFix"
-    first: Any = None
+    first, ground_m = "", math.nan
     for topic, time_s, message in _messages(reader, kinds):
-        first = first or (topic, message)
-        if topic != first[0]:
+        first = first or topic
+        if topic != first:
             continue
         if hasattr(message, "pose"):
             place = message.pose.position
             samples.places.append((time_s - start_s, place.y, place.x, -place.z))
-        elif message.status.status >= 0:
-            height_m = message.altitude - first[1].altitude
+        elif message.status.status >= 0 and math.isfinite(message.altitude):
+            ground_m = ground_m if math.isfinite(ground_m) else message.altitude
+            height_m = message.altitude - ground_m
             samples.add_fix(time_s - start_s, message.latitude, message.longitude, height_m)
 
 

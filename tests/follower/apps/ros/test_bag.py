@@ -8,6 +8,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags is not here: pip install -e .[ros]")
@@ -16,6 +17,7 @@ from mcap.reader import make_reader
 from program import FOLLOWER, output_of
 from rosbags.convert.converter import convert
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from follower import open_flight, simulate
@@ -245,6 +247,28 @@ def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path:
     assert lens is not None
     assert (lens.width, lens.fx, lens.cx) == pytest.approx((flown.width, flown.fx, flown.cx))
     assert lens.distortion == flown.distortion
+
+
+def test_heights_count_from_the_first_fix_that_has_one(tmp_path: Path) -> None:
+    """GPS receivers tell NaN, or no fix, until they know their place."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    with Writer(tmp_path / "bag", version=9) as writer:
+        image, place = (
+            writer.add_connection(topic, f"sensor_msgs/msg/{kind}", typestore=store)
+            for topic, kind in (("/image", "Image"), ("/fix", "NavSatFix"))
+        )
+        for n, (status, height_m) in enumerate([(-1, math.nan), (0, math.nan), (0, 500), (0, 507)]):
+            header = kinds["Header"](kinds["Time"](1000 + n, 0), "")
+            grey = kinds["Image"](header, 1, 1, "mono8", 0, 1, np.zeros(1, np.uint8))
+            fixed = kinds["NavSatStatus"](status, 1)
+            fix = kinds["NavSatFix"](header, fixed, 47.0, 8.0, height_m, np.zeros(9), 0)
+            for topic, one in ((image, grey), (place, fix)):
+                data = store.serialize_cdr(one, one.__msgtype__)
+                writer.write(topic, (1000 + n) * 10**9, data)
+    log = read_bag(tmp_path / "bag")
+    assert log is not None
+    assert [(one.time_s, -one.down_m) for one in log.positions] == [(2.0, 0.0), (3.0, 7.0)]
 
 
 def test_what_comes_back_is_what_was_flown(flight: Path, bag: Path, tmp_path: Path) -> None:
