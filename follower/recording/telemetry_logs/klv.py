@@ -11,6 +11,8 @@ from follower_vision.geometry.camera_model import Vector
 KEY = bytes.fromhex("060e2b34020b01010e01030101000000")
 """The UAS Datalink Local Set's universal label, with which a packet begins."""
 _LONGEST = 1 << 16
+_SET_S = 10.0
+"""A clock that is so far from the others' has not been set yet, or was set again."""
 _CHECKSUM = b"\x01\x02"
 _STAMP = 2
 _HEADING, _PITCH, _ROLL, _FULL_PITCH, _FULL_ROLL = 5, 6, 7, 90, 91
@@ -161,8 +163,9 @@ class KlvReader:
     def samples(self) -> TelemetrySamples:
         """Return everything: the aircraft's attitude, the sensor's, and where the sensor is.
 
-        The packets' own stamps are brought onto the video's time by the median difference. Heights
-        count from the first frame centre's elevation, or where there is none from the first one.
+        The packets' own stamps are brought onto the video's time by the median difference; one of
+        a clock that was not set yet does not count. Heights count from the first frame centre's
+        elevation, or where there is none from the first one.
 
         Raises:
             TelemetryError: there was no good packet.
@@ -175,7 +178,8 @@ class KlvReader:
         shown, stamp = table[:, 0], table[:, 1]
         late = (shown - stamp)[np.isfinite(shown - stamp)]
         offset = float(np.median(late)) if len(late) else -float(np.nan_to_num(stamp[0]))
-        time = np.where(np.isfinite(stamp), stamp + offset, shown)
+        is_set = np.isfinite(stamp) & ~(np.abs(shown - stamp - offset) > _SET_S)
+        time = np.where(is_set, stamp + offset, shown)
         value = dict(zip(_COLUMNS, table[:, 2:].T, strict=True))
         samples = TelemetrySamples(on_video_clock=True)
         roll, pitch = (

@@ -73,6 +73,15 @@ def test_packets_are_cut_out_of_any_pieces_and_broken_ones_left_out() -> None:
     assert len(reader.samples().attitudes) == 3
 
 
+def test_packets_from_before_the_aircraft_s_clock_was_set_have_the_video_s_times() -> None:
+    reader = KlvReader()
+    for n in range(10):
+        since_1970_us = 0 if n < 3 else 1_231_798_102_000_000
+        reader.take(klv_packet(since_1970_us + 100_000 * n, VALUES), n / 10, 0.1)
+    log = reader.samples().log("test")
+    assert [one.time_s for one in log.attitudes] == pytest.approx([n / 10 for n in range(10)])
+
+
 @given(st.binary(max_size=400), st.integers(0, 200))
 def test_any_bytes_are_packets_or_a_clear_error(noise: bytes, at: int) -> None:
     for data in (noise, PACKET[:at] + noise, PACKET[:16] + noise, PACKET + noise + PACKET[:at]):
