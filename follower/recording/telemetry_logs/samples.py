@@ -23,6 +23,7 @@ from follower_vision.sources.frame_source import SourceError
 
 _LEAST_SAMPLES = 2
 _VELOCITY_S = 1.0
+_LONGEST_S = 24 * 3600.0
 
 
 class TelemetryError(SourceError):
@@ -180,7 +181,8 @@ class TelemetrySamples:
     def add_mode(self, time_s: float, mode: str, armed: bool) -> None:
         """Note a mode at a time in seconds, if it is another one than before."""
         newest = self.modes[-1] if self.modes else None
-        if newest is None or (newest.mode, newest.armed) != (mode, armed):
+        changes = newest is None or (newest.mode, newest.armed) != (mode, armed)
+        if changes and math.isfinite(time_s):
             self.modes.append(ModeChange(time_s, mode, armed))
 
     def log(self, named: str) -> TelemetryLog:
@@ -190,18 +192,23 @@ class TelemetrySamples:
             named: the file, for messages.
 
         Raises:
-            TelemetryError: there are fewer than two attitudes, and no places either.
+            TelemetryError: there are fewer than two attitudes, and no places either; or times are
+                no seconds.
         """
-        places = _clean(_table(self.positions, 7), 7)
-        if not len(places):
-            places = self.velocities()
-        parts, rates = self._turns(named)
+        try:
+            places = _clean(_table(self.positions, 7), 7)
+            if not len(places):
+                places = self.velocities()
+            parts, rates = self._turns(len(places) > 0)
+            gimbals = self._held()
+        except TelemetryError as error:
+            raise TelemetryError(f"{named}: {error}") from error
         return TelemetryLog(
             tuple(Attitude(*row) for row in parts.tolist()),
             rates,
             tuple(LocalPosition(*row) for row in np.roll(places, -1, axis=1).tolist()),
             tuple(sorted(self.modes, key=lambda one: one.time_s)),
-            self._held(),
+            gimbals,
             self.origin,
             self.fov_deg,
             self.lens,
@@ -218,17 +225,17 @@ class TelemetrySamples:
         north = self.gimbal_from_north
         return tuple(GimbalState(Attitude(*row), north, north) for row in parts.tolist())
 
-    def _turns(self, named: str) -> tuple[Vector, AngularRates]:
+    def _turns(self, is_placed: bool) -> tuple[Vector, AngularRates]:
         """Return rows (roll, pitch, yaw, body rates, time), and the gyro's rates."""
         attitudes = _table(self.attitudes, 4)
         rates = _table(self.attitude_rates, 3)
         if len(rates) != len(attitudes):
             rates = np.full((len(attitudes), 3), math.nan)
         both = _clean(np.hstack([attitudes, np.nan_to_num(rates, nan=math.inf)]), 4)
-        if len(both) < _LEAST_SAMPLES and self.places:
+        if len(both) < _LEAST_SAMPLES and self.places and is_placed:
             return np.empty((0, 7)), AngularRates(np.empty(0), np.empty(0), np.empty((0, 3)))
         if len(both) < _LEAST_SAMPLES:
-            raise TelemetryError(f"{named}: there is no attitude in this log, or just one")
+            raise TelemetryError("there is no attitude in this log, or just one")
         rates = both[:, 4:] if np.isfinite(both[:, 4:]).all() else body_rates(both[:, :4])
         gyro = _clean(_table(self.gyro, 4), 4)
         if len(gyro) >= _LEAST_SAMPLES:
@@ -277,11 +284,20 @@ def _table(rows: list[tuple[float, ...]], columns: int) -> Vector:
 
 
 def _clean(rows: Vector, columns: int) -> Vector:
-    """Return the rows whose first columns are finite and whose time moves on."""
+    """Return the rows whose first columns are finite and whose time moves on.
+
+    Raises:
+        TelemetryError: they last for longer than a day, which no flight does.
+    """
     finite = rows[np.isfinite(rows[:, :columns]).all(axis=1)]
     if not len(finite):
         return finite
     newest = np.maximum.accumulate(finite[:, 0])
+    if newest[-1] - newest[0] > _LONGEST_S:
+        raise TelemetryError(
+            f"its times go from {newest[0]:.10g} s to {newest[-1]:.10g} s, more than a day: are "
+            "they in seconds? A wrong one has to be taken out"
+        )
     later = np.append(True, finite[1:, 0] > newest[:-1])
     return np.asarray(finite[later], np.float64)
 

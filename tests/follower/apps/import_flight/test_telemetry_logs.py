@@ -88,6 +88,20 @@ def test_samples_that_are_not_finite_or_not_newer_are_left_out() -> None:
     assert log.attitudes[1].roll_rate_rad_s == pytest.approx(2 / 3, abs=0.2)
 
 
+def test_a_mode_without_a_time_does_not_hold_back_those_behind_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "0,0,0,0,HOLD", ",0,0,0,OFFBOARD", "1,0,0,0,OFFBOARD", "2,0,0,0,HOLD"
+    path.write_text("\n".join(("time_s,roll_deg,pitch_deg,yaw_deg,mode", *rows)))
+    playback = TelemetryPlayback(read_telemetry(path), 0.0)
+    assert [playback.until(t)[0].mode for t in (0, 1, 2)] == ["HOLD", "OFFBOARD", "HOLD"]
+
+
+def test_places_of_which_none_is_finite_are_no_telemetry() -> None:
+    samples = TelemetrySamples(places=[(0.0, math.nan, 0.0, 0.0)])
+    with pytest.raises(TelemetryError, match="there is no attitude"):
+        samples.log("test")
+
+
 def test_a_camera_that_looks_straight_down_rolls_when_the_drone_yaws() -> None:
     time_s = np.arange(0, 4, 0.05)
     yaw = 3.0 + 0.4 * np.sin(time_s)  # passes south, where angles jump
@@ -179,6 +193,11 @@ def test_a_format_that_pymavlink_does_not_know_is_named(
             "log.csv",
             "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,north,0\n",
             "line 3: pitch_deg is no number, but 'north'",
+        ),
+        (
+            "log.csv",
+            "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1e14,0,0,0\n2,0,0,0\n",
+            r"log\.csv: its times go from 0 s to 1e\+14 s",
         ),
         ("log.txt", None, "unknown kind"),
         ("log.tlog", None, "no such file"),
