@@ -12,11 +12,11 @@ _LONGEST = 4096
 _CUE = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{3})\s*-->")
 _NUMBER = r"[-+]?\d{1,12}(?:\.\d{1,12})?"
 _PAIR = re.compile(r"([A-Za-z_]+)\s*:\s*([-+]?\d{1,12}(?:[.,]\d{1,12})?)")
-_PLACE = re.compile(r"\bGPS\s*\(([^)]*)\)")
+_PLACE = re.compile(r"\b(?:GPS|RTK)\s*\(([^)]*)\)")
 _PART = re.compile(rf"([NSEW])?\s*:?\s*({_NUMBER})\s*(m)?", re.IGNORECASE)
 _ANGLES = re.compile(rf"\b([FG])\.PRY\s*\(({_NUMBER})\D*?({_NUMBER})\D*?({_NUMBER})")
 _HEIGHT = re.compile(rf"\bH\s+({_NUMBER})\s*m", re.IGNORECASE)
-_SIGNS = re.compile(r"\bGPS\s*\(|\b(?:latitude|rel_alt|gb_yaw)\s*:")
+_SIGNS = re.compile(r"\b(?:GPS|RTK)\s*\(|\b(?:latitude|rel_alt|gb_yaw)\s*:")
 _HALF_DIAGONAL_MM = math.hypot(36, 24) / 2
 _WIDE = 16 / math.hypot(16, 9)
 
@@ -115,7 +115,7 @@ def _place(text: str, values: Mapping[str, float]) -> tuple[float, float, float]
 
 
 def _listed_place(inside: str) -> tuple[float, float, float] | None:
-    """Return the same of what stands in GPS(...).
+    """Return the same of what stands in GPS(...) or RTK(...).
 
     Autel names the directions. DJI writes longitude, latitude, satellites; where the third is
     metres (Matrice 300) latitude comes first.
@@ -145,8 +145,9 @@ def _take_angles(samples: TelemetrySamples, time_s: float, values: Mapping[str, 
 
 def _fov_deg(values: Mapping[str, float]) -> float | None:
     """Return the horizontal field of view of a lens given as of a 35 mm camera, zoom included."""
-    zoom = values.get("dzoom") or values.get("dzoom_ratio", 10_000.0) / 10_000
-    focal_mm = values["focal_len"] * zoom
+    zoom = values.get("dzoom") or values.get("dzoom_ratio", 1.0)
+    # Some drones write 1.00 for what is 10000 with others.
+    focal_mm = values["focal_len"] * (zoom if zoom < 1000 else zoom / 10_000)
     if not focal_mm > 0:
         return None
     return math.degrees(2 * math.atan(_HALF_DIAGONAL_MM * _WIDE / focal_mm))

@@ -31,6 +31,12 @@ DIALECTS = {
         "G.PRY (-24.4°, 0.0°, 110.4°)",
         {"attitude": (-7.0, 2.7, 110.1), "gimbal": (0.0, -24.4, 110.4)},
     ),
+    "Phantom 4 RTK with corrections": (
+        "F/6.3, SS 60, ISO 100, EV 0, RTK ({lon}, {lat}, 28), HOME (-58.8, -34.2, 103.55m), "
+        "D 75.36m, H {height}m, H.S 0.30m/s, V.S 0.00m/s, F.PRY (-5.3°, 2.1°, 28.3°), "
+        "G.PRY (-40.0°, 0.0°, 28.2°)",
+        {"attitude": (2.1, -5.3, 28.3), "gimbal": (0.0, -40.0, 28.2)},
+    ),
     "Mavic 2: radians, and longitude misspelt": (
         "[iso : 100] [shutter : 1/80.0] [fnum : 280] [latitude : {lat_rad}] "
         "[longtitude : {lon_rad}] [altitude: {altitude}] ",
@@ -56,10 +62,11 @@ DIALECTS = {
         "[rel_alt: {height} abs_alt: 132.860] [ct: 5300] </font>",
         {"fov_deg": 42.9},
     ),
-    "Mavic 3 Enterprise: gimbal, and so its heading for the aircraft's": (
-        "[latitude: {lat}] [longitude: {lon}] [rel_alt: {height} abs_alt: 150.5] \n"
+    "Mavic 3 Enterprise: gimbal, and so its heading for the aircraft's; zoom as a factor": (
+        "[focal_len: 24.00] [dzoom_ratio: 2.00], [latitude: {lat}] [longitude: {lon}] "
+        "[rel_alt: {height} abs_alt: 150.5] \n"
         "[gb_yaw : 45.2] [gb_pitch : -15.0] [gb_roll : 0.5]</font>",
-        {"attitude": (0.0, 0.0, 45.2), "gimbal": (0.5, -15.0, 45.2)},
+        {"attitude": (0.0, 0.0, 45.2), "gimbal": (0.5, -15.0, 45.2), "fov_deg": 42.9},
     ),
     "Matrice 30: an empty line inside": (
         "<font size='28'>FrameCnt: 1, DiffTime: 33ms\n2024-02-27 22:30:45.395\n[fnum: 1.0] "
