@@ -193,8 +193,8 @@ def _serial_port(device: str, speed: int) -> int:
 
 
 def _speed(baud: int) -> int:
-    speed = getattr(termios, f"B{baud}", None)
-    if speed is None:
+    speed = getattr(termios, f"B{baud}", 0)
+    if not speed:  # B0 hangs up
         known = sorted(int(name[1:]) for name in dir(termios) if name[1:].isdigit())
         usual = ", ".join(str(rate) for rate in known if rate >= 9600)
         raise ValueError(f"{baud} is no baud rate that this system knows: {usual}")
@@ -308,11 +308,13 @@ def _open_network(text: str, kind: str, host: str, port: int) -> Transport:
     }
     try:
         return openers[kind](host, port)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise ConnectionFailedError(_network_failure(text, host, port, error)) from error
 
 
-def _network_failure(text: str, host: str, port: int, error: OSError) -> str:
+def _network_failure(text: str, host: str, port: int, error: OSError | UnicodeError) -> str:
+    if isinstance(error, UnicodeError):
+        return f"cannot open {text}: {host!r} is no name that a computer can have"
     if isinstance(error, socket.gaierror):
         return f"cannot open {text}: the name {host!r} is not known ({error.strerror or error})"
     advice = {

@@ -138,6 +138,12 @@ def test_a_name_that_is_not_known_is_told(kind: str) -> None:
         open_connection(f"{kind}:drone.invalid:14550")
 
 
+@pytest.mark.parametrize("host", ["drone..local", 64 * "a"])
+def test_what_can_be_no_name_is_told(host: str) -> None:
+    with pytest.raises(ConnectionFailedError, match=f"{host}' is no name that a computer can have"):
+        open_connection(f"udpout:{host}:14550")
+
+
 def test_an_address_of_another_machine_is_told() -> None:
     with pytest.raises(ConnectionFailedError, match=r"not this machine's address; 0\.0\.0\.0"):
         open_connection("udpin:192.0.2.1:14540")
@@ -280,12 +286,13 @@ def test_a_port_that_was_pulled_out_is_looked_for_again(tmp_path: Path) -> None:
         port.close()
 
 
-def test_a_baud_rate_that_there_is_not_is_answered_with_those_that_there_are() -> None:
+@pytest.mark.parametrize("baud", [57601, 0])
+def test_a_baud_rate_that_there_is_not_is_answered_with_those_that_there_are(baud: int) -> None:
     with (
         _pty() as (_, name),
-        pytest.raises(ConnectionFailedError, match=r"57601 is no baud rate.*57600.*921600"),
+        pytest.raises(ConnectionFailedError, match=rf"{baud} is no baud rate.*57600.*921600"),
     ):
-        open_connection(f"{name}:57601")
+        open_connection(f"{name}:{baud}")
 
 
 def test_a_device_that_is_not_there_or_no_serial_port_is_named(tmp_path: Path) -> None:
