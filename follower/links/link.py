@@ -160,6 +160,7 @@ class Link(ABC):
             clock_restarts=self._clock.restarts,
             rates=self._requests.rates.measured(now_s) if self.connected else (),
             received=self._channel.received,
+            of_vehicle=self._sequence.came,
             lost=self._sequence.lost,
             refused=dict(self._channel.refused),
             skipped_bytes=self._channel.skipped_bytes,

@@ -109,19 +109,21 @@ class PacketPort:
 
 
 class SequenceCounter:
-    """Counts what one sender sent and we never got.
+    """Counts what one sender sent and we got, or never did.
 
     Attributes:
+        came: packets that came, each once.
         lost: packets that are missing.
     """
 
     def __init__(self) -> None:
         self._newest: int | None = None
-        self.lost = 0
+        self.came = self.lost = 0
 
     def count(self, sequence: int) -> None:
         """Take the number of a packet that came."""
         ahead = 1 if self._newest is None else (sequence - self._newest) % _MODULUS
+        self.came += ahead > 0
         if ahead >= _MODULUS - _BACK:
             self.lost = max(0, self.lost - 1)
         elif ahead > 0:

@@ -20,7 +20,8 @@ class LinkStatus:
         clock_pace: seconds that pass on the autopilot's clock in one of ours.
         clock_restarts: how often the autopilot's clock jumped: it was restarted.
         rates: of the messages that we want.
-        received: packets that were believed.
+        received: packets that were believed, whoever sent them.
+        of_vehicle: those of them that the vehicle's autopilot sent.
         lost: packets of the vehicle that never came, by their sequence numbers.
         refused: packets that were not believed, by the reason.
         skipped_bytes: bytes that belonged to no packet.
@@ -37,6 +38,7 @@ class LinkStatus:
     clock_restarts: int = 0
     rates: tuple[MessageRate, ...] = ()
     received: int = 0
+    of_vehicle: int = 0
     lost: int = 0
     refused: Mapping[str, int] = field(default_factory=dict)
     skipped_bytes: int = 0
@@ -45,7 +47,7 @@ class LinkStatus:
     @property
     def lost_share(self) -> float:
         """The share of the vehicle's packets that never came, 0 to 1."""
-        return self.lost / (self.lost + self.received) if self.received else 0.0
+        return self.lost / (self.lost + self.of_vehicle) if self.of_vehicle else 0.0
 
     def line(self) -> str:
         """Return it in one line."""

@@ -179,10 +179,10 @@ def _attitude_age(s: Snapshot) -> PreflightFinding:
 
 @LINK.check("packet-loss", "at most 2 % of the packets are lost; never more than 10 %")
 def _packet_loss(s: Snapshot) -> PreflightFinding:
-    if not s.link.received:
+    if not s.link.of_vehicle:
         return unknown("no packets came")
     share = s.link.lost_share
-    text = f"{share:.1%} of {s.link.received + s.link.lost} packets lost"
+    text = f"{share:.1%} of {s.link.of_vehicle + s.link.lost} packets lost"
     todo = "a better antenna or a cable, a slower stream, or flow control on the serial port"
     return graded(text, todo, good=share <= _LOSS, usable=share <= _TOO_MUCH_LOSS)
 

@@ -110,7 +110,17 @@ def test_lost_packets_are_counted_and_late_or_doubled_ones_are_not() -> None:
     counter = SequenceCounter()
     for sequence in (250, 251, 251, 255, 0, 2, 1, 3):
         counter.count(sequence)
-    assert counter.lost == 3  # 252 to 254; number 1 was late only
+    assert (counter.came, counter.lost) == (7, 3)  # 252 to 254; number 1 was late only
+
+
+def test_the_share_of_lost_packets_is_the_vehicles_however_much_others_send() -> None:
+    ours, message = _codec(7), mavlink.MAVLink_attitude_message(1000, 0, 0, 0, 0, 0, 0)
+    packets = [_beat()]
+    for ours.seq in range(0, 200, 2):  # each second one is lost
+        packets += [bytes(message.pack(ours)), _attitude(0.0, system=8), _attitude(0.0, system=9)]
+    status = _link(b"".join(packets)).status(1.0)
+    assert status.received == 301
+    assert status.lost_share == pytest.approx(0.5, abs=0.01)
 
 
 def _link(data: bytes, vehicle_id: int | None = 7) -> MavlinkLink:

@@ -209,7 +209,7 @@ def test_timesync_of_the_autopilot_is_answered() -> None:
 def test_the_status_says_in_a_line_how_the_link_is() -> None:
     rates = (MessageRate("ATTITUDE", 100.0, 99.6), MessageRate("LOCAL_POSITION_NED", 30.0, 29.7))
     status = LinkStatus(
-        "pymavlink", 1, "px4", round_trip_s=0.021, rates=rates, received=990, lost=10
+        "pymavlink", 1, "px4", round_trip_s=0.021, rates=rates, of_vehicle=990, lost=10
     )
     assert status.line() == (
         "pymavlink to px4 1, 21 ms and back, attitude 100 Hz, local_position_ned 30 Hz, 1.0% lost"

@@ -112,7 +112,7 @@ def healthy(flavour: str) -> Snapshot:
             round_trip_s=0.03,
             clock_error_s=0.006,
             rates=(MessageRate("ATTITUDE", 100, 98), MessageRate("LOCAL_POSITION_NED", 30, 30)),
-            received=1000,
+            of_vehicle=1000,
         ),
         vehicle=VehicleState(
             position=LocalPosition(0, 0, 0, 0, 0, 0, NOW_S - 0.05),
