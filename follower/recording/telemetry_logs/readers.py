@@ -123,9 +123,10 @@ def read_dataflash(path: Path) -> TelemetrySamples:
     samples = TelemetrySamples()
     try:
         _read(log, samples)
-    except (AttributeError, struct.error) as error:
+    except (AttributeError, IndexError, TypeError, ValueError, struct.error) as error:
+        wrong = "lacks" if isinstance(error, AttributeError) else "cannot be read:"
         raise TelemetryError(
-            f"{path}: a message lacks {error}: the log is damaged, or of a version of ArduPilot "
+            f"{path}: a message {wrong} {error}: the log is damaged, or of a version of ArduPilot "
             f"that is not known here; {len(samples.attitudes)} attitudes before it could be read"
         ) from error
     finally:
@@ -154,11 +155,12 @@ def _take_message(
             angles = (math.radians(angle) for angle in (m.Roll, m.Pitch, m.Yaw))
             samples.attitudes.append((time_s, *angles))
         case "IMU" if getattr(m, "I", 0) == 0:
-            samples.gyro.append((time_s, m.GyrX, m.GyrY, m.GyrZ))
+            samples.gyro.append((time_s, *map(float, (m.GyrX, m.GyrY, m.GyrZ))))
         case "RATE":
             rates.append((time_s, *(math.radians(rate) for rate in (m.R, m.P, m.Y))))
         case "XKF1" | "NKF1" if getattr(m, "C", 0) == 0:
-            samples.positions.append((time_s, m.PN, m.PE, m.PD, m.VN, m.VE, m.VD))
+            place = m.PN, m.PE, m.PD, m.VN, m.VE, m.VD
+            samples.positions.append((time_s, *map(float, place)))
         case "MODE":
             samples.add_mode(time_s, mode_name(_ARDUPILOT, m.ModeNum), armed)
 

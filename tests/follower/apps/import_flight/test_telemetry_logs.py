@@ -156,6 +156,8 @@ def test_a_log_that_is_cut_off_is_read_up_to_there(
     [
         ("ulg", b"float[4] q;", b"float[4] Q;", r"lacks the field 'q\[0\]'"),
         ("bin", b"Yaw", b"Jaw", "lacks Yaw"),
+        ("bin", b"QBfff\0", b"QBnff\0", "cannot be read: could not convert string to float"),
+        ("bin", b"Qccccc\0", b"Qcncc\0\0", "cannot be read"),
     ],
 )
 def test_a_field_that_another_version_calls_otherwise_is_named(
