@@ -17,10 +17,10 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from follower_control.common.transport import Transport, UdpTransport
+from follower_control.common.transport import MOST_BYTES, Transport, UdpTransport
 from follower_vision.clock import Clock, MonotonicClock
 
-_CHUNK, _MOST_CHUNKS = 65536, 4
+_CHUNK = 4096
 _MOST_WAITING, _LONGEST_WAIT_S = 8192, 0.1
 _BITS_A_BYTE = 10
 _RETRY_S = 1.0
@@ -98,7 +98,7 @@ class _StreamTransport:
                 self._file = self._reopen()
         self._flush()
         parts: list[bytes] = []
-        while self._file is not None and len(parts) < _MOST_CHUNKS:
+        while self._file is not None and len(parts) * _CHUNK < MOST_BYTES:
             try:
                 data = os.read(self._file, _CHUNK)
             except BlockingIOError:

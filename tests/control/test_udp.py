@@ -30,6 +30,17 @@ def test_a_flood_does_not_hold_up_who_listens() -> None:
     assert max(map(len, parts)) <= 256 * 9
 
 
+def test_large_datagrams_do_not_hold_up_who_looks_for_packets_in_them() -> None:
+    with (
+        closing(UdpTransport.listen("127.0.0.1", 0)) as ours,
+        closing(UdpTransport.connect("127.0.0.1", ours.port)) as flood,
+    ):
+        for _ in range(40):
+            flood.send(b"\xfe" * 60_000)
+        parts = [ours.receive() for _ in range(5)]
+    assert 0 < max(map(len, parts)) < 26_000
+
+
 def test_what_was_left_comes_with_the_next_call_in_its_order() -> None:
     ours = UdpTransport.listen("127.0.0.1", 0)
     peer = UdpTransport.connect("127.0.0.1", ours.port)

@@ -9,11 +9,12 @@ from collections import deque
 from typing import Protocol
 
 _LOOPBACK = "127.0.0.1"
-_LARGEST_DATAGRAM = 65535
+_LARGEST_DATAGRAM = 9000
 _RECEIVE_BUFFER = 1 << 20  # the default overruns in a burst of 400 messages
 _MOST_PEERS = 8
-_MOST_AT_ONCE = 256
-"""Of datagrams: who floods the port does not hold up the control loop that listens there."""
+_MOST_AT_ONCE, MOST_BYTES = 256, 1 << 14
+"""Datagrams, and bytes: who floods a link does not hold up the control loop that listens there, and
+looks for packets in whatever comes."""
 
 
 class Transport(Protocol):
@@ -153,7 +154,8 @@ class UdpTransport:
     def receive(self) -> bytes:
         """Return what has arrived, of a flood the oldest part."""
         parts: list[bytes] = []
-        for _ in range(_MOST_AT_ONCE):
+        room = MOST_BYTES
+        while room > 0 and len(parts) < _MOST_AT_ONCE:
             try:
                 data, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
             except OSError:
@@ -162,6 +164,7 @@ class UdpTransport:
                 others = tuple(peer for peer in self._peers if peer != sender)
                 self._peers = (sender, *others[: _MOST_PEERS - 1])
             parts.append(data)
+            room -= len(data)
         return b"".join(parts)
 
     def close(self) -> None:
