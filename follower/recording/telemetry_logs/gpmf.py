@@ -1,5 +1,6 @@
 """GPMF: what GoPro's cameras measure while they film, in a track of the video file."""
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -152,13 +153,8 @@ def _number(fields: dict[bytes, _Element], key: bytes, missing: float) -> float:
 
 @dataclass(slots=True)
 class GpmfReader:
-    """Gathers the payloads of a video's GPMF track.
+    """Gathers the payloads of a video's GPMF track; broken ones are left out."""
 
-    Attributes:
-        broken: payloads that were left out.
-    """
-
-    broken: int = 0
     _pieces: dict[bytes, list[Piece]] = field(default_factory=dict)
 
     @staticmethod
@@ -168,13 +164,9 @@ class GpmfReader:
 
     def take(self, data: bytes, shown_s: float, duration_s: float) -> None:
         """Take a payload that belongs to the video's time `shown_s` and lasts `duration_s`."""
-        try:
-            found = decode(data, shown_s, duration_s)
-        except TelemetryError:
-            self.broken += 1
-            return
-        for key, piece in found.items():
-            self._pieces.setdefault(key, []).append(piece)
+        with contextlib.suppress(TelemetryError):
+            for key, piece in decode(data, shown_s, duration_s).items():
+                self._pieces.setdefault(key, []).append(piece)
 
     def samples(self) -> TelemetrySamples:
         """Return everything: the place by GPS, the attitude by gyro and accelerometer.

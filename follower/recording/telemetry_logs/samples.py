@@ -76,12 +76,6 @@ class TelemetryLog:
         return (self.attitudes or self.positions)[-1].time_s
 
     @property
-    def rate_hz(self) -> float:
-        """Attitudes (or positions) a second."""
-        count = len(self.attitudes or self.positions)
-        return (count - 1) / max(self.end_s - self.start_s, 1e-9)
-
-    @property
     def has_motion(self) -> bool:
         """Whether it tells both how the vehicle is turned and where it is."""
         return bool(self.attitudes and self.positions)

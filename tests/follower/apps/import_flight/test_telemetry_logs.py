@@ -39,7 +39,7 @@ def test_attitudes_rates_and_places_are_the_flight_s(
 ) -> None:
     log = logs[kind]
     assert log.start_s == 0.0
-    assert log.rate_hz == pytest.approx(50.0, rel=0.02)
+    assert len(log.attitudes) / log.end_s == pytest.approx(50.0, rel=0.02)
     for attitude in log.attitudes[::37]:
         t = attitude.time_s - BEGINS_S
         angles = (attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
