@@ -10,6 +10,7 @@ import math
 import os
 import re
 import socket
+import sys
 import termios
 import tty
 from collections.abc import Callable, Mapping
@@ -115,28 +116,33 @@ class _StreamTransport:
         self._drop()
 
     def _has_room(self, size: int) -> bool:
-        """Whether a packet would leave soon; the system alone keeps a second of a slow line."""
+        """Whether a packet would leave soon.
+
+        The system alone keeps a second of a slow line, and megabytes for a TCP peer out of reach.
+        """
+        queued = self._queued
+        if self._rate is None:
+            return queued + size <= _MOST_WAITING
         if len(self._waiting) + size > _MOST_WAITING:
             return False
-        if self._rate is None:
-            return True
         now_s = self._clock.now()
         # USB counts too many bytes as waiting, but none where all have left.
-        begins_s = max(self._all_left_s, now_s) if self._has_waiting else now_s
+        begins_s = max(self._all_left_s, now_s) if queued else now_s
         if begins_s - now_s > _LONGEST_WAIT_S:
             return False
         self._all_left_s = begins_s + size / self._rate
         return True
 
     @property
-    def _has_waiting(self) -> bool:
-        """Whether something that was sent has not left yet, here or in the system."""
-        if self._waiting or self._file is None:
-            return bool(self._waiting)
+    def _queued(self) -> int:
+        """How many bytes were sent and have not left yet, here or in the system; over TCP: come."""
+        if self._file is None:
+            return len(self._waiting)
         try:
-            return any(fcntl.ioctl(self._file, termios.TIOCOUTQ, bytes(4)))
+            kept = fcntl.ioctl(self._file, termios.TIOCOUTQ, bytes(4))
         except OSError:  # a driver that does not tell
-            return True
+            kept = b"\1"
+        return len(self._waiting) + int.from_bytes(kept, sys.byteorder)
 
     def _flush(self) -> None:
         if self._file is None or not self._waiting:

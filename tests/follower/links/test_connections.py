@@ -102,6 +102,25 @@ def test_a_tcp_peer_that_does_not_read_loses_whole_packets_and_blocks_nobody() -
     server.close()
 
 
+def test_no_packet_waits_for_long_for_a_tcp_peer_that_is_out_of_reach() -> None:
+    with (
+        closing(TcpTransport.listen("127.0.0.1", 0)) as server,
+        socket.socket(socket.AF_INET, socket.SOCK_STREAM) as peer,
+    ):
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        peer.connect(("127.0.0.1", server.port))
+        server.receive()
+        for _ in range(5000):
+            server.send(bytes(53))
+        came = 0
+        peer.settimeout(0.3)
+        with suppress(TimeoutError):
+            while data := peer.recv(4096):
+                came += len(data)
+                server.receive()
+    assert 0 < came < 20_000  # of 265 kB
+
+
 def test_a_tcp_peer_that_sends_without_end_does_not_hold_up_who_listens() -> None:
     server, sent = TcpTransport.listen("127.0.0.1", 0), 0
     with closing(server), socket.create_connection(("127.0.0.1", server.port)) as peer:
