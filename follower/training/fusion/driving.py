@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
@@ -145,7 +146,8 @@ def _placed(corners: Floats) -> Floats:
 class CachedDetector:
     """A detector that remembers its answers about the images of one sequence.
 
-    Fusion's regions lie on a grid, so that runs that differ a little share them.
+    Fusion's regions lie on a grid, so that runs that differ a little share them. Images are known
+    by their content: another sequence may have the same name.
 
     Args:
         detector: asked once for each image and region.
@@ -155,7 +157,7 @@ class CachedDetector:
 
     def __init__(self, detector: Detector, images: list[Image], path: Path) -> None:
         self._detector = detector
-        self._numbers = {id(image): number for number, image in enumerate(images)}
+        self._checksums = {id(image): zlib.crc32(np.ascontiguousarray(image)) for image in images}
         self._path = path
         self._known: dict[tuple[object, ...], list[Detection]] = {}
         self._asked = 0
@@ -170,7 +172,7 @@ class CachedDetector:
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """See `Detector`."""
         place = () if region is None else (region.cx, region.cy, region.width, region.height)
-        key = (self._numbers[id(image)], *place)
+        key = (self._checksums[id(image)], *place)
         if key not in self._known:
             self._known[key] = self._detector.detect(image, region)
             self._asked += 1

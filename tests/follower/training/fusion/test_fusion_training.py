@@ -268,7 +268,7 @@ class Counter:
 
 
 def test_detections_are_kept_from_one_run_to_the_next(tmp_path: Path) -> None:
-    images: list[Image] = [np.zeros((8, 8, 3), np.uint8) for _ in range(2)]
+    images: list[Image] = [np.full((8, 8, 3), grey, np.uint8) for grey in range(2)]
     detector, path = Counter(), tmp_path / "kept.pkl"
     region = Box(4, 4, 8, 8)
     for _ in range(2):
@@ -277,6 +277,16 @@ def test_detections_are_kept_from_one_run_to_the_next(tmp_path: Path) -> None:
         cached.save()
     assert detector.asked == 4
     assert all(one.box == Box(5, 5, 4, 4) for (one,) in answers)
+
+
+def test_another_sequence_of_the_same_name_is_looked_at_anew(tmp_path: Path) -> None:
+    detector, path = Counter(), tmp_path / "car.pkl"
+    for grey in range(2):
+        image = np.full((8, 8, 3), grey, np.uint8)
+        cached = CachedDetector(detector, [image], path)
+        cached.detect(image)
+        cached.save()
+    assert detector.asked == 2
 
 
 def test_what_cannot_be_used_is_one_clear_line(footage: Path, tmp_path: Path) -> None:
