@@ -157,7 +157,7 @@ class CachedDetector:
 
     def __init__(self, detector: Detector, images: list[Image], path: Path) -> None:
         self._detector = detector
-        self._checksums = {id(image): zlib.crc32(np.ascontiguousarray(image)) for image in images}
+        self._checksums = {id(image): zlib.crc32(image.tobytes()) for image in images}
         self._path = path
         self._known: dict[tuple[object, ...], list[Detection]] = {}
         self._asked = 0
