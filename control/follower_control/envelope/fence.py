@@ -60,6 +60,10 @@ class Fence:
         """Return the distance to the nearest side, metres."""
         return min(abs(_nearest(side, place) - place) for side in self._sides)
 
+    def outside_m(self, place: complex) -> float:
+        """Return how far outside a place lies, metres; 0 inside."""
+        return 0.0 if self.contains(place) else self.distance_m(place)
+
     def bounds(
         self, place: complex, margin_m: float, speed_at: Callable[[float], float]
     ) -> tuple[VelocityBound, ...]:

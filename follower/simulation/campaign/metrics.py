@@ -13,6 +13,7 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.simulation.flight import SimulatedFlight
 from follower.simulation.ground_truth import stopped_s
+from follower_control.envelope.fence import Fence
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_sim.kinematics import TruthSample
 from follower_sim.scoring.identity_score import wrong_end
@@ -189,9 +190,11 @@ def _broken_places(flight: SimulatedFlight, limits: EnvelopeSettings) -> int:
         return 0
     north, east, down = np.array(places).T
     home = flight.scenario.start.at
-    away = float(np.hypot(north - home[0], east - home[1]).max())
+    flown = [complex(*place) for place in zip(north - home[0], east - home[1], strict=True)]
+    polygon = None if limits.fence_m is None else Fence(limits.fence_m)
     pairs = (
-        (away, limits.fence_radius_m),
+        (max(map(abs, flown)), limits.fence_radius_m),
+        (max(map(polygon.outside_m, flown)) if polygon else 0.0, 0.0),
         (float(-down.min()), limits.ceiling_m),
         (float(down.max()), None if limits.min_height_m is None else -limits.min_height_m),
     )

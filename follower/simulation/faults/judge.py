@@ -18,6 +18,7 @@ from follower.simulation.faults.setpoint_rules import (
     pilot_failures,
 )
 from follower.simulation.faults.wire_tap import FlightEvidence, TrueMotion, WireSetpoint
+from follower_control.envelope.fence import Fence
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_sim.kinematics import TruthSample
 
@@ -76,7 +77,7 @@ _STANDS_FOR_S = 1.0
 _FOLLOWS_FOR_S = 0.5
 _NOTICED_WITHIN_S = 1.0
 _NEARER_M = 0.75
-_HEIGHT_M = 1.0
+_HEIGHT_M, _FENCE_M = 1.0, 2.0
 _SILENT_WITHIN_S = 0.1
 _STOPS_ALONE_WITHIN_S = 9.0
 
@@ -154,11 +155,15 @@ def _place_failures(case: FaultCase) -> Iterator[str]:
     heights = [-m.position_m[2] for m in flown]
     if limits.ceiling_m is not None and max(heights, default=0.0) > limits.ceiling_m + _HEIGHT_M:
         yield f"it climbs to {max(heights):.1f} m"
-    if limits.fence_radius_m is not None:
-        home = case.evidence.motion[0].position_m[:2]
-        away = max((math.dist(m.position_m[:2], home) for m in flown), default=0.0)
-        if away > limits.fence_radius_m + 2.0:
-            yield f"it flies {away:.0f} m away"
+    home = complex(*case.evidence.motion[0].position_m[:2])
+    places = [complex(*m.position_m[:2]) - home for m in flown]
+    away = max(map(abs, places), default=0.0)
+    if limits.fence_radius_m is not None and away > limits.fence_radius_m + _FENCE_M:
+        yield f"it flies {away:.0f} m away"
+    if limits.fence_m is not None:
+        outside = max(map(Fence(limits.fence_m).outside_m, places), default=0.0)
+        if outside > _FENCE_M:
+            yield f"it flies {outside:.0f} m out of the fence"
 
 
 def too_late(fault: Fault, figures: FaultMetrics, late_s: float = 0.0) -> Iterator[str]:

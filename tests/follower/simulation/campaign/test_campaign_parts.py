@@ -379,8 +379,9 @@ def test_a_place_beyond_the_fence_counts_as_long_as_it_is_steered(state: Supervi
         truth=[SimpleNamespace(time_s=1.0, vehicle=place)],
         scenario=SimpleNamespace(start=SimpleNamespace(at=(0.0, 0.0))),
     )
-    limits = EnvelopeSettings(fence_radius_m=80.0)
-    assert _broken_places(cast(SimulatedFlight, flight), limits) == 1
+    polygon = EnvelopeSettings(fence_m=((-20, -20), (-20, 20), (80, 20), (80, -20)))
+    for limits in (EnvelopeSettings(fence_radius_m=80.0), polygon):
+        assert _broken_places(cast(SimulatedFlight, flight), limits) == 1
 
 
 def test_a_campaign_that_ends_with_another_target_has_not_met_its_goals() -> None:

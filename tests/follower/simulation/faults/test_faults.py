@@ -230,20 +230,23 @@ def test_a_sentence_is_told_as_kept_only_where_it_was_judged() -> None:
 
 
 def test_the_fence_is_about_where_the_vehicle_stood() -> None:
-    def failures(start_m: float, end_m: float) -> str:
+    def failures(start_m: float, end_m: float, limits: EnvelopeSettings) -> str:
         evidence = FlightEvidence("px4")
         evidence.motion = [
             TrueMotion(time_s, (north_m, 0, -5), (0, 0, 0), "OFFBOARD", True, True)
             for time_s, north_m in ((0.0, start_m), (12.0, end_m))
         ]
-        planned, limits = PlannedFault.parse("garbage"), EnvelopeSettings(fence_radius_m=50.0)
-        controls = [released_at(1.5)]
+        planned, controls = PlannedFault.parse("garbage"), [released_at(1.5)]
         return "; ".join(
             judge(FaultCase(planned, 1.0, 5.0, evidence, controls, (), limits)).failures
         )
 
-    assert "m away" not in failures(-200.0, -160.0)
-    assert "it flies 80 m away" in failures(-40.0, 40.0)
+    circle = EnvelopeSettings(fence_radius_m=50.0)
+    polygon = EnvelopeSettings(fence_m=((-10, -10), (-10, 10), (50, 10), (50, -10)))
+    for limits in (circle, polygon):
+        assert "it flies" not in failures(-200.0, -160.0, limits)
+    assert "it flies 80 m away" in failures(-40.0, 40.0, circle)
+    assert "it flies 30 m out of the fence" in failures(-40.0, 40.0, polygon)
 
 
 def test_what_is_held_may_not_fly_faster_again() -> None:
