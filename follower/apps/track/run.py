@@ -11,6 +11,7 @@ from follower.flight.log import FlightLog, FlightSink, SelectionRecord, Stopwatc
 from follower.flight.target.selectors import TargetsSelector
 from follower.flight.vision.video_sink import FlightVideo
 from follower.recording import LOCKSTEP_EPOCH_NS, FlightConfig, Recorder, epoch_now_ns
+from follower.recording.recorder import LOG
 from follower.recording.run_folder import (
     write_boxes,
     write_setpoints,
@@ -246,6 +247,8 @@ class TrackFiles:
         if logs[0].controls:
             files.append(folder / "setpoints.csv")
             write_setpoints(files[-1], logs[0].controls)
+        if self.record:
+            files.append(folder / LOG)
         video = self.video_in(folder)
         return files if video is None else [video, *files]
 

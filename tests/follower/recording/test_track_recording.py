@@ -35,6 +35,7 @@ def test_a_recorded_run_is_a_flight_and_replays_bit_for_bit(
     files = TrackFiles(tmp_path, video=False, record=True)
     assert track(settings, TARGET, VideoInput(str(pictures), rate_hz=20.0), files) == 0
     (folder,) = tmp_path.iterdir()
+    assert "flight.mcap" in capsys.readouterr().out
     flight = open_flight(folder)
     assert len(flight.log.tracks) == 30
     assert flight.log.controls
@@ -44,7 +45,6 @@ def test_a_recorded_run_is_a_flight_and_replays_bit_for_bit(
     assert all(
         np.array_equal(a, b.image) for a, b in zip(images, small_flight.frames[:30], strict=True)
     )
-    capsys.readouterr()
     assert replay_flight(folder, out=tmp_path / "runs") == SAME
     assert "identical to the flight, bit for bit" in " ".join(capsys.readouterr().out.split())
 
