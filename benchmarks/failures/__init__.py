@@ -1,1 +1,0 @@
-"""Sequences on which trackers fail, made from others by a program."""
