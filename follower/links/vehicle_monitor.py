@@ -18,7 +18,7 @@ from follower_control.vehicle.state import (
     RcChannels,
     VehicleState,
 )
-from follower_vision.geometry.line_of_sight import wrap_angle
+from follower_vision.geometry.line_of_sight import roll_pitch_yaw
 
 _PX4_EXTRA = {(4, 1): "READY", (4, 9): "PRECLAND"}
 """Sub-modes that pymavlink 2.4.50 does not name (px4_custom_mode.h)."""
@@ -61,7 +61,6 @@ def set_mode_params(autopilot: int, name: str) -> tuple[float, float, float]:
     return custom, float(numbers[name]), 0.0
 
 
-_STEEP = math.sin(math.radians(89))
 _LEVEL = mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK  # a gimbal of two axes has no roll to lock
 _FROM_NORTH = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 _FROM_NOSE = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
@@ -98,30 +97,13 @@ def gimbal_of(message: Any, time_s: float) -> GimbalState | None:
     size = math.sqrt(sum(value * value for value in quaternion))
     if not (math.isfinite(size) and 0.5 < size < 2.0):
         return None
-    roll, pitch, yaw = _angles([value / size for value in quaternion])
+    roll, pitch, yaw = roll_pitch_yaw(*(value / size for value in quaternion))
     rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
     known = [rate if math.isfinite(rate) else 0.0 for rate in rates]
     flags = int(message.flags)
     from_north = bool(flags & _FROM_NORTH) or (not flags & _FROM_NOSE and bool(flags & _LOCKED))
     attitude = Attitude(roll, pitch, yaw, known[0], known[1], known[2], time_s)
     return GimbalState(attitude, bool(flags & _LEVEL), from_north)
-
-
-def _angles(q: list[float]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of a unit quaternion (w, x, y, z), aerospace order.
-
-    Straight down or up only the sum or difference of roll and yaw is known: it is all yaw there,
-    that it may be interpolated.
-    """
-    w, x, y, z = q
-    sine = min(max(2 * (w * y - z * x), -1.0), 1.0)
-    pitch = math.asin(sine)
-    if abs(sine) > _STEEP:
-        up = math.copysign(1.0, sine)
-        return 0.0, pitch, wrap_angle(2 * math.atan2(z - up * x, w + up * y))
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
 
 
 class VehicleMonitor:

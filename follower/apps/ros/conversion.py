@@ -10,13 +10,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pymavlink.quaternion import QuaternionBase
 
 from follower.settings.settings import CameraSettings, Settings
 from follower_control.servo.position_fix import TargetPosition
 from follower_control.vehicle.setpoint import VelocitySetpoint
 from follower_vision.geometry.box import Box
 from follower_vision.geometry.camera_model import CameraModel
-from follower_vision.geometry.line_of_sight import wrap_angle
+from follower_vision.geometry.line_of_sight import roll_pitch_yaw, wrap_angle
 from follower_vision.images.frame import Image
 from follower_vision.trackers.track import Track
 
@@ -102,19 +103,14 @@ def attitude_of(q: Any) -> Triple | None:
     size = math.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
     if not 0.9 < size < 1.1:
         return None
-    w, x, y, z = q.w / size, q.x / size, q.y / size, q.z / size
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    roll, pitch, yaw = roll_pitch_yaw(q.w / size, q.x / size, q.y / size, q.z / size)
     return roll, -pitch, wrap_angle(math.pi / 2 - yaw)
 
 
 def fill_attitude(q: Any, attitude_rad: Triple) -> None:
     """Set a pose's quaternion to roll, pitch, yaw (NED to forward, right, down) in radians."""
-    roll, pitch, yaw = attitude_rad[0], -attitude_rad[1], math.pi / 2 - attitude_rad[2]
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
-    q.w, q.x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
-    q.y, q.z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    roll, pitch, yaw = attitude_rad
+    q.w, q.x, q.y, q.z = QuaternionBase([roll, -pitch, math.pi / 2 - yaw]).q.tolist()
 
 
 def fill_turn(q: Any, turn: tuple[float, float, float, float]) -> None:

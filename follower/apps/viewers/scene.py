@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
+from pymavlink.quaternion import QuaternionBase
 
 from follower.flight.log import ControlRecord
 from follower.recording import FlightFileError, RecordedFlight
@@ -141,17 +140,8 @@ def _place(record: ControlRecord) -> Point | None:
 
 def quaternion(turn: Vector) -> Quaternion:
     """Return the unit quaternion x, y, z, w of a rotation, a 3x3 matrix."""
-    diagonal = np.diagonal(turn)
-    signs = ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))
-    squares = [max(0.0, 1.0 + float(np.dot(sign, diagonal))) / 4 for sign in signs]
-    # From the largest component, so that no small number is divided by.
-    largest = squares.index(max(squares))
-    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
-    xy, xz, yz = turn[0, 1] + turn[1, 0], turn[0, 2] + turn[2, 0], turn[1, 2] + turn[2, 1]
-    scale = 4 * math.sqrt(squares[largest])
-    own = scale * math.sqrt(squares[largest])
-    row = ((own, xy, xz, x), (xy, own, yz, y), (xz, yz, own, z), (x, y, z, own))[largest]
-    return row[0] / scale, row[1] / scale, row[2] / scale, row[3] / scale
+    w, x, y, z = QuaternionBase(turn).q.tolist()
+    return x, y, z, w
 
 
 def emptied(out: Path, recorded: RecordedFlight) -> Path:

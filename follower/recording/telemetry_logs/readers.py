@@ -16,6 +16,7 @@ from follower.links.vehicle_monitor import mode_name
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
 from follower.recording.tlog import read_tlog
 from follower_vision.geometry.camera_model import Vector
+from follower_vision.geometry.line_of_sight import roll_pitch_yaw
 
 _REBOOT_S = 1.0
 
@@ -210,8 +211,9 @@ def _samples(topics: Mapping[str, Any]) -> TelemetrySamples:
     samples = TelemetrySamples()
     attitude = topics.get("vehicle_attitude")
     if attitude is not None:
-        quaternions = _columns(attitude, [f"q[{n}]" for n in range(4)])
-        samples.attitudes = _rows(_time(attitude), _euler(quaternions))
+        turns = _columns(attitude, [f"q[{n}]" for n in range(4)])
+        rows = _rows(_time(attitude), turns)
+        samples.attitudes = [(time_s, *roll_pitch_yaw(*turn)) for time_s, *turn in rows]
     for name, field in _GYROS:
         if name in topics and not samples.gyro:
             rates = _columns(topics[name], [f"{field}[{n}]" for n in range(3)])
@@ -257,18 +259,6 @@ def _columns(data: Any, names: list[str]) -> Vector:
 
 def _rows(time_s: Vector, table: Vector) -> list[tuple[float, ...]]:
     return [tuple(row) for row in np.column_stack([time_s, table]).tolist()]
-
-
-def _euler(q: Vector) -> Vector:
-    """Return (roll, pitch, yaw), (N, 3), of quaternions body to world (w, x, y, z), (N, 4)."""
-    w, x, y, z = q.T
-    return np.column_stack(
-        [
-            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
-            np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-        ]
-    )
 
 
 TIME = "time_s"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.quaternion import QuaternionBase
 
 from follower_sim.vehicle.gimbal import Gimbal
 
@@ -70,7 +71,7 @@ class GimbalProtocol:
         flags = _LOCKS | mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
         return mavlink.MAVLink_gimbal_device_attitude_status_message(
             *(0, 0, boot_ms, flags),
-            _quaternion(*state.attitude_rad),
+            QuaternionBase(state.attitude_rad).q.tolist(),
             *state.rates_rad_s,
             0,
             gimbal_device_id=_DEVICE,
@@ -90,16 +91,3 @@ class GimbalProtocol:
         return mavlink.MAVLink_gimbal_manager_status_message(
             boot_ms, _LOCKS, _DEVICE, *self.holder, 0, 0
         )
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> list[float]:
-    """Return (w, x, y, z) of an attitude, aerospace order."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]

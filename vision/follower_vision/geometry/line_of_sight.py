@@ -14,6 +14,7 @@ import numpy as np
 
 from follower_vision.geometry.camera_model import Vector
 
+_STEEP = math.sin(math.radians(89))
 CAMERA_TO_BODY = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Turns (right, down, forward) of a camera that points along the nose into body axes."""
 
@@ -30,6 +31,22 @@ def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
             [-sp, sr * cp, cr * cp],
         ]
     )
+
+
+def roll_pitch_yaw(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the angles (rad) of a unit quaternion that turns body vectors into world vectors.
+
+    Straight down or up only the sum or difference of roll and yaw is known: it is all yaw there,
+    that it may be interpolated.
+    """
+    sine = min(max(2 * (w * y - z * x), -1.0), 1.0)
+    pitch = math.asin(sine)
+    if abs(sine) > _STEEP:
+        up = math.copysign(1.0, sine)
+        return 0.0, pitch, wrap_angle(2 * math.atan2(z - up * x, w + up * y))
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
 
 
 def along_camera_axes(turn: Vector) -> Vector:
