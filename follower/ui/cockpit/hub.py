@@ -130,12 +130,6 @@ class Hub:
             self._tell_control()
         return self._controller is client
 
-    def give_control(self, client: Client) -> None:
-        """Let others take control."""
-        if self._controller is client:
-            self._controller = None
-            self._tell_control()
-
     def may(self, client_id: str, request: OperatorRequest) -> bool:
         """Whether a client may ask for this: anybody may stop, the one in control everything."""
         if is_release(request):

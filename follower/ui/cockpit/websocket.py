@@ -92,8 +92,6 @@ class WebSocketSession:
             case "take_control":
                 if not self._hub.take_control(client):
                     client.tell("told", _IN_CONTROL)
-            case "give_control":
-                self._hub.give_control(client)
             case "objects" if self._objects is not None:
                 self._objects.want(client.id, message.get("on") is True)
             case _:

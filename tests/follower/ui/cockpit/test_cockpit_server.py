@@ -56,7 +56,8 @@ def test_one_controls_the_others_watch_and_anybody_may_stop(served: Any) -> None
         assert message(second, "answer")["accepted"]
         say(first, kind="select_point", x=0.5, y=0.5, id=1)
         assert message(first, "answer")["accepted"]
-        say(first, kind="give_control")
+        first.close()
+        until(lambda: not message(second, "control")["taken"])
         say(second, kind="take_control")
         until(lambda: message(second, "control")["yours"])
     asked = [request["kind"] for request in served.station.operator.asked[before:]]
