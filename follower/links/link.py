@@ -242,7 +242,7 @@ class Link(ABC):
     def enter_hold_mode(self) -> None:
         """Ask for the mode in which the autopilot stands still by itself."""
         if self._vehicle is not None:
-            self.enter_mode(hold_mode(self._vehicle.autopilot))
+            self.enter_mode(hold_mode(self._vehicle.autopilot_name))
 
     def close(self) -> None:
         """End the stream and close the transport."""

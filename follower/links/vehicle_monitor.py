@@ -38,9 +38,9 @@ def setpoint_mode(autopilot: int) -> str:
     return "OFFBOARD" if autopilot == mavlink.MAV_AUTOPILOT_PX4 else "GUIDED"
 
 
-def hold_mode(autopilot: int) -> str:
-    """Return the mode in which the autopilot stands still by itself."""
-    return "LOITER" if autopilot == mavlink.MAV_AUTOPILOT_PX4 else "BRAKE"
+def hold_mode(autopilot_name: str) -> str:
+    """Return the mode in which the autopilot, "px4" or "ardupilot", stands still by itself."""
+    return "LOITER" if autopilot_name == "px4" else "BRAKE"
 
 
 def set_mode_params(autopilot: int, name: str) -> tuple[float, float, float]:

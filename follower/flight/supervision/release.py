@@ -3,6 +3,7 @@
 import math
 
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.links.vehicle_monitor import hold_mode
 from follower.settings.supervisor import ReleaseAction, ReleaseSettings
 from follower_control.vehicle.state import VehicleState
 
@@ -17,7 +18,7 @@ _TAKEOVERS = (SupervisorReason.PILOT_TOOK_OVER, SupervisorReason.STICKS_MOVED)
 def release_mode(action: ReleaseAction, autopilot_name: str) -> str | None:
     """Return the autopilot's own mode for an action, None if it needs none."""
     if action is ReleaseAction.LOITER:
-        return "LOITER" if autopilot_name == "px4" else "BRAKE"
+        return hold_mode(autopilot_name)
     return {ReleaseAction.RTL: "RTL", ReleaseAction.LAND: "LAND"}.get(action)
 
 
