@@ -92,12 +92,10 @@ class Firmware:
         modes: by name.
         start_mode, hold_mode, setpoint_mode: names.
         limits: on setpoints.
-        heading_turn_deg_s: how fast it turns to a heading.
         takeoff_speed_m_s, landing_speed_m_s, cruise_m_s: of its own manoeuvres.
         return_height_m: at which it flies home.
         spool_up_s: from arming until it can lift off.
         disarm_landed_s: from touching down until it disarms itself.
-        disarm_idle_s: from arming until it gives up waiting for a take-off.
         unfit_text: what it says when it is asked to arm before it is fit to fly.
         parameters: what PARAM_REQUEST_READ finds.
         message_rates_hz: what it sends unasked, by message name.
@@ -122,8 +120,6 @@ class Firmware:
     unfit_text: str
     parameters: dict[str, float]
     message_rates_hz: dict[str, float]
-    heading_turn_deg_s: float = 60.0
-    disarm_idle_s: float = 10.0
     home: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
 
     def mode_of(self, custom_mode: int) -> FlightMode | None:

@@ -21,6 +21,9 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 """MAV_SEVERITY."""
 _POSITION_GAIN_PER_S = 0.95
 _HEADING_GAIN_PER_S = 2.0
+_FASTEST_HEADING_RAD_S = math.radians(60.0)
+_DISARM_IDLE_S = 10.0
+"""From arming until it gives up waiting for a take-off."""
 _NEAR_M = 1.0
 _STANDING_M_S = 0.3
 _REACHED_M = 0.1
@@ -267,9 +270,8 @@ class FlightController(ABC):
 
     def _turn_to(self, heading_rad: float) -> float:
         """Return the yaw rate that turns the nose to a heading."""
-        fastest = math.radians(self.firmware.heading_turn_deg_s)
         rate = _HEADING_GAIN_PER_S * wrap_angle(heading_rad - self.vehicle.state.yaw_rad)
-        return max(-fastest, min(fastest, rate))
+        return max(-_FASTEST_HEADING_RAD_S, min(_FASTEST_HEADING_RAD_S, rate))
 
     def _setpoint_demand(self, setpoint: Setpoint) -> Demand:
         """Return what a setpoint asks for, within the limits."""
@@ -304,5 +306,5 @@ class FlightController(ABC):
         if self._flown and lands:
             if self.now_s - self._grounded_s > self.firmware.disarm_landed_s:
                 self.disarm()
-        elif self.now_s - max(self._grounded_s, self._armed_s) > self.firmware.disarm_idle_s:
+        elif self.now_s - max(self._grounded_s, self._armed_s) > _DISARM_IDLE_S:
             self.disarm()
