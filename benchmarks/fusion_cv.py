@@ -26,6 +26,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from multi_start import (
+    calibration_error,
+    expected_overlap,
+    from_rows,
+    pooled_interval,
+    run_all,
+    starts,
+    to_rows,
+)
 from rich.progress import track as progress
 
 from follower.apps.evaluate.contender import Contender
@@ -33,17 +42,8 @@ from follower.training.fusion.driving import run_fusion
 from follower.training.fusion.settings import FusionSetup
 from follower.workers import LocalEngine
 from follower_vision.clock import MonotonicClock
-from follower_vision.evaluation.intervals import interval, paired_difference, pooled_interval
-from follower_vision.evaluation.multi_start import (
-    Run,
-    calibration_error,
-    expected_overlap,
-    from_rows,
-    run_all,
-    sequence_figures,
-    starts,
-    to_rows,
-)
+from follower_vision.evaluation.intervals import interval, paired_difference
+from follower_vision.evaluation.multi_start import Run, sequence_figures
 from follower_vision.fusion.model import model_for
 
 HERE = Path(__file__).parent / "multi_start"

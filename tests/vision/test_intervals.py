@@ -9,7 +9,6 @@ from follower_vision.evaluation.intervals import (
     interval,
     paired_difference,
     paired_p,
-    pooled_interval,
 )
 
 
@@ -58,9 +57,3 @@ def test_a_difference_is_that_of_the_first_over_the_second() -> None:
 def test_what_cannot_be_paired_is_refused() -> None:
     with pytest.raises(ValueError, match="shape"):
         paired_difference(np.zeros(3), np.zeros(2))
-
-
-def test_a_pooled_measure_draws_sequences_and_measures_all_their_runs() -> None:
-    value, low, high = pooled_interval([[1.0, 1.0], [0.0]], lambda runs: float(np.mean(runs)))
-    assert value == pytest.approx(2 / 3)
-    assert (low, high) == (0.0, 1.0)

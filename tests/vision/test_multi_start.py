@@ -1,6 +1,7 @@
-"""Runs from several starts: where they begin, figures, and the folds."""
+"""Runs from several starts: where they begin, figures, and the folds of `fusion_cv.py`."""
 
 import json
+import runpy
 from pathlib import Path
 
 import cv2
@@ -8,19 +9,15 @@ import numpy as np
 import pytest
 
 from follower.apps.evaluate.contender import AlwaysBelieved
-from follower_vision.evaluation.multi_start import (
-    Run,
-    calibration_error,
-    expected_overlap,
-    run_all,
-    sequence_figures,
-    starts,
-)
+from follower_vision.evaluation.multi_start import Run, sequence_figures
 from follower_vision.evaluation.one_pass import Sequence
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.motion_tracker import IdentityTracker
 
-FOLDS = Path(__file__).parents[2] / "benchmarks" / "multi_start" / "folds.json"
+MULTI_START = Path(__file__).parents[2] / "benchmarks" / "multi_start"
+_protocol = runpy.run_path(str(MULTI_START / "__init__.py"))
+run_all, starts, pooled_interval = (_protocol[n] for n in ("run_all", "starts", "pooled_interval"))
+expected_overlap, calibration_error = _protocol["expected_overlap"], _protocol["calibration_error"]
 STILL = Box.from_xywh(20, 20, 20, 20)
 
 
@@ -93,6 +90,12 @@ def test_calibration_error_is_how_far_the_confidence_is_from_the_share() -> None
     assert calibration_error([half]) == pytest.approx(0.0)
 
 
+def test_a_pooled_measure_draws_sequences_and_measures_all_their_runs() -> None:
+    value, low, high = pooled_interval([[1.0, 1.0], [0.0]], lambda runs: float(np.mean(runs)))
+    assert value == pytest.approx(2 / 3)
+    assert (low, high) == (0.0, 1.0)
+
+
 def test_five_folds_of_ten_sequences() -> None:
-    folds = json.loads(FOLDS.read_text("utf-8"))
+    folds = json.loads((MULTI_START / "folds.json").read_text("utf-8"))
     assert [sum(fold == k for fold in folds.values()) for k in range(5)] == [10] * 5

@@ -7,45 +7,30 @@ their differences (Fisher's randomisation test). The same input gives the same a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-RESAMPLES, POOLED_RESAMPLES = 10_000, 200
-_BOUNDS = (2.5, 97.5)
+RESAMPLES = 10_000
+BOUNDS = (2.5, 97.5)
+"""Percentiles of a 95 % interval."""
 _ROUNDING = 1e-12
 
 Values = npt.NDArray[np.float64]
-Part = TypeVar("Part")
 
 
-def interval(values: Values, seed: int = 0) -> tuple[float, float]:
+def interval(values: Values) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of a mean over sequences.
 
     Raises:
         ValueError: there is no value.
     """
-    rng = np.random.default_rng(seed)
-    drawn = values[rng.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
-    low, high = np.percentile(drawn, _BOUNDS)
-    return float(low), float(high)
-
-
-def pooled_interval(
-    by_sequence: Sequence[Sequence[Part]], measure: Callable[[list[Part]], float]
-) -> tuple[float, float, float]:
-    """Return a measure of all runs together, and its 95 % interval over sequences drawn anew."""
     rng = np.random.default_rng(0)
-    values = []
-    for _ in range(POOLED_RESAMPLES):
-        drawn = rng.integers(0, len(by_sequence), len(by_sequence))
-        values.append(measure([one for k in drawn for one in by_sequence[k]]))
-    low, high = np.nanpercentile(values, _BOUNDS)
-    return measure([one for runs in by_sequence for one in runs]), float(low), float(high)
+    drawn = values[rng.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
+    low, high = np.percentile(drawn, BOUNDS)
+    return float(low), float(high)
 
 
 def paired_p(differences: Values) -> float:
