@@ -111,7 +111,7 @@ class Pursuit:
         self._plan = FlightPlan(
             with_needed_detector(settings, bool(choice.select)),
             choice,
-            str(choice) if choice.given else "what the program selects",
+            "the program",
             VideoInput.camera(str(camera), settings.camera),
             connect,
             scope,

@@ -18,6 +18,7 @@ from follower.ui.terminal.cli_options import (
     Skip,
     Target,
     Tracker,
+    typed_command,
 )
 
 EPILOG = """
@@ -69,6 +70,7 @@ def fly_command(
     the pilot or the operator took the vehicle back; 4: something failed; 130: Ctrl-C before it.
     """
     from follower.apps.command_settings import command_settings, lens_is_given, with_needed_detector
+    from follower.apps.fly.opened import FlightPlan
     from follower.apps.fly.session import fly
     from follower.apps.preflight.checklist import check_names
     from follower.apps.preflight.session import CheckScope
@@ -78,13 +80,14 @@ def fly_command(
     choice = TargetChoice.of([target] if target else (), [select] if select else (), colour)
     settings = command_settings(config, overrides, tracker=tracker, detector=detector, link=link)
     checks = CheckScope(check_names(skip_preflight or ()), out, lens_is_given(config, overrides))
-    code = fly(
+    plan = FlightPlan(
         with_needed_detector(settings, bool(select)),
         choice,
+        "the cockpit" if cockpit else "the ground station",
         VideoInput.camera(camera, settings.camera),
         connect,
         checks,
-        cockpit=cockpit,
-        config=config,
+        config,
+        typed_command(),
     )
-    raise typer.Exit(code)
+    raise typer.Exit(fly(plan, cockpit))

@@ -42,7 +42,7 @@ class FlightPlan:
     Attributes:
         settings: to fly with.
         target: chosen before the flight, if it is.
-        shown_target: the target in words.
+        chooser: who chooses it otherwise, in words.
         camera: source of the frames.
         connect: where the autopilot speaks MAVLink.
         checks: before the flight.
@@ -53,13 +53,18 @@ class FlightPlan:
 
     settings: Settings
     target: TargetChoice
-    shown_target: str
+    chooser: str
     camera: VideoInput
     connect: str
     checks: CheckScope
     config: Path | None = None
     command: str = ""
     detector: str = ""
+
+    @property
+    def shown_target(self) -> str:
+        """The target in words."""
+        return str(self.target) if self.target.given else f"what {self.chooser} selects"
 
 
 class OpenedFlight:

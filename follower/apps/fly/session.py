@@ -18,9 +18,6 @@ from follower.apps.preflight.checklist import (
     live_checklist,
     print_checklist,
 )
-from follower.apps.preflight.session import CheckScope
-from follower.apps.target_choice import TargetChoice
-from follower.apps.video_input import VideoInput
 from follower.flight.supervision.flight_end import FAILED, NOT_RECORDED, FlightEnd
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.target.selectors import Selector, first_selected
@@ -40,12 +37,10 @@ from follower.recording.run_folder import (
     write_boxes,
     write_setpoints,
 )
-from follower.settings.settings import Settings
 from follower.ui.cockpit.publisher import FlightPublisher, PeriodicPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ground_station.server import operators_finder
 from follower.ui.ipc.server_client import UiProcessClient
-from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.console import lasting_console, print_line
 from follower.ui.terminal.flight_display import FlightDisplay
 from follower.ui.terminal.interrupt import InterruptFlag, Keyboard, StopOnInterrupt, stop_signals
@@ -56,30 +51,17 @@ from follower_vision.fusion import BackgroundDetection
 from follower_vision.trackers.target_tracker import TargetTracker
 
 
-def fly(
-    settings: Settings,
-    target: TargetChoice,
-    camera: VideoInput,
-    connect: str,
-    checks: CheckScope,
-    *,
-    cockpit: bool = False,
-    config: Path | None = None,
-) -> int:
+def fly(plan: FlightPlan, cockpit: bool = False) -> int:
     """Fly, and return the exit code: the flight end's, or 1 if the preflight checks refused it.
 
     Args:
-        settings: to fly with.
-        target: chosen before the flight; none leaves that to the operators.
-        camera: source of the frames.
-        connect: where the autopilot speaks MAVLink.
-        checks: before the flight; the recording goes into their folder.
+        plan: what is to be flown; the recording goes into its checks' folder.
         cockpit: whether the web page is opened.
-        config: settings file into which changed settings are saved.
 
     Raises:
         ValueError, OSError: what the user can mend, in one line; nothing is left behind then.
     """
+    settings, target = plan.settings, plan.target
     if not (target.given or cockpit or settings.ground_station.enabled):
         raise SettingsError(
             "which target? give --select person, --colour '#rrggbb' or --target x,y,w,h, or "
@@ -93,12 +75,12 @@ def fly(
     with stop_signals() as pressed, ExitStack() as stack:
         tracker = make_target_tracker(settings, BackgroundDetection)
         stack.callback(close_tracker, tracker)
-        transport = open_connection(connect)
+        transport = open_connection(plan.connect)
         stack.callback(transport.close)
-        folder = new_run_folder(checks.folder, "fly")
-        session = FlySession(settings, target, camera, checks, cockpit, config, folder)
+        folder = new_run_folder(plan.checks.folder, "fly")
+        session = FlySession(plan, cockpit, folder)
         try:
-            return session.run(transport, connect, tracker, selector, pressed)
+            return session.run(transport, tracker, selector, pressed)
         finally:
             if not session.flown:
                 remove_run_folder(folder)
@@ -109,22 +91,14 @@ class FlySession:
     """One run of `follower fly` in front of a user.
 
     Attributes:
-        settings: to fly with.
-        target: chosen before the flight, if it is.
-        camera: source of the frames.
-        checks: before the flight.
+        plan: what is to be flown.
         cockpit: whether the web page is opened.
-        config: settings file into which changed settings are saved.
         folder: takes the recording.
         flown: the checks were passed: there is a flight to report on.
     """
 
-    settings: Settings
-    target: TargetChoice
-    camera: VideoInput
-    checks: CheckScope
+    plan: FlightPlan
     cockpit: bool
-    config: Path | None
     folder: Path
     flown: bool = False
     _console: Console = field(default_factory=lasting_console)
@@ -132,16 +106,9 @@ class FlySession:
     _station: UiProcessClient | None = None
     _told: int = 0
 
-    @property
-    def _target(self) -> str:
-        if self.target.given:
-            return str(self.target)
-        return f"what the {'cockpit' if self.cockpit else 'ground station'} selects"
-
     def run(
         self,
         transport: Transport,
-        connect: str,
         tracker: TargetTracker,
         selector: Selector | None,
         pressed: InterruptFlag,
@@ -150,26 +117,15 @@ class FlySession:
 
         Args:
             transport: to the autopilot.
-            connect: its address, for the recording.
             tracker: follows the target.
             selector: finds the target; None leaves that to the operators.
             pressed: whether Ctrl-C was.
         """
-        plan = FlightPlan(
-            self.settings,
-            self.target,
-            self._target,
-            self.camera,
-            connect,
-            self.checks,
-            self.config,
-            typed_command(),
-        )
         with ExitStack() as after:
             self._station = self._open_station(after)
-            with opened_flight(plan, self.folder, transport, self._clock) as opened:
+            with opened_flight(self.plan, self.folder, transport, self._clock) as opened:
                 results = self._check(opened, pressed)
-                finder = operators_finder(self.settings, self.cockpit)
+                finder = operators_finder(self.plan.settings, self.cockpit)
                 try:
                     flight = opened.ready(tracker, finder, self._station)
                 except PreflightError:
@@ -200,15 +156,15 @@ class FlySession:
 
     def _warn_of_rate(self, size: tuple[int, int], rate_hz: float) -> None:
         """Say if vision will not keep up with the camera, as far as a bench has shown."""
-        said = more_than_held(self.settings, size, rate_hz, last_bench())
+        said = more_than_held(self.plan.settings, size, rate_hz, last_bench())
         if said is not None:
             self._say(said)
 
     def _open_station(self, stack: ExitStack) -> UiProcessClient | None:
         """Open what shows the flight to others, if anybody wants to see it."""
-        page = initial_state("fly", self._target, self.settings, self.folder.name)
-        runs = self.checks.folder
-        station = open_station(self.settings, self.cockpit, page, runs, self._say)
+        page = initial_state("fly", self.plan.shown_target, self.plan.settings, self.folder.name)
+        runs = self.plan.checks.folder
+        station = open_station(self.plan.settings, self.cockpit, page, runs, self._say)
         return None if station is None else stack.enter_context(station)
 
     def _show_checks(self, results: list[PreflightResult]) -> None:
@@ -227,14 +183,14 @@ class FlySession:
             flight.select(selector)
         self.flown = True
         keyboard = Keyboard(sys.stdin)
-        terminal = FlightDisplay(self._console, f"Following {self._target}")
+        terminal = FlightDisplay(self._console, f"Following {self.plan.shown_target}")
         with opened.ground_station(flight), self._page(flight), terminal:
 
             def watch(flight: RealFlight) -> None:
                 if opened.recorder.must_stop:
                     flight.stop(NOT_RECORDED)
                 self._tell(opened.recorder)
-                terminal.show(flight.status(self._target))
+                terminal.show(flight.status(self.plan.shown_target))
                 self._take_order(flight, keyboard.order())
 
             after.enter_context(StopOnInterrupt(flight.stop))
@@ -248,10 +204,10 @@ class FlySession:
         if self._station is None:
             return nullcontext()
         page = FlightPublisher(self._station, flight)
-        return PeriodicPublisher(lambda: page.show(flight.status(self._target)))
+        return PeriodicPublisher(lambda: page.show(flight.status(self.plan.shown_target)))
 
     def _take_order(self, flight: RealFlight, order: ConsentRequest) -> None:
-        welcome = self.settings.consent.takes_orders_by("terminal")
+        welcome = self.plan.settings.consent.takes_orders_by("terminal")
         if order is ConsentRequest.WITHDRAW or (order is ConsentRequest.GIVE and welcome):
             flight.log.note(self._clock.now(), "operator", f"consent: {order} at the terminal")
             flight.stage.order(order)

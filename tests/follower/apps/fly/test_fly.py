@@ -284,6 +284,7 @@ def test_ctrl_c_during_the_checks_leaves_nothing_behind(launch: Any, tmp_path: P
 def test_a_failed_check_refuses_and_leaves_nothing_behind(
     vehicle: MakeVehicle, port: int, video: Path, tmp_path: Path, capsys: Any
 ) -> None:
+    from follower.apps.fly.opened import FlightPlan
     from follower.apps.fly.session import fly
     from follower.apps.preflight.session import CheckScope
     from follower.apps.target_choice import TargetChoice
@@ -292,14 +293,15 @@ def test_a_failed_check_refuses_and_leaves_nothing_behind(
 
     there = vehicle("px4")
     there.autopilot.parameters["COM_OBL_RC_ACT"] = 6.0
-    code = fly(
+    plan = FlightPlan(
         load_settings(overrides=["camera.fov_deg=70", "link.vehicle_id=1"]),
         TargetChoice(colour="#d02020"),
+        "nobody",
         VideoInput(str(video), realtime=True),
         f"udpin:127.0.0.1:{port}",
         CheckScope(frozenset(), tmp_path / "runs", lens_given=True, longest_s=4.0),
     )
-    assert code == REFUSED
+    assert fly(plan) == REFUSED
     said = capsys.readouterr().out
     assert "Do not fly: 1 check failed" in said
     assert "COM_OBL_RC_ACT: 6: termination: the motors stop; set it to 5 (Hold)" in said
