@@ -90,14 +90,15 @@ def simulate(options: SimulationOptions, console: Console | None = None) -> Simu
         SettingsError: an option, the scenario or a setting cannot be used.
         ConnectionFailedError: no autopilot answers.
     """
-    return _Simulation(options).run(console or lasting_console())
+    return _Simulation(options, console or lasting_console()).run()
 
 
 class _Simulation:
     """One flight with all that shows and keeps it."""
 
-    def __init__(self, options: SimulationOptions) -> None:
+    def __init__(self, options: SimulationOptions, console: Console) -> None:
         self.options = options
+        self.console = console
         self.faults = tuple(PlannedFault.parse(text) for text in options.faults)
         self.scenario, self.settings = options.resolve()
         for one in self.faults:
@@ -106,15 +107,20 @@ class _Simulation:
             options.autopilot, options.lockstep, options.connect, options.program
         )
         self.sitl: SitlSession | None = None
+        self.injector: FaultInjector | None = None
+        self.video: OverlayVideo | BackgroundVideo | None = None
+        self.recorder: Recorder | None = None
+        self.station: UiProcessClient | None = None
+        self.interrupted = False
 
-    def run(self, console: Console) -> SimulationResult:
+    def run(self) -> SimulationResult:
         """Fly and write the report."""
         if self.faults:
             self.connection.check_simulated("--fault")
         # Autopilot, camera, vision and control share few cores: OpenCV's threads would take them.
         cv2.setNumThreads(1)
-        with self.connection.open(console) as ends:
-            with console.status("Building the world"):
+        with self.connection.open(self.console) as ends:
+            with self.console.status("Building the world"):
                 world = World(self.scenario, self.options.seed)
                 if self.options.vision is VisionSource.PIXELS or self.options.video:
                     _ = world.ground, world.sky, world.scenery_batch  # takes seconds
@@ -122,28 +128,31 @@ class _Simulation:
             with StopOnInterrupt() as early:
                 folder = new_run_folder(self.options.out, self.scenario.name)
                 try:
-                    flight, remarks, passed = self._fly(world, ends, folder, console, early)
+                    flight = self._fly(world, ends, folder, early)
                 except ConnectionFailedError:
                     remove_run_folder(folder)  # there was no flight
                     raise
+                injector = self.injector
+                judged = [] if injector is None else verdicts(self.faults, flight, injector)
+                remarks = (*self._remarks(flight), *map(describe_verdict, judged))
                 to = f"{self.settings.link.kind}, {self.options.connect or 'UDP on this computer'}"
                 link = "through memory" if self.options.lockstep else f"by {to}"
                 program = self.options.program
                 autopilot = flight.flavour if program is None else program.title
                 died = None if self.sitl is None else self.sitl.death
-                why = BY_CTRL_C if BY_USER in remarks else died
+                why = BY_CTRL_C if self.interrupted else died
                 command = self.options.command
                 score = flight.score()
                 end = report_flight(
-                    flight, score, folder, command, autopilot, link, remarks, console, why
+                    flight, score, folder, command, autopilot, link, remarks, self.console, why
                 )
         violations = () if self.sitl is None else self.sitl.violations(flight)
         for violation in violations:
-            print_line(console, f"Never to be sent: {violation}", "bold red")
-        if end is BY_CTRL_C or (passed is None and not violations):
+            print_line(self.console, f"Never to be sent: {violation}", "bold red")
+        if end is BY_CTRL_C or not (judged or violations):
             code = end.exit_code
         else:
-            code = SUCCESS if passed and not violations else FAILED
+            code = FAILED if violations or not all(one.passed for one in judged) else SUCCESS
         late = self._late_frames(flight) is not None
         return SimulationResult(code, folder, end, score, violations, late)
 
@@ -152,15 +161,9 @@ class _Simulation:
         world: World,
         ends: tuple[Transport, Transport],
         folder: Path,
-        console: Console,
         early: StopOnInterrupt,
-    ) -> tuple[SimulatedFlight, tuple[str, ...], bool | None]:
-        """Fly to the end.
-
-        Returns:
-            the flight, what its reader has to know, and whether every fault came out as required,
-            None without faults.
-        """
+    ) -> SimulatedFlight:
+        """Fly to the end and return the flight."""
         lockstep, flavour = self.connection.lockstep, self.connection.flavour
         clock = SimulatedClock() if lockstep else MonotonicClock(self.options.setup.speedup)
         with ExitStack() as stack:
@@ -171,59 +174,59 @@ class _Simulation:
                 session = SitlSession(program, setup, world, folder, ends[0], clock)
                 self.sitl = stack.enter_context(session)
                 ends = session.transport, ends[1]
-            injector = recorder = None
-            video: OverlayVideo | BackgroundVideo | None = None
             if self.faults:
                 injector = FaultInjector(self.faults, clock, flavour, world.seed)
-                stack.enter_context(injector)
+                self.injector = stack.enter_context(injector)
             if self.options.video:
                 kind = OverlayVideo if lockstep else BackgroundVideo
-                video = kind(folder / VIDEO, self.scenario.camera.rate_hz)
-                stack.enter_context(video)
+                self.video = kind(folder / VIDEO, self.scenario.camera.rate_hz)
+                stack.enter_context(self.video)
             if self.options.recorded:
-                recorder = stack.enter_context(self._recorder(settings, clock, folder, world.seed))
-            station = self._open_station(settings, folder, console)
-            stack.enter_context(station or nullcontext())
-            videos = [one for one in (video, station) if one is not None]
-            extras = FlightOptions(
-                video=SeveralVideos(videos) if videos else None,
-                recorder=recorder,
-                parts=injector,
-                vision=self.options.vision,
-                finder=operators_finder(settings, self.options.cockpit),
-                boots_within_s=None if self.sitl is None else self.sitl.boots_within_s,
-            )
+                self.recorder = self._recorder(settings, clock, folder, world.seed)
+                stack.enter_context(self.recorder)
+            self.station = self._open_station(settings, folder)
+            stack.enter_context(self.station or nullcontext())
+            extras = self._extras(settings)
             flight = SimulatedFlight(world, settings, flavour, clock, ends, extras)
-            interrupted = self._fly_to_its_end(flight, clock, station, console, early, recorder)
-        judged = [] if injector is None else verdicts(self.faults, flight, injector)
+            self.interrupted = self._fly_to_its_end(flight, clock, early)
+        return flight
+
+    def _extras(self, settings: Settings) -> FlightOptions:
+        videos = [one for one in (self.video, self.station) if one is not None]
+        return FlightOptions(
+            video=SeveralVideos(videos) if videos else None,
+            recorder=self.recorder,
+            parts=self.injector,
+            vision=self.options.vision,
+            finder=operators_finder(settings, self.options.cockpit),
+            boots_within_s=None if self.sitl is None else self.sitl.boots_within_s,
+        )
+
+    def _remarks(self, flight: SimulatedFlight) -> tuple[str, ...]:
+        """Return what the report's reader has to know."""
         remarks = (
             *(() if self.sitl is None else self.sitl.remarks(flight)),
             f"{NO_PIXELS}; not recorded" if self.options.vision is VisionSource.TRUTH else None,
-            BY_USER if interrupted else None,
+            BY_USER if self.interrupted else None,
             self._late_frames(flight),
             self._late_control(flight),
-            video.remark if video else None,
-            station.remark if station else None,
-            *(() if recorder is None else recorder.remarks),
-            *map(describe_verdict, judged),
+            self.video.remark if self.video else None,
+            self.station.remark if self.station else None,
+            *(() if self.recorder is None else self.recorder.remarks),
         )
-        passed = all(one.passed for one in judged) if judged else None
-        return flight, tuple(remark for remark in remarks if remark), passed
+        return tuple(remark for remark in remarks if remark)
 
     def _fly_to_its_end(
         self,
         flight: SimulatedFlight,
         clock: SimulatedClock | MonotonicClock,
-        station: UiProcessClient | None,
-        console: Console,
         early: StopOnInterrupt,
-        recorder: Recorder | None,
     ) -> bool:
         """Fly and show it to the user; return whether they ended it."""
         if self.options.cockpit:
             flight.operate()
-        page = None if station is None else FlightPublisher(station, flight)
-        terminal = FlightDisplay(console, self.scenario.title)
+        page = None if self.station is None else FlightPublisher(self.station, flight)
+        terminal = FlightDisplay(self.console, self.scenario.title)
         ground_station: AbstractContextManager[None] = nullcontext()
         if isinstance(clock, MonotonicClock):  # a simulated clock has no time for ground stations
             save = partial(flight.requests.save, self.options.config)
@@ -239,7 +242,7 @@ class _Simulation:
             def show() -> None:
                 if self.sitl is not None:
                     self.sitl.step(flight)
-                if recorder is not None and recorder.must_stop:
+                if self.recorder is not None and self.recorder.must_stop:
                     flight.stop(NOT_RECORDED)
                 status = flight.status()
                 terminal.show(status)
@@ -272,13 +275,11 @@ class _Simulation:
             return None
         return late_control_warning(flight.log, flight.settings.control_rate_hz)
 
-    def _open_station(
-        self, settings: Settings, folder: Path, console: Console
-    ) -> UiProcessClient | None:
+    def _open_station(self, settings: Settings, folder: Path) -> UiProcessClient | None:
         """Start the process that shows the flight to others, None if it is not wanted."""
         recording = folder.name if self.options.recorded else ""
         page = initial_state("sim", self.scenario.title, settings, recording)
-        say = partial(print_line, console)
+        say = partial(print_line, self.console)
         return open_station(settings, self.options.cockpit, page, self.options.out, say)
 
     def _recorder(
