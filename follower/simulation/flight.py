@@ -13,7 +13,7 @@ from follower.flight.log import ControlRecord, FlightLog
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
-from follower.flight.supervision.flight_end import SUCCESS, FlightEnd
+from follower.flight.supervision.flight_end import FlightEnd
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.flight.target.selectors import Selector, colour_selector
@@ -119,7 +119,6 @@ class SimulatedFlight:
         self.chosen_s: float | None = None
         self._operated = False
         self._ending = False
-        self._stopped_by: FlightEnd | None = None
         self._noisy_tracker = (
             None if self.vision_source is VisionSource.PIXELS else self._make_noisy_tracker()
         )
@@ -244,16 +243,14 @@ class SimulatedFlight:
             self._autonomy.resumes = True
 
     def stop(self, why: FlightEnd | None = None) -> None:
-        """Stop, from any thread: hold, then release; `why` is how it ends, if not as planned."""
+        """Stop, from any thread: hold, then release; see `ControlStage.request_stop`."""
         self._ending = True
-        self._stopped_by = self._stopped_by or why
-        self.stage.request_stop()
+        self.stage.request_stop(why)
 
     @property
     def end(self) -> FlightEnd:
         """How the flight has ended, if it ends now."""
-        end = self.stage.end
-        return self._stopped_by or end if end.exit_code == SUCCESS else end
+        return self.stage.end
 
     @property
     def finished(self) -> bool:

@@ -13,7 +13,7 @@ from follower.flight.log import ControlRecord, FlightLog, TrackRecord, noting_fa
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
 from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
-from follower.flight.supervision.flight_end import NO_FRAMES, SUCCESS, FlightEnd
+from follower.flight.supervision.flight_end import NO_FRAMES, FlightEnd
 from follower.flight.supervision.release import is_resting
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.flight.target.request import TargetFinder
@@ -141,7 +141,6 @@ class RealFlight:
         self._clock = clock
         self._start_s = clock.now()
         self._ending = False
-        self._stopped_by: FlightEnd | None = None
         self.requests = OperatorRequests(settings)
         self._vision_stage = VisionStage(tracker, self.requests, finder)
         self._vision = VisionLoop(self._vision_stage, clock, log, video, self._lines)
@@ -199,14 +198,12 @@ class RealFlight:
     def stop(self, why: FlightEnd | None = None) -> None:
         """Hold, then release; from any thread. `why` is how the flight ends, if not as asked."""
         self._ending = True
-        self._stopped_by = self._stopped_by or why
-        self.stage.request_stop()
+        self.stage.request_stop(why)
 
     @property
     def end(self) -> FlightEnd:
         """How the flight has ended, if it ends now."""
-        end = self.stage.end
-        return self._stopped_by or end if end.exit_code == SUCCESS else end
+        return self.stage.end
 
     @property
     def finished(self) -> bool:

@@ -107,8 +107,12 @@ class ControlStage:
         """How the flight has ended, if it ends now."""
         return self._release.end
 
-    def request_stop(self) -> None:
-        """Release the vehicle at the next step, whatever the state; from any thread."""
+    def request_stop(self, why: FlightEnd | None = None) -> None:
+        """Release the vehicle at the next step, whatever the state; from any thread.
+
+        `why` is how the flight ends, if not as asked; the first one counts.
+        """
+        self._release.stopped_by = self._release.stopped_by or why
         self._operators.ask_to_stop()
 
     def order(self, order: ConsentRequest) -> None:

@@ -76,9 +76,13 @@ class LastRelease:
 
     What released the vehicle last counts, until it is flown again. A stop that comes when others
     have it already changes nothing.
+
+    Attributes:
+        stopped_by: how a flight ends that is stopped, if not as asked.
     """
 
     def __init__(self) -> None:
+        self.stopped_by: FlightEnd | None = None
         self._state = SupervisorState.IDLE
         self._held = self._released = SupervisorReason.NO_TARGET
 
@@ -104,7 +108,8 @@ class LastRelease:
         """How the flight has ended, if it ends now."""
         if self._state.engaged:
             return BROKEN_OFF
-        if self._released is SupervisorReason.STOP_REQUESTED:
-            return AS_ASKED
-        end = RELEASES.get(self._released, NOT_BEGUN)
-        return FlightEnd(end.sentence.format(held=self._held), end.exit_code)
+        end = RELEASES.get(self._released)
+        if end is not None:
+            return FlightEnd(end.sentence.format(held=self._held), end.exit_code)
+        asked = self._released is SupervisorReason.STOP_REQUESTED
+        return self.stopped_by or (AS_ASKED if asked else NOT_BEGUN)

@@ -56,6 +56,17 @@ def test_what_released_it_is_said_and_a_stop_afterwards_changes_nothing(
     assert end == end_of(WAITING, FOLLOWING, released, WAITING, STOPPED)
 
 
+def test_why_it_was_stopped_is_said_unless_something_else_released_it() -> None:
+    release = LastRelease.of([WAITING, FOLLOWING])
+    release.stopped_by = ends.NO_FRAMES
+    assert release.end == ends.BROKEN_OFF
+    release.take(*STOPPED)
+    assert release.end == ends.NO_FRAMES
+    release.take(*FOLLOWING)
+    release.take(*TAKEN_OVER)
+    assert release.end.exit_code == ends.HANDED_OVER
+
+
 def test_the_pilots_takeover_is_a_handing_over_and_no_failure() -> None:
     end = end_of(FOLLOWING, TAKEN_OVER)
     assert end == FlightEnd("Handed over to the pilot, who took another mode", 3)
