@@ -27,7 +27,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -51,7 +50,7 @@ from follower.settings.settings import Settings, load_settings
 from follower.ui.cockpit.publisher import FlightPublisher, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.ipc.server_client import UiProcessClient
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.geometry.box import Box
@@ -108,9 +107,6 @@ def fly(seconds: float, settings: Settings, station: UiProcessClient | None) -> 
     ):
         autopilot = SimAutopilot("ardupilot", theirs, BodyState(0.0, (0.0, 0.0, -20.0)))
         autopilot.switch_mode("GUIDED")
-        stop = threading.Event()
-        thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
-        thread.start()
         vision_stage = VisionStage(make_target_tracker(settings), requests)
         vision_stage.select(box_selector(Box(320.0, 240.0, 60.0, 45.0)))
         vision = VisionLoop(vision_stage, clock, log, station)
@@ -132,9 +128,8 @@ def fly(seconds: float, settings: Settings, station: UiProcessClient | None) -> 
                     requests.change("servo.azimuth.kp", gain, "the benchmark")
             return clock.now() - begin_s < seconds + 1.0
 
-        run.run(watch)
-        stop.set()
-        thread.join()
+        with autopilot_thread(autopilot, clock):
+            run.run(watch)
     log.controls = [one for one in log.controls if one.time_s > begin_s + 1.0]
     return log
 

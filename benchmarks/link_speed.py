@@ -8,8 +8,8 @@ A simulated PX4 over UDP on this machine; run it on a quiet one:
 from __future__ import annotations
 
 import statistics
-import threading
 import time
+from contextlib import ExitStack
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -18,7 +18,7 @@ from follower.links.open import open_link
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import Transport, UdpTransport
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 
@@ -50,11 +50,9 @@ class Bench:
         listener = UdpTransport.listen("127.0.0.1", 0)
         self._theirs = UdpTransport.connect("127.0.0.1", listener.port)
         start = BodyState(clock.now(), (0.0, 0.0, -20.0))
-        self._stop = threading.Event()
         self.autopilot = SimAutopilot("px4", self._theirs, start)
-        arguments = (self.autopilot, clock, self._stop)
-        self._thread = threading.Thread(target=run_autopilot, args=arguments)
-        self._thread.start()
+        self._thread = ExitStack()
+        self._thread.enter_context(autopilot_thread(self.autopilot, clock))
         self.wire = Wire(listener)
         settings = LinkSettings(kind=kind, vehicle_id=1)  # type: ignore[arg-type]
         self.link = open_link(self.wire, settings, clock, 0)
@@ -62,8 +60,7 @@ class Bench:
     def close(self) -> None:
         """End everything."""
         self.link.close()
-        self._stop.set()
-        self._thread.join()
+        self._thread.close()
         self._theirs.close()
 
     def run(self, seconds: float, setpoint: VelocitySetpoint) -> list[float]:

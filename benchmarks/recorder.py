@@ -46,7 +46,7 @@ from follower.recording.video_writer import MatroskaWriter, to_picture
 from follower.settings.recorder import RecorderSettings
 from follower.settings.settings import Settings
 from follower_control.common.transport import Transport
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import Clock, MonotonicClock
 from follower_vision.geometry.box import Box
@@ -111,19 +111,15 @@ def fly(
     link = MavlinkLink(ours if recording is None else recording.transport(ours))
     autopilot = SimAutopilot("ardupilot", theirs, BodyState(0.0, (0.0, 0.0, -20.0)))
     autopilot.switch_mode("GUIDED")
-    stop = threading.Event()
-    thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
-    thread.start()
     stage = VisionStage(make_target_tracker(settings))
     stage.select(box_selector(Box(640.0, 360.0, 80.0, 60.0)))
     vision = VisionLoop(stage, clock, log)
     control_stage = ControlStage(settings, settings.camera.model(WIDTH, HEIGHT), log)
     control = ControlLoop(link, control_stage, lambda: vision.tracks.newest, log)
     run = RealtimeRun(clock, Camera(clock, images), vision, control, settings.control_rate_hz)
-    run.run(lambda: clock.now() < seconds + 1.0)
-    spent = {name: spent_s(name) for name in ("video", "recorder")}
-    stop.set()
-    thread.join()
+    with autopilot_thread(autopilot, clock):
+        run.run(lambda: clock.now() < seconds + 1.0)
+        spent = {name: spent_s(name) for name in ("video", "recorder")}
     if recording is not None:
         recording.close()
         print(*recording.remarks, sep="\n", end="")

@@ -39,7 +39,7 @@ from follower.apps.bench.scene import BenchClip, render_clips
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import open_flight
 from follower_control.common.transport import UdpTransport
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 
@@ -131,15 +131,14 @@ def fly(
     ours, theirs = UdpTransport.pair()
     port = ours.port
     ours.close()
-    clock, stop, watcher = MonotonicClock(), threading.Event(), Watcher()
+    clock, watcher = MonotonicClock(), Watcher()
     autopilot = SimAutopilot("ardupilot", theirs, BodyState(0.0, (0.0, 0.0, -20.0)))
-    threading.Thread(target=run_autopilot, args=(autopilot, clock, stop), daemon=True).start()
     x, y, width, height = clip.boxes[0].xywh
     target = ("--target", f"{x:.0f},{y:.0f},{width:.0f},{height:.0f}")
     place = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", str(film), "--out", str(folder))
     skipped = [word for name in SKIPPED for word in ("--skip-preflight", name)]
     settings = [word for one in SETTINGS for word in ("--set", one)]
-    with quota(share, period_us) as members:
+    with autopilot_thread(autopilot, clock), quota(share, period_us) as members:
         program = subprocess.Popen(
             [
                 *FOLLOWER,
@@ -168,7 +167,6 @@ def fly(
         finally:
             program.kill()
             program.wait()
-    stop.set()
     theirs.close()
     return figures(folder / "fly", seen / seconds)
 

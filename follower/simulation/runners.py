@@ -1,13 +1,12 @@
 """The two ways to fly a simulated flight: on a simulated clock, and in real time."""
 
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import nullcontext
 
 from follower.flight.lockstep import Lockstep, Pacer
 from follower.flight.threads import RealtimeRun, few_collections
 from follower.simulation.flight import SimulatedFlight
-from follower_sim.autopilot.autopilot import run_autopilot
+from follower_sim.autopilot.autopilot import autopilot_thread
 from follower_sim.camera import Exposure, SimCamera
 from follower_sim.vehicle.vehicle import STEP_S
 from follower_vision.clock import Clock, SimulatedClock
@@ -76,7 +75,9 @@ def fly_realtime(flight: SimulatedFlight, clock: Clock, show: Callable[[], None]
         flight.check_answered()
         return not flight.finished
 
-    with CameraSource(flight.camera, clock) as source, _autopilot_thread(flight, clock):
+    autopilot = flight.autopilot
+    flown = nullcontext() if autopilot is None else autopilot_thread(autopilot, clock)
+    with CameraSource(flight.camera, clock) as source, flown:
         rate_hz = flight.settings.control_rate_hz
         RealtimeRun(clock, source, flight.vision, flight.control, rate_hz).run(watch, SHOW_EVERY_S)
 
@@ -103,19 +104,3 @@ class CameraSource(ClosesItself):
     def close(self) -> None:
         """End the reading."""
         self._closed = True
-
-
-@contextmanager
-def _autopilot_thread(flight: SimulatedFlight, clock: Clock) -> Iterator[None]:
-    if flight.autopilot is None:
-        yield
-        return
-    stop = threading.Event()
-    arguments = (flight.autopilot, clock, stop)
-    thread = threading.Thread(target=run_autopilot, args=arguments, name="autopilot", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()

@@ -1,16 +1,15 @@
 """The simulated autopilot over a real socket, against pymavlink's own client."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
 from pymavlink import mavutil
 
 from follower_control.common.transport import UdpTransport
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision.clock import MonotonicClock
 
@@ -20,18 +19,13 @@ _PATIENCE_S = 20.0
 
 @contextmanager
 def _running(flavour: str, port: int) -> Iterator[SimAutopilot]:
-    clock, stop = MonotonicClock(), threading.Event()
-    transport = UdpTransport.connect("127.0.0.1", port)
+    clock = MonotonicClock()
     start = BodyState(clock.now(), (0.0, 0.0, 0.0), attitude_rad=(0.0, 0.0, 1.0))
-    autopilot = SimAutopilot(flavour, transport, start)
-    thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop))
-    thread.start()
-    try:
+    with (
+        closing(UdpTransport.connect("127.0.0.1", port)) as transport,
+        autopilot_thread(SimAutopilot(flavour, transport, start), clock) as autopilot,
+    ):
         yield autopilot
-    finally:
-        stop.set()
-        thread.join()
-        transport.close()
 
 
 class Client:

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -30,7 +29,7 @@ from follower.settings.link import LinkSettings
 from follower.settings.recorder import RecorderSettings, VideoKind
 from follower.settings.settings import Settings, VisionSettings
 from follower_control.common.transport import UdpTransport
-from follower_sim.autopilot.autopilot import SimAutopilot, run_autopilot
+from follower_sim.autopilot.autopilot import SimAutopilot, autopilot_thread
 from follower_sim.kinematics import BodyState
 from follower_vision import onnx_network
 from follower_vision.clock import MonotonicClock
@@ -90,7 +89,9 @@ def measure(
         config = FlightConfig.of("real", settings, epoch_ns=epoch_now_ns(clock))
         recorder = stack.enter_context(Recorder(place, config, clock, settings.recorder))
         link = MavlinkLink(recorder.transport(ours), settings.link)
-        autopilot = stack.enter_context(_autopilot(theirs, clock))
+        hovering = BodyState(0.0, (0.0, 0.0, -_HEIGHT_M))
+        autopilot = SimAutopilot("ardupilot", theirs, hovering)
+        stack.enter_context(autopilot_thread(autopilot, clock))
         camera = camera_type(clip, clock, setup.camera_hz)
         stage = VisionStage(tracker)
         stage.select(box_selector(clip.boxes[0]))
@@ -226,17 +227,3 @@ def _refusals() -> Iterator[list[str]]:
         yield heard
     finally:
         logger.removeHandler(listener)
-
-
-@contextmanager
-def _autopilot(transport: UdpTransport, clock: MonotonicClock) -> Iterator[SimAutopilot]:
-    """Have a vehicle hover at the other end of the link."""
-    autopilot = SimAutopilot("ardupilot", transport, BodyState(0.0, (0.0, 0.0, -_HEIGHT_M)))
-    stop = threading.Event()
-    thread = threading.Thread(target=run_autopilot, args=(autopilot, clock, stop), daemon=True)
-    thread.start()
-    try:
-        yield autopilot
-    finally:
-        stop.set()
-        thread.join()

@@ -2,7 +2,8 @@
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -337,3 +338,17 @@ def run_autopilot(autopilot: SimAutopilot, clock: Clock, stop: threading.Event) 
         now_s = clock.now()
         autopilot.step(now_s)
         clock.sleep_until(now_s + STEP_S)
+
+
+@contextmanager
+def autopilot_thread(autopilot: SimAutopilot, clock: Clock) -> Iterator[SimAutopilot]:
+    """Step an autopilot in real time, on a thread of its own, while entered."""
+    stop = threading.Event()
+    arguments = (autopilot, clock, stop)
+    thread = threading.Thread(target=run_autopilot, args=arguments, name="autopilot", daemon=True)
+    thread.start()
+    try:
+        yield autopilot
+    finally:
+        stop.set()
+        thread.join()
