@@ -206,7 +206,7 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
             folder, flight, recorder = _simulated(run, settings, watch)
         else:
             folder, flight, recorder = _real(run, settings, run.connect, watch)
-    end = NOT_RECORDED if recorder.must_stop else flight.stage.end
+    end = flight.stage.end
     for remark in recorder.remarks:
         print_line(console, remark)
     if flight.complete:
@@ -270,7 +270,7 @@ def _with(recorder: Recorder, watch: OnStep) -> OnStep:
 
     def step(flight: ExcitationFlight) -> None:
         if recorder.must_stop:
-            flight.stage.request_stop()
+            flight.stage.request_stop(NOT_RECORDED)
         watch(flight)
 
     return step
