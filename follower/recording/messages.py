@@ -206,7 +206,6 @@ MESSAGES = (
 )
 
 BY_TOPIC = {message.topic: message for message in MESSAGES}
-BY_RECORD = {message.record: message for message in MESSAGES}
 
 
 def messages_of(record: object) -> list[object]:

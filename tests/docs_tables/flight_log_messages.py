@@ -16,7 +16,7 @@ import numpy as np
 from marked_part import MarkedPart
 
 from follower.recording.codec import SHAPES, Field, fields_of
-from follower.recording.messages import BY_RECORD, MESSAGES
+from follower.recording.messages import MESSAGES
 
 _WORDS = 8
 
@@ -78,8 +78,8 @@ def _kind(field: Field) -> str:
 
 def _link(record: type) -> str:
     """Return a link to the list of a record's fields."""
-    if record in BY_RECORD:
-        topic = BY_RECORD[record].topic
+    topic = next((message.topic for message in MESSAGES if message.record is record), None)
+    if topic is not None:
         return f"[{topic}](#{topic.replace('/', '')})"
     return f"[{record.__name__}](#{record.__name__.lower()})"
 
