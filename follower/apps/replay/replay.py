@@ -196,6 +196,7 @@ class Replay:
             return recorded
         if self._frame is None or self._frame.sequence != recorded.sequence:
             self.missed += 1
+            self.log.pass_on(recorded, recorded.done_s)  # control uses it, in a saved replay too
             return recorded
         timer = Stopwatch()
         self._vision.prospects = lambda *_: recorded.prospect

@@ -19,7 +19,8 @@ from follower.apps.replay.replay import Replay, replay_settings
 from follower.apps.replay.run import DIFFERENT, SAME, replay_flight
 from follower.flight.log import FlightLog
 from follower.recording import FlightFileError, RecordedFlight, open_flight
-from follower.recording.messages import messages_of
+from follower.recording.mcap_writer import McapLog
+from follower.recording.messages import FrameRecord, messages_of
 from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.camera_model import CameraModel
 
@@ -263,6 +264,24 @@ def test_frames_that_are_not_in_the_video_are_counted_and_control_goes_on(
     replay.run()
     assert replay.missed == len(gone)
     assert len(replay.log.controls) == len(flight.log.controls)
+
+
+@pytest.mark.slow
+def test_a_saved_replay_whose_video_lacks_frames_replays_again(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    (folder / "flight.mcap").unlink()
+    flight = open_flight(small_flight.folder)
+    with McapLog(folder / "flight.mcap", flight.config.epoch_ns) as log:
+        for time_s, message in flight.messages():
+            if isinstance(message, FrameRecord) and message.sequence in (20, 21):
+                message = replace(message, video_index=None)
+            log.write(message, time_s)
+    for name in ("flight", "flight-replayed"):
+        assert replay_flight(tmp_path / name, save=name == "flight", out=tmp_path) == SAME
+        said = " ".join(capsys.readouterr().out.split())
+        assert "Vision was not compared strictly: 2 frames are not in the video." in said
 
 
 @pytest.mark.slow
