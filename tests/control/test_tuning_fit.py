@@ -120,3 +120,12 @@ def test_what_tells_nothing_is_refused_in_plain_words() -> None:
         ResponseData("nan", CHANGES_S, LEVELS, SAMPLES_S, still + math.nan)
     with pytest.raises(TooLittleError, match="do not rise"):
         ResponseData("back", CHANGES_S[::-1], LEVELS, SAMPLES_S, still)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_vehicle_that_did_not_answer_has_no_model(noise: float) -> None:
+    """As one on the ground, or that something else steered."""
+    still = 0 * flown(ResponseModel(1.0, 0.1, 0.3)).outputs
+    shaken = still + np.random.default_rng(1).normal(0.0, 1.0, len(still)) * noise
+    with pytest.raises(TooLittleError, match=r"no answer: .* any gain"):
+        fit_response([ResponseData("still", CHANGES_S, LEVELS, SAMPLES_S, shaken)])

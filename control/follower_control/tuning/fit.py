@@ -97,7 +97,8 @@ def fit_response(records: Sequence[ResponseData], least_excitation: float = 0.0)
         least_excitation: how much the input has to vary about its mean, RMS, in its own unit.
 
     Raises:
-        TooLittleError: the recordings are too short, or nothing was excited in them.
+        TooLittleError: the recordings are too short, nothing was excited in them, or nothing
+            answered.
     """
     _check(records, least_excitation)
     splits = tuple(_split_s(record) for record in records)
@@ -114,7 +115,14 @@ def fit_response(records: Sequence[ResponseData], least_excitation: float = 0.0)
     if not problem.is_explained(best):
         limited = problem.limited(best)
         best = limited if limited.held_out_rms < _BETTER * best.held_out_rms else best
-    return problem.result(best, _Problem(records, tuple(math.inf for _ in records)))
+    fit = problem.result(best, _Problem(records, tuple(math.inf for _ in records)))
+    gain, (low, high) = fit.intervals["gain"], _BOUNDS["gain"]
+    if gain.low < low or gain.high > high:
+        raise TooLittleError(
+            "no answer: what was measured fits to any gain, so it does not follow what was asked "
+            "for; see that the vehicle flew by the setpoints, then fly `follower excite`"
+        )
+    return fit
 
 
 def _check(records: Sequence[ResponseData], least: float) -> None:
@@ -123,7 +131,7 @@ def _check(records: Sequence[ResponseData], least: float) -> None:
     if samples < _LEAST_SAMPLES or length_s < _LEAST_S:
         raise TooLittleError(
             f"too short: {length_s:.1f} s with {samples} samples; at least {_LEAST_S:g} s and "
-            f"{_LEAST_SAMPLES} samples are needed (`follower excite` flies 90 s)"
+            f"{_LEAST_SAMPLES} samples are needed (`follower excite` flies 70 s)"
         )
     varied = math.sqrt(sum(_moved(record) for record in records) / max(length_s, 1e-9))
     if varied <= max(least, 1e-9):

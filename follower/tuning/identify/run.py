@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from follower.recording.run_folder import new_run_folder
 from follower.tuning.identify.readers import (
@@ -18,6 +19,7 @@ from follower.tuning.identify.readers import (
 from follower.tuning.identify.result import (
     Identification,
     Spread,
+    load_vehicle,
     model_row,
     write_identification,
 )
@@ -54,11 +56,18 @@ def identify(sources: Sequence[Path], out: Path, report: bool, command: str) -> 
         files.append(write_identification(folder / REPORT, found, command))
     for file in files:
         print_line(console, str(file))
+    print_line(console, _next(path, found))
+
+
+def _next(path: Path, found: Identification) -> str:
     poor = [axis for axis, fit in found.fits.items() if fit.held_out_fit < _POOR]
     if poor:
-        print_line(console, f"Next: follower excite, for better data of {', '.join(poor)}")
-    else:
-        print_line(console, f"Next: follower tune {shlex.quote(str(path))}")
+        return f"Next: follower excite, for better data of {', '.join(poor)}"
+    try:
+        load_vehicle(path).model()
+    except SettingsError as error:
+        return f"`follower tune` cannot take it: {error}"
+    return f"Next: follower tune {shlex.quote(str(path))}"
 
 
 def read_recording(path: Path) -> Recording:
@@ -157,11 +166,12 @@ def _size(recordings: Sequence[Recording], remarks: list[str]) -> SizeFit | None
 
 
 def _print(console: Console, found: Identification) -> None:
-    table = Table("Axis", "Order", "Gain", "Dead time", "Time const.", "Damping", "Rate limit")
+    head = ("Axis", "Order", "Gain", "Dead time", "Time const.", "Damping", "Rate limit")
+    table = Table(*head, box=None, pad_edge=False)
     table.add_column("Held-out fit", justify="right")
     for axis, fit in found.fits.items():
         row = model_row(axis, fit)
-        table.add_row(*(cell.partition(" (")[0] for cell in row))
+        table.add_row(*(Text(cell.partition(" (")[0]) for cell in row))
     console.print(table)
     for name, spread in found.delays.items():
         print_line(

@@ -55,12 +55,15 @@ class RecordedStep:
         Raises:
             OSError: it cannot be read.
             KeyError: a column is missing.
-            ValueError: there is no row, or something that is no number.
+            ValueError: there is no row, one that is too long, or something that is no number.
         """
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a mark first
             rows = list(csv.DictReader(file))
         if not rows:
             raise ValueError("there are no rows under the heading")
+        for number, row in enumerate(rows, 2):
+            if None in row:
+                raise ValueError(f"row {number} has more values than the heading has columns")
         columns = {key: np.array([float(row[key] or "nan") for row in rows]) for key in rows[0]}
         return cls(
             path.stem,

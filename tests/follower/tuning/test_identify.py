@@ -93,6 +93,14 @@ def test_times_that_would_make_the_fit_wrong_are_refused(
         read_recording(path)
 
 
+def test_a_row_with_more_values_than_columns_is_refused(tmp_path: Path) -> None:
+    """As with decimal commas, which put every value behind them into the wrong column."""
+    path = tmp_path / "steps.csv"
+    path.write_text("t_boot,vx\n0.1,2\n0,2,3,5\n")
+    with pytest.raises(SettingsError, match="row 3 has more values"):
+        read_recording(path)
+
+
 @needs_steps
 def test_a_table_that_a_spreadsheet_saved_is_read(tmp_path: Path) -> None:
     path = tmp_path / "steps.csv"
@@ -143,6 +151,19 @@ def test_a_px4_log_gives_the_axes_in_the_vehicles_own_frame(tmp_path: Path) -> N
     other.write_text("no")
     with pytest.raises(ValueError, match="no PX4 log"):
         read_recording(other)
+
+
+def test_the_next_step_is_one_that_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the vehicle's axes this log moved two."""
+    log = write_ulog(tmp_path / "log.ulg", ResponseModel(0.9, 0.2, 0.4))
+    identify([log], tmp_path / "runs", False, "follower identify")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Next: follower tune" not in said
+    assert "not known for forward, down: identify a flight of `follower excite`" in said
+    assert "[m/s]" in said
+    assert "[rad/s]" in said
 
 
 def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
