@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -90,10 +90,10 @@ def in_heading(north: Array, east: Array, yaw_rad: Array) -> tuple[Array, Array]
 
 _Telemetry = TypeVar("_Telemetry", Attitude, LocalPosition)
 
+_LONGEST_GAP_S = 0.3
 # Of CSV files
 _WORLD_FRAMES = (1, 7)
 _TURNING_RAD_S = 0.1
-_LONGEST_GAP_S = 0.3
 # Of flights
 _USED = (GateVerdict.STARTED, GateVerdict.FUSED, GateVerdict.RESTARTED)
 _LEAST_STEPS = 150
@@ -199,6 +199,12 @@ def read_flight(folder: Path) -> Recording:
             if is_excited(record, axis):
                 axes.setdefault(axis, []).append(record)
     remarks = list(flight.remarks)
+    steps_s = [b.time_s - a.time_s for a, b in pairwise(controls)]
+    if missing_s := sum(step_s for step_s in steps_s if step_s > _LONGEST_GAP_S):
+        remarks.append(
+            f"{folder}: {missing_s:.1f} s are missing in its log: what was flown before and after "
+            "is fitted as two flights"
+        )
     if not stretches:
         remarks.append(
             f"{folder}: at no time did the vehicle fly by our setpoints for "
@@ -217,14 +223,17 @@ def read_flight(folder: Path) -> Recording:
 
 
 def _flown(controls: Iterable[ControlRecord]) -> Iterator[list[ControlRecord]]:
-    """Yield the stretches in which the vehicle flew by our setpoints."""
-
-    def ours(record: ControlRecord) -> bool:
-        return record.sent and record.state.engaged and record.vehicle.obeys_setpoints
-
-    for flown, group in groupby(controls, ours):
-        if flown:
-            yield list(group)
+    """Yield the stretches, without gaps, in which the vehicle flew by our setpoints."""
+    stretch: list[ControlRecord] = []
+    for record in controls:
+        ours = record.sent and record.state.engaged and record.vehicle.obeys_setpoints
+        if stretch and not (ours and record.time_s - stretch[-1].time_s <= _LONGEST_GAP_S):
+            yield stretch
+            stretch = []
+        if ours:
+            stretch.append(record)
+    if stretch:
+        yield stretch
 
 
 def _flight_axes(

@@ -14,6 +14,7 @@ from follower.apps.replay.replay import Replay, replay_settings
 from follower.flight.log import FlightLog
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import FlightConfig, Recorder, open_flight
+from follower.recording.mcap_writer import McapLog
 from follower.settings.settings import load_settings
 from follower.tuning.excite import run as run_module
 from follower.tuning.excite.pattern import ExcitationSettings, Pattern, PatternKind
@@ -157,6 +158,25 @@ def test_its_recording_tells_how_the_vehicle_answers(
     assert fit.model.gain == pytest.approx(1.0, abs=0.06)
     assert 0.03 < fit.model.dead_time_s < 0.4
     assert any("down: nothing moved this axis" in remark for remark in found.remarks)
+
+
+@pytest.mark.slow
+def test_a_gap_in_the_log_is_no_setpoint_that_stood_for_so_long(
+    flown: tuple[Path, ExcitationFlight], tmp_path: Path
+) -> None:
+    """As where the disk was too slow for the log."""
+    flight = open_flight(flown[0])
+    asked = [one.time_s for one in flight.log.controls if one.allowed.forward_m_s > 0.7]
+    gap = range(math.floor(asked[0]) + 2, math.floor(asked[0]) + 5)
+    with McapLog(tmp_path / "flight.mcap", flight.config.epoch_ns, flight.config.to_yaml()) as log:
+        for time_s, message in flight.messages():
+            if math.floor(time_s) not in gap:
+                log.write(message, time_s)
+    read = read_recording(tmp_path)
+    for one in read.axes[VehicleAxis.FORWARD]:
+        assert np.diff(one.output_s).max() < 0.3
+    assert any("3.0 s are missing in its log" in remark for remark in read.remarks)
+    assert identification([read]).fits[VehicleAxis.FORWARD].held_out_fit > 0.6
 
 
 def test_ctrl_c_holds_releases_and_says_how_far_it_came(
