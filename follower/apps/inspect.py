@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from follower.flight.log import failed_plugins
+from follower.flight.log import failed_plugins, setpoint_delays
 from follower.flight.supervision.flight_end import BROKEN_OFF, LastRelease
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
@@ -23,7 +23,7 @@ from follower.recording.recorded_flight import check_not_of
 from follower.recording.video_reader import video_problem
 from follower.recording.video_writer import VIDEO
 from follower.report import flight_page, html, style
-from follower.report.pilot_plot import delays, first_uses, pilot_and_vehicle
+from follower.report.pilot_plot import delays, pilot_and_vehicle
 from follower.report.series import LoggedFlight, ReportMeta, Span
 from follower.report.track_losses import (
     TrackLoss,
@@ -64,8 +64,8 @@ _FIGURES = (
         "Delays and ages",
         delays,
         "Above, for each frame: from its capture until vision took it, until vision's answer, "
-        "and until the first setpoint made from it. Below, at each control step: how old the "
-        "newest telemetry and the frame behind the setpoint were.",
+        "and until the first setpoint that was made from it and sent. Below, at each control "
+        "step: how old the newest telemetry and the frame behind the setpoint were.",
     ),
 )
 
@@ -175,9 +175,9 @@ def summary(
     if share is not None:
         figures.append(("Target seen", f"{100 * share:.1f} %"))
         figures.append(("Losses", str(len(found))))
-    used_s = [used - captured for captured, used in first_uses(flight.log).items()]
-    if used_s:
-        median, p99 = 1e3 * np.percentile(used_s, (50, 99))
+    delays_s = list(setpoint_delays(flight.log.controls).values())
+    if delays_s:
+        median, p99 = 1e3 * np.percentile(delays_s, (50, 99))
         figures.append(("Capture to setpoint, median", f"{median:.0f} ms"))
         figures.append(("Capture to setpoint, 99 %", f"{p99:.0f} ms"))
     return figures

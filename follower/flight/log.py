@@ -243,13 +243,13 @@ def failed_plugins(log: FlightLog) -> list[str]:
     return [f"{text[0].upper()}{text[1:]}" for text in said]
 
 
-def setpoint_delays(controls: Sequence[ControlRecord]) -> list[float]:
-    """Return, for each frame that was steered by, the time from its capture to the setpoint.
+def setpoint_delays(controls: Sequence[ControlRecord]) -> dict[float, float]:
+    """Return, for each frame that was steered by, capture time → seconds from it to the setpoint.
 
     That is the beginning of the first step that used the frame's track and sent what the servo
     made of it; how long the step itself takes is `ControlRecord.busy_s`.
     """
-    delays: list[float] = []
+    delays: dict[float, float] = {}
     used_s: float | None = None
     for record in controls:
         captured_s = record.track_captured_s
@@ -257,7 +257,7 @@ def setpoint_delays(controls: Sequence[ControlRecord]) -> list[float]:
             continue
         used_s = captured_s
         if record.sent and record.state is SupervisorState.FOLLOWING:
-            delays.append(record.time_s - captured_s)
+            delays[captured_s] = record.time_s - captured_s
     return delays
 
 

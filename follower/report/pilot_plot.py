@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.log import ControlRecord, setpoint_delays
 from follower.report import style
 from follower.report.series import Array, LoggedFlight, control_times
 from follower.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY
@@ -135,15 +135,6 @@ def delays(flight: LoggedFlight) -> Figure | None:
     return figure
 
 
-def first_uses(log: FlightLog) -> dict[float, float]:
-    """Return capture time → time of the first control step that used the frame's answer."""
-    uses: dict[float, float] = {}
-    for record in log.controls:
-        if record.track_captured_s is not None:
-            uses.setdefault(record.track_captured_s, record.time_s)
-    return uses
-
-
 def telemetry_ages(controls: Sequence[ControlRecord]) -> Array:
     """Return the ages of attitude, position and heartbeat at each step in seconds, (N, 3)."""
     rows = [
@@ -160,7 +151,7 @@ def telemetry_ages(controls: Sequence[ControlRecord]) -> Array:
 
 
 def _draw_frames(axes: Axes, flight: LoggedFlight) -> None:
-    tracks, uses = flight.log.tracks, first_uses(flight.log)
+    tracks, used_s = flight.log.tracks, setpoint_delays(flight.log.controls)
     time = np.array([record.captured_s - flight.start_s for record in tracks], np.float64)
     curves = (
         ("capture to vision", SKY, [record.received_s - record.captured_s for record in tracks]),
@@ -168,7 +159,7 @@ def _draw_frames(axes: Axes, flight: LoggedFlight) -> None:
         (
             "capture to setpoint",
             ORANGE,
-            [uses.get(record.captured_s, np.nan) - record.captured_s for record in tracks],
+            [used_s.get(record.captured_s, np.nan) for record in tracks],
         ),
     )
     for name, colour, values in curves:

@@ -177,7 +177,7 @@ def timings(log: FlightLog) -> list[Timing]:
         ("control: lateness", late_s if any(late_s) else []),
         ("control: one step's work", [record.busy_s for record in log.controls]),
         ("vision: one frame's work", [record.busy_s for record in log.tracks]),
-        ("capture to setpoint", setpoint_delays(log.controls)),
+        ("capture to setpoint", list(setpoint_delays(log.controls).values())),
     ]
     return [Timing(name, np.array(values, np.float64)) for name, values in rows if values]
 

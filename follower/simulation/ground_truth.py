@@ -117,7 +117,7 @@ def score_flight(
             for r in log.controls
         ],
         goal,
-        delays_s=setpoint_delays(log.controls),
+        delays_s=list(setpoint_delays(log.controls).values()),
         overlaps=overlaps,
         identity=identity,
         chosen_s=chosen_s,

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from follower.flight.log import ControlRecord
+from follower.flight.log import ControlRecord, setpoint_delays
 from follower.recording import RecordedFlight, open_flight
 from follower.recording.telemetry_logs.readers import read_ulog
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
@@ -290,11 +290,7 @@ def _turning(attitudes: Sequence[Attitude]) -> tuple[Array, Array, Array]:
 def _camera_delays(flight: RecordedFlight) -> list[float]:
     """Return from each frame's exposure to the first setpoint sent that was made from it."""
     latency_s = flight.config.number("camera", "latency_s") or 0.0
-    uses: dict[float, float] = {}
-    for record in flight.log.controls:
-        if record.track_captured_s is not None:
-            uses.setdefault(record.track_captured_s, record.time_s)
-    return [used_s - captured_s + latency_s for captured_s, used_s in uses.items()]
+    return [delay_s + latency_s for delay_s in setpoint_delays(flight.log.controls).values()]
 
 
 def _sizes(flight: RecordedFlight) -> list[SizeSample]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,9 @@ from html_page import Page
 from program import output_of
 from rich.console import Console
 
-from follower.apps.inspect import inspect_flight
+from follower.apps.inspect import inspect_flight, summary
 from follower.flight.log import FlightLog, TrackRecord
-from follower.recording import FlightFileError
-from follower.report.pilot_plot import first_uses
+from follower.recording import FlightFileError, open_flight
 from follower.report.series import LoggedFlight
 from follower.report.track_losses import losses, pick_images, wanted_frames
 from follower.tuning.identify.readers import read_flight
@@ -182,9 +182,9 @@ def test_only_the_wanted_pictures_are_read() -> None:
     assert read == [0, 1, 2, 3, 4]
 
 
-def test_a_frame_is_used_when_the_first_step_uses_it(small_flight: Any) -> None:
-    uses = first_uses(small_flight.log)
-    assert uses
-    assert all(used >= captured for captured, used in uses.items())
-    later = [c.time_s for c in small_flight.log.controls if c.track_captured_s in uses]
-    assert min(uses.values()) == min(later)
+def test_where_nothing_was_sent_there_is_no_delay_to_the_setpoint(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    assert "Capture to setpoint, median" in dict(summary(flight, LoggedFlight(flight.log), []))
+    unsent = [replace(one, sent=False) for one in flight.log.controls]
+    flight.log.controls = unsent
+    assert "Capture to setpoint, median" not in dict(summary(flight, LoggedFlight(flight.log), []))
