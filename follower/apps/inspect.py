@@ -139,7 +139,9 @@ def _page(
     meta: ReportMeta,
     more: Sequence[str],
 ) -> str:
+    # Both read files to their end, and may find them damaged: the headline says so.
     lost = _losses_section(recorded, flight, found)
+    kept = recording_section(recorded, flight.length_s)
     with style.plot_style():
         parts = [
             _headline(recorded, flight, meta, found),
@@ -153,7 +155,7 @@ def _page(
             ),
             flight_page.timing_section(flight),
             flight_page.envelope_section(flight),
-            recording_section(recorded, flight.length_s),
+            kept,
             flight_page.events_section(flight),
             flight_page.about(meta),
         ]

@@ -99,7 +99,7 @@ def read_tlog(
     Args:
         path: the file.
         epoch_ns: the flight's time 0 in nanoseconds since 1970; times are counted from it.
-        remarks: gets a sentence if bytes were passed over.
+        remarks: gets a sentence, once, if bytes were passed over.
 
     Raises:
         OSError: it cannot be read.
@@ -117,8 +117,9 @@ def read_tlog(
         direction = Direction.SENT if stamp_us & 3 == Direction.SENT else Direction.RECEIVED
         yield TlogPacket(time_s, direction, data[at + 8 : end])
         at = end
-    if passed and remarks is not None:
-        remarks.append(f"{passed} bytes of {path.name} are cut off or damaged.")
+    said = f"{passed} bytes of {path.name} are cut off or damaged."
+    if passed and remarks is not None and said not in remarks:
+        remarks.append(said)
 
 
 def _record_end(data: bytes, at: int) -> int:

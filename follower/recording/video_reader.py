@@ -27,7 +27,7 @@ def read_pictures(path: Path, frames: Sequence[FrameRecord], remarks: list[str])
     Args:
         path: the video.
         frames: the log's record of the frames.
-        remarks: gets a sentence if pictures are missing.
+        remarks: gets a sentence, once, if pictures are missing.
 
     Raises:
         FlightFileError: there is no video, or it cannot be opened.
@@ -48,7 +48,8 @@ def read_pictures(path: Path, frames: Sequence[FrameRecord], remarks: list[str])
     if found < len(expected):
         missing = f"misses {len(expected) - found} of its"
         ends = f"ends after {found} of" if found == due else missing
-        remarks.append(f"{path.name} {ends} {len(expected)} pictures.")
+        said = f"{path.name} {ends} {len(expected)} pictures."
+        remarks += [] if said in remarks else [said]
 
 
 class FrameFinder:

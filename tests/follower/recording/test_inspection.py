@@ -188,3 +188,17 @@ def test_where_nothing_was_sent_there_is_no_delay_to_the_setpoint(small_flight: 
     unsent = [replace(one, sent=False) for one in flight.log.controls]
     flight.log.controls = unsent
     assert "Capture to setpoint, median" not in dict(summary(flight, LoggedFlight(flight.log), []))
+
+
+@pytest.mark.slow
+def test_a_damaged_tlog_is_in_the_headline_and_told_once(small_flight: Any, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    tlog = folder / "mavlink.tlog"
+    tlog.write_bytes(tlog.read_bytes()[:-5])
+    flight = open_flight(folder)
+    for _ in range(2):  # as where the folder has no room for the report
+        list(flight.packets())
+    assert len(flight.remarks) == 1
+    page, printed = inspected(folder)
+    assert "with parts missing" in page.text
+    assert printed.count("bytes of mavlink.tlog are cut off") == 1
