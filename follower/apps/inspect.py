@@ -139,7 +139,7 @@ def _page(
     meta: ReportMeta,
     more: Sequence[str],
 ) -> str:
-    # Both read files to their end, and may find them damaged: the headline says so.
+    # Both read files and may find them damaged, which the headline is to say.
     lost = _losses_section(recorded, flight, found)
     kept = recording_section(recorded, flight.length_s)
     with style.plot_style():

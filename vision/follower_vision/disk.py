@@ -11,7 +11,7 @@ def write_whole(path: Path, text: str) -> Path:
     Raises:
         OSError: it cannot be written; `filename` is the file's, and nothing of it is left.
     """
-    return write_whole_bytes(path, text.encode("utf-8"))
+    return write_whole_bytes(path, text.encode("utf-8", "replace"))  # a name may be no UTF-8
 
 
 def write_whole_bytes(path: Path, content: bytes) -> Path:

@@ -67,7 +67,8 @@ def write_replay_plot(
     figure = Figure(figsize=(WIDTH_IN, 11), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(6, 1, sharex=True, height_ratios=[1, 1, 1, 1, 1, 1.6])
-    figure.suptitle(title, fontsize=11)
+    # A folder's name may be no UTF-8, or have what looks like TeX in it.
+    figure.suptitle(title.encode("utf-8", "replace").decode(), fontsize=11, parse_math=False)
     for log, style in ((recorded, _RECORDED), (replayed, _REPLAYED)):
         frames_s = [record.captured_s for record in log.tracks]
         steps_s = control_times(log.controls, 0.0)

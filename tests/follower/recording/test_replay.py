@@ -1,5 +1,6 @@
 """A recorded flight through the real stages again: the same to the last bit, or shown to differ."""
 
+import os
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -353,3 +354,15 @@ def test_the_command_replays_in_another_process(small_flight: Any, tmp_path: Pat
     assert missing.returncode == 2
     assert missing.stderr.startswith("follower: ")
     assert missing.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a$_$b", os.fsdecode(b"caf\xe9")])
+def test_a_folder_of_an_odd_name_replays_and_reports(
+    small_flight: Any, tmp_path: Path, name: str
+) -> None:
+    """As TeX would have it, or in another encoding than UTF-8."""
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / name))
+    assert replay_flight(folder, ["servo.distance_m=3"], out=tmp_path) == SAME
+    assert (tmp_path / f"replay-{name}" / "replay.png").stat().st_size > 10_000
+    assert inspect_flight(folder, console=Console(quiet=True)).read_text("utf-8")
