@@ -84,7 +84,7 @@ class Difference:
         is_number: False for names and flags, where an amount has no meaning.
         times_s: of all records compared, shape (N,).
         amounts: by how much each differs, shape (N,): 0 where it is the same to the last bit,
-            1 where it is no number or missing on one side.
+            infinite where it is no number or missing on one side.
     """
 
     name: str
@@ -179,7 +179,10 @@ def _difference(
 
 
 def difference(a: Any, b: Any) -> float:
-    """Return by how much two values differ: 0 means the same bits, or both NaN."""
+    """Return by how much two values differ: 0 means the same bits, or both NaN.
+
+    It is infinite where no number says how much: one of the two is missing, or they are names.
+    """
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         pairs = zip(a.ravel().tolist(), b.ravel().tolist(), strict=True)
         return max((difference(x, y) for x, y in pairs), default=0.0)
@@ -187,10 +190,10 @@ def difference(a: Any, b: Any) -> float:
         if a == b or (math.isnan(a) and math.isnan(b)):
             return 0.0
         apart = abs(a - b)
-        return apart if math.isfinite(apart) else 1.0
+        return apart if math.isfinite(apart) else math.inf
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return 1.0  # one of them has none
-    return 0.0 if a == b else 1.0
+        return math.inf  # one of them has none
+    return 0.0 if a == b else math.inf
 
 
 _GROWTH_S = (1.0, 5.0)
@@ -253,7 +256,7 @@ def print_comparison(
     compared = max((len(one.times_s) for one in parts), default=0)
     differing = [one for one in parts if one.count]
     if not differing:
-        print_line(console, f"{title}: {compared} compared, identical")
+        print_line(console, f"{title}: {compared} compared{', identical' if compared else ''}")
         return
     largest = max(one.largest for one in differing)
     if largest <= tolerance:
@@ -268,9 +271,13 @@ def print_comparison(
     for one in differing:
         first_s = one.first_s or 0.0
         amounts = [*(one.largest_until(first_s + after_s) for after_s in _GROWTH_S), one.largest]
-        shown = [f"{value:.2g} {one.unit}" if one.is_number else "–" for value in amounts]
+        shown = [_amount(value, one.unit) if one.is_number else "–" for value in amounts]
         table.add_row(one.name, str(one.count), f"{first_s:.3f} s", *shown)
     console.print(table)
+
+
+def _amount(value: float, unit: str) -> str:
+    return f"{value:.2g} {unit}" if math.isfinite(value) else "missing"
 
 
 def first_difference(comparison: Comparison) -> str:

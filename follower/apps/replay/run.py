@@ -94,7 +94,7 @@ def _draw_differences(ax: Axes, comparison: Comparison) -> None:
         ax.text(0.5, 0.5, "no difference", transform=ax.transAxes, ha="center", color=MUTED.light)
         return
     for number, one in enumerate(numbers[:_SHOWN]):
-        grown = np.maximum.accumulate(one.amounts)
+        grown = np.maximum.accumulate(np.where(np.isfinite(one.amounts), one.amounts, 0.0))
         unit = f", {one.unit}" if one.unit else ""
         colour = colours[number % len(colours)]
         shown = np.where(grown > 0, grown, np.nan)
@@ -238,8 +238,11 @@ def _conclude(
     caveat = _caveat(flight, whole)
     guaranteed = control if caveat else best
     if guaranteed.agrees and control.agrees:
-        what = "Control replays" if caveat else "The replay is identical to the flight,"
-        console.print(f"[green]{what} {strictness}.[/green]{caveat}", highlight=False)
+        same = "Control replays" if caveat else "The replay is identical to the flight,"
+        what = f"{same} {strictness}."
+        if caveat and not flight.log.controls:
+            what = "There was no control step to compare."
+        console.print(f"[green]{what}[/green]{caveat}", highlight=False)
         return SAME
     for line in (
         first_difference(guaranteed.comparison),

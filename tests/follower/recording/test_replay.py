@@ -1,5 +1,6 @@
 """A recorded flight through the real stages again: the same to the last bit, or shown to differ."""
 
+import io
 import os
 import shutil
 import subprocess
@@ -15,10 +16,10 @@ from program import FOLLOWER
 from rich.console import Console
 
 from follower.apps.inspect import inspect_flight
-from follower.apps.replay.comparison import compare, difference
+from follower.apps.replay.comparison import compare, difference, print_comparison
 from follower.apps.replay.replay import Replay, replay_settings
 from follower.apps.replay.run import DIFFERENT, SAME, replay_flight
-from follower.flight.log import FlightLog
+from follower.flight.log import FlightLog, SelectionRecord, TrackRecord
 from follower.recording import FlightFileError, RecordedFlight, open_flight
 from follower.recording.mcap_writer import McapLog
 from follower.recording.messages import FrameRecord, messages_of
@@ -92,10 +93,44 @@ def test_nan_equals_nan_and_zero_equals_minus_zero_and_none_equals_none_alone() 
     nan, infinity = float("nan"), float("inf")
     assert difference(nan, nan) == difference(0.0, -0.0) == difference(None, None) == 0
     assert difference(infinity, infinity) == 0
-    assert difference(nan, 1.0) == difference(infinity, 1.0) == difference(None, 1.0) == 1
+    assert difference(nan, 1.0) == difference(infinity, 1.0) == difference(None, 1.0) == infinity
     assert difference(np.eye(2), np.eye(2)) == 0
     assert difference(np.eye(2), 3 * np.eye(2)) == 2
-    assert difference(np.eye(2), None) == difference(None, np.eye(2)) == 1
+    assert difference(np.eye(2), None) == difference(None, np.eye(2)) == infinity
+
+
+def test_what_one_side_lacks_has_no_amount(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    controls = list(flight.log.controls)
+    controls[70] = replace(controls[70], estimate=None)
+    altered = FlightLog(flight.log.tracks, controls, flight.log.events)
+    printed = Console(file=io.StringIO(), width=120)
+    print_comparison(printed, "Control", compare(flight.log, altered).control)
+    said = printed.file.getvalue()
+    assert "azimuth" in said
+    assert "missing" in said
+    assert " rad" not in said
+
+
+@pytest.mark.slow
+def test_without_control_steps_control_is_not_said_to_replay(
+    small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = open_flight(small_flight.folder)
+    kept = (FrameRecord, SelectionRecord, TrackRecord)
+    config = flight.config.to_yaml().replace("video: lossless", "video: h264")
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    (folder / "config.yaml").write_text(config, "utf-8")
+    (folder / "flight.mcap").unlink()
+    with McapLog(folder / "flight.mcap", flight.config.epoch_ns, config) as log:
+        for time_s, message in flight.messages():
+            if isinstance(message, kept):
+                log.write(message, time_s)
+    assert replay_flight(folder, out=tmp_path) == SAME
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Control replays" not in said
+    assert "Control from the recorded tracks: 0 compared Vision" in said
+    assert "There was no control step to compare. Vision was not compared strictly" in said
 
 
 def test_control_replays_from_the_recorded_tracks_without_any_video(
