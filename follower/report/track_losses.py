@@ -28,7 +28,8 @@ class TrackLoss:
         end_s: when it was seen again, or the last frame.
         seen_before: the last answer that saw it.
         meanwhile: the answers that did not.
-        seen_again: the first one that did; None if the recording ends before.
+        seen_again: the first one that did; None if the recording ended or the target was given up
+            before.
         reactions: the supervisor's states meanwhile, in their order.
     """
 
@@ -48,7 +49,7 @@ class TrackLoss:
     def said(self) -> str:
         """What vision said meanwhile, e.g. "coasting, lost"."""
         states = (str(record.track.state) for record in self.meanwhile if record.track is not None)
-        return ", ".join(dict.fromkeys(states)) or "no target"
+        return ", ".join(dict.fromkeys(states))
 
     @property
     def ended(self) -> str:
@@ -64,17 +65,18 @@ class TrackLoss:
 
 
 def losses(flight: LoggedFlight) -> list[TrackLoss]:
-    """Return all losses, in the order of time."""
+    """Return all losses, in the order of time; a target that was given up is not lost."""
     found: list[TrackLoss] = []
     before: TrackRecord | None = None
     meanwhile: list[TrackRecord] = []
     for record in flight.log.tracks:
-        if record.track is None or record.track.state is not TrackState.TRACKING:
+        if record.track is not None and record.track.state is not TrackState.TRACKING:
             meanwhile.append(record)
             continue
+        seen = None if record.track is None else record
         if before is not None and meanwhile:
-            found.append(_loss(flight, before, meanwhile, record))
-        before, meanwhile = record, []
+            found.append(_loss(flight, before, meanwhile, seen))
+        before, meanwhile = seen, []
     if before is not None and meanwhile:
         found.append(_loss(flight, before, meanwhile, None))
     return found

@@ -168,6 +168,13 @@ def test_a_loss_at_the_end_has_no_end() -> None:
     assert [word for word, _ in last.shown_records] == ["seen last", "unseen"]
 
 
+def test_a_target_that_is_given_up_is_not_lost() -> None:
+    assert losses(flight_of("ttnnntt")) == []
+    (one,) = losses(flight_of("tllnnntt"))
+    assert (one.start_s, one.end_s) == (pytest.approx(0.1), pytest.approx(0.2))
+    assert (one.said, one.seen_again) == ("lost", None)
+
+
 def test_only_the_wanted_pictures_are_read() -> None:
     found = losses(flight_of("ttcctttt"))
     read: list[int] = []
