@@ -205,8 +205,9 @@ def _headline(
 def _losses_section(
     recorded: RecordedFlight, flight: LoggedFlight, found: Sequence[TrackLoss]
 ) -> str:
-    if seen_share(recorded) is None:
-        return html.section("Losses", html.paragraph("No target was ever chosen."))
+    if not (share := seen_share(recorded)):
+        said = "No target was ever chosen." if share is None else "The target was never seen."
+        return html.section("Losses", html.paragraph(said))
     pictures, remark, wanted = {}, "", wanted_frames(found)
     if wanted:
         try:

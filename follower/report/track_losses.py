@@ -94,7 +94,9 @@ def losses_section(
         remark: what the reader has to know, e.g. why there are no pictures.
     """
     if not found:
-        return html.section("Losses", html.paragraph("The target was seen in every frame."))
+        return html.section(
+            "Losses", html.paragraph("Once seen, the target was seen in every frame.")
+        )
     rows = [
         (f"{one.start_s:.2f}", f"{one.length_s:.2f}", one.said, ", ".join(one.reactions), one.ended)
         for one in found

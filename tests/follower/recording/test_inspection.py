@@ -18,6 +18,7 @@ from rich.console import Console
 from follower.apps.inspect import inspect_flight, summary
 from follower.flight.log import FlightLog, TrackRecord
 from follower.recording import FlightFileError, open_flight
+from follower.recording.mcap_writer import McapLog
 from follower.report.series import LoggedFlight
 from follower.report.track_losses import losses, pick_images, wanted_frames
 from follower.tuning.identify.readers import read_flight
@@ -195,6 +196,23 @@ def test_where_nothing_was_sent_there_is_no_delay_to_the_setpoint(small_flight: 
     unsent = [replace(one, sent=False) for one in flight.log.controls]
     flight.log.controls = unsent
     assert "Capture to setpoint, median" not in dict(summary(flight, LoggedFlight(flight.log), []))
+
+
+@pytest.mark.slow
+def test_a_target_that_was_never_seen_was_not_seen_in_every_frame(
+    small_flight: Any, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
+    (folder / "flight.mcap").unlink()
+    flight = open_flight(small_flight.folder)
+    with McapLog(folder / "flight.mcap", flight.config.epoch_ns) as log:
+        for time_s, message in flight.messages():
+            if isinstance(message, TrackRecord) and message.track is not None:
+                message = replace(message, track=replace(message.track, state=TrackState.LOST))
+            log.write(message, time_s)
+    page, _ = inspected(folder)
+    assert "The target was never seen." in page.text
+    assert "seen in every frame" not in page.text
 
 
 @pytest.mark.slow
