@@ -259,8 +259,11 @@ class ReplaySaver(ClosesItself):
         settings: Settings,
         overrides: Sequence[str] = (),
     ) -> None:
+        earlier = flight.config.run.get("open_loop")
         label = {"open_loop": f"replayed with {', '.join(overrides)}"} if overrides else {}
-        run = {**label, **flight.config.run, "tracks_from": "the recorded video, decoded"}
+        if earlier and overrides:
+            label["open_loop"] = f"{earlier}, {label['open_loop']}"
+        run = {**label, **flight.config.run, **label, "tracks_from": "the recorded video, decoded"}
         now = FlightConfig.of(flight.config.kind, settings)
         config = replace(
             flight.config,

@@ -281,6 +281,10 @@ def test_with_other_settings_the_replay_is_labelled_open_loop(
     assert "Open loop" in capsys.readouterr().out
     saved = open_flight(tmp_path / f"{small_flight.folder.name}-replayed")
     assert saved.config.run["open_loop"] == "replayed with servo.distance_m=3"
+    replay_flight(saved.folder, ["servo.distance_m=4"], save=True, out=tmp_path)
+    again = open_flight(tmp_path / f"{saved.folder.name}-replayed")
+    said = "replayed with servo.distance_m=3, replayed with servo.distance_m=4"
+    assert again.config.run["open_loop"] == said
 
 
 @pytest.mark.slow
