@@ -123,7 +123,7 @@ class _Search:
     def starts(self) -> Iterator[PidSettings]:
         """Yield gains of almost nothing with each ratio between them."""
         present, axis = self._present, self._axis
-        size = max(present.kp, 1e-9)
+        size = present.kp or math.inf  # to gains of zero there is no ratio
         for integral in sorted({*_INTEGRAL_PER_S[axis], round(present.ki / size, 4)}):
             for derivative in sorted({*_DERIVATIVE_S[axis], round(present.kd / size, 4)}):
                 ki, kd = _LOWEST * integral, _LOWEST * derivative

@@ -129,7 +129,11 @@ def analyse(
     goals: Mapping[Axis, TuningGoal] | None,
     what_ifs: Sequence[WhatIf] = (),
 ) -> list[AxisAnalysis]:
-    """Analyse every axis; with goals, find gains for it."""
+    """Analyse every axis; with goals, find gains for it.
+
+    Raises:
+        SettingsError: a what-if makes gains that no loop can have.
+    """
     follower = LoopSettings(settings.servo, settings.estimator, settings.envelope)
     found = []
     for axis in Axis:
@@ -140,8 +144,12 @@ def analyse(
         chosen = gains if tuned is None else tuned.gains
         others = []
         for one in what_ifs:
-            scaled = _scaled(chosen, one.gain)
-            others.append((one.words, axis_loop(axis, scaled, vehicle, follower, one.conditions)))
+            try:
+                scaled = _scaled(chosen, one.gain)
+                loop = axis_loop(axis, scaled, vehicle, follower, one.conditions)
+            except ValueError as error:
+                raise SettingsError(f"--what-if {one.words}: {axis}: {error}") from None
+            others.append((one.words, loop))
         found.append(AxisAnalysis(axis, gains, now, tuned, tuple(others), goal.max_sensitivity))
     return found
 

@@ -110,6 +110,18 @@ def test_a_what_if_that_makes_no_sense_is_refused(wrong: str) -> None:
         parse_what_ifs([wrong], Conditions())
 
 
+def test_a_what_if_with_gains_that_no_loop_can_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="--what-if range=1e9: range: kp lies between"):
+        tune_follower(TuneOptions("px4", what_ifs=("range=1e9",), out=tmp_path))
+
+
+def test_a_loop_without_proportional_gain_gets_one(tmp_path: Path) -> None:
+    """Its derivative alone, as after `--set servo.range.kp=0`."""
+    none = ("servo.range.kp=0", "servo.range.ki=0")
+    assert tune_follower(TuneOptions("px4", overrides=none, out=tmp_path)) == 0
+    assert load_settings(tmp_path / "tune" / "tuned.yaml").servo.range.kp > 0.1
+
+
 def test_what_is_no_vehicle_or_wish_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="there is no vehicle 'px5'"):
         find_vehicle("px5")
