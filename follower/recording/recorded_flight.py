@@ -27,7 +27,7 @@ from follower.recording.recorder import CONFIG, LOG, TLOG
 from follower.recording.tlog import TlogPacket, read_tlog
 from follower.recording.video_reader import read_pictures
 from follower.recording.video_writer import VIDEO
-from follower_control.target.estimate import TargetEstimate
+from follower_control.target.estimate import TargetEstimate, azimuth_of
 from follower_control.vehicle.gimbal import GimbalRates
 from follower_control.vehicle.state import Attitude, VehicleState
 from follower_sim.kinematics import TruthSample
@@ -111,7 +111,7 @@ def _control_row(record: ControlRecord) -> tuple[Any, ...]:
 def _direction(estimate: TargetEstimate | None) -> tuple[float, ...]:
     if estimate is None:
         return (_NAN,) * 3
-    return estimate.azimuth_rad, estimate.elevation_rad, estimate.log_scale
+    return azimuth_of(estimate), estimate.height_angle_rad, estimate.log_scale
 
 
 def _motion(vehicle: VehicleState) -> tuple[float, ...]:

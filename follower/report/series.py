@@ -11,7 +11,7 @@ from follower.flight.log import ControlRecord, FlightLog, TrackRecord, setpoint_
 from follower.flight.supervision.flight_end import FlightEnd
 from follower.flight.supervision.supervisor import SupervisorState
 from follower_control.servo.settings import RangeFrom, ServoSettings
-from follower_control.target.estimate import ranged_by_ground
+from follower_control.target.estimate import azimuth_of, ranged_by_ground
 from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.state import VehicleState
 from follower_sim.kinematics import TruthSample
@@ -200,22 +200,22 @@ def _direction(record: ControlRecord) -> tuple[float, float]:
     estimate, attitude = record.estimate, record.vehicle.attitude
     if estimate is None:
         return _NAN, _NAN
+    azimuth_rad, elevation_rad = azimuth_of(estimate), estimate.height_angle_rad
     if estimate.frame is BearingFrame.BODY:
-        return estimate.azimuth_rad, estimate.elevation_rad
+        return azimuth_rad, elevation_rad
     if attitude is None:
         return _NAN, _NAN
-    return wrap_angle(estimate.azimuth_rad - attitude.yaw_rad), estimate.elevation_rad
+    return wrap_angle(azimuth_rad - attitude.yaw_rad), elevation_rad
 
 
 def _target_place(record: ControlRecord) -> tuple[float, ...]:
     """Return the vehicle's place and the horizontal direction to the target."""
     estimate, position = record.estimate, record.vehicle.position
-    known = estimate is not None and estimate.frame is BearingFrame.WORLD
+    known = estimate is not None and estimate.frame is not BearingFrame.BODY
     if estimate is None or not known or position is None or estimate.age_s > _OLDEST_S:
         return (_NAN,) * 4
-    level = math.cos(estimate.elevation_rad)
-    north, east = math.cos(estimate.azimuth_rad), math.sin(estimate.azimuth_rad)
-    return position.north_m, position.east_m, level * north, level * east
+    north, east, _ = estimate.direction.tolist()
+    return position.north_m, position.east_m, north, east
 
 
 def _telemetry_row(vehicle: VehicleState) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import resource
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,7 @@ import pytest
 from html_page import Page
 
 from follower.flight.log import FlightLog, setpoint_delays
+from follower.recording.recorded_flight import arrays
 from follower.report.figures import write_track_plot
 from follower.report.flight_page import write_report, write_score
 from follower.report.series import (
@@ -23,6 +25,7 @@ from follower.report.series import (
     ReportMeta,
     believed_ranges,
     directions,
+    estimated_target,
     setpoints,
     state_spans,
     telemetry_motion,
@@ -30,11 +33,14 @@ from follower.report.series import (
     true_motion,
 )
 from follower.simulation.ground_truth import score_flight, stopped_s
-from follower_control.servo.settings import RangeFrom
+from follower_control.servo.settings import RangeFrom, ServoSettings
+from follower_control.target.observation import BearingFrame
 from follower_control.vehicle.setpoint import HOLD
+from follower_control.vehicle.state import Attitude, LocalPosition
 from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.score import PursuitScore
 from follower_vision.disk import write_whole
+from follower_vision.geometry.line_of_sight import LineOfSight
 
 META = ReportMeta(
     title="A car <on> a winding road",
@@ -208,8 +214,13 @@ def test_the_score_file_holds_the_score(score: PursuitScore, tmp_path: Path) -> 
 
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = write_whole(tmp_path / "report.html", "old")
-    with pytest.raises(UnicodeEncodeError):
-        write_whole(path, "half of it \udc80")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5, before[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            write_whole(path, "half of it")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert path.read_text("utf-8") == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -305,6 +316,32 @@ def test_thinning_keeps_the_peaks_and_the_gaps() -> None:
     assert np.all(np.diff(x) > 0)
     assert (np.nanmax(y), np.nanmin(y)) == (9.0, -9.0)
     assert np.isnan(y).any()
+
+
+def test_a_target_below_is_seen_from_the_nose_as_any_other(flight: Any) -> None:
+    """Straight down an azimuth says nothing: such an estimate is kept in angles from there."""
+    away = np.array([3.0, 4.0, 12.0]) / 13
+    down, east, north = away[2], away[1], away[0]
+    below = LineOfSight.from_vector(np.array([down, east, -north]))
+    before = next(one for one in flight.log.controls if one.estimate is not None)
+    estimate = replace(
+        before.estimate,
+        frame=BearingFrame.DOWN,
+        azimuth_rad=below.azimuth_rad,
+        elevation_rad=below.elevation_rad,
+        last_seen_s=before.estimate.time_s,
+    )
+    assert estimate.direction == pytest.approx(away)
+    attitude, position = Attitude(0, 0, 0.3, 0, 0, 0, 0), LocalPosition(5, 7, -12, 0, 0, 0, 0)
+    state = replace(before.vehicle, attitude=attitude, position=position)
+    record = replace(before, estimate=estimate, vehicle=state)
+    seen = math.degrees(math.atan2(4, 3) - 0.3), -math.degrees(math.asin(12 / 13))
+    assert directions([record])[0] == pytest.approx(seen)
+    row = arrays(FlightLog(controls=[record]))["controls"][0]
+    assert row["azimuth_rad"] == pytest.approx(math.atan2(4, 3))
+    assert row["elevation_rad"] == pytest.approx(-math.asin(12 / 13))
+    settings = ServoSettings(distance_m=13.0, target_size_m=13 * math.exp(estimate.log_scale))
+    assert estimated_target([record], settings)[0] == pytest.approx((8.0, 11.0))
 
 
 def test_delays_count_each_frame_once_and_only_while_following(flight: Any) -> None:
