@@ -74,6 +74,3 @@ def _cells(tag: str, cells: Sequence[Cell], numbers: Sequence[int]) -> str:
         else f"<{tag}>{text_of(cell)}</{tag}>"
         for column, cell in enumerate(cells)
     )
-
-
-"""Tables longer than this are folded."""
