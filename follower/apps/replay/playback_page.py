@@ -172,8 +172,10 @@ class _Showing:
             self._clock = SimulatedClock(time_s)
             self._pace = Pacer(self._clock)
             self._begin_s = self._shown_s = time_s
-        if time_s > self._clock.now():
-            self._clock.sleep_until(time_s)
+        while time_s > self._clock.now():  # in short waits: a gap in a flight may be an hour
+            if self._woken.is_set():
+                raise _EndedError
+            self._clock.sleep_until(min(time_s, self._clock.now() + _SHOW_EVERY_S))
             self._pace.wait()
 
     def _show_frame(self, record: TrackRecord) -> None:

@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,23 @@ def test_an_end_between_two_flights_ends_it(small_flight: Any, tmp_path: Path) -
     player.play(flight, replay_settings(flight))
     assert station.moments == 0
     assert player.chosen() is None
+
+
+@pytest.mark.slow
+def test_an_end_in_a_gap_of_the_flight_ends_it(small_flight: Any, tmp_path: Path) -> None:
+    flight = open_flight(small_flight.folder)
+    first, *rest = flight._messages
+    flight._messages = [first, *((time_s + 3600.0, message) for time_s, message in rest)]
+    station: Any = Station()
+    player = Player(station, RecordingFolder(tmp_path))
+    settings = replay_settings(flight)
+    playing = threading.Thread(target=player.play, args=(flight, settings), daemon=True)
+    playing.start()
+    time.sleep(1.0)
+    assert playing.is_alive()
+    player.stop()
+    playing.join(5.0)
+    assert not playing.is_alive()
 
 
 @pytest.mark.slow
