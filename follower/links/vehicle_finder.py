@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _FORGET_S = 10.0
 _MOST_NAMED = 10
-_NO_VEHICLES = {
+NO_VEHICLES = {
     mavlink.MAV_TYPE_GCS,
     mavlink.MAV_TYPE_ANTENNA_TRACKER,
     mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
@@ -15,6 +15,7 @@ _NO_VEHICLES = {
     mavlink.MAV_TYPE_CAMERA,
     mavlink.MAV_TYPE_CHARGING_STATION,
 }
+"""MAV_TYPE of what sends heartbeats and flies nothing, whatever it says its autopilot is."""
 AUTOPILOTS = {
     int(mavlink.MAV_AUTOPILOT_PX4): "px4",
     int(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot",
@@ -59,7 +60,7 @@ class VehicleFinder:
     def take(self, system: int, component: int, kind: int, autopilot: int, now_s: float) -> None:
         """Take a heartbeat's sender, type and autopilot."""
         is_autopilot = autopilot in AUTOPILOTS and component == mavlink.MAV_COMP_ID_AUTOPILOT1
-        if system == 0 or not is_autopilot or kind in _NO_VEHICLES:
+        if system == 0 or not is_autopilot or kind in NO_VEHICLES:
             return
         self._first_s = now_s if self._first_s is None else self._first_s
         self._beats[system] = FoundVehicle(system, autopilot), now_s

@@ -12,6 +12,7 @@ import numpy as np
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.links.vehicle_finder import NO_VEHICLES
 from follower.links.vehicle_monitor import mode_name
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
 from follower.recording.tlog import read_tlog
@@ -22,7 +23,7 @@ _REBOOT_S = 1.0
 
 
 def read_mavlink(path: Path) -> TelemetrySamples:
-    """Read a tlog, the messages of the first vehicle's autopilot that is heard in it.
+    """Read a tlog, the messages of the first autopilot that is heard in it.
 
     Attitudes and positions carry the autopilot's own time since boot, which is free of the link's
     delays; it is brought onto the log's time by the smallest delay.
@@ -33,13 +34,12 @@ def read_mavlink(path: Path) -> TelemetrySamples:
     """
     samples, clock, heard = TelemetrySamples(), _BootClock(), None
     for arrival_s, message in _messages(path):
-        if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
-            continue  # companions and gimbals have the vehicle's system, and modes of their own
         kind = message.get_type()
-        if kind == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
-            heard = heard or message.get_srcSystem()
-        if heard is None or message.get_srcSystem() != heard:
-            continue
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        if kind == "HEARTBEAT" and _is_autopilots(message):
+            heard = heard or sender
+        if sender != heard:
+            continue  # companions and gimbals have the vehicle's system, and modes of their own
         if kind == "ATTITUDE":
             clock.take(message, arrival_s, samples.attitudes)
             samples.attitude_rates.append((message.rollspeed, message.pitchspeed, message.yawspeed))
@@ -54,6 +54,10 @@ def read_mavlink(path: Path) -> TelemetrySamples:
             samples.add_mode(arrival_s, mode, armed)
     clock.settle()
     return samples
+
+
+def _is_autopilots(beat: Any) -> bool:
+    return beat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and beat.type not in NO_VEHICLES
 
 
 class _BootClock:

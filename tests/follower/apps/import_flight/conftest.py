@@ -86,9 +86,11 @@ def write_csv(path: Path, script: Script) -> Path:
     return path
 
 
-def write_tlog(path: Path, script: Script, boot_s: float = 50.0, delay_s: float = 0.004) -> Path:
+def write_tlog(
+    path: Path, script: Script, boot_s: float = 50.0, delay_s: float = 0.004, component: int = 1
+) -> Path:
     """Each packet arrives `delay_s` late and up to 30 ms more; boot times are exact."""
-    codec = mavlink.MAVLink(None, 1, 1)
+    codec = mavlink.MAVLink(None, 1, component)
     late = np.random.default_rng(4)
     packets: list[tuple[float, bytes]] = []
 

@@ -228,16 +228,20 @@ def test_other_systems_in_a_tlog_are_not_mistaken_for_the_vehicle(
     assert max(abs(one.roll_rad) for one in read_telemetry(path).attitudes) < 1
 
 
+@pytest.mark.parametrize("said", [mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_AUTOPILOT_GENERIC])
+@pytest.mark.parametrize("component", [1, 200])  # Betaflight's autopilot is component 200
 def test_other_components_of_the_vehicle_in_a_tlog_are_not_mistaken_for_its_autopilot(
-    writers: Any, script: Any, tmp_path: Path
+    writers: Any, script: Any, tmp_path: Path, component: int, said: int
 ) -> None:
-    path = writers["tlog"](tmp_path / "log.tlog", script)
+    path = writers["tlog"](tmp_path / "log.tlog", script, component=component)
     companion = mavlink.MAVLink(None, 1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-    beat = mavlink.MAVLink_heartbeat_message(18, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    beat = mavlink.MAVLink_heartbeat_message(18, said, 0, 0, 4, 3)
     wrong = mavlink.MAVLink_attitude_message(99_000, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)
-    stamp = struct.pack(">Q", 1_790_000_017_000_000)
-    last = b"".join(stamp + message.pack(companion) for message in (beat, wrong))
-    path.write_bytes(path.read_bytes() + last)
+    first, last = (
+        b"".join(struct.pack(">Q", stamp) + message.pack(companion) for message in (beat, wrong))
+        for stamp in (1_789_999_999_000_000, 1_790_000_017_000_000)
+    )
+    path.write_bytes(first + path.read_bytes() + last)
     log = read_telemetry(path)
     assert [one.mode for one in log.modes] == ["OFFBOARD"]
     assert max(abs(one.roll_rad) for one in log.attitudes) < 1
