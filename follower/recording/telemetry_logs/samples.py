@@ -290,7 +290,7 @@ def _clean(rows: Vector, columns: int) -> Vector:
     if newest[-1] - newest[0] > _LONGEST_S:
         raise TelemetryError(
             f"its times go from {newest[0]:.10g} s to {newest[-1]:.10g} s, more than a day: are "
-            "they in seconds? A wrong one has to be taken out"
+            "they in seconds? Take out what is wrong, or of another flight"
         )
     later = np.append(True, finite[1:, 0] > newest[:-1])
     return np.asarray(finite[later], np.float64)

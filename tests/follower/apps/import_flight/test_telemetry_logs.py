@@ -201,6 +201,11 @@ def test_a_format_that_pymavlink_does_not_know_is_named(
             "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1e14,0,0,0\n2,0,0,0\n",
             r"log\.csv: its times go from 0 s to 1e\+14 s",
         ),
+        (
+            "log.csv",
+            "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,0,0\n90000,0,0,0\n90001,0,0,0\n",
+            "from 0 s to 90001 s, more than a day: .* or of another flight",
+        ),
         ("log.txt", None, "unknown kind"),
         ("log.tlog", None, "no such file"),
     ],
