@@ -95,7 +95,7 @@ def test_a_tcp_peer_that_does_not_read_loses_whole_packets_and_blocks_nobody() -
     for _ in range(3000):
         client.receive()  # goes on with what waits
         data += server.receive()
-    assert len(data) > 250 * 100
+    assert len(data) >= 250 * 30  # 8 kB wait, however fast they were sent
     whole = len(data) // 250
     assert data[: 250 * whole] == packet * whole
     client.close()
