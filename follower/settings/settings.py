@@ -333,19 +333,22 @@ def settings_data(
     base: Mapping[str, Any] | None = None,
     overrides: Iterable[str] = (),
 ) -> tuple[dict[str, Any], str]:
-    """Return what was really said, without the defaults, and where it was said last.
+    """Return what was really said, without the defaults, and where it was said.
 
     Raises:
         SettingsError: a file or an override cannot be read.
     """
     data: dict[str, Any] = merged({}, base or {})
-    source = "settings"
+    overrides = tuple(overrides)
+    said = " ".join(f"--set {override}" for override in overrides)
+    source = said or "settings"
     if path is not None:
-        data, source = merged(data, read_mapping(path)), str(path)
+        source = f"{path} with {said}" if said else str(path)
+        data = merged(data, read_mapping(path))
         if {"targets", "start"} <= data.keys():
             raise SettingsError(f"{path}: this is a scenario; fly it by `follower sim {path}`")
     for override in overrides:
-        data, source = merged(data, _override(override)), f"--set {override}"
+        data = merged(data, _override(override))
     return data, source
 
 

@@ -112,6 +112,11 @@ def test_a_number_of_a_list_is_written_in_digits(tmp_path: Path) -> None:
         load_scenario(written(tmp_path, MINIMAL), ["targets.².kind=boat"])
 
 
+def test_all_values_given_beside_the_file_are_named_with_a_wrong_one(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"duration_s=-1 --scene wind.gust_m_s=1: "):
+        load_scenario(written(tmp_path, MINIMAL), ["duration_s=-1", "wind.gust_m_s=1"])
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"nowhere\.yaml: cannot be read: No such file"):
         load_scenario(tmp_path / "nowhere.yaml")

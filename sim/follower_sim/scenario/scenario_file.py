@@ -73,8 +73,8 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     data = overridden(read_mapping(path), overrides, SCENE)
     if "targets" not in data and not {"servo", "envelope", "link"}.isdisjoint(data):
         raise SettingsError(f"{path}: these are settings: give them by -c to a scenario's flight")
-    source = f"{path} with {SCENE} {overrides[-1]}" if overrides else str(path)
-    return parse(Scenario, data, source)
+    said = " ".join(f"{SCENE} {override}" for override in overrides)
+    return parse(Scenario, data, f"{path} with {said}" if said else str(path))
 
 
 def base_settings(scenario: Scenario) -> dict[str, Any]:

@@ -99,6 +99,15 @@ def test_a_missing_file_and_a_malformed_override_are_told() -> None:
         load_settings(overrides=["servo.x=1"])
 
 
+def test_a_wrong_value_is_not_blamed_on_a_right_one_that_was_given_later(tmp_path: Path) -> None:
+    path = _file(tmp_path, "servo: {distnce_m: 9}")
+    with pytest.raises(SettingsError) as caught:
+        load_settings(path, overrides=["servo.mode=watch"])
+    assert str(caught.value).startswith(f"{path} with --set servo.mode=watch: unknown key")
+    with pytest.raises(SettingsError, match=r"servo.x=1 --set servo.mode=watch: unknown key"):
+        load_settings(overrides=["servo.x=1", "servo.mode=watch"])
+
+
 def test_what_is_not_finite_is_refused() -> None:
     with pytest.raises(SettingsError, match="control_rate_hz"):
         load_settings(overrides=["control_rate_hz=.nan"])
