@@ -128,6 +128,8 @@ class DaskEngine(Engine):
         self._address, self._longest_s = address, longest_s
         self._dask = needed("distributed")
         try:
+            # A client that is refused its address by `Client` is closed at its end, for 20 s.
+            self._dask.comm.get_address_host_port(address)
             self._client = self._dask.Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise SettingsError(

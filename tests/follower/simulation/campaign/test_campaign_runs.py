@@ -121,6 +121,15 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch)
         DaskEngine("tcp://127.0.0.1:9")
 
 
+def test_an_address_without_a_port_is_refused_at_once_and_leaves_no_client(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", None)
+    with pytest.raises(SettingsError, match=r"--dask 10.0.0.1: no scheduler.* missing port"):
+        DaskEngine("10.0.0.1")
+
+
 def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
     specs: list[RunSpec], rows: dict[str, Any], tmp_path: Path
 ) -> None:
