@@ -68,12 +68,14 @@ class TargetChoice:
         """Return the choice of one target: a box in pixels, "#rrggbb", or an object's class.
 
         Raises:
-            SettingsError: the text is empty.
+            SettingsError: it is none of these.
         """
         if isinstance(target, Box):
             return cls(boxes=(target,))
-        if not target.strip():
-            raise SettingsError("which target? give a box, a colour '#rrggbb' or a class")
+        if not (isinstance(target, str) and target.strip()):
+            raise SettingsError(
+                f"which target? give a Box, a colour '#rrggbb' or a class, not {target!r}"
+            )
         return cls(colour=target) if target.startswith("#") else cls(select=(target,))
 
     @property

@@ -381,7 +381,10 @@ def _record(
             inputs = settings, selector, log, recorder.log, clock
             found = run_import(frames, *inputs, advance)
             if selector is not None and not found:
-                raise SourceError(f"{config.run['target']} was not seen in any frame from --at on")
+                raise SourceError(
+                    f"{config.run['target']} was not seen in any frame from --at on; the recording "
+                    f"ends at {clock.now():.1f} s"
+                )
             if frames.problem is not None:
                 recorder.log.note(clock.now(), "video", frames.problem)
         elif log is not None:

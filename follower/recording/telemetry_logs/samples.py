@@ -229,7 +229,7 @@ class TelemetrySamples:
         if len(both) < _LEAST_SAMPLES and self.places and is_placed:
             return np.empty((0, 7)), AngularRates(np.empty(0), np.empty(0), np.empty((0, 3)))
         if len(both) < _LEAST_SAMPLES:
-            raise TelemetryError("there is no attitude in this log, or just one")
+            raise TelemetryError("there is no attitude in this log, or just one whose time rises")
         rates = both[:, 4:] if np.isfinite(both[:, 4:]).all() else body_rates(both[:, :4])
         gyro = _clean(_table(self.gyro, 4), 4)
         if len(gyro) >= _LEAST_SAMPLES:

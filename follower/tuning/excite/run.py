@@ -217,7 +217,8 @@ def excite(run: ExcitationRun, config: Path | None, overrides: Sequence[str]) ->
             f"{end.sentence} after {flight.stage.elapsed_s:.0f} of "
             f"{flight.pattern.length_s:.0f} s: {folder}",
         )
-    print_line(console, f"Next: follower identify {shlex.quote(str(folder))}")
+    if flight.stage.elapsed_s > 0:
+        print_line(console, f"Next: follower identify {shlex.quote(str(folder))}")
     return SUCCESS if flight.complete else end.exit_code or FAILED
 
 

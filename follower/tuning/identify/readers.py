@@ -21,7 +21,7 @@ from follower_control.target.observation import BearingFrame, GateVerdict
 from follower_control.tuning.rational import Array
 from follower_control.tuning.response_model import ResponseData, TooLittleError
 from follower_control.vehicle.state import Attitude, LocalPosition
-from follower_sim.scoring.recorded_step import RecordedStep
+from follower_sim.scoring.recorded_step import STEP_COLUMNS, RecordedStep
 
 
 class VehicleAxis(StrEnum):
@@ -117,8 +117,8 @@ def read_steps(path: Path) -> Recording:
         step = RecordedStep.load(path)
     except KeyError as error:
         raise TooLittleError(
-            f"no recorded steps: the column {error} is missing; the README of "
-            "autopilot_steps describes the form"
+            f"no recorded steps: the column {error} is missing; needed are "
+            f"{', '.join(STEP_COLUMNS)}"
         ) from None
     except (ValueError, OSError) as error:
         raise TooLittleError(f"cannot be read as recorded steps: {error}") from None

@@ -13,6 +13,10 @@ import numpy.typing as npt
 Series = npt.NDArray[np.float64]
 
 _ANGLES = ("roll", "pitch", "yaw")
+_SENT = ("sp_frame", "sp_mask", "sp_vx", "sp_vy", "sp_vz", "sp_yawrate")
+STEP_COLUMNS = ("t_boot", "vx", "vy", "vz", *_ANGLES, "r", *_SENT)
+"""Of the CSV file: time in s, velocity NED in m/s, attitude and its rate about down in rad and
+rad/s; the setpoint then streamed, as in SET_POSITION_TARGET_LOCAL_NED, else empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,7 @@ class RecordedStep:
 
     @classmethod
     def load(cls, path: Path) -> RecordedStep:
-        """Read one of the CSV files described in the recordings' README.
+        """Read a CSV file with the columns `STEP_COLUMNS`, and z in metres if there is one.
 
         Raises:
             OSError: it cannot be read.
@@ -88,8 +92,7 @@ def _changes(columns: dict[str, Series]) -> tuple[SentSetpoint, ...]:
     times = columns["t_boot"] - columns["t_boot"][0]
     before = np.concatenate([times[:1], times[:-1]]).tolist()
     sent: list[SentSetpoint] = []
-    keys = ("sp_frame", "sp_mask", "sp_vx", "sp_vy", "sp_vz", "sp_yawrate")
-    rows = zip(before, *(columns[key].tolist() for key in keys), strict=True)
+    rows = zip(before, *(columns[key].tolist() for key in _SENT), strict=True)
     for sent_s, frame, mask, *numbers in rows:
         if math.isnan(frame):
             continue

@@ -179,14 +179,19 @@ def test_a_gap_in_the_log_is_no_setpoint_that_stood_for_so_long(
     assert identification([read]).fits[VehicleAxis.FORWARD].held_out_fit > 0.6
 
 
-def test_ctrl_c_holds_releases_and_says_how_far_it_came(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("at_s", "next_step"), [(0.0, False), (2.02, True)])
+def test_ctrl_c_holds_releases_and_says_how_far_it_came_and_what_is_next(
+    at_s: float,
+    next_step: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     watched, pressed = run_module._with, list[float]()
 
     def interrupted(recorder: Recorder, watch: run_module.OnStep) -> run_module.OnStep:
         def step(flight: ExcitationFlight) -> None:
-            if flight.stage.elapsed_s > 2.0 and not pressed:
+            if flight.stage.elapsed_s >= at_s and not pressed:
                 pressed.append(flight.stage.elapsed_s)
                 signal.raise_signal(signal.SIGINT)
             watch(flight)
@@ -196,7 +201,9 @@ def test_ctrl_c_holds_releases_and_says_how_far_it_came(
     monkeypatch.setattr(run_module, "_with", interrupted)
     run = run_module.ExcitationRun(SHORT, None, "px4", tmp_path, 0.0, 0, "follower excite")
     assert run_module.excite(run, None, ()) == 1
-    assert "Ended as asked after 2 of" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert ("Ended as asked after 2 of" if next_step else "after 0 of") in told
+    assert ("Next: follower identify" in told) is next_step
     log = open_flight(tmp_path / "excite").log
     assert log.controls[-1].state is SupervisorState.RELEASED
     assert log.controls[-1].allowed.values == pytest.approx(HOLD.values, abs=1e-6)

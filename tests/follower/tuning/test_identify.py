@@ -61,7 +61,9 @@ def test_what_is_no_recording_is_refused_in_plain_words(tmp_path: Path) -> None:
         read_recording(other)
     table = tmp_path / "a.csv"
     table.write_text("time,value\n1,2\n")
-    with pytest.raises(SettingsError, match="column 't_boot' is missing"):
+    with pytest.raises(
+        SettingsError, match=r"column 't_boot' is missing; needed are t_boot, vx, .*sp_yawrate"
+    ):
         read_recording(table)
     table.write_text("")
     with pytest.raises(SettingsError, match="recorded steps"):

@@ -157,3 +157,8 @@ def test_the_surface_has_changed_only_where_the_changelog_says_so() -> None:
 def test_every_name_stands_in_the_changelog() -> None:
     notes = (ROOT / "CHANGELOG.md").read_text("utf-8")
     assert [name for name in follower.__all__ if f"follower.{name}" not in notes] == []
+
+
+def test_a_target_that_is_neither_box_nor_text_is_refused_in_words() -> None:
+    with pytest.raises(follower.SettingsError, match=r"give a Box, .* not \(320, 180, 40, 30\)"):
+        follower.Fusion((320, 180, 40, 30))  # type: ignore[arg-type]
