@@ -263,7 +263,7 @@ class ReplaySaver(ClosesItself):
         label = {"open_loop": f"replayed with {', '.join(overrides)}"} if overrides else {}
         if earlier and overrides:
             label["open_loop"] = f"{earlier}, {label['open_loop']}"
-        run = {**label, **flight.config.run, **label, "tracks_from": "the recorded video, decoded"}
+        run = {**flight.config.run, **label, "tracks_from": "the recorded video, decoded"}
         now = FlightConfig.of(flight.config.kind, settings)
         config = replace(
             flight.config,
