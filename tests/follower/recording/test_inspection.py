@@ -13,12 +13,12 @@ import pytest
 import yaml
 from html_page import Page
 from program import output_of
+from rewritten_flight import logged_anew
 from rich.console import Console
 
 from follower.apps.inspect import inspect_flight, summary
 from follower.flight.log import FlightLog, TrackRecord
 from follower.recording import FlightFileError, open_flight
-from follower.recording.mcap_writer import McapLog
 from follower.report.series import LoggedFlight
 from follower.report.track_losses import losses, pick_images, wanted_frames
 from follower.tuning.identify.readers import read_flight
@@ -202,14 +202,12 @@ def test_where_nothing_was_sent_there_is_no_delay_to_the_setpoint(small_flight: 
 def test_a_target_that_was_never_seen_was_not_seen_in_every_frame(
     small_flight: Any, tmp_path: Path
 ) -> None:
-    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
-    (folder / "flight.mcap").unlink()
-    flight = open_flight(small_flight.folder)
-    with McapLog(folder / "flight.mcap", flight.config.epoch_ns) as log:
-        for time_s, message in flight.messages():
-            if isinstance(message, TrackRecord) and message.track is not None:
-                message = replace(message, track=replace(message.track, state=TrackState.LOST))
-            log.write(message, time_s)
+    def lost(message: object) -> object:
+        if isinstance(message, TrackRecord) and message.track is not None:
+            return replace(message, track=replace(message.track, state=TrackState.LOST))
+        return message
+
+    folder = logged_anew(small_flight.folder, tmp_path / "flight", lost)
     page, _ = inspected(folder)
     assert "The target was never seen." in page.text
     assert "seen in every frame" not in page.text
