@@ -170,7 +170,7 @@ def _headline(
         "Line-of-sight error, RMS",
         "Range error, median",
         "Time to acquire",
-        "Losses",
+        "Searches begun",
         "Capture to setpoint, median",
     )
     return box + html.tiles((name, shown[name]) for name in chosen)

@@ -106,7 +106,7 @@ _ROWS = (
     ),
     _Row("Range error, 95th percentile", "range_error_p95", _percent),
     _Row("Time following", "following_share", _percent),
-    _Row("Losses", "losses", _number, "max_losses"),
+    _Row("Searches begun", "losses", _number, "max_losses"),
     _Row("Re-acquisitions", "reacquisitions", _number),
     _Row("Longest time hidden", _longest_hidden_s, _seconds),
     _Row(

@@ -209,7 +209,7 @@ def test_the_score_file_holds_the_score(score: PursuitScore, tmp_path: Path) -> 
     assert content["criteria"]["max_losses"] == 0
     assert content["run"] == run
     assert content["passed"] is False
-    assert any(line.startswith("Losses: 1") for line in content["failures"])
+    assert any(line.startswith("Searches begun: 1") for line in content["failures"])
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
