@@ -72,6 +72,11 @@ def test_more_noise_is_a_larger_uncertainty() -> None:
     assert noisy.peak < clean.peak
 
 
+def test_no_offset_is_vaguer_than_the_range_that_was_tried() -> None:
+    still = AngularRates(gyro().start_s, gyro().end_s, np.zeros_like(gyro().rates_rad_s))
+    assert find_offset(camera(20.0), still, reach_s=3.0).unsure_s <= 6.0
+
+
 def test_a_wrong_field_of_view_shows_as_a_scale_and_does_not_move_the_offset() -> None:
     seen = camera(20.0)
     wide = AngularRates(seen.start_s, seen.end_s, 1.3 * seen.rates_rad_s)

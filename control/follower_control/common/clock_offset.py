@@ -62,7 +62,7 @@ class TimeOffset:
         offset_s: the gyro's time minus the camera's.
         peak: normalised correlation there, at most 1.
         second: the highest correlation at any other place.
-        unsure_s: two standard deviations of the offset.
+        unsure_s: two standard deviations of the offset, at most the range that was tried.
         scale: how much the camera seems to turn for each radian of the gyro; a field of view that
             is set too wide makes it larger than 1.
         rate_rad_s: root mean square of the gyro's quick turns meanwhile.
@@ -122,6 +122,7 @@ def find_offset(camera: AngularRates, gyro: AngularRates, reach_s: float = math.
     correlation[np.abs(lags) > reach_s] = np.nan
     if not np.isfinite(correlation).any():
         raise NoOverlapError(_too_short(camera, gyro))
+    tried_s = float(np.ptp(lags[np.isfinite(correlation)]))
     top = int(np.nanargmax(correlation))
     match = _Match(camera, gyro)
     offset_s, peak, sharpness = match.refine(float(lags[top]))
@@ -130,7 +131,7 @@ def find_offset(camera: AngularRates, gyro: AngularRates, reach_s: float = math.
         offset_s=offset_s,
         peak=peak,
         second=_second(correlation, top),
-        unsure_s=2 * _deviation(match, turned, peak, sharpness),
+        unsure_s=min(2 * _deviation(match, turned, peak, sharpness), tried_s),
         scale=float(np.sum(match.quick * turned) / max(np.sum(turned**2), 1e-12)),
         rate_rad_s=math.sqrt(float(np.mean(np.sum(turned**2, axis=1)))),
         lags_s=lags,
