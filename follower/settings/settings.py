@@ -339,7 +339,7 @@ def settings_data(
         SettingsError: a file or an override cannot be read.
     """
     data: dict[str, Any] = merged({}, base or {})
-    overrides = tuple(overrides)
+    overrides = (overrides,) if isinstance(overrides, str) else tuple(overrides)
     said = " ".join(f"--set {override}" for override in overrides)
     source = said or "settings"
     if path is not None:

@@ -183,6 +183,7 @@ def replay_flight(
     # As in the flight; and the number of threads must not decide about the last bit.
     cv2.setNumThreads(1)
     flight = open_flight(folder)
+    settings = replay_settings(flight, overrides)
     if overrides:
         print_line(console, f"With {', '.join(overrides)}. {OPEN_LOOP}")
     with console.status("Replaying control"):
@@ -196,7 +197,7 @@ def replay_flight(
     if unread is None:
         if save:
             copy = new_run_folder(out, f"{flight.folder.resolve().name}-replayed")
-            saver = ReplaySaver(flight, copy, replay_settings(flight, overrides), overrides)
+            saver = ReplaySaver(flight, copy, settings, overrides)
             print_line(console, f"It is saved as a flight of its own: {copy}")
         with console.status("Replaying vision and control"), saver or nullcontext():
             whole = replayed(flight, overrides, saver=saver)

@@ -273,6 +273,14 @@ def test_a_flight_from_before_recordings_named_their_processor_opens_replays_and
     assert "not recorded" in report.read_text("utf-8")
 
 
+def test_a_setting_that_there_is_not_is_refused_before_anything_is_said(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SettingsError, match="distance"):
+        replay_flight(OLD, ["servo.distance=3"])
+    assert capsys.readouterr().out == ""
+
+
 @pytest.mark.slow
 def test_with_other_settings_the_replay_is_labelled_open_loop(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]

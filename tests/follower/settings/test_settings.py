@@ -129,6 +129,10 @@ def test_settings_cannot_be_changed_behind_ones_back() -> None:
         Settings().control_rate_hz = 10.0  # type: ignore[misc]
 
 
+def test_one_override_may_stand_without_a_list() -> None:
+    assert load_settings(overrides="servo.distance_m=12").servo.distance_m == 12
+
+
 @pytest.mark.parametrize("loop", ["azimuth", "elevation", "range"])
 def test_one_gain_given_leaves_the_loops_others_alone(loop: str) -> None:
     usual = getattr(Settings().servo, loop)
