@@ -97,6 +97,17 @@ def test_the_boxes_middle_is_scored_beside_the_bodys_and_only_while_it_can_be_se
     assert perfect().line_of_sight_box_rms_seen_deg is None
 
 
+def test_a_moment_beside_an_occlusion_does_not_stand_for_the_time_hidden() -> None:
+    truth = [sample(t, visible_share=0.0 if 8 <= t < 12 else 1.0) for t in times(20)]
+
+    def box_sight(one: TruthSample) -> LineOfSight:
+        return LineOfSight(math.radians(5 if 12 <= one.time_s < 13 else 0), GOAL.elevation_rad)
+
+    score = pursuit_score(truth, following(20), GOAL, box_sight=box_sight)
+    expected_deg = 5 * math.cos(GOAL.elevation_rad) * math.sqrt(1 / 16)
+    assert score.line_of_sight_box_rms_seen_deg == pytest.approx(expected_deg, rel=0.05)
+
+
 def test_an_azimuth_offset_counts_less_the_higher_the_target_stands() -> None:
     goal = PursuitGoal(distance_m=15.0, elevation_rad=math.radians(-60))
     angle = line_of_sight_errors([sample(0, azimuth_deg=1, elevation_deg=-60)], goal)[0]

@@ -304,7 +304,10 @@ def _box_rms_seen_deg(
         seen.append(
             replace(sample, azimuth_rad=sight.azimuth_rad, elevation_rad=sight.elevation_rad)
         )
-    return _Course.of(seen, goal).rms_deg()
+    if not seen:
+        return None
+    # Each stands for as long: by its neighbours' times, one would for the occlusion beside it.
+    return math.degrees(math.sqrt(float(np.mean(line_of_sight_errors(seen, goal) ** 2))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,19 +354,15 @@ class _Course:
     def figures(self) -> dict[str, Any]:
         """Return the score's figures that are taken over this time."""
         angle_deg = np.degrees(self.angle)
+        mean_square = self._mean(angle_deg**2)
         return {
             "scored_s": float(self.time_s[-1] - self.time_s[0]) if len(self.time_s) else 0.0,
             "in_frame_share": self._mean(self.in_frame),
-            "line_of_sight_rms_deg": self.rms_deg(),
+            "line_of_sight_rms_deg": None if mean_square is None else math.sqrt(mean_square),
             "line_of_sight_p95_deg": self._quantile(angle_deg, 0.95),
             "range_error_median": self._quantile(self.range_error, 0.5),
             "range_error_p95": self._quantile(self.range_error, 0.95),
         }
-
-    def rms_deg(self) -> float | None:
-        """Return the root mean square of the line-of-sight error."""
-        mean_square = self._mean(np.degrees(self.angle) ** 2)
-        return None if mean_square is None else math.sqrt(mean_square)
 
     def _weights(self) -> _Array:
         """Return the time that each sample stands for; equal weights if time stands still."""
