@@ -161,6 +161,16 @@ def test_a_canopy_without_a_distance_stands_above_the_way_for_so_long() -> None:
         assert min(away) < 0.2
 
 
+@pytest.mark.parametrize("kind", ["canopy", "hall"])
+def test_a_roof_stands_as_high_above_the_target_as_was_asked(kind: str) -> None:
+    heights_m = []
+    for clearance_m in (0.6, 2.0):
+        roofs = {"kind": kind, "hidden_s": 2.0, "clearance_m": clearance_m}
+        world = World(changed("pursue-car", occlusions=roofs, scenery=[], scatter=[]))
+        heights_m.append(-min(solid.vertices[:, 2].min() for solid in world.scenery))
+    assert heights_m[1] - heights_m[0] == pytest.approx(1.4)
+
+
 def test_no_canopy_stands_where_the_target_is_pointed_out() -> None:
     base = load_scenario(FOLDER / "pursue-person.yaml")
     shape = {"kind": "figure-eight", "speed_m_s": 1.5, "scale_m": 14.0}

@@ -171,7 +171,7 @@ class World:
         item, rng = self._items[number], self._rng(100 + number)
         size = float(rng.uniform(*SIZES_M[item.kind])) if item.size_m is None else item.size_m
         turn = rotation(0, 0, math.radians(item.heading_deg))
-        if item.kind == "canopy":
+        if item.kind in ("canopy", "hall"):
             make = partial(make, height_m=item.height_m)
         mesh = make(item.kind, size, rng)
         return Solid.placed(mesh, (*item.at, 0.0), turn, self.sun)
