@@ -58,16 +58,14 @@ class FlightTruth:
         track = record.track
         if track is None or track.state is not TrackState.TRACKING:
             return
-        box = self.of_frame(record.captured_s).box
+        box, true_s = self.of_frame(record.captured_s).box, self._true_time(record.captured_s)
         overlap = 0.0 if box is None else box.iou(track.box)
         others: list[Box] = []
         if len(self._world.paths) > 1:
-            true_s = self._true_time(record.captured_s)
             bodies = self._vehicle_at(true_s), self._camera_at(true_s)
             others = self._ground_truth.others(true_s, *bodies)
         nearest = max((other.iou(track.box) for other in others), default=0.0)
-        frame = TrackedFrame(record.captured_s, overlap, nearest)
-        self.tracked.append(frame)
+        self.tracked.append(TrackedFrame(true_s, overlap, nearest))
 
     def of_frame(self, stamp_s: float) -> SeenBody:
         """Return where the target truly is in a frame with this capture stamp."""

@@ -151,9 +151,8 @@ def _occlusions(
         for record in flight.log.tracks
         if record.track is not None and record.track.state is TrackState.TRACKING
     ]
-    offset_s = flight.scenario.camera.stamp_offset_s
     seen_frames = [
-        ObservedFrame(record.captured_s - offset_s, record.done_s)
+        ObservedFrame(frame.time_s, record.done_s)
         for record, frame in zip(tracked, flight.tracked, strict=True)
         if frame.overlap > 0
     ]

@@ -30,7 +30,7 @@ class TrackedFrame:
     """A frame in which vision said that it sees the target.
 
     Attributes:
-        time_s: when it was taken.
+        time_s: when it was truly taken, on the truth's clock.
         overlap: of the track's box with the true one, intersection over union.
         other: the largest with another target's.
     """
