@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from follower_sim.kinematics import BodyState, Triple
+from follower_sim.vehicle.gimbal import Gimbal, GimbalModel
 from follower_sim.vehicle.response import (
     ARDUCOPTER_RESPONSE,
     PX4_RESPONSE,
@@ -210,3 +211,13 @@ def test_less_drag_needs_less_tilt_to_stand_in_the_wind() -> None:
     expected_deg = math.degrees(math.atan2(level_m_s2, 9.80665))
     assert tilt_deg(Drag(0.25, 0.01, 0.3)) == pytest.approx(expected_deg, abs=1.5)
     assert tilt_deg(PX4_RESPONSE.drag) > 35
+
+
+def test_a_gimbal_that_is_taken_along_at_its_end_stop_turns_and_says_so() -> None:
+    gimbal = Gimbal(GimbalModel(widest_deg=10.0), math.radians(-30), 0.0, 0.0)
+    for step in range(1, 201):
+        gimbal.step(step * STEP_S, STEP_S, 1.0 * step * STEP_S)
+    turned_rad = gimbal.at(1.0).attitude_rad[2] - gimbal.at(0.5).attitude_rad[2]
+    assert turned_rad / 0.5 == pytest.approx(1.0)
+    forward, down = math.sin(math.radians(30)), math.cos(math.radians(30))
+    assert gimbal.state.rates_rad_s == pytest.approx((forward, 0.0, down))

@@ -95,7 +95,9 @@ class Gimbal:
         from_nose = wrap_angle(self._yaw + self._yaw_rate * interval_s - vehicle_yaw_rad)
         widest = math.radians(self.model.widest_deg)
         if abs(from_nose) > widest:
-            from_nose, self._yaw_rate = math.copysign(widest, from_nose), 0.0
+            from_nose = math.copysign(widest, from_nose)
+            taken_rad = wrap_angle(vehicle_yaw_rad + from_nose - self._yaw)
+            self._yaw_rate = taken_rad / interval_s
         self._yaw = wrap_angle(vehicle_yaw_rad + from_nose)
 
     def _state(self, time_s: float) -> BodyState:
