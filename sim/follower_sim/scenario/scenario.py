@@ -91,7 +91,8 @@ class NoisyTrackerSettings:
     def __post_init__(self) -> None:
         names = {field.name for field in fields(self)} - {"offset"}
         check_ranges(self, **dict.fromkeys(names, (0.0, 1e9)))
-        check_ranges(self, size_factor=(1e-6, 1e6), least_visible=(0, 1), false_share=(0, 1))
+        check_ranges(self, size_noise=(0, 10), size_factor=(1e-6, 1e6))
+        check_ranges(self, least_visible=(0, 1), false_share=(0, 1))
 
 
 ColourText = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
