@@ -185,11 +185,18 @@ def _cases(
         chosen = [fault_named(name) for name in names] or list(catalogue())
     except ValueError as error:
         raise SettingsError(str(error)) from None
+    setups = [
+        FaultSetup(flavour, kind, realtime or kind == "mavsdk")
+        for kind, flavour in product(links, flavours)
+    ]
     for fault in chosen:
-        for kind, flavour in product(links, flavours):
-            setup = FaultSetup(flavour, kind, realtime or kind == "mavsdk")
-            if fault.flies(setup):
-                yield fault, setup
+        flown = [(fault, setup) for setup in setups if fault.flies(setup)]
+        if names and not flown:
+            raise SettingsError(
+                f"{fault.name} cannot come about so, only with: {applies_to(fault)}; "
+                "choose --realtime, --autopilot and --link"
+            )
+        yield from flown
 
 
 def _chosen(option: str, value: str, known: tuple[str, ...]) -> tuple[str, ...]:

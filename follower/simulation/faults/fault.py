@@ -281,6 +281,10 @@ class PlannedFault:
             raise SettingsError(f"--fault {text}: {error}") from None
         at_s = None if match[2] is None else float(match[2])
         for_s = fault.for_s if match[3] is None else float(match[3])
+        if for_s == 0:
+            raise SettingsError(
+                f"--fault {text}: the duration is 0 s, so that nothing would happen"
+            )
         return cls(fault, at_s, for_s)
 
     def check_begins_by(self, end_s: float) -> None:

@@ -18,7 +18,7 @@ from follower.flight.log import ControlRecord
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.settings.settings import load_settings
 from follower.settings.supervisor import ReleaseAction
-from follower.simulation.fault_tests.command import _fly_random
+from follower.simulation.fault_tests.command import _fly_random, faults_command
 from follower.simulation.fault_tests.random_flight import fly_random
 from follower.simulation.fault_tests.results import FaultResult, Results, Tally
 from follower.simulation.fault_tests.run_fault import fly_fault
@@ -189,11 +189,26 @@ def test_a_fault_after_the_end_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["nothing-like-it", "garbage@soon", "garbage@-1", "", "garbage@1:2:3"]
+    "text", ["nothing-like-it", "garbage@soon", "garbage@-1", "", "garbage@1:2:3", "garbage@9:0"]
 )
 def test_what_is_no_fault_is_refused(text: str) -> None:
     with pytest.raises(SettingsError, match="--fault"):
         PlannedFault.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("process-killed", {}, "in real time"),
+        ("pilot-while-ready", {"autopilot": "ardupilot"}, "px4"),
+        ("cpu-starved", {"link": "mavsdk"}, "pymavlink"),
+    ],
+)
+def test_a_fault_that_is_asked_for_and_cannot_be_flown_is_no_success(
+    tmp_path: Path, name: str, options: dict[str, str], said: str
+) -> None:
+    with pytest.raises(SettingsError, match=f"{name} cannot come about so, only with: {said};"):
+        faults_command([name], out=tmp_path, **options)  # type: ignore[arg-type]
 
 
 def test_a_fault_begins_by_state_or_time_and_ends() -> None:
