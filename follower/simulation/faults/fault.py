@@ -336,6 +336,10 @@ class FaultSchedule:
         """Return the action of this kind whose begin has passed, even if it is over."""
         return next((one for one, from_s, _ in self._actions_of(kind) if from_s <= now_s), None)
 
+    def begins(self, kind: FaultKind, now_s: float) -> int:
+        """Return how many actions of this kind have begun until `now_s`, seconds."""
+        return sum(from_s <= now_s for _, from_s, _ in self._actions_of(kind))
+
     def end_of(self, kind: FaultKind, now_s: float) -> float:
         """Return when, in seconds, the action of this kind that is on ends; now, if none is."""
         actions = self._actions_of(kind)

@@ -3,6 +3,7 @@
 import errno
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -129,7 +130,7 @@ class AutopilotFaults:
         self._autopilot = autopilot
         self._flavour = flavour
         self._schedule = schedule
-        self._done: set[FaultKind] = set()
+        self._done = Counter[FaultKind]()
         self._before_s: float | None = None
         self._lost_s = 0.0
 
@@ -178,10 +179,8 @@ class AutopilotFaults:
         return otherwise if action is None else action.amount
 
     def _begins(self, kind: FaultKind, now_s: float) -> bool:
-        if kind in self._done or self._schedule.begun(kind, now_s) is None:
-            return False
-        self._done.add(kind)
-        return True
+        before, self._done[kind] = self._done[kind], self._schedule.begins(kind, now_s)
+        return self._done[kind] > before
 
 
 class FaultyCamera(SimCamera):

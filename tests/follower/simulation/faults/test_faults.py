@@ -33,6 +33,7 @@ from follower.simulation.faults.fault import (
     fault_named,
 )
 from follower.simulation.faults.in_simulation import describe_verdict
+from follower.simulation.faults.injector import AutopilotFaults
 from follower.simulation.faults.judge import FaultCase, FaultMetrics, FaultVerdict, judge
 from follower.simulation.faults.setpoint_rules import (
     envelope_failures,
@@ -49,7 +50,9 @@ from follower_control.common.transport import MemoryTransport
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import VehicleState
+from follower_sim.autopilot.autopilot import SimAutopilot
 from follower_sim.autopilot.firmware import PX4
+from follower_sim.kinematics import BodyState
 from follower_vision.clock import SimulatedClock
 
 CHOSEN = (
@@ -224,6 +227,20 @@ def test_a_fault_begins_by_state_or_time_and_ends() -> None:
     assert by_time.active(FaultKind.LINK_DOWN, 6.9) is None
     by_time.observe(7.0, SupervisorState.IDLE, 0.0)
     assert by_time.end_of(FaultKind.LINK_DOWN, 7.5) == 8.0
+
+
+def test_what_happens_at_an_instant_happens_again_where_it_is_asked_for_twice() -> None:
+    texts = ("pilot-while-following@1", "pilot-while-following@5")
+    schedule = FaultSchedule(map(PlannedFault.parse, texts))
+    start = BodyState(0.0, (0.0, 0.0, -8.0))
+    autopilot = SimAutopilot("ardupilot", MemoryTransport.pair()[1], start)
+    faults, modes = AutopilotFaults(autopilot, "ardupilot", schedule), []
+    for time_s in (1.0, 1.2, 4.0, 5.0, 5.2, 6.0):
+        autopilot.switch_mode("GUIDED")
+        schedule.observe(time_s, SupervisorState.FOLLOWING, 9.0)
+        faults.apply(time_s)
+        modes.append(autopilot.mode)
+    assert modes == ["GUIDED", "LOITER", "GUIDED", "GUIDED", "LOITER", "GUIDED"]
 
 
 def test_a_sentence_is_told_as_kept_only_where_it_was_judged() -> None:
