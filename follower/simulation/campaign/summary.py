@@ -162,7 +162,11 @@ def _lines(figures: Sequence[RunMetrics], goals: Goals) -> tuple[GoalLine, ...]:
             "Envelope violations",
             [one.envelope_violations > goals.max_violations for one in figures],
         ),
-        _none_of("Runs inside the target's keep-out", [one.is_too_near for one in figures]),
+        _none_of(
+            "Runs inside the target's keep-out",
+            [one.is_too_near for one in figures],
+            goals.keep_out,
+        ),
     )
 
 
@@ -224,9 +228,9 @@ def _line_of_sight(
     return GoalLine(name, value, f"≤ {limit:g}°", pooled <= limit, counts)
 
 
-def _none_of(name: str, broken: Sequence[bool]) -> GoalLine:
+def _none_of(name: str, broken: Sequence[bool], counts: bool = True) -> GoalLine:
     value = f"{sum(broken)} of {len(broken)} runs"
-    return GoalLine(name, value, "none", not any(broken))
+    return GoalLine(name, value, "none", not any(broken), counts)
 
 
 def _badness(row: dict[str, Any]) -> tuple[float, ...]:

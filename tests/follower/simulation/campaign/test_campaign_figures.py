@@ -237,6 +237,14 @@ def test_a_campaign_that_ends_with_another_target_has_not_met_its_goals() -> Non
     assert not summary.reached
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_keep_out_is_a_goal_of_the_campaign_where_it_is_one_of_each_run(wanted: bool) -> None:
+    goals = Goals(keep_out=wanted)
+    summary = summary_of(judged([row(0, nearest_m=3.9)], goals), goals)
+    assert summary.passed == (not wanted)
+    assert summary.reached == (not wanted)
+
+
 def test_results_are_a_parquet_file_with_a_line_a_run(tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     rows = judged([row(0), row(1, reacquired_s=(None,)), row(2, error="it broke")], Goals())
