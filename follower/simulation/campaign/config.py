@@ -137,6 +137,12 @@ SCENE = "scene."
 """What a key of the scenario begins with; the others are settings of the follower."""
 
 
+_OWN_SEEDS = (
+    "runs have seeds of their own, not the scenario's: the same flights would count twice; say how"
+    " many `runs` or `repeats`"
+)
+
+
 class CampaignParameter(_Section):
     """Something that differs from run to run: a key, and what it may be."""
 
@@ -158,11 +164,10 @@ class CampaignParameter(_Section):
             raise ValueError("a parameter has either `values` or `between`")
         if self.values is not None:
             self._check_values(self.values)
-        elif self.between is not None and not self.between[0] < self.between[1]:
+        elif self.between is not None and not 0 < self.between[1] - self.between[0] < math.inf:
             raise ValueError("a parameter lies `between` a smaller and a larger number")
         if f"{SCENE}seed" in self.key_names:
-            raise ValueError("runs have seeds of their own, not the scenario's: the same flights"
-                             " would count twice; say how many `runs` or `repeats`")  # fmt: skip
+            raise ValueError(_OWN_SEEDS)
         return self
 
     @property
@@ -173,7 +178,7 @@ class CampaignParameter(_Section):
     def _check_values(self, values: Sequence[Value]) -> None:
         if not values:
             raise ValueError("a parameter's `values` are at least one")
-        if len({str(value) for value in values}) < len(values):
+        if min(len({str(value) for value in values}), len(set(values))) < len(values):
             raise ValueError("a parameter's `values` differ: the same flights would count twice")
         if self.keys and not all(type(value) in (int, float) for value in values):
             raise ValueError("with `keys`, which take them times their factors, values are numbers")
@@ -206,7 +211,7 @@ class CampaignConfig(_Section):
     runs: Annotated[int, Field(ge=1)] | None = None
     """How many are drawn at random; without it, every combination is flown, `repeats` times."""
     repeats: Annotated[int, Field(ge=1)] = 1
-    seed: Annotated[int, Field(ge=0)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     vision: VisionSource = VisionSource.PIXELS
     config: Path | None = None
     """A file of settings, such as `follower tune` writes; beside the campaign's file."""
@@ -232,6 +237,8 @@ class CampaignConfig(_Section):
 
     @model_validator(mode="after")
     def _differ(self) -> Self:
+        if any(text.partition("=")[0] == "seed" for text in self.scene):
+            raise ValueError(_OWN_SEEDS)
         for name, named in (("scenarios", self.scenarios), ("autopilots", self.autopilots)):
             if self.runs is None and len(set(named)) < len(named):
                 raise ValueError(f"{name} differ where every combination is flown: the same flights"

@@ -126,6 +126,8 @@ def test_a_parameter_that_leads_nowhere_is_refused_before_all_flying(
             "scenarios: [pursue-car]\nparameters: {s: {key: scene.seed, values: [1, 2]}}",
             "runs have seeds of their own",
         ),
+        ("scenarios: [pursue-car]\nscene: [seed=5]", "runs have seeds of their own"),
+        ("scenarios: [pursue-car]\nseed: 9223372036854775808", "seed: Input should be less"),
     ],
 )
 def test_no_flight_counts_twice(tmp_path: Path, more: str, refused: str) -> None:
@@ -211,6 +213,8 @@ def test_a_flight_that_was_another_run_has_its_place_in_this_campaign(tmp_path: 
             "'a' and 'b' both set servo.azimuth.kp",
         ),
         ("{a: {key: servo.azimuth.kp, values: [1.5, 1.5]}}", "count twice"),
+        ("{a: {key: servo.azimuth.kp, values: [1, 1.0]}}", "count twice"),
+        ("{a: {key: servo.azimuth.kp, between: [-1.0e+308, 1.0e+308]}}", "a smaller and a larger"),
         ("{a: {keys: {servo.azimuth.kp: 1.0}, values: [abc]}}", "values are numbers"),
     ],
 )
