@@ -25,7 +25,7 @@ from follower.ui.cockpit.recordings_api import RecordingFolder
 from follower.ui.cockpit.video_pipeline import VideoPipeline
 from follower.ui.cockpit.webrtc import WebRtcPeers
 from follower.ui.ipc.messages import Message
-from follower.ui.video.channel import Picture
+from follower.ui.video.channel import SEND_BUFFER_BYTES, Picture
 from follower_vision.clock import MonotonicClock
 from follower_vision.detection import make_detector
 from follower_vision.images.frame import Frame
@@ -115,7 +115,9 @@ class CockpitServer:
     def _listener(self) -> socket.socket:
         host, port = self._settings.host, self._settings.port
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, port), family=family, backlog=128)
+        listener = socket.create_server((host, port), family=family, backlog=128)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        return listener
 
     def _server(self) -> uvicorn.Server:
         # On loopback there is only one address.

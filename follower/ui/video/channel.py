@@ -13,6 +13,12 @@ from follower_vision.drawing.overlay import draw_tracks
 from follower_vision.images.frame import Image
 from follower_vision.trackers.track import Track
 
+SEND_BUFFER_BYTES = 1 << 16
+"""Of a line that carries live video, set where it is listened: accepted lines inherit it.
+
+Linux by itself keeps megabytes for a slow line, seconds of video that is then shown as live.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:

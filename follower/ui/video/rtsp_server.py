@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from follower.settings.ui import Address
-from follower.ui.video.channel import VideoChannel
+from follower.ui.video.channel import SEND_BUFFER_BYTES, VideoChannel
 from follower.ui.video.h264_encoder import AccessUnit
 from follower.ui.video.rtp import RtpPacketiser, session_description
 
@@ -256,6 +256,8 @@ class RtspServer:
         self._server = await asyncio.start_server(
             self._serve, self._address.host, self._address.port
         )
+        for listener in self._server.sockets:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def close(self) -> None:

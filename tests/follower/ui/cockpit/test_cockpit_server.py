@@ -335,6 +335,23 @@ def test_who_does_not_read_costs_nothing_and_the_others_see_the_newest(served: A
         one.close()
 
 
+@pytest.mark.slow
+def test_who_reads_slowly_gets_new_pictures_not_those_that_were_kept_for_him(serve: Any) -> None:
+    """Linux would keep megabytes for a slow line: the page showed as live what was long past."""
+    served = serve()
+    with socket.socket() as slow:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        slow.connect(("127.0.0.1", served.port))
+        slow.sendall(b"GET /video.mjpeg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        show_for(served, 2.0)
+        slow.settimeout(1.0)
+        kept = b""
+        with contextlib.suppress(TimeoutError):
+            while data := slow.recv(1 << 16):
+                kept += data
+    assert 0 < kept.count(b"--picture") < 10
+
+
 def stuck_reader(served: Any, path: str) -> socket.socket:
     one = socket.create_connection(("127.0.0.1", served.port))
     one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

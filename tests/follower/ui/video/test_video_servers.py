@@ -10,16 +10,18 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import cv2
+import numpy as np
 import pytest
 from video_pictures import PATIENCE_S, SETTINGS, picture
 from waiting import until
 
 from follower.settings.ui import Address
-from follower.ui.video.channel import VideoChannel
+from follower.ui.video.channel import Picture, VideoChannel
 from follower.ui.video.rtp import RtpSender
 from follower.ui.video.rtsp_push import RtspPush
 from follower.ui.video.rtsp_server import RtspServer
@@ -245,6 +247,29 @@ def test_who_plays_and_takes_nothing_loses_his_place(
     with ask(server[1].port, "SETUP", "Transport: RTP/AVP/TCP;unicast") as one:
         one.sendall(request("PLAY"))
         assert is_hung_up_on(one)
+
+
+@pytest.mark.slow
+def test_who_reads_slowly_gets_new_pictures_not_those_that_were_kept_for_him(live: Live) -> None:
+    """Linux would keep megabytes for a slow line: fifteen seconds of the video as it is set."""
+    channel = VideoChannel(replace(SETTINGS, bitrate_kbit_s=50_000), overlay=False)
+    server = RtspServer(channel, Address("127.0.0.1", 0))
+    asyncio.run_coroutine_threadsafe(server.start(), live.loop).result(PATIENCE_S)
+    noise = np.random.default_rng(1).integers(0, 255, (30, 480, 640, 3), np.uint8)
+    with socket.socket() as slow:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        slow.connect(("127.0.0.1", server.port))
+        slow.sendall(request("SETUP", "Transport: RTP/AVP/TCP;unicast") + request("PLAY"))
+        until(lambda: channel.watched)
+        for number, image in enumerate(noise):
+            channel.show(Picture(image, number, number / 30))
+        slow.settimeout(1.0)
+        kept = 0
+        with contextlib.suppress(TimeoutError):
+            while data := slow.recv(1 << 16):
+                kept += len(data)
+    asyncio.run_coroutine_threadsafe(server.close(), live.loop).result(PATIENCE_S)
+    assert 100_000 < kept < 1_200_000
 
 
 def test_setting_up_again_and_again_keeps_one_socket(server: tuple[Live, RtspServer]) -> None:
