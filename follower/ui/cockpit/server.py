@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import uvicorn
 from pydantic import TypeAdapter
@@ -143,7 +144,7 @@ class CockpitServer:
     def _address(self, port: int) -> str:
         host = self._settings.host
         shown = f"[{host}]" if ":" in host else host
-        secret = "" if self._token is None else f"/#{self._token}"
+        secret = "" if self._token is None else f"/#{quote(self._token, safe='')}"
         return f"{self._settings.scheme}://{shown}:{port}{secret}"
 
     def _say(self, text: str) -> None:

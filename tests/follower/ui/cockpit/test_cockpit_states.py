@@ -9,6 +9,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,8 @@ def test_that_stop_was_not_answered_is_seen_wherever_one_has_scrolled(
         phone.wait_for_selector("#hint.bad:has-text('transmitter')")
         hint, actions = (phone.locator(one).bounding_box() for one in ("#hint", "#actions"))
         assert 0 <= hint["y"] <= hint["y"] + hint["height"] <= actions["y"]
+        until(lambda: phone.evaluate("pending.size") == 0)  # the server gives up later
+        assert "transmitter" in str(phone.text_content("#hint"))
 
 
 def test_another_flights_settings_have_its_own_ranges(page: Page) -> None:
@@ -274,6 +277,36 @@ def test_numbers_do_not_outlive_the_line_and_are_asked_for_again(page: Page) -> 
     )
     assert not page.evaluate("wantObjects")
     assert not [text for text in page.evaluate("said") if "objects" in text]
+
+
+def test_any_token_opens_the_page_by_the_address_that_is_told(
+    browser: Browser, open_page: Any, serve: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "token").write_text("50%41 #secure%zz?key", "utf-8")
+    served = serve(f"cockpit.token_file={tmp_path / 'token'}")
+    told = next(line for line in served.said if line.startswith("Cockpit: "))
+    page = open_page(browser)
+    with closing(page.context):
+        page.goto(f"{served.url}/#50%")
+        page.wait_for_selector("#login")
+        page.goto("about:blank")
+        page.goto(told.removeprefix("Cockpit: "))
+        page.wait_for_selector("#connection.good")
+
+
+def test_who_mistypes_the_token_too_often_is_told_to_wait(
+    browser: Browser, open_page: Any, serve: Any, tmp_path: Path
+) -> None:
+    """The right one, too, was then called wrong."""
+    (tmp_path / "token").write_text("a token of some length", "utf-8")
+    page = open_page(browser)
+    with closing(page.context):
+        page.goto(serve(f"cockpit.token_file={tmp_path / 'token'}").url)
+        page.fill("#token", "a token of some lenght")
+        for _ in range(12):
+            with page.expect_response("**/api/session"):
+                page.click("#login button")
+        page.wait_for_selector("#refused:has-text('wait')")
 
 
 class Relay:
