@@ -12,6 +12,7 @@ The first message is `begin`:
 """
 
 import asyncio
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -35,6 +36,8 @@ def main() -> None:
     """Serve until the flight hangs up."""
     _give_way()
     cv2.setNumThreads(1)
+    # Libraries warn of whatever strangers send; only what ends the process is ever read.
+    logging.getLogger().addHandler(logging.NullHandler())
     wire = Wire(Connection(int(sys.argv[1])), FROM_FLIGHT_BYTES)
     image = SharedImage(int(sys.argv[2]))
     begin = wire.receive()

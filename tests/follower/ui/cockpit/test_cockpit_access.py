@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -180,6 +181,17 @@ def test_connections_of_one_address_leave_room_for_others(open_to_all: Any) -> N
     for line in lines:
         line.close()
     assert 30 <= shut < 100
+
+
+def test_nonsense_from_the_network_is_not_collected(served: Any) -> None:
+    """Each was a line in the process's error file, which is in memory where /tmp is."""
+    errors = Path(f"/proc/{served.station.process_id}/fd/2")
+    before = errors.stat().st_size
+    for _ in range(20):
+        with socket.create_connection(("127.0.0.1", served.port)) as one:
+            one.sendall(b"\x00\xff\r\n\r\n")
+            assert b" 400 " in one.recv(4096)
+    assert errors.stat().st_size == before
 
 
 def test_a_body_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
