@@ -178,6 +178,16 @@ def test_another_flights_settings_have_its_own_ranges(page: Page) -> None:
     assert page.locator("[data-key='envelope.max_speed_m_s']").count() == 1
 
 
+def test_what_has_no_value_has_no_slider_that_shows_one(page: Page, served: Any) -> None:
+    row = page.locator("[data-key='servo.target_size_m']")
+    assert row.locator("input[type=range]").count() == 0
+    page.locator("summary").click()
+    with one_more(served, "change"):
+        row.locator("input").fill("4.5")
+        row.locator("input").press("Enter")
+    assert asked(served, "change")[-1]["value"] == 4.5
+
+
 def test_a_number_that_is_deleted_is_shown_again(page: Page, served: Any) -> None:
     served.station.tell_page({"values": {"servo.azimuth.kp": 1.5}})
     field = page.locator("[data-key='servo.azimuth.kp'] input[type=number]")
