@@ -103,7 +103,7 @@ class Hub:
         if self._controller is None:
             self._controller = client
         client.tell("hello", _text("hello", client=client.id, page=self.page))
-        client.tell("state", _text("state", at=self._clock.now(), **self.state))
+        client.tell("state", _text("state", **self._moment()))
         self._tell_control()
         return client
 
@@ -179,7 +179,7 @@ class Hub:
                 if not self.state or message["state"].get("time_s") != self.state.get("time_s"):
                     self._told_s = self._clock.now()
                 self.state = message["state"]
-                self.tell("state", at=self._clock.now(), **self.state)
+                self.tell("state", **self._moment())
             case "page":
                 self.page = {**self.page, **message["page"]}
                 self.tell("page", page=self.page)
@@ -194,6 +194,11 @@ class Hub:
         text = _text(kind, **content)
         for client in self._clients.values():
             client.tell(kind, text)
+
+    def _moment(self) -> Message:
+        """Return the state with the time now and, once there is one, when the flight's moved."""
+        told = {"told_s": self._told_s} if self.state else {}
+        return {"at": self._clock.now(), **told, **self.state}
 
     def _tell_control(self) -> None:
         taken, clients = self._controller is not None, len(self._clients)

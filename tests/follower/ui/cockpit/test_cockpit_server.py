@@ -98,6 +98,20 @@ def test_what_was_asked_long_ago_is_refused_but_for_letting_go() -> None:
     assert hub.lateness(REQUESTS.validate_python({"kind": "stop"}), 0.0) is None
 
 
+def test_who_comes_later_is_told_how_old_the_state_is() -> None:
+    """A page that is loaded while control hangs is not to show its last state as live."""
+    clock = SimulatedClock()
+    hub = Hub({}, lambda _: None, clock, 4)
+    hub.take({"kind": "state", "state": state(time_s=1.0)})
+    clock.sleep_until(60.0)
+    hub.take({"kind": "state", "state": state(time_s=1.0)})
+    client = hub.join()
+    assert client is not None
+    told = [json.loads(text) for text in asyncio.run(client.next())]
+    (moment,) = [one for one in told if one["kind"] == "state"]
+    assert moment["at"] - moment["told_s"] == 60.0
+
+
 def test_a_stop_is_carried_out_however_many_wait_for_answers(
     served: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
