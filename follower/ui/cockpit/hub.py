@@ -95,13 +95,16 @@ class Hub:
         return self._clock.now() - self._told_s
 
     def join(self) -> Client | None:
-        """Let a client in; None if there are too many. The first one has control."""
+        """Let a client in; None if there are too many. One that is alone has control.
+
+        Beside others it asks for it: where whoever had it has gone, following goes on by a press.
+        """
         if len(self._clients) >= self._most_clients:
             return None
         client = Client(self._clock.now())
-        self._clients[client.id] = client
-        if self._controller is None:
+        if not self._clients:
             self._controller = client
+        self._clients[client.id] = client
         client.tell("hello", _text("hello", client=client.id, page=self.page))
         client.tell("state", _text("state", **self._moment()))
         self._tell_control()

@@ -58,6 +58,8 @@ def test_one_controls_the_others_watch_and_anybody_may_stop(served: Any) -> None
         assert message(first, "answer")["accepted"]
         first.close()
         until(lambda: not message(second, "control")["taken"])
+        with connect(ws(served)) as newcomer:
+            assert not message(newcomer, "control")["taken"]
         say(second, kind="take_control")
         until(lambda: message(second, "control")["yours"])
     asked = [request["kind"] for request in served.station.operator.asked[before:]]
