@@ -142,8 +142,8 @@ def _add_requests(app: FastAPI, hub: Hub, writes: RateLimiter) -> None:
 
     @app.get("/api/state")
     async def state() -> dict[str, Any]:
-        """Return the flight's newest state."""
-        return hub.state
+        """Return the flight's newest state; `at` less `told_s` is its age, in seconds."""
+        return hub.moment()
 
     @app.post("/api/request", responses={409: {"model": RefusalResponse}})
     async def request(

@@ -106,7 +106,7 @@ class Hub:
             self._controller = client
         self._clients[client.id] = client
         client.tell("hello", _text("hello", client=client.id, page=self.page))
-        client.tell("state", _text("state", **self._moment()))
+        client.tell("state", _text("state", **self.moment()))
         self._tell_control()
         return client
 
@@ -182,7 +182,7 @@ class Hub:
                 if not self.state or message["state"].get("time_s") != self.state.get("time_s"):
                     self._told_s = self._clock.now()
                 self.state = message["state"]
-                self.tell("state", **self._moment())
+                self.tell("state", **self.moment())
             case "page":
                 self.page = {**self.page, **message["page"]}
                 self.tell("page", page=self.page)
@@ -192,16 +192,16 @@ class Hub:
                     answer = {"accepted": message["accepted"], "text": message["text"]}
                     future.set_result(answer)
 
+    def moment(self) -> Message:
+        """Return the state with the time now and, once there is one, when the flight's moved."""
+        told = {"told_s": self._told_s} if self.state else {}
+        return {"at": self._clock.now(), **told, **self.state}
+
     def tell(self, kind: str, **content: Any) -> None:
         """Send to all clients."""
         text = _text(kind, **content)
         for client in self._clients.values():
             client.tell(kind, text)
-
-    def _moment(self) -> Message:
-        """Return the state with the time now and, once there is one, when the flight's moved."""
-        told = {"told_s": self._told_s} if self.state else {}
-        return {"at": self._clock.now(), **told, **self.state}
 
     def _tell_control(self) -> None:
         taken, clients = self._controller is not None, len(self._clients)

@@ -68,6 +68,8 @@ def test_what_is_known_is_a_metric_in_base_units_and_the_rest_is_left_out(served
     assert found["follower_velocity_meters_per_second", "down", "asked"] == -0.25
     assert found["follower_yaw_rate_degrees_per_second", "asked"] == pytest.approx(10)
     assert 0 <= found["follower_state_age_seconds",] < PATIENCE_S
+    told = httpx.get(f"{served.url}/api/state").json()
+    assert 0 <= told["at"] - told["told_s"] < PATIENCE_S
     names = {name for name, *_ in found}
     assert names.isdisjoint({"follower_elevation_error_degrees", "follower_height_meters"})
     assert ("follower_velocity_meters_per_second", "down", "flown") not in found
