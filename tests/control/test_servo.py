@@ -147,6 +147,20 @@ def test_a_vehicle_that_stays_behind_is_asked_for_as_much_more(sent_m_s, flown_m
     assert asked.forward_m_s == pytest.approx(asked_m_s, abs=0.02)
 
 
+def test_an_old_velocity_is_none_to_stay_behind_by():
+    asked = []
+    for position in (None, vehicle(north_m_s=1.0).position):
+        servo, sent = VisualServo(SETTINGS, MOUNT_PITCH), VelocitySetpoint(forward_m_s=5.0)
+        servo.start(sent)
+        for i in range(400):
+            time_s = 1.0 + i * DT
+            now = replace(target(), time_s=time_s, last_seen_s=time_s)
+            told = replace(vehicle(time_s), position=position)
+            setpoint = servo.update(now, told, sent)
+        asked.append(setpoint)
+    assert asked[0] == asked[1]
+
+
 def test_a_growing_range_is_followed_before_it_has_become_an_error():
     """What is fed forward is the target's speed, whatever the distance grows to."""
     servo, _ = passing(6.0, north_m_s=3.0)

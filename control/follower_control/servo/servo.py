@@ -49,7 +49,7 @@ class ServoStep:
         yaw_rad: our heading, in the estimate's frame.
         allowed: what the envelope allowed of the last setpoint.
         interval_s: since the last update.
-        flown: our own velocity, None without telemetry of it.
+        flown: our own velocity, None without fresh telemetry of it.
     """
 
     errors: ServoErrors
@@ -190,7 +190,8 @@ class VisualServo:
         self.errors = self.pursuit.errors(estimate, yaw, self.mode, interval_s)
         if interval_s > 0:
             self._last_s = estimate.time_s
-            flown = None if vehicle.position is None else heading_velocity(vehicle)
+            known = vehicle.position_age_s(estimate.time_s) <= OLD_S
+            flown = heading_velocity(vehicle) if known else None
             step = ServoStep(self.errors, estimate, yaw, allowed, interval_s, flown)
             steered = self._steered(step)
             self._asked = self._fade.update(steered, interval_s)
