@@ -321,6 +321,13 @@ def test_above_a_car_it_stays_above(vehicle):
 
 
 @vehicles
+def test_far_below_the_wanted_height_it_stays_above_a_target_as_steadily(vehicle):
+    held = modal(FollowMode.OVERHEAD, hold_height=True)
+    flight = fly(vehicle(height=4.0), standing(3.0), 20, servo_settings=held)
+    assert flight.of("beside", 12).max() < 0.5
+
+
+@vehicles
 def test_above_a_car_it_holds_its_height_if_that_is_wanted(vehicle):
     held = modal(FollowMode.OVERHEAD, hold_height=True)
     flight = fly(vehicle(height=12.0), drive(4.0, 8.0, 60.0), 15, servo_settings=held)

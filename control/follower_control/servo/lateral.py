@@ -113,12 +113,13 @@ class LateralControl:
 class OverheadControl:
     """Two loops, north and east, from the target's place below to horizontal velocity.
 
-    The target's own velocity is fed forward. The loops work on the angle off the vertical, so that
-    their gains hold at any height.
+    The target's own velocity is fed forward. The loops answer the angle off the vertical with a
+    velocity over the range, so that their gains hold at any height.
     """
 
     def __init__(self, settings: ServoSettings) -> None:
         self._settings = settings
+        self._range_m = settings.distance_m
         self._north, self._east = (Pid(settings.overhead) for _ in range(2))
         self.change(settings)
         self.start()
@@ -129,7 +130,7 @@ class OverheadControl:
         most = settings.max_forward_m_s / settings.distance_m
         unit = settings.distance_m / before.distance_m
         for loop in (self._north, self._east):
-            loop.change(settings.overhead, -most, most, unit)
+            loop.change(settings.overhead, -most, most, unit, self._range_m / settings.distance_m)
 
     def start(self, present_m_s: complex = 0.0) -> None:
         """Begin at the present velocity, north + 1j * east, m/s."""
@@ -155,11 +156,12 @@ class OverheadControl:
             interval_s: since the last update.
         """
         distance = self._settings.distance_m
-        saturation = (self._asked - allowed_m_s) / distance
+        cut = (self._asked - allowed_m_s) / distance
         angle, ahead = offset / range_m, target.velocity_m_s / distance
+        self._range_m, gain = range_m, range_m / distance
         self._asked = distance * complex(
-            self._north.update(angle.real, -angle.real, interval_s, ahead.real, saturation.real),
-            self._east.update(angle.imag, -angle.imag, interval_s, ahead.imag, saturation.imag),
+            self._north.update(angle.real, -angle.real, interval_s, ahead.real, cut.real, gain),
+            self._east.update(angle.imag, -angle.imag, interval_s, ahead.imag, cut.imag, gain),
         )
         return self._asked
 
