@@ -55,10 +55,21 @@ def test_a_speed_of_going_round_is_a_slower_rate_farther_out():
         assert abs(places[-1] - places[-2]) / DT == pytest.approx(2.0, rel=0.02)
 
 
-def test_a_rate_is_limited_by_the_velocity_across():
+@pytest.mark.parametrize("level_m", [6.0, 15.0, 30.0])
+def test_going_round_is_as_fast_as_the_velocity_across_may_be_at_any_distance(level_m: float):
     settings = ServoSettings(mode=FollowMode.ORBIT, orbit_deg_s=60.0, max_sideways_m_s=3.0)
-    places = circled(settings, 8.0, 15.0)
-    assert abs(places[-1] - places[-2]) / DT <= 3.0 + 1e-6
+    places = circled(settings, 8.0, level_m)
+    assert abs(places[-1] - places[-2]) / DT == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("level_m", [6.0, 15.0, 30.0])
+def test_it_swings_to_its_side_no_faster_than_the_velocity_across_may_be(level_m: float):
+    settings = ServoSettings(mode=FollowMode.SIDE, max_sideways_m_s=3.0)
+    sideways, standing = LateralControl(settings), moving(0.0)
+    standing.velocity_m_s = 0j
+    sideways.start(FollowMode.SIDE)
+    swings = [sideways.update(level_m + 0j, 0j, standing, 0.0, 0.0, DT) for _ in range(400)]
+    assert max(map(abs, swings)) == pytest.approx(3.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

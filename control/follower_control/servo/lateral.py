@@ -3,6 +3,7 @@
 import cmath
 import math
 
+from follower_control.common.small_matrix import clip
 from follower_control.servo.pid import Pid
 from follower_control.servo.settings import FollowMode, OverheadYaw, ServoSettings
 from follower_control.target.world_filter import TargetMotion
@@ -18,9 +19,7 @@ class LateralControl:
 
     def __init__(self, settings: ServoSettings) -> None:
         self._settings = settings
-        most = settings.max_sideways_m_s / settings.distance_m
-        self._bearing_pid = Pid(settings.bearing, -most, most)
-        self._rate_pid = Pid(settings.orbit_rate, -most, most)
+        self._bearing_pid, self._rate_pid = Pid(settings.bearing), Pid(settings.orbit_rate)
         self.start(FollowMode.CHASE)
 
     def change(self, settings: ServoSettings) -> None:
@@ -28,9 +27,8 @@ class LateralControl:
         turned = math.radians(settings.side_deg - self._settings.side_deg)
         self._settings = settings
         self._side_rad += turned
-        most = settings.max_sideways_m_s / settings.distance_m
-        self._bearing_pid.change(settings.bearing, -most, most)
-        self._rate_pid.change(settings.orbit_rate, -most, most)
+        self._bearing_pid.change(settings.bearing)
+        self._rate_pid.change(settings.orbit_rate)
 
     def start(self, mode: FollowMode, right_m_s: float = 0.0) -> None:
         """Begin at the present velocity to the right, m/s; the side is that of the settings."""
@@ -38,7 +36,7 @@ class LateralControl:
         self._side_rad = math.radians(self._settings.side_deg)
         self._present: float | None = right_m_s
         self._step = 0.0
-        self._asked = right_m_s
+        self._asked, self._excess = right_m_s, 0.0
         self._bearing_pid.start()
         self._rate_pid.start()
 
@@ -63,15 +61,17 @@ class LateralControl:
         """
         reach = max(abs(offset), 1.0)
         azimuth = cmath.phase(offset)
-        saturation = -(self._asked - allowed_m_s) / reach
+        saturation = self._excess - (self._asked - allowed_m_s) / reach
         if self._mode is FollowMode.ORBIT:
             turning = (offset_rate * cmath.rect(1.0, -azimuth)).imag / reach
             round_rad_s = self._orbit(turning, reach, saturation, interval_s)
         else:
             round_rad_s = self._stay(azimuth, target, offset_m_s / reach, saturation, interval_s)
+        round_m_s = clip(round_rad_s * reach, self._settings.max_sideways_m_s)
+        self._excess = round_rad_s - round_m_s / reach
         # Going to the right takes us round the target against the clock.
         across_m_s = (target.velocity_m_s * cmath.rect(1.0, -azimuth)).imag
-        wanted = across_m_s - round_rad_s * reach + offset_m_s
+        wanted = across_m_s - round_m_s + offset_m_s
         self._asked = self._faded(wanted, interval_s)
         return self._asked
 
