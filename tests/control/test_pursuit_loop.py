@@ -294,7 +294,7 @@ def test_beside_a_car_it_takes_its_side_and_stays_there(vehicle, side_deg):
     settings = modal(FollowMode.SIDE, side_deg=side_deg)
     flight = fly(vehicle(), drive(4.0, 3.0, 60.0), 30, servo_settings=settings)
     off = (flight.of("bearing_deg", 20) - side_deg + 180) % 360 - 180
-    assert np.abs(off).max() < 8
+    assert np.abs(off).max() < 10
     assert np.abs(flight.of("range", 20) / DISTANCE - 1).max() < 0.15
     assert np.abs(flight.of("azimuth_deg", 3)).max() < 8
 
@@ -310,6 +310,15 @@ def test_it_circles_a_standing_target_at_its_speed_and_distance(vehicle, speed):
     assert np.median(rate[len(rate) // 2 :]) == pytest.approx(wanted, rel=0.2)
     assert np.abs(flight.of("range", 20) / DISTANCE - 1).max() < 0.12
     assert np.abs(flight.of("azimuth_deg", 5)).max() < 5
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_flies_too_slowly_is_asked_for_more_until_it_circles_at_its_speed():
+    settings = modal(FollowMode.ORBIT, orbit_m_s=4.0, hold_height=True)
+    flight = fly(Px4(), standing(15.0), 60, servo_settings=settings)
+    turned = np.unwrap(np.radians(flight.of("bearing_deg", 30)))
+    speed = (turned[-1] - turned[0]) / 30 * math.sqrt(DISTANCE**2 - 36)
+    assert speed == pytest.approx(4.0, rel=0.1)
 
 
 @vehicles

@@ -148,6 +148,7 @@ class VisualServo:
         self._last_s: float | None = None
         self._too_fast_m_s: float | None = None
         self._in_vain_m_s = self._short_m_s = 0.0
+        self._along = complex(1.0)
         self._fade.start()
 
     def change_mode(self, mode: FollowMode, present: VelocitySetpoint) -> None:
@@ -208,9 +209,10 @@ class VisualServo:
         present = complex(self._asked.forward_m_s, self._asked.right_m_s)
         ahead, rise = self._asked.forward_m_s, self._climb / range_m
         if self.mode in _AROUND:
-            azimuth = cmath.phase(offset(estimate, range_m)) - yaw
-            ahead = (present * cmath.rect(1.0, -azimuth)).real
-            self._sideways.start(self.mode, (present * cmath.rect(1.0, -azimuth)).imag)
+            self._along = cmath.rect(1.0, cmath.phase(offset(estimate, range_m)) - yaw)
+            present /= self._along
+            ahead = present.real
+            self._sideways.start(self.mode, present.imag)
             self._forward = self._wanted = ahead
         if self.mode is FollowMode.OVERHEAD:
             self._overhead.start(present * cmath.rect(1.0, yaw))
@@ -222,9 +224,10 @@ class VisualServo:
     def chase(self, step: ServoStep) -> VelocitySetpoint:
         """Turn to the target, keep its distance and height; go round it where the mode says so."""
         yaw_rate = self._turn(step)
+        # In the axes that it was sent in: else their turning looks like a cut.
+        allowed = complex(step.allowed.forward_m_s, step.allowed.right_m_s) / self._along
         # Chasing is along the nose; what goes round the target is along the line of sight.
         along = cmath.rect(1.0, step.errors.azimuth_rad) if self.mode in _AROUND else complex(1.0)
-        allowed = complex(step.allowed.forward_m_s, step.allowed.right_m_s) / along
         flown_m_s = None
         if step.flown is not None:
             flown_m_s = (complex(step.flown.forward_m_s, step.flown.right_m_s) / along).real
@@ -239,6 +242,7 @@ class VisualServo:
             # The velocity comes later than the nose turns.
             turning = clip((drift / place).imag if place else 0.0, 1.0)
             along *= cmath.rect(1.0, turning * TURN_LAG_S)
+        self._along = along
         off_nose = step.errors.azimuth_rad - self._reference.azimuth_rad
         centred = centred_share(off_nose, self._centred, self._off_axis)
         velocity = complex(self._forward * centred, right * centred) * along
