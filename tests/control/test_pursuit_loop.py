@@ -318,7 +318,7 @@ def test_a_vehicle_that_flies_too_slowly_is_asked_for_more_until_it_circles_at_i
     flight = fly(Px4(), standing(15.0), 60, servo_settings=settings)
     turned = np.unwrap(np.radians(flight.of("bearing_deg", 30)))
     speed = (turned[-1] - turned[0]) / 30 * math.sqrt(DISTANCE**2 - 36)
-    assert speed == pytest.approx(4.0, rel=0.1)
+    assert speed == pytest.approx(4.0, rel=0.06)
 
 
 @vehicles

@@ -199,7 +199,9 @@ class ServoSettings:
     bearing: PidSettings = field(
         default_factory=lambda: PidSettings(kp=0.4, ki=0.03, cut_tolerance=0.03)
     )
-    orbit_rate: PidSettings = field(default_factory=lambda: PidSettings(kp=0.0, ki=0.3))
+    orbit_rate: PidSettings = field(
+        default_factory=lambda: PidSettings(kp=0.0, ki=0.3, cut_tolerance=0.03)
+    )
     overhead: PidSettings = field(
         default_factory=lambda: PidSettings(kp=0.6, ki=0.06, kd=0.2, cut_tolerance=0.03)
     )
