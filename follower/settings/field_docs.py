@@ -13,6 +13,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, is_dataclass
+from enum import StrEnum
 from functools import cache
 from itertools import pairwise
 from types import NoneType, UnionType
@@ -89,14 +90,27 @@ def setting_meaning(settings: object, key: str) -> str:
         settings: that have the key.
         key: path of the setting, such as "servo.azimuth.kp".
     """
-    section, _, name = key.rpartition(".")
-    holder = operator.attrgetter(section)(settings) if section else settings
-    kind: Any = type(holder)  # mypy does not take a type for hashable
+    kind, name = _holder(settings, key)
     return _said_of(kind).get(name, "")
 
 
+def _holder(settings: object, key: str) -> tuple[Any, str]:  # mypy: no type is hashable
+    """Return the section that has a setting, and the setting's name in it."""
+    section, _, name = key.rpartition(".")
+    return type(operator.attrgetter(section)(settings) if section else settings), name
+
+
+def _explained_setting(settings: object, key: str) -> str:
+    """Return what a setting means, and what it may be where that is one of a few words."""
+    kind, name = _holder(settings, key)
+    meaning = _said_of(kind).get(name, "")
+    words = _words(get_type_hints(kind).get(name))
+    named = all(re.search(rf"\b{re.escape(word)}\b", meaning) for word in words)
+    return meaning if named else f"{meaning} ({' | '.join(words)})"
+
+
 def explained_yaml(settings: object, text: str) -> str:
-    """Return settings as YAML with each one's meaning above it.
+    """Return settings as YAML, and above each its meaning and the words it may be.
 
     Args:
         settings: what the text says.
@@ -108,7 +122,7 @@ def explained_yaml(settings: object, text: str) -> str:
         if key is not None:
             path[len(key[1]) // 2 :] = [key[2]]
             try:
-                meaning = setting_meaning(settings, ".".join(path))
+                meaning = _explained_setting(settings, ".".join(path))
             except AttributeError:  # a mapping's own keys
                 meaning = ""
             indent = f"{key[1]}# "
@@ -198,8 +212,8 @@ def _kind(hint: Any) -> str:
     if get_origin(hint) is Annotated:
         return " ".join((_kind(get_args(hint)[0]), *_bounds(hint.__metadata__)))
     parts = get_args(hint)
-    if get_origin(hint) is Literal:
-        return " | ".join(map(str, parts))
+    if words := _words(hint):
+        return " | ".join(words)
     if get_origin(hint) in (Union, UnionType):
         return " or ".join(map(_kind, parts))
     if get_origin(hint) is list:
@@ -209,6 +223,13 @@ def _kind(hint: Any) -> str:
     if get_origin(hint) is dict:
         return "keys and values"
     return "null" if hint is NoneType else _KINDS.get(hint, hint.__name__)
+
+
+def _words(hint: Any) -> tuple[str, ...]:
+    """Return the words of which one has to stand there, if only a few may."""
+    if get_origin(hint) is Literal:
+        return tuple(map(str, get_args(hint)))
+    return tuple(hint) if inspect.isclass(hint) and issubclass(hint, StrEnum) else ()
 
 
 def _bounds(metadata: Iterable[Any]) -> Iterator[str]:

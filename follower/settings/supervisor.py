@@ -137,7 +137,7 @@ class ReleaseSettings(StrictFields):
     Everything but "hold" and "hand_back" changes the autopilot's mode, which nothing else does.
 
     Attributes:
-        action: see there.
+        action: what follows on the hold.
         retry_s: how long to wait for a mode before asking for it again.
     """
 

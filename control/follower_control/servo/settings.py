@@ -119,7 +119,7 @@ class ServoSettings:
     for elevation; and per unit of log scale: forward velocity over `distance_m` for range.
 
     Attributes:
-        mode: which way to follow; see `FollowMode`.
+        mode: which way to follow.
         distance_m: wanted distance to the target.
         target_size_m: the square root of the target's width times its height as seen. None holds
             the size that the target has in the image at the start; `distance_m` then says about

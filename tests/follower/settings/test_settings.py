@@ -200,6 +200,15 @@ def test_settings_are_printed_with_what_they_mean_and_read_as_they_are() -> None
     assert max(map(len, text.splitlines())) <= 100
 
 
+def test_settings_that_are_one_of_a_few_words_name_them_all_once() -> None:
+    one = load_settings()
+    text = " ".join(explained_yaml(one, one.to_yaml()).replace("#", "").split())
+    assert "which way to follow. (chase | watch | side | orbit | overhead) mode: chase" in text
+    assert "what follows on the hold. (hold | loiter | rtl | land | hand_back) action: hold" in text
+    assert "(none | follow_target | global_position | both) target: none" in text
+    assert "tcp, or udp, which drops what comes late. transport: tcp" in text  # it says so already
+
+
 def keys_of(value: object, path: str = "") -> set[str]:
     """Return the paths of all keys in a mapping, those of a list's items alike."""
     if isinstance(value, list):
