@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -118,35 +119,6 @@ def _start(
     pass
 
 
-for name, epilog, command in (
-    ("fly", fly.EPILOG, fly.fly_command),
-    ("preflight", preflight.EPILOG, preflight.preflight_command),
-    ("doctor", doctor.EPILOG, doctor.doctor_command),
-    ("track", track.EPILOG, track.track_command),
-    ("replay", replay.EPILOG, replay.replay_command),
-    ("sitl", sitl.EPILOG, sitl.sitl_command),
-    ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
-    ("trax", evaluate.TRAX_EPILOG, evaluate.trax_command),
-    ("bench", bench.EPILOG, bench.bench_command),
-    ("campaign", campaign.EPILOG, campaign.campaign_command),
-    ("faults", fault_tests.EPILOG, fault_tests.faults_command),
-    ("excite", excite.EPILOG, excite.excite_command),
-    ("identify", identify.EPILOG, identify.identify_command),
-    ("tune", tune.EPILOG, tune.tune_command),
-    ("import", import_flight.EPILOG, import_flight.import_command),
-    ("ros-demo", ros.DEMO_EPILOG, ros.ros_demo_command),
-    ("ros-bag", ros.BAG_EPILOG, ros.ros_bag_command),
-):
-    app.command(name, epilog=epilog)(command)
-# What it does not know, from --ros-args on, is ROS's.
-_ROS_ARGS = {"allow_extra_args": True, "ignore_unknown_options": True}
-app.command("ros", epilog=ros.EPILOG, context_settings=_ROS_ARGS)(ros.ros_command)
-app.add_typer(calibrate_app, name="calibrate")
-app.add_typer(models_app, name="models", help="List, download and verify networks.")
-app.add_typer(service_app, name="service", help="Start the follower with the computer.")
-app.add_typer(train_app, name="train")
-app.command("export", epilog=EXPORT_EPILOG)(export_command)
-
 Autopilot = Annotated[
     str,
     typer.Option(
@@ -204,7 +176,6 @@ Scene = Annotated[
 ]
 
 
-@app.command(epilog=_DEMO_EPILOG)
 def demo(
     autopilot: Autopilot = "px4",
     seed: Seed = None,
@@ -250,7 +221,6 @@ def demo(
     raise typer.Exit(result.exit_code)
 
 
-@app.command(epilog=_SIM_EPILOG)
 def sim(
     scenario: Annotated[
         str, typer.Argument(help="A scenario file (YAML) or a name from `follower scenarios`.")
@@ -298,7 +268,6 @@ def sim(
     raise typer.Exit(simulate(options).exit_code)
 
 
-@app.command(epilog=_INSPECT_EPILOG)
 def inspect(
     flight: Annotated[
         Path, typer.Argument(help="A flight's folder, as every flight and `follower import` leave.")
@@ -336,7 +305,6 @@ def inspect(
     inspect_flight(flight, out, foxglove=foxglove, rerun=rerun)
 
 
-@app.command()
 def scenarios(
     keys: Annotated[
         bool,
@@ -357,16 +325,14 @@ def scenarios(
         typer.echo(f"{name:18} {load_scenario(path).title}")
 
 
-@app.command()
 def trackers() -> None:
-    """List the motion trackers that run here."""
+    """List the motion trackers; `follower models list` says whose networks have to be fetched."""
     from follower_vision.trackers.registry import tracker_names
 
     for name in tracker_names():
         typer.echo(name)
 
 
-@app.command(epilog=_SETTINGS_EPILOG)
 def settings(config: Config = None, overrides: Overrides = None) -> None:
     """Print all settings as they resolve, each with what it means, as YAML to copy and edit."""
     from follower.settings.field_docs import explained_yaml
@@ -374,6 +340,67 @@ def settings(config: Config = None, overrides: Overrides = None) -> None:
 
     resolved = load_settings(config, overrides=overrides or ())
     typer.echo(explained_yaml(resolved, resolved.to_yaml()), nl=False)
+
+
+_COMMANDS: dict[str, tuple[tuple[str, str | None, Callable[..., None]], ...]] = {
+    "Simulate": (
+        ("demo", _DEMO_EPILOG, demo),
+        ("sim", _SIM_EPILOG, sim),
+        ("scenarios", None, scenarios),
+        ("campaign", campaign.EPILOG, campaign.campaign_command),
+        ("faults", fault_tests.EPILOG, fault_tests.faults_command),
+        ("sitl", sitl.EPILOG, sitl.sitl_command),
+    ),
+    "Look at a flight": (
+        ("inspect", _INSPECT_EPILOG, inspect),
+        ("replay", replay.EPILOG, replay.replay_command),
+    ),
+    "Track recordings": (
+        ("track", track.EPILOG, track.track_command),
+        ("import", import_flight.EPILOG, import_flight.import_command),
+        ("trackers", None, trackers),
+        ("evaluate", evaluate.EPILOG, evaluate.evaluate_command),
+        ("trax", evaluate.TRAX_EPILOG, evaluate.trax_command),
+    ),
+    "Fly": (
+        ("settings", _SETTINGS_EPILOG, settings),
+        ("doctor", doctor.EPILOG, doctor.doctor_command),
+        ("bench", bench.EPILOG, bench.bench_command),
+        ("preflight", preflight.EPILOG, preflight.preflight_command),
+        ("fly", fly.EPILOG, fly.fly_command),
+    ),
+    "Tune": (
+        ("excite", excite.EPILOG, excite.excite_command),
+        ("identify", identify.EPILOG, identify.identify_command),
+        ("tune", tune.EPILOG, tune.tune_command),
+    ),
+    "Train": (("export", EXPORT_EPILOG, export_command),),
+    "ROS 2": (
+        ("ros-demo", ros.DEMO_EPILOG, ros.ros_demo_command),
+        ("ros-bag", ros.BAG_EPILOG, ros.ros_bag_command),
+    ),
+}
+"""By what they are for, in the order in which the help lists them."""
+
+for panel, commands in _COMMANDS.items():
+    for name, epilog, command in commands:
+        app.command(name, epilog=epilog, rich_help_panel=panel)(command)
+# What it does not know, from --ros-args on, is ROS's.
+_ROS_ARGS = {"allow_extra_args": True, "ignore_unknown_options": True}
+app.command("ros", epilog=ros.EPILOG, context_settings=_ROS_ARGS, rich_help_panel="ROS 2")(
+    ros.ros_command
+)
+app.add_typer(calibrate_app, name="calibrate", rich_help_panel="Fly")
+app.add_typer(
+    models_app,
+    name="models",
+    help="List, download and verify networks.",
+    rich_help_panel="Track recordings",
+)
+app.add_typer(
+    service_app, name="service", help="Start the follower with the computer.", rich_help_panel="Fly"
+)
+app.add_typer(train_app, name="train", rich_help_panel="Train")
 
 
 def main() -> NoReturn:

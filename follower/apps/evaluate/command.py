@@ -22,7 +22,13 @@ starts
 TRAX_EPILOG = """
 **Example**, in `trackers.ini` of a workspace of vot-toolkit; then `vot evaluate Fusion` runs it
 
-`[Fusion]` `label = Fusion` `protocol = trax` `command = follower trax fusion:nanotrack-v3`
+`[Fusion]`
+
+`label = Fusion`
+
+`protocol = trax`
+
+`command = follower trax fusion:nanotrack-v3`
 """
 
 

@@ -13,7 +13,6 @@ from follower.ui.terminal.cli_options import (
     Detector,
     Overrides,
     Select,
-    Target,
     Tracker,
 )
 
@@ -61,7 +60,14 @@ def import_command(
             "Found by comparing the image's turns with the gyro's if it is not given.",
         ),
     ] = None,
-    target: Target = None,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,W,H",
+            help="A box in the first frame, or in that of --at, in pixels.",
+            rich_help_panel="Which target",
+        ),
+    ] = None,
     select: Select = None,
     colour: Colour = None,
     at: Annotated[

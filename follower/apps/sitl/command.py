@@ -36,8 +36,8 @@ def sitl_command(
     scenarios: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Scenario files (YAML), names from `follower scenarios`, or **all** that need no "
-            "gimbal."
+            help="Scenario files (YAML), names from `follower scenarios`, or **all**: those "
+            "that need no gimbal."
         ),
     ] = None,
     arducopter: Annotated[

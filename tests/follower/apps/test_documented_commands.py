@@ -13,6 +13,7 @@ import pytest
 import typer
 import yaml
 from typer.exceptions import TyperException
+from typer.testing import CliRunner
 
 from follower.apps.main import app
 from follower.settings.settings import find_scenario, load_settings
@@ -140,6 +141,18 @@ def test_commands_of_the_help_exist_with_their_options() -> None:
         if (problem := problem_with(line))
     ]
     assert wrong == []
+
+
+def test_the_help_begins_with_the_demo_and_says_what_each_command_is_for() -> None:
+    commands: dict[str, Any] = getattr(GROUP, "commands", {})
+    assert next(iter(commands)) == "demo"
+    assert [name for name, one in commands.items() if not one.rich_help_panel] == []
+
+
+def test_the_help_of_trax_shows_a_file_line_by_line() -> None:
+    said = CliRunner().invoke(app, ["trax", "--help"]).output
+    lines = [line.strip() for line in said.splitlines()]
+    assert lines.index("[Fusion]") < lines.index("protocol = trax")
 
 
 def test_the_pages_have_commands_and_a_wrong_one_is_noticed() -> None:
