@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from follower.report import flight_page, html, style
 from follower.report.series import Array, ReportMeta
 from follower.report.style import BLUE, INK, PALE, YELLOW
+from follower.settings.field_docs import meanings
 from follower.tuning.identify.readers import VehicleAxis
 from follower_control.common.strict_config import SettingsError, parse, read_mapping
 from follower_control.tuning.axis_loop import LoopDelays
@@ -274,9 +276,14 @@ def _axis_section(axis: VehicleAxis, fit: ResponseFit, data: Sequence[ResponseDa
     return html.section(axis.replace("_", " ").capitalize(), html.figure(svg, caption))
 
 
+def delay_named(name: str) -> str:
+    """Return a delay's key in the vehicle's file, and what it is."""
+    return f"{name}, {meanings(inspect.getdoc(LoopDelays) or '')[name].removesuffix('.')}"
+
+
 def _times(found: Identification) -> str:
     rows = [
-        (name, f"{_text(one.median, 4)} s", f"{one.most:.4f} s", str(one.samples))
+        (delay_named(name), f"{_text(one.median, 4)} s", f"{one.most:.4f} s", str(one.samples))
         for name, one in found.delays.items()
     ]
     if found.size is not None:

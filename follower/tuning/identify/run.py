@@ -19,6 +19,7 @@ from follower.tuning.identify.readers import (
 from follower.tuning.identify.result import (
     Identification,
     Spread,
+    delay_named,
     load_vehicle,
     model_row,
     write_identification,
@@ -176,7 +177,7 @@ def _print(console: Console, found: Identification) -> None:
     for name, spread in found.delays.items():
         print_line(
             console,
-            f"{name}: {1e3 * spread.median.value:.0f} ms in the middle, 95 % below "
+            f"{delay_named(name)}: median {1e3 * spread.median.value:.0f} ms, 95 % below "
             f"{1e3 * spread.most:.0f} ms",
         )
     if found.size is not None:

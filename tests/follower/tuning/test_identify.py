@@ -13,7 +13,7 @@ import yaml
 from real_data import DATA, needs_data
 
 from follower.tuning.identify.readers import VehicleAxis
-from follower.tuning.identify.result import Spread, load_vehicle, write_identification
+from follower.tuning.identify.result import Spread, delay_named, load_vehicle, write_identification
 from follower.tuning.identify.run import identification, identify, read_recording
 from follower_control.common.strict_config import SettingsError
 from follower_control.tuning.fit import fit_size
@@ -166,6 +166,14 @@ def test_the_next_step_is_one_that_works(
     assert "not known for forward, down: identify a flight of `follower excite`" in said
     assert "[m/s]" in said
     assert "[rad/s]" in said
+
+
+def test_a_delay_is_named_by_its_key_and_in_words() -> None:
+    said = {name: delay_named(name) for name in ("camera_s", "frame_interval_s", "position_s")}
+    assert said["camera_s"] == (
+        "camera_s, from a frame's exposure to the first setpoint made from it"
+    )
+    assert all(words != f"{name}, " for name, words in said.items())
 
 
 def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
