@@ -227,16 +227,14 @@ def _conclude(
     console: Console,
 ) -> int:
     """Say whether what is guaranteed holds, and write down what differs."""
-    best, strictness = whole or control, control.strictness
+    best, strictness, caveat = whole or control, control.strictness, _caveat(flight, whole)
     if overrides or not (best.agrees and control.agrees):
-        how = (
-            f" with {', '.join(overrides)}, open loop" if overrides else f", compared {strictness}"
-        )
+        strictly = "" if caveat else f", compared {strictness}"
+        how = f" with {', '.join(overrides)}, open loop" if overrides else strictly
         _write(flight, best, how, out, console)
     if overrides:
         return SAME
     print_line(console, strictness.why)
-    caveat = _caveat(flight, whole)
     guaranteed = control if caveat else best
     if guaranteed.agrees and control.agrees:
         same = "Control replays" if caveat else "The replay is identical to the flight,"
