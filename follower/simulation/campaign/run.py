@@ -74,6 +74,10 @@ def run_campaign(
     seen = {number: fly_with_video(by_number[number], folder) for number in numbers}
     write_whole(folder / REPORT, render(config, rows, summary, seen))
     print_summary(summary, folder, console)
+    for place in seen.values():
+        print_line(console, f"  {folder / place / REPORT}")
+    if videos and not seen:
+        print_line(console, "No run failed: none was flown again with video.")
     return _SUCCESS if summary.reached else _FAILED
 
 

@@ -305,6 +305,22 @@ def test_a_whole_campaign_writes_results_and_a_report_that_needs_no_network(
         assert row["command"] in page.replace("&#x27;", "'")
 
 
+def test_where_no_run_failed_none_is_flown_again_and_the_end_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: dict[str, Any]
+) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    met = {"time_to_acquire_s": 0.1, "approach_s": 1.0, "wrong_end": None, "in_frame_share": 1.0}
+    met |= {"line_of_sight_box_rms_seen_deg": 1.0, "occlusion_s": [], "reacquired_s": []}
+    met |= {"envelope_violations": 0}
+    with RunStore(tmp_path / "out") as store:
+        for row in rows.values():
+            store.add({**row, **met})
+    goals = "goals: {keep_out: false}\n"
+    run_campaign(load_campaign(config(tmp_path, goals)), tmp_path / "out", LocalEngine(1), videos=2)
+    assert "No run failed: none was flown again with video." in capsys.readouterr().out
+    assert not (tmp_path / "out" / "worst").exists()
+
+
 def test_a_search_begins_with_what_there_is_and_can_be_repeated(tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     more = "optimise: {trials: 4, runs_per_trial: 2, settings: {servo.azimuth.kp: [0.5, 3]}}\n"
