@@ -72,6 +72,19 @@ def test_more_noise_is_a_larger_uncertainty() -> None:
     assert noisy.peak < clean.peak
 
 
+def test_the_next_best_is_another_peak_not_the_flank_of_the_best_one() -> None:
+    smooth = np.hanning(51) / np.hanning(51).sum()
+    white = np.random.default_rng(2).normal(0.0, 1.0, (9000, 3))
+    rates = np.column_stack([np.convolve(axis, smooth, "same") for axis in white.T])
+    time_s = np.arange(0, 90.0, 0.01)
+    seen = AngularRates.of_samples(time_s[1000:8000] - 10.0, rates[1000:8000])
+    found = find_offset(seen, AngularRates.of_samples(time_s, rates))
+    assert found.offset_s == pytest.approx(10.0, abs=0.01)
+    elsewhere = np.abs(found.lags_s - found.offset_s) > 0.5
+    assert found.second == np.nanmax(found.correlation[elsewhere])
+    assert found.second < 0.3
+
+
 def test_no_offset_is_vaguer_than_the_range_that_was_tried() -> None:
     still = AngularRates(gyro().start_s, gyro().end_s, np.zeros_like(gyro().rates_rad_s))
     assert find_offset(camera(20.0), still, reach_s=3.0).unsure_s <= 6.0

@@ -251,12 +251,16 @@ def _too_short(camera: AngularRates, gyro: AngularRates) -> str:
 
 
 def _second(correlation: Vector, top: int) -> float:
-    """Return the highest value outside the peak, which ends where half its height is left."""
+    """Return the highest value outside the peak."""
     values = np.nan_to_num(correlation, nan=0.0)
-    low = values < values[top] / 2
-    left = top - int(np.argmax(low[top::-1])) if low[: top + 1].any() else 0
-    right = top + int(np.argmax(low[top:])) if low[top:].any() else len(values)
-    return float(max(values[:left].max(initial=0.0), values[right:].max(initial=0.0)))
+    before, after = values[top::-1], values[top:]
+    return float(max(one[_foot(one) :].max(initial=0.0) for one in (before, after)))
+
+
+def _foot(falling: Vector) -> int:
+    """Return where a peak that begins with its top ends: it rises again from below half of it."""
+    rises = np.diff(falling, append=np.inf) > 0
+    return int(np.argmax(rises & (falling < falling[0] / 2))) or len(falling)
 
 
 def _deviation(match: _Match, turned: Vector, peak: float, sharpness: float) -> float:
