@@ -172,7 +172,8 @@ def summary(
     )
     if flight.states:
         figures.append(("Following", f"{followed_s:.1f} s"))
-        figures.append(("End", _end(recorded)))
+        if recorded.config.kind != "video":
+            figures.append(("End", _end(recorded)))
     share = seen_share(recorded)
     if share is not None:
         figures.append(("Target seen", f"{100 * share:.1f} %"))
@@ -334,7 +335,7 @@ def _states(spans: Sequence[Span]) -> Table:
     table.add_column("Reason")
     for span in spans[:_MOST_STATES]:
         state = Text(span.state, STATE_STYLES.get(span.state, ""))
-        table.add_row(f"{span.start_s:.1f} s", f"{span.length_s:.1f} s", state, span.reason)
+        table.add_row(f"{span.start_s:.2f} s", f"{span.length_s:.2f} s", state, span.reason)
     if len(spans) > _MOST_STATES:
         table.add_row("", "", f"… {len(spans) - _MOST_STATES} more", "in the report")
     return table

@@ -56,7 +56,10 @@ def campaign_command(
         Path | None, typer.Option(help="Folder of this campaign; runs/campaign-NAME by default.")
     ] = None,
     video: Annotated[
-        int, typer.Option(min=0, metavar="WORST", help="Fly so many of the worst that failed again, with video.")
+        int,
+        typer.Option(
+            min=0, metavar="WORST", help="Fly so many of the worst that failed again, with video."
+        ),
     ] = 0,
     optimise: Annotated[
         bool, typer.Option("--optimise", help="Search settings by the campaign's cost.")

@@ -198,6 +198,13 @@ def test_where_nothing_was_sent_there_is_no_delay_to_the_setpoint(small_flight: 
     assert "Capture to setpoint, median" not in dict(summary(flight, LoggedFlight(flight.log), []))
 
 
+def test_an_imported_video_has_no_end_of_a_flight(small_flight: Any) -> None:
+    flight = open_flight(small_flight.folder)
+    assert "End" in dict(summary(flight, LoggedFlight(flight.log), []))
+    video = replace(flight, config=replace(flight.config, kind="video"))
+    assert "End" not in dict(summary(video, LoggedFlight(flight.log), []))
+
+
 @pytest.mark.slow
 def test_a_target_that_was_never_seen_was_not_seen_in_every_frame(
     small_flight: Any, tmp_path: Path
