@@ -31,7 +31,7 @@ from follower.simulation.sitl.programs import (
     read_parameters,
 )
 from follower.ui.terminal.cli_options import typed_command
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import counted, print_line
 from follower_control.common.strict_config import SettingsError
 from follower_sim.scenario.scenario_file import load_scenario
 from follower_vision.disk import write_whole
@@ -45,7 +45,7 @@ _FIGURES = (
     ("LOS, box", "line_of_sight_box_rms_seen_deg", "{:.2f}°"),
     ("Range error", "range_error_median", "{:.1%}"),
     ("Approach", "approach_s", "{:.1f} s"),
-    ("Searches begun", "losses", "{:d}"),
+    ("Searches", "losses", "{:d}"),
 )
 
 
@@ -230,7 +230,7 @@ def _fly(options: SimulationOptions, folder: Path, console: Console, alone: bool
 def render(rows: Sequence[dict[str, Any]]) -> str:
     """Return the report of all flights, a row each."""
     passed = sum(row["passed"] for row in rows)
-    headline = f"{passed} of {len(rows)} flights passed"
+    headline = f"{passed} of {counted(len(rows), 'flight')} passed"
     lines = [line for row in rows if (line := _failure(row))]
     head = ("Scenario", "Autopilot", "Link", "Seed", "", *(name for name, _, _ in _FIGURES))
     numbers = range(5, 5 + len(_FIGURES))
@@ -240,8 +240,8 @@ def render(rows: Sequence[dict[str, Any]]) -> str:
         html.section("Flights", html.table(head, map(_cells, rows), tuple(numbers))),
         html.section("To fly them again", commands),
     )
-    subtitle = f"software in the loop · {len(rows)} flights"
-    meta = ReportMeta("Flights on real autopilots", subtitle, typed_command())
+    subtitle = f"software in the loop · {counted(len(rows), 'flight')}"
+    meta = ReportMeta("Flights in SITL", subtitle, typed_command())
     return flight_page.filled(meta, parts)
 
 

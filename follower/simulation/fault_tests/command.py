@@ -22,7 +22,7 @@ from follower.simulation.faults.fault import (
     fault_named,
     in_groups,
 )
-from follower.ui.terminal.console import print_line
+from follower.ui.terminal.console import counted, print_line
 from follower_control.common.strict_config import SettingsError
 
 if TYPE_CHECKING:
@@ -172,7 +172,9 @@ def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path
         print_line(console, f"{number:3}/{len(cases)} {mark} {result.key}", style)
         for failure in result.verdict.failures:
             print_line(console, f"         {failure}")
-    print_line(console, f"{len(cases)} cases, {failed} failed; all results are in {path}")
+    print_line(
+        console, f"{counted(len(cases), 'case')}, {failed} failed; all results are in {path}"
+    )
     return failed > 0
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from follower.apps.sitl.run import programs
+from follower.apps.sitl.run import programs, render
 from follower.links.connections import ConnectionFailedError
 from follower.settings.settings import find_scenario
 from follower.simulation.sitl.gusts import Gusts
@@ -322,3 +322,19 @@ def test_the_simulated_autopilot_sends_heartbeats_to_our_port(tmp_path: Path) ->
     assert (tmp_path / "autopilot.csv").read_text().startswith("time_s,mode,armed")
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as again:
         again.bind(("127.0.0.1", program.port))
+
+
+def test_the_report_of_one_simulated_flight_does_not_speak_of_real_autopilots() -> None:
+    row = {
+        "scenario": "winding",
+        "autopilot": "simulated px4",
+        "link": "pymavlink",
+        "seed": 7,
+        "command": "follower sitl winding --simulated px4",
+        "end": "The pursuit succeeded",
+        "passed": True,
+        "folder": "winding",
+    }
+    page = render([row])
+    assert "1 of 1 flight passed" in page
+    assert "real autopilot" not in page
