@@ -13,6 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+from program import python
 
 from follower_vision import onnx_network
 from follower_vision.models import ModelStore
@@ -54,6 +55,17 @@ def averaging_file(tmp_path: Path) -> Path:
     path = tmp_path / "average.onnx"
     path.write_bytes(averaging_network())
     return path
+
+
+@pytest.mark.slow
+def test_onnxruntime_reports_nothing_and_keeps_no_identifier(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.delenv("ORT_DISABLE_TELEMETRY", raising=False)
+    python("import follower_vision.onnx_network")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_network_tells_its_inputs_and_computes(averaging_file: Path) -> None:
