@@ -115,6 +115,29 @@ def test_a_turned_phone_video_stands_upright(tmp_path):
     assert frame.image[10, 5, 2] < 100
 
 
+def test_sound_that_begins_underway_does_not_disturb_the_end(tmp_path):
+    """As a recorder that was not told of the sound writes it."""
+    path = tmp_path / "late.flv"
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=30)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        sound = container.add_stream("pcm_s16le", rate=44100, layout="mono")
+        for number in range(300):
+            frame = av.VideoFrame.from_ndarray(picture(number % 25), format="bgr24")
+            frame.pts, frame.time_base = number, Fraction(1, 30)
+            container.mux(video.encode(frame))
+        late = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), "s16", "mono")
+        late.sample_rate, late.pts, late.time_base = 44100, 44100 * 9, Fraction(1, 44100)
+        container.mux(sound.encode(late))
+        container.mux(video.encode(None))
+    content = bytearray(path.read_bytes())
+    content[4] = 1  # the header promises video alone
+    path.write_bytes(content)
+    source = VideoFile(path)
+    assert len(everything(source)) == 300
+    assert source.problem is None
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -25,7 +25,7 @@ from follower_vision.sources.camera_program import CameraProgram
 from follower_vision.sources.capture import AUTO, CPU, CaptureSettings, without_password
 from follower_vision.sources.frame_source import SourceError
 from follower_vision.sources.stream_clock import StreamClock
-from follower_vision.sources.video_file import upright
+from follower_vision.sources.video_file import next_packet, upright
 
 _LOGGER = logging.getLogger(__name__)
 _OPEN_S, _SILENCE_S = 5.0, 2.0
@@ -200,9 +200,7 @@ class VideoStream:
         packets = self._container.demux(self._stream)
         while True:
             try:
-                packet = next(packets, None)
-            except av.error.InvalidDataError:
-                continue
+                packet = next_packet(packets)
             except (av.error.FFmpegError, OSError) as error:
                 raise self._error(f"the stream broke ({_reason(error)})") from error
             if packet is None:

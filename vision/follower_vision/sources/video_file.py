@@ -1,7 +1,10 @@
 """Frames from a video file, with the times at which they are to be shown."""
 
+from __future__ import annotations
+
 from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import av
 import av.container
@@ -100,7 +103,7 @@ class VideoFile(ClosesItself):
         packets = self._container.demux(self._stream)
         while True:
             try:
-                packet = next(packets, None)
+                packet = next_packet(packets)
                 if packet is None:
                     return
                 yield from packet.decode()
@@ -127,6 +130,14 @@ class VideoFile(ClosesItself):
         if self._sequence and time_s <= self._last_s:
             return self._last_s + 1 / self.nominal_rate_hz
         return time_s
+
+
+def next_packet(packets: Iterator[av.Packet[Any]]) -> av.Packet[Any] | None:
+    """Return what PyAV demuxes next, None at the end."""
+    try:
+        return next(packets, None)
+    except IndexError:  # at the end it also flushes a stream that began underway, unknown to it
+        return None
 
 
 def upright(picture: av.VideoFrame) -> Image:
