@@ -180,6 +180,8 @@ class CameraSettings(StrictFields):
             raise ValueError(
                 f"center_px lies in an image {self.focal_width_px} px wide, not at {self.center_px}"
             )
+        if not all(map(math.isfinite, self.distortion)):
+            raise ValueError(f"distortion is five finite numbers, not {list(self.distortion)}")
         if self.frame_size is not None and not min(self.frame_size) > 0:
             raise ValueError(f"frame_size is [width, height] in pixels, not {self.frame_size}")
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal, TypeAlias
 
-from follower_control.common.strict_config import StrictFields, check_ranges
+from follower_control.common.strict_config import StrictFields, check_positive, check_ranges
 
 _LEAST = 1e-3
 
@@ -112,8 +112,7 @@ class HealthSettings(StrictFields):
     def __post_init__(self) -> None:
         if not 0 <= self.battery_to_go_on <= self.battery_to_start <= 1:
             raise ValueError("0 <= battery_to_go_on <= battery_to_start <= 1 does not hold")
-        if not (self.largest_ratio > 0 and self.stale_s > 0):
-            raise ValueError("largest_ratio and stale_s are positive")
+        check_positive(self, "largest_ratio", "stale_s")
 
 
 class ReleaseAction(StrEnum):

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from follower.settings.link import LinkSettings
+from follower.settings.settings import CameraSettings
 from follower.settings.supervisor import (
     ConsentSettings,
     HealthSettings,
@@ -35,6 +36,7 @@ BY_NAME: dict[type, list[dict[str, Any]]] = {
         {"braking_m_s2": 5.0},
         {"max_interval_s": math.inf},
     ],
+    CameraSettings: [{"distortion": (math.nan, 0.0, 0.0, 0.0, 0.0)}],
     SearchSettings: [
         *({"turn_rate_deg_s": 0.0}, {"look_s": -1.0}, {"sweep_deg": 200.0}, {"climb_m": math.nan}),
     ],
@@ -88,6 +90,7 @@ BY_WORDS: list[tuple[type, str, dict[str, Any]]] = [
     (HealthSettings, "does not hold", {"battery_to_start": 0.1}),
     (HealthSettings, "does not hold", {"battery_to_start": 1.5}),
     (HealthSettings, "positive", {"stale_s": 0.0}),
+    (HealthSettings, "positive", {"stale_s": math.inf}),
     (LinkSettings, "attitude|rates lie", {"attitude_rate_hz": 0.0}),
     (LinkSettings, "timesync|rates lie", {"timesync_rate_hz": math.nan}),
     *((VideoSettings, ".", wrong) for wrong in (
