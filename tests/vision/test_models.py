@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import os
 import re
 import resource
 import shutil
@@ -359,6 +360,22 @@ def test_the_default_folder_follows_the_environment() -> None:
     assert default_folder({"XDG_CACHE_HOME": "/c"}) == Path("/c/follower/models")
     home = Path.home() / ".cache" / "follower" / "models"
     assert default_folder({"XDG_CACHE_HOME": "relative"}) == default_folder({}) == home
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root becomes a user whom nobody knows")
+def test_a_user_without_a_home_has_no_networks_and_no_traceback() -> None:
+    """As in a container that is started under a bare number."""
+    code = (
+        "import os\n"
+        "from follower_vision.models import default_folder\n"
+        "os.setuid(54321)\n"
+        "print(default_folder({}).exists())"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "HOME"}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (ran.stdout, ran.stderr) == ("False\n", "")
 
 
 def test_the_table_is_sound() -> None:

@@ -14,15 +14,16 @@ _SAME, _REFUSED = "same answers", "refused: "
 
 
 def cache_folder(environment: Mapping[str, str]) -> Path:
-    """Return follower's folder in the user's cache, which need not exist.
-
-    Raises:
-        RuntimeError: the user has no home.
-    """
+    """Return follower's folder in the user's cache, which need not exist."""
     cache = environment.get("XDG_CACHE_HOME")
     # The XDG specification says to ignore a path that is not absolute.
-    base = Path(cache) if cache and Path(cache).is_absolute() else Path.home() / ".cache"
-    return base / "follower"
+    if cache and Path(cache).is_absolute():
+        return Path(cache) / "follower"
+    try:
+        home = Path.home()
+    except RuntimeError:
+        home = Path("/nonexistent")  # as Debian has it for users without one
+    return home / ".cache" / "follower"
 
 
 class DeviceVerdict:
@@ -39,23 +40,19 @@ class DeviceVerdict:
 
     def __init__(self, network: bytes, device: str) -> None:
         name = f"{hashlib.sha256(network).hexdigest()}-{onnxruntime.__version__}-{device}.txt"
-        self._path: Path | None = None
-        with suppress(RuntimeError):
-            self._path = cache_folder(os.environ) / "devices" / name
+        self._path = cache_folder(os.environ) / "devices" / name
 
     def read(self) -> str | None:
         """Return why the device was refused, "" if it was not, None if nobody knows."""
         text = ""
-        if self._path is not None:
-            with suppress(OSError, UnicodeDecodeError):
-                text = self._path.read_text("utf-8")
+        with suppress(OSError, UnicodeDecodeError):
+            text = self._path.read_text("utf-8")
         if text.startswith(_REFUSED):
             return text.removeprefix(_REFUSED)
         return "" if text == _SAME else None
 
     def write(self, refusal: str) -> None:
         """Keep why the device was refused, "" if it was not."""
-        if self._path is not None:
-            with suppress(OSError):
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                write_whole(self._path, _REFUSED + refusal if refusal else _SAME)
+        with suppress(OSError):
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self._path, _REFUSED + refusal if refusal else _SAME)
