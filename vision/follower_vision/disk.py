@@ -1,6 +1,7 @@
 """Files on a disk that may be full: written whole or not at all, and what the reader is told."""
 
 import errno
+import os
 import shutil
 from pathlib import Path
 
@@ -44,10 +45,22 @@ def is_unwritable(error: OSError) -> bool:
 def free_bytes(place: Path) -> int | None:
     """Return the room on a file's or folder's disk, which may not exist yet; None is unknown."""
     try:
-        there = next(one for one in (place, *place.absolute().parents) if one.exists())
-        return shutil.disk_usage(there).free
+        return shutil.disk_usage(_nearest(place)).free
     except OSError:
         return None
+
+
+def can_be_written(folder: Path) -> bool:
+    """Whether this user may put files into a folder, which may not exist yet."""
+    try:
+        there = _nearest(folder)
+        return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+    except OSError:
+        return False
+
+
+def _nearest(place: Path) -> Path:
+    return next(one for one in (place, *place.absolute().parents) if one.exists())
 
 
 def room_said(place: Path) -> str:

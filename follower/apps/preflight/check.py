@@ -102,6 +102,7 @@ class ComputerReading:
         temperature_c: the hottest part's.
         throttled: the Raspberry Pi's flags, as `vcgencmd get_throttled` gives them.
         load: processes that want to run, over the cores.
+        writable: the recording can be put there.
     """
 
     free_bytes: int | None = None
@@ -109,6 +110,7 @@ class ComputerReading:
     temperature_c: float | None = None
     throttled: int | None = None
     load: float | None = None
+    writable: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

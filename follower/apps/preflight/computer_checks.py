@@ -17,7 +17,7 @@ from follower.apps.preflight.check import (
     warned,
 )
 from follower.settings.recorder import VideoKind
-from follower_vision.disk import free_bytes
+from follower_vision.disk import can_be_written, free_bytes
 
 COMPUTER = CheckGroup[CompanionSnapshot]("Computer")
 _GB = 1e9
@@ -42,6 +42,9 @@ _HOTTEST_SENSIBLE_C = 150.0
 )
 def _disk(s: CompanionSnapshot) -> PreflightFinding:
     free = s.computer.free_bytes
+    if not s.computer.writable:
+        todo = "see to its rights and whether its disk is read-only, or name another place by --out"
+        return failed(f"{s.computer.folder} cannot be written", todo)
     if free is None:
         return unknown(f"the room in {s.computer.folder} cannot be read")
     recorder = s.settings.recorder
@@ -113,6 +116,7 @@ def read_computer(folder: Path, root: Path = _ROOT) -> ComputerReading:
         temperature_c(root),
         throttled(root),
         load_per_core(root),
+        can_be_written(folder),
     )
 
 

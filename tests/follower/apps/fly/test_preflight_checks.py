@@ -314,6 +314,7 @@ BOTH = [
     ("disk", recorder(0.5e9, video="none"), PASS, "0.2 GB needed"),
     ("disk", computer(free_bytes=int(1e8)), FAIL, "0.1 GB"),
     ("disk", computer(free_bytes=None), UNKNOWN, "runs"),
+    ("disk", computer(writable=False), FAIL, "runs cannot be written"),
     ("temperature", computer(temperature_c=80), WARN, "80"),
     ("temperature", computer(temperature_c=90), FAIL, "90"),
     ("throttling", computer(throttled=0x50005), FAIL, "voltage"),

@@ -18,6 +18,7 @@ from follower.apps.preflight import session as observation
 from follower.apps.preflight.computer_checks import (
     free_bytes,
     load_per_core,
+    read_computer,
     temperature_c,
     throttled,
 )
@@ -194,6 +195,12 @@ def test_a_computer_is_read_where_it_tells(tmp_path: Path) -> None:
         None,
     )
     assert (free_bytes(tmp_path / "not" / "made" / "yet") or 0) > 0
+
+
+def test_where_no_recording_can_be_made_is_told_before_the_flight(tmp_path: Path) -> None:
+    assert read_computer(tmp_path / "not" / "made" / "yet").writable
+    (tmp_path / "file").touch()
+    assert not read_computer(tmp_path / "file" / "runs").writable
 
 
 def test_networks_that_are_missing_or_wrong_are_found(
