@@ -62,6 +62,8 @@ def test_the_files_are_for_this_user_environment_and_settings(
     assert "FOLLOWER_MODELS=/srv/models\n" in unit
     assert "/opt/follower" not in unit
     assert "Watchdog" not in unit, "the program does not report to one"
+    assert "\nDeviceAllow=char-dma_heap rw\n" in unit, "libcamera takes its buffers there"
+    assert "\nSuccessExitStatus=3 4 130\n" in unit, "stopped during the checks is no failure"
     lines = (root / ENVIRONMENT).read_text("utf-8").splitlines()
     assert lines == ["CONNECT=/dev/ttyAMA0:921600", "CAMERA=0", "SELECT=person"]
     assert 'KERNEL=="ttyAMA0"' in (root / RULES).read_text("utf-8")
