@@ -391,12 +391,7 @@ app.command("ros", epilog=ros.EPILOG, context_settings=_ROS_ARGS, rich_help_pane
     ros.ros_command
 )
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel="Fly")
-app.add_typer(
-    models_app,
-    name="models",
-    help="List, download and verify networks.",
-    rich_help_panel="Track recordings",
-)
+app.add_typer(models_app, name="models", rich_help_panel="Track recordings")
 app.add_typer(
     service_app, name="service", help="Start the follower with the computer.", rich_help_panel="Fly"
 )

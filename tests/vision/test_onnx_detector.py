@@ -344,11 +344,19 @@ def test_a_network_of_another_kind_is_one_line_with_the_file_name(tmp_path: Path
         OnnxDetector(tmp_path / "gone.onnx")
     with pytest.raises(ModelError, match=r"red\.onnx: not a detector of the family yolox: input"):
         OnnxDetector(red_detector(tmp_path / "red.onnx"), family="yolox")
-    tensors = [h.make_tensor_value_info(name, 1, [4]) for name in "ab"]
+
+
+@pytest.mark.parametrize("shape", [[4], [1, 1, 64, 64], [8, 3, 64, 64]])
+def test_what_takes_no_single_image_is_one_line_with_its_inputs(
+    tmp_path: Path, shape: list[int]
+) -> None:
+    tensors = [h.make_tensor_value_info(name, 1, shape) for name in "ab"]
     graph = h.make_graph([h.make_node("Relu", ["a"], ["b"])], "relu", tensors[:1], tensors[1:])
     model = h.make_model(graph, opset_imports=[h.make_opsetid("", 13)], ir_version=8)
     (tmp_path / "relu.onnx").write_bytes(model.SerializeToString())
-    with pytest.raises(ModelError, match=r"relu\.onnx: not a detector of images") as caught:
+    with pytest.raises(
+        ModelError, match=r"^\S*relu\.onnx: not a detector of single images"
+    ) as caught:
         OnnxDetector(tmp_path / "relu.onnx")
     assert "\n" not in str(caught.value)
 

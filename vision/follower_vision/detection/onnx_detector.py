@@ -196,8 +196,11 @@ def _input_shape(network: Network) -> tuple[int, int, int, int]:
     """Return the input's shape, with the usual side where the network takes any."""
     shapes = list(network.inputs.values())
     with_size = len(shapes) == 2 and shapes[1][1:] == (2,) and network.kinds[1] is not np.float32
-    if not (len(shapes) == 1 or with_size) or len(shapes[0]) != 4 or shapes[0][1] not in (0, 3):
-        raise ModelError(f"{network.path}: not a detector of images: its inputs are {shapes}")
+    takes_one = len(shapes) == 1 or with_size
+    if not takes_one or len(shapes[0]) != 4 or shapes[0][0] > 1 or shapes[0][1] not in (0, 3):
+        raise ModelError(
+            f"{network.path}: not a detector of single images: its inputs are {shapes}"
+        )
     height, width = shapes[0][2:]
     return 1, 3, height or _USUAL_SIDE, width or _USUAL_SIDE
 
