@@ -26,12 +26,13 @@ from follower.apps.bench.scene import BenchClip, Size, render_clips
 from follower.apps.preflight.computer_checks import load_per_core
 from follower.recording.config import running_processor, running_versions
 from follower.recording.run_folder import new_run_folder, remove_run_folder
+from follower.settings.recorder import RecorderSettings
 from follower.settings.settings import Settings
 from follower.ui.terminal.console import print_line
 from follower.ui.terminal.interrupt import StopOnInterrupt
 from follower_control.common.strict_config import SettingsError
 from follower_vision.detection.detectors import detector_names, make_detector
-from follower_vision.disk import write_whole
+from follower_vision.disk import free_bytes, room_said, write_whole
 from follower_vision.models import ModelStore, default_folder
 from follower_vision.onnx_network import AUTO, CPU, ModelError, accelerators
 from follower_vision.plugins import PluginError
@@ -88,9 +89,11 @@ def bench(options: BenchOptions, out: Path, console: Console | None = None) -> i
         console: takes progress, table and advice.
 
     Raises:
-        SettingsError: nothing could be measured.
+        SettingsError: nothing could be measured, or not with a video: there is no room.
         OSError: a file cannot be written.
     """
+    if (free_bytes(out) or 0) < 1e6 * RecorderSettings().keep_free_mb:
+        raise SettingsError(f"--out {room_said(out)}: too little for the videos; name another")
     console = console or Console()
     began_s = time.monotonic()
     cv2.setNumThreads(1)  # as `follower fly` does

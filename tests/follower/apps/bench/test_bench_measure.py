@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from follower.apps.bench.measure import NotMeasuredError, measure
 from follower.apps.bench.result import BenchSetup, read_bench
 from follower.apps.bench.run import BenchOptions, bench
 from follower.apps.bench.scene import BenchCamera, BenchClip, render_clips
+from follower_control.common.strict_config import SettingsError
 from follower_vision.clock import MonotonicClock
 
 SMALL, LARGE = (160, 120), (256, 144)
@@ -149,6 +151,16 @@ def test_a_bench_writes_figures_picture_and_settings_and_is_remembered(
         "bench.json",
         "bench.png",
     ]
+
+
+def test_a_disk_on_which_a_flight_would_leave_its_video_out_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(tmp_path)._replace(free=100_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(SettingsError, match=r"100\.0 MB free: too little for the videos"):
+        bench(BenchOptions(sizes=(SMALL,), pictures=3), tmp_path / "runs", Console(quiet=True))
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow
