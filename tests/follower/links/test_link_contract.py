@@ -107,15 +107,6 @@ def test_rates_are_asked_for_and_measured_and_clocks_compared(flight: Rig, late_
     assert -0.1 - late_s() < attitude.time_s - flight.clock.now() <= 0.0
 
 
-@pytest.mark.slow
-@MAVSDK_ONCE
-def test_messages_that_stop_are_asked_for_again(flight: Rig) -> None:
-    flight.run(for_s=1.0)
-    flight.autopilot._telemetry.set_interval(mavlink.MAVLINK_MSG_ID_ATTITUDE, -1.0)
-    flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) > 0.5)
-    flight.run(lambda: flight.link.state.attitude_age_s(flight.clock.now()) < 0.1)
-
-
 @EACH
 def test_the_pilots_sticks_and_modes_and_commands_to_us_are_heard(
     kind: LinkKind, flavour: str, late_s: LateS

@@ -115,17 +115,6 @@ def test_a_vehicle_that_fell_silent_does_not_stand_in_the_way_for_ever() -> None
     assert air.link.status(12.0).vehicle_id == 1
 
 
-def test_we_beat_once_a_second_from_the_start_as_an_onboard_controller_191() -> None:
-    air = Air(vehicle_id=5)
-    air.pass_time(10.0, 5)
-    beats = air.heard("HEARTBEAT")
-    assert 10 <= len(beats) <= 11
-    first = beats[0]
-    assert (first.get_srcSystem(), first.get_srcComponent()) == (5, 191)
-    assert first.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER
-    assert first.autopilot == mavlink.MAV_AUTOPILOT_INVALID
-
-
 STREAMED = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
