@@ -193,38 +193,6 @@ def test_files_that_must_not_grow_end_the_recording_but_not_the_flight(tmp_path:
     assert any("the video ends here" in event.text for event in flight.log.events)
 
 
-FULL_DISK = """
-set -e
-mount -t tmpfs -o size=1500k tmpfs {mount}
-cd {mount}
-{python} {program} {mount} h264 3
-cp -r {mount}/. {copy}
-"""
-
-
-@pytest.mark.slow
-def test_a_full_disk_ends_the_video_and_keeps_the_log(tmp_path: Path) -> None:
-    """A file system of 1.5 MB, which the video fills in a second or two."""
-    mount, copy = tmp_path / "mount", tmp_path / "copy"
-    mount.mkdir()
-    copy.mkdir()
-    allowed = subprocess.run(
-        ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(mount)], check=False
-    )
-    if allowed.returncode:
-        pytest.skip("mounting a small file system is not permitted here")
-    script = FULL_DISK.format(mount=mount, copy=copy, python=sys.executable, program=PROGRAM)
-    done = subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout.split()[-1]) > 2.9
-    assert f"the video ends here: No space left on device ({mount}/video.mkv, " in done.stderr
-    flight = open_flight(copy)
-    assert flight.log.controls
-    assert list(flight.pictures())
-
-
 def test_a_file_keeps_its_last_whole_piece_when_the_disk_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -149,13 +149,3 @@ def test_the_replay_is_the_flight_to_the_last_bit(busy: tuple[Path, FlightLog]) 
     compared = compare(flight.log, replay.log)
     assert compared.identical, [one.name for one in compared.differing]
     assert [one.changes for one in replay.log.controls] == [one.changes for one in busy[1].controls]
-
-
-@pytest.mark.slow
-def test_a_target_given_up_is_let_go_after_a_hold(tmp_path: Path) -> None:
-    asks: Asks = {0.1: select(0, 0.1), 0.6: lambda requests: requests.stop_tracking("a test")}
-    log = fly(tmp_path, 4.0, asks)
-    assert at(log, 0.5).state is SupervisorState.FOLLOWING
-    states = [record.state for record in log.controls if record.time_s > 0.62]
-    assert list(dict.fromkeys(states)) == [SupervisorState.HOLDING, SupervisorState.RELEASED]
-    assert log.controls[-1].allowed.values == pytest.approx((0, 0, 0, 0), abs=1e-6)
