@@ -240,21 +240,6 @@ def test_not_a_number_is_no_number(served: Any) -> None:
             assert not message(client, "answer")["accepted"]
 
 
-JUNK = st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), st.lists)
-
-
-@pytest.mark.slow
-@settings(max_examples=15, suppress_health_check=list(HealthCheck))
-@given(JUNK)
-def test_no_json_at_all_stops_the_server(served: Any, junk: Any) -> None:
-    with connect(ws(served)) as client:
-        message(client, "hello")
-        with contextlib.suppress(ConnectionClosed):  # who sends this may be hung up on
-            client.send(json.dumps({"kind": junk, "id": 1, "key": junk}))
-            client.send(json.dumps(junk))
-    assert httpx.get(f"{served.url}/api/state", timeout=20).status_code == 200
-
-
 def test_a_flood_is_cut_off(served: Any) -> None:
     with connect(ws(served)) as flood:
         with contextlib.suppress(ConnectionClosed):

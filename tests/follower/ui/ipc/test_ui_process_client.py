@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -34,13 +33,11 @@ from follower.settings.ui import VideoSettings
 from follower.ui.cockpit.publisher import FlightOperator, initial_state
 from follower.ui.cockpit.start import open_station
 from follower.ui.cockpit.video_pipeline import VideoPipeline
-from follower.ui.ipc.messages import TRACKS, Wire, WireError
+from follower.ui.ipc.messages import Wire, WireError
 from follower.ui.ipc.server_client import Outbox, SharedImage, UiProcessClient
 from follower.ui.video.channel import Picture
 from follower_control.common.strict_config import SettingsError
-from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
-from follower_vision.trackers.track import Track, TrackState
 
 PATIENCE_S = 30.0
 IMAGE = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
@@ -116,12 +113,6 @@ def test_hanging_up_ends_a_waiting_receiver() -> None:
     thread.join()
     theirs.close()
     ours.close()
-
-
-def test_a_track_keeps_its_values() -> None:
-    track = Track(Box(1.5, 2.5, 3, 4), TrackState.COASTING, 0.25, "test", 1.0, 7)
-    plain = json.loads(json.dumps(TRACKS.dump_python((track,), mode="json")))
-    assert TRACKS.validate_python(plain) == (track,)
 
 
 # What operators ask for.
