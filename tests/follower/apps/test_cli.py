@@ -154,29 +154,6 @@ def test_a_demo_that_failed_on_a_slow_computer_is_flown_once_more_in_lockstep(
 
 
 @pytest.mark.slow
-def test_tracking_a_recording_writes_boxes_setpoints_video_and_plot(
-    run_command: RunCommand, tmp_path: Path, moving_square: Path
-) -> None:
-    video, boxes = tmp_path / "out.mp4", tmp_path / "out.csv"
-    result = run_command(
-        *("track", str(moving_square), "--target", "60,100,30,30"),
-        *("--save", str(video), "--boxes", str(boxes)),
-    )
-    assert result.code == SUCCESS, result.err
-    rows = rows_of(boxes)
-    assert len(rows) == 40
-    assert rows[-1]["state"] == "tracking"
-    assert float(rows[-1]["x"]) == pytest.approx(60 + 3 * 39, abs=4)
-    assert float(rows[-1]["y"]) == pytest.approx(100 + 39, abs=4)
-    assert count_frames(video) == 40
-    folder = tmp_path / "runs" / f"track-{moving_square.name}"
-    assert cv2.imread(str(folder / "track.png")) is not None
-    setpoints = rows_of(folder / "setpoints.csv")
-    times = [float(row["time"]) for row in setpoints]
-    assert np.diff(times) == pytest.approx(0.02, abs=1e-6)
-
-
-@pytest.mark.slow
 def test_a_target_can_be_chosen_by_its_colour(
     run_command: RunCommand, tmp_path: Path, moving_square: Path
 ) -> None:

@@ -413,20 +413,6 @@ def test_two_processes_measure_what_one_does(data: Path, tmp_path: Path) -> None
     assert measured[0] == measured[1]
 
 
-def test_resuming_runs_only_what_is_missing(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evaluate(EvaluationPlan((data,), ("identity", "correlation"), out=tmp_path / "runs"), quiet())
-    folder = tmp_path / "runs" / "evaluate"
-    (folder / "boxes" / "identity" / "patch" / "ope-0.json").unlink()
-    ran = []
-    real = evaluation.run
-    monkeypatch.setattr(evaluation, "run", lambda *given: ran.append(given[0].name) or real(*given))
-    code = evaluate(EvaluationPlan((data,), ("identity", "correlation"), resume=folder), quiet())
-    assert code == 0
-    assert ran == ["identity"]
-
-
 def test_a_folder_of_something_else_is_not_gone_on_with(data: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.html"
     report.write_text("of a flight", "utf-8")

@@ -73,9 +73,7 @@ def said(code: str, *arguments: str | Path) -> Any:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def film(
-    folder: Path, frames: int, seed: int, name: str = "{:04}.jpg", size: int = 24
-) -> list[str]:
+def film(folder: Path, frames: int, seed: int, name: str = "{:04}.jpg") -> list[str]:
     """Write images of a patch that wanders, partly beyond the edges; return its boxes."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)

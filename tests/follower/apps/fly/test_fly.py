@@ -7,13 +7,11 @@ import math
 import os
 import queue
 import re
-import resource
 import signal
 import subprocess
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +35,10 @@ READY, REFUSED, UNUSABLE, HANDED_OVER, RELEASED_FOR_SAFETY, INTERRUPTED = 0, 1, 
 MakeVehicle = Callable[..., Any]
 
 
-def limit_files(most_bytes: int) -> None:
-    """Have the kernel refuse to let any file grow beyond this."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
-
-
 class Program:
     """`follower fly`, and what it has said so far."""
 
-    def __init__(self, *arguments: str, cwd: Path, most_bytes: int | None) -> None:
+    def __init__(self, *arguments: str, cwd: Path) -> None:
         self.said = ""
         self._lines: queue.Queue[str] = queue.Queue()
         self.deaf = threading.Event()
@@ -57,7 +50,6 @@ class Program:
             text=True,
             cwd=cwd,
             env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
-            preexec_fn=None if most_bytes is None else partial(limit_files, most_bytes),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -100,10 +92,9 @@ class Program:
 def launch(port: int, video: Path, tmp_path: Path) -> Any:
     programs: list[Program] = []
 
-    def start(*more: str, camera: str = str(video), most_bytes: int | None = None) -> Program:
+    def start(*more: str, camera: str = str(video)) -> Program:
         link = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", camera)
-        program = Program(*link, *SETTINGS, *more, cwd=tmp_path, most_bytes=most_bytes)
-        programs.append(program)
+        programs.append(Program(*link, *SETTINGS, *more, cwd=tmp_path))
         return programs[-1]
 
     yield start
@@ -222,25 +213,6 @@ def test_a_live_camera_that_dies_is_held_for_and_the_program_still_ends(
     look, late = (lambda: there.evidence), (lambda: 0.5 + late_s())
     assert_keeps(look, "frames-stop", stopped_s, late)
     assert open_flight(tmp_path / "runs" / "fly").remarks == []
-
-
-@pytest.mark.slow
-def test_a_recording_without_room_is_one_warning_and_the_flight_goes_on(
-    vehicle: MakeVehicle, launch: Any, tmp_path: Path
-) -> None:
-    there = vehicle("ardupilot", HEIGHT_M)
-    full = ("--set", "recorder.keep_free_mb=0")
-    program = launch("--colour", "#d02020", *full, most_bytes=300_000)
-    program.wait_for("pilot: switch to GUIDED")
-    there.autopilot.switch_mode("GUIDED")
-    program.wait_for(r"the log stops here, .*File too large \(runs/fly/\S+, [\d.]+ MB free\)")
-    full_s = there.clock.now()
-    until(lambda: len([s for s in there.setpoints if s.time_s > full_s + 1]) > 20)
-    assert there.autopilot.mode == "GUIDED"
-    assert program.end(signal.SIGINT) == READY, program.said
-    assert program.said.count("the log stops here") == 1
-    assert "Ended as asked" in program.said
-    assert open_flight(tmp_path / "runs" / "fly").log.controls
 
 
 @pytest.mark.slow

@@ -174,20 +174,6 @@ def test_a_recording_gives_the_same_boxes_each_time(
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-@pytest.mark.slow
-def test_one_pass_of_the_detector_serves_all_targets(
-    run: Run, pictures: Path, detector: SquareDetector
-) -> None:
-    run(str(pictures), "--select", "person:1", "--no-video")
-    for_one = detector.passes
-    detector.passes = 0
-    whole_image = ("--set", "fusion.crop_least_px=9999")
-    arguments = ("--select", "person:1", "--select", "person:2", "--no-video", *whole_image)
-    code, out, _ = run(str(pictures), *arguments)
-    assert code == SUCCESS, out
-    assert 0 < detector.passes <= for_one + 2
-
-
 def test_a_class_is_waited_for_and_the_video_begins_with_the_target(
     run: Run, pictures: Path, tmp_path: Path
 ) -> None:
@@ -333,14 +319,6 @@ def test_a_change_of_size_ends_the_run_in_order(run: Run, pictures: Path, tmp_pa
     assert code == 1  # the recording breaks off
     assert "frame 6 is 320x200 pixels" in out
     assert len(rows_of(only_run(tmp_path) / "boxes.csv")) == 6
-
-
-@pytest.mark.slow
-def test_the_help_teaches_by_examples(run_program: Run) -> None:
-    code, out, _ = run_program("--help")
-    assert code == SUCCESS
-    for word in ("--select list", "rtsp://", "--paper", "target", "Ctrl-C"):
-        assert word in out
 
 
 def test_the_line_tells_state_rate_delay_drops_and_reconnects() -> None:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -130,19 +129,6 @@ def test_an_address_without_a_port_is_refused_at_once_and_leaves_no_client(
         DaskEngine("10.0.0.1")
 
 
-def test_a_killed_worker_loses_no_finished_run_and_the_rest_is_flown(
-    specs: list[RunSpec], rows: dict[str, Any], tmp_path: Path
-) -> None:
-    engine = LocalEngine(1)
-    with RunStore(tmp_path) as store:
-        killer = threading.Thread(target=kill_after_one, args=(store,))
-        killer.start()
-        fly_missing(specs, engine, store, Console(quiet=True), "small")
-        killer.join()
-    engine.close()
-    assert by_key(read_rows(store.path).values()) == rows
-
-
 def test_workers_end_with_the_campaign_that_was_killed(tmp_path: Path) -> None:
     command = [*FOLLOWER, "campaign", config(tmp_path), "--out", str(tmp_path / "out")]
     campaign = subprocess.Popen(command)
@@ -191,14 +177,6 @@ def waited_for(condition: Callable[[], Any], longest_s: float) -> Any:
     while not (answer := condition()) and time.monotonic() < end_s:
         time.sleep(0.1)
     return answer
-
-
-def kill_after_one(store: RunStore) -> None:
-    """Kill the process that flies when the first row is kept."""
-    while not store.rows:
-        time.sleep(0.02)
-    for worker in multiprocessing.active_children():
-        worker.kill()
 
 
 @pytest.mark.timeout(1800)
