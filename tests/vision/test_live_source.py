@@ -2,12 +2,11 @@
 
 import threading
 import time
-from fractions import Fraction
 from itertools import pairwise
 
-import av
 import numpy as np
 import pytest
+from video_sender import sending
 
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources.frame_source import SourceError
@@ -41,40 +40,15 @@ class FakeCamera:
         self.closed = True
 
 
-class UdpSender:
-    """Sends real H.264 in MPEG-TS over UDP, numbers as brightness, until stopped."""
-
-    def __init__(self, port: int, rate: int = 30) -> None:
-        self._port, self._rate = port, rate
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join(5)
-
-    def _run(self):
-        address = f"udp://127.0.0.1:{self._port}?pkt_size=1316"
-        with av.open(address, "w", format="mpegts") as container:
-            options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10"}
-            stream = container.add_stream("libx264", rate=self._rate, options=options)
-            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-            number = 0
-            while not self._stop.wait(1 / self._rate):
-                frame = av.VideoFrame.from_ndarray(picture(number), format="bgr24")
-                frame.pts, frame.time_base = number, Fraction(1, self._rate)
-                container.mux(stream.encode(frame))
-                number += 1
+def sending_udp(port):
+    """Send real H.264 in MPEG-TS over UDP, numbers as brightness, until the end of the block."""
+    return sending(f"udp://127.0.0.1:{port}?pkt_size=1316", picture, 30)
 
 
 @pytest.mark.slow
 def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time(free_port, late_s):
     port, clock = free_port(), MonotonicClock()
-    with UdpSender(port), open_source(f"udp://127.0.0.1:{port}", live=QUICK) as source:
+    with sending_udp(port), open_source(f"udp://127.0.0.1:{port}", live=QUICK) as source:
         frames = [source.read() for _ in range(20)]
         age_s = clock.now() - frames[-1].captured_s
         rate_hz = source.nominal_rate_hz
@@ -88,11 +62,11 @@ def test_h264_over_udp_arrives_in_order_at_its_rate_with_its_time(free_port, lat
 @pytest.mark.slow
 def test_a_sender_that_stops_and_starts_again_is_found_again(free_port):
     port = free_port()
-    with UdpSender(port):
+    with sending_udp(port):
         source = open_source(f"udp://127.0.0.1:{port}", live=QUICK)
         last = source.read()
     time.sleep(2.5)
-    with source, UdpSender(port):
+    with source, sending_udp(port):
         end = time.monotonic() + 30
         while source.connections < 2 and time.monotonic() < end:
             frame = source.read()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
-from fractions import Fraction
+from contextlib import ExitStack
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
 from flying_vehicle import HEIGHT, WIDTH, Vehicle, write_square
+from video_sender import sending
 
 MakeVehicle = Callable[..., Vehicle]
 
@@ -41,30 +40,21 @@ class Stream:
 
     def __init__(self, port: int) -> None:
         self.address = f"udp://127.0.0.1:{port}"
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._send, daemon=True)
-        self._thread.start()
+        self._rng = np.random.default_rng(5)
+        self._ground = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+        cv2.rectangle(self._ground, (190, 100), (229, 139), (32, 32, 208), -1)
+        cv2.rectangle(self._ground, (198, 108), (214, 120), (200, 200, 40), -1)
+        self._sending = ExitStack()
+        self._sending.enter_context(
+            sending(f"{self.address}?pkt_size=1316", self._picture, rate_hz=20)
+        )
 
     def stop(self) -> None:
-        self._stop.set()
-        self._thread.join(10)
+        self._sending.close()
 
-    def _send(self) -> None:
-        rng = np.random.default_rng(5)
-        ground = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
-        cv2.rectangle(ground, (190, 100), (229, 139), (32, 32, 208), -1)
-        cv2.rectangle(ground, (198, 108), (214, 120), (200, 200, 40), -1)
-        options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10"}
-        with av.open(f"{self.address}?pkt_size=1316", "w", format="mpegts") as container:
-            stream = container.add_stream("libx264", rate=20, options=options)
-            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-            number = 0
-            while not self._stop.wait(1 / 20):
-                image = cv2.add(ground, rng.integers(0, 6, ground.shape, dtype=np.uint8))
-                frame = av.VideoFrame.from_ndarray(image, format="bgr24")
-                frame.pts, frame.time_base = number, Fraction(1, 20)
-                container.mux(stream.encode(frame))
-                number += 1
+    def _picture(self, _number: int) -> np.ndarray:
+        noise = self._rng.integers(0, 6, self._ground.shape, dtype=np.uint8)
+        return np.asarray(cv2.add(self._ground, noise))
 
 
 @pytest.fixture
