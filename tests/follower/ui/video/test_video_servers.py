@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import av
 import cv2
@@ -25,6 +26,9 @@ from follower.ui.video.channel import Picture, VideoChannel
 from follower.ui.video.rtp import RtpSender
 from follower.ui.video.rtsp_push import RtspPush
 from follower.ui.video.rtsp_server import RtspServer
+from follower_vision.sources.capture import CaptureSettings
+from follower_vision.sources.live_source import LiveSettings, LiveSource
+from follower_vision.sources.open import open_source
 
 
 class Live:
@@ -97,6 +101,27 @@ def test_ffmpeg_plays_it_by_rtsp(server: tuple[Live, RtspServer], way: str) -> N
     url = f"rtsp://127.0.0.1:{rtsp.port}/live"
     assert watched(url, {"rtsp_transport": way}) == 12
     until(lambda: not live.channel.watched)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["tcp", "udp"])
+def test_our_own_source_plays_it_and_connects_again_where_it_was_hung_up_on(
+    server: tuple[Live, RtspServer], way: Literal["tcp", "udp"]
+) -> None:
+    live, rtsp = server
+    quick = LiveSettings(first_frame_s=PATIENCE_S, retry_s=0.05, longest_retry_s=0.2)
+    url, capture = f"rtsp://127.0.0.1:{rtsp.port}/live", CaptureSettings(transport=way)
+    with open_source(url, live=quick, capture=capture) as source:
+        assert isinstance(source, LiveSource)
+        frames = [source.read() for _ in range(15)]
+        times_s = [frame.captured_s for frame in frames if frame is not None]
+        assert len(times_s) == 15
+        assert np.diff(times_s).min() > 0
+        live.loop.call_soon_threadsafe(lambda: [task.cancel() for task in rtsp._viewers])
+        until(lambda: source.connections == 2)
+        again = source.read()
+    assert again is not None
+    assert again.sequence > 14
 
 
 @pytest.mark.slow
