@@ -113,28 +113,6 @@ def test_the_target_is_found_again_after_a_short_occlusion():
     assert box.iou(scene.box(165, 122)) > 0.7
 
 
-def test_update_before_start_is_an_error():
-    with pytest.raises(RuntimeError, match="not started"):
-        CorrelationTracker().update(np.zeros((10, 10, 3), np.uint8))
-
-
-def test_the_same_images_give_the_same_boxes_bit_for_bit():
-    path = [(160 + 2 * k, 120 - k) for k in range(8)]
-    assert follow(Scene(), path) == follow(Scene(), path)
-
-
-def test_start_forgets_everything_earlier():
-    scene, other = Scene(), Scene(seed=8)
-    used = CorrelationTracker()
-    used.start(other.image(100, 100), other.box(100, 100))
-    used.update(other.image(102, 100))
-    fresh = CorrelationTracker()
-    for tracker in (used, fresh):
-        tracker.start(scene.image(160, 120), scene.box(160, 120))
-    image = scene.image(163, 121)
-    assert used.update(image) == fresh.update(image)
-
-
 @pytest.mark.parametrize(
     "box",
     [

@@ -209,15 +209,6 @@ def test_the_first_look_stays_the_only_one(network: NanoTrackNetwork) -> None:
     assert np.array_equal(nano.search(image, box).scores, before.scores)
 
 
-def test_starting_again_forgets(network: NanoTrackNetwork) -> None:
-    nano, fresh = tracker(network), tracker(network)
-    nano.start(scene((100, 100)), Box(100, 100, 20, 60))
-    nano.update(scene((110, 100)))
-    for each in (nano, fresh):
-        each.start(scene((300, 200)), Box(300, 200, 40, 40))
-    assert nano.update(scene((310, 205))) == fresh.update(scene((310, 205)))
-
-
 def test_a_target_beyond_the_edge_keeps_a_finite_box(network: NanoTrackNetwork) -> None:
     nano = tracker(network)
     nano.start(scene((10, 10)), Box(10, 10, 40, 40))
@@ -231,14 +222,6 @@ def test_small_boxes_stop_at_the_smallest_side(network: NanoTrackNetwork) -> Non
     nano = tracker(network, smallest_side_px=7.0)
     nano.start(scene((300, 200), side=4), Box(300, 200, 4, 4))
     assert nano.update(scene((300, 200), side=4)).box.width >= 7.0
-
-
-def test_not_started_is_an_error(network: NanoTrackNetwork) -> None:
-    nano = tracker(network)
-    with pytest.raises(RuntimeError, match="not started"):
-        nano.update(scene())
-    with pytest.raises(RuntimeError, match="not started"):
-        nano.search(scene(), Box(1, 1, 2, 2))
 
 
 def test_a_head_is_no_backbone_nor_the_other_way_round(tmp_path: Path) -> None:

@@ -97,18 +97,6 @@ def test_memory_goes_back_to_the_first_frames_every_32_frames() -> None:
     assert network.states == once + once + once[:6]
 
 
-def test_a_new_start_forgets_everything() -> None:
-    network = CountingNetwork((0.1, 0, 0.05, 0))
-    tracker = Re3Tracker(network, Re3Settings(reset_frames=5))
-    for _ in range(2):
-        tracker.start(image(), Box(320, 240, 40, 40))
-        for _ in range(3):
-            estimate = tracker.update(image())
-    assert network.states == [1.0, 2.0, 3.0] * 2
-    assert estimate.confidence == pytest.approx(0.75 ** Re3Settings().confidence_power)
-    assert network.boxes[3] == Box(320, 240, 40, 40)
-
-
 def test_the_box_goes_on_from_the_last_one() -> None:
     tracker = Re3Tracker(CountingNetwork((0.5, -0.25, math.log(1.1), 0.0)))
     tracker.start(image(), Box(100, 200, 40, 40))
@@ -178,15 +166,3 @@ def test_what_nobody_confirmed_is_not_remembered() -> None:
     tracker.search(image(3), Box(200, 100, 40, 40))
     assert network.seen == [100, 100]
     assert network.states == [1.0, 1.0]
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda tracker: tracker.update(image()),
-        lambda tracker: tracker.search(image(), Box(1, 1, 2, 2)),
-    ],
-)
-def test_without_a_start_it_says_so(ask) -> None:
-    with pytest.raises(RuntimeError, match="not started"):
-        ask(Re3Tracker(CountingNetwork((0, 0, 0, 0))))

@@ -10,6 +10,7 @@ import pytest
 
 from follower_vision.fusion.candidates import corners_of
 from follower_vision.geometry.box import Box
+from follower_vision.models import ModelStore
 from follower_vision.onnx_network import ModelError
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.motion_tracker import IdentityTracker, JoinedTracker, ResponseMap
@@ -101,6 +102,24 @@ def test_trackers_without_networks_hold_a_slow_target(name: str) -> None:
         estimate = tracker.update(scene(100 + 2 * step, 100 + step))
     assert estimate.box.iou(Box(106, 103, 40, 40)) > 0.5
     assert estimate.confidence in (0.0, 1.0)  # MOSSE gives up on so plain a patch
+
+
+@pytest.mark.parametrize(
+    "name", ["identity", "correlation", "re3", "siamese", "siamese-correlation"]
+)
+def test_it_has_to_be_started_and_begun_anew_it_is_like_a_new_one(
+    name: str, tmp_path: Path
+) -> None:
+    used, new = (make_tracker(name, ModelStore(tmp_path / "nothing").file) for _ in range(2))
+    for ask in ("update", "search"):
+        if hasattr(new, ask):
+            with pytest.raises(RuntimeError, match="not started"):
+                getattr(new, ask)(scene(100, 100), *[Box(100, 100, 9, 9)][: ask == "search"])
+    used.start(scene(160, 120), Box(160, 120, 40, 40))
+    used.update(scene(163, 121))
+    for one in (used, new):
+        one.start(scene(100, 100), Box(100, 100, 40, 40))
+    assert used.update(scene(102, 101)) == new.update(scene(102, 101))
 
 
 @pytest.mark.parametrize("name", NETLESS)
