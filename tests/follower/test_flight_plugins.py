@@ -1,6 +1,5 @@
 """Packages that add links and follow modes; and a flight whose tracker fails."""
 
-import math
 import pickle
 from contextlib import closing
 from dataclasses import fields
@@ -10,7 +9,7 @@ from typing import Any
 
 import pytest
 from csv_rows import rows_of
-from plugin_packages import FAILS_LATE, TRACKER, Site, warnings_in
+from plugin_packages import Site, warnings_in
 from small_scenario import NEAR_CAR
 
 from follower.apps.command_settings import command_settings
@@ -227,19 +226,3 @@ def test_a_package_with_a_follow_mode_of_our_name_is_named(
     assert load_settings(overrides=["servo.mode=chase"]).servo.mode is FollowMode.CHASE
     (line,) = warnings_in(caplog)
     assert line.startswith("drone-target-follower and follower-double 1.0 each have a follow mode")
-
-
-@pytest.mark.slow
-def test_a_flight_whose_tracker_fails_goes_on_to_its_end(
-    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    code = FAILS_LATE.format(fault="raise OSError").replace("> 10", "> 60")
-    site.add("follower-tired", "trackers", "tired", TRACKER + code)
-    rows = flown(tmp_path, "tracker=tired", "detector=null")
-    assert float(rows[-1]["time"]) > 13.0
-    assert rows[-1]["state"] == "released"
-    speeds = [float(row["forward_m_s"]) for row in rows]
-    assert all(map(math.isfinite, speeds))
-    assert max(map(abs, speeds)) < 4.0
-    (line,) = warnings_in(caplog)
-    assert line.startswith("the tracker 'tired' of follower-tired 1.0 fails")

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from follower.flight.log import ControlRecord
-from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.flight.vision.video_sink import FlightVideo
 from follower.settings.settings import load_settings
@@ -166,28 +165,6 @@ def test_a_camera_that_fails_ends_in_a_hold_and_a_release(flavour: str, fault: s
     assert states[-1] is SupervisorState.RELEASED
     assert run.flight.stage.supervisor.reason is SupervisorReason.HOLD_TIMED_OUT
     assert run.speed() < 0.5
-
-
-@pytest.mark.parametrize("flavour", FLAVOURS)
-def test_the_pilot_takes_over_at_once(flavour: str) -> None:
-    run = Run(scenario(DRIVING, duration_s=20), flavour)
-    switched: list[float] = []
-
-    def meddle() -> None:
-        now = run.clock.now()
-        if not switched and now > 17 and run.flight.autopilot is not None:
-            switched.append(now)
-            run.flight.autopilot.switch_mode("LOITER")
-
-    run.fly(meddle)
-    assert switched
-    sent = [record.time_s for record in run.controls if record.sent]
-    # The autopilot tells of its mode once a second, in its heartbeat.
-    assert max(sent) < switched[0] + 1.1
-    assert run.flight.stage.supervisor.reason is SupervisorReason.PILOT_TOOK_OVER
-    assert run.flight.phase is AutonomyPhase.DONE
-    assert run.flight.autopilot is not None
-    assert run.flight.autopilot.mode == "LOITER"
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
