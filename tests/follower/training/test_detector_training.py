@@ -165,13 +165,6 @@ def test_nobody_says_that_an_ignored_place_is_empty() -> None:
     assert float(loss(sure, nothing)) > 5
 
 
-def test_a_step_lowers_the_loss_on_a_fixed_batch() -> None:
-    trainer = DetectorTrainer(SMALL, Squares(), ANCHORS, 1, CPU)
-    batch = Squares().held_out(SIDE, 8)
-    losses = [trainer.learn(batch) for _ in range(8)]
-    assert losses[-1] < 0.9 * losses[0]
-
-
 @pytest.fixture(scope="module")
 def trained() -> DetectorTrainer:
     """A network that has learnt squares for some seconds."""

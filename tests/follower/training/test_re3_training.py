@@ -25,7 +25,7 @@ from follower.training.re3.examples import (
     swapped,
 )
 from follower.training.re3.network import Re3Module
-from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3, sample_sheet
+from follower.training.re3.run import UNCALIBRATED, calibrated, export_re3
 from follower.training.re3.settings import (
     Re3NetworkSettings,
     Re3TrainingSettings,
@@ -49,26 +49,6 @@ def settings(*stages: TrainingStage, scenes: SceneSettings = EASY) -> Re3Trainin
     return Re3TrainingSettings(
         stages=stages, network=SMALL, scenes=scenes, validation_scenes=6, validation_frames=10
     )
-
-
-@pytest.mark.slow
-def test_a_step_lowers_the_loss_on_a_fixed_batch(pictures: ImageSource) -> None:
-    torch.manual_seed(0)
-    network, rng = Re3Module(SMALL), np.random.default_rng(0)
-    maker = SceneMaker(pictures, EASY, 1)
-    batch = Batch([pair(rng, maker.scene(index, 6)) for index in range(8)], CPU)
-    optimiser = torch.optim.AdamW(network.parameters(), 1e-3)
-
-    def loss() -> torch.Tensor:
-        answer = answered(network, batch, network.memory(batch.memory), network.start_state(8))
-        return re3_loss(answer, batch.wanted, batch.visible, network.places).total
-
-    before = loss()
-    for _ in range(12):
-        optimiser.zero_grad()
-        loss().backward()
-        optimiser.step()
-    assert float(loss().detach()) < 0.9 * float(before.detach())
 
 
 @pytest.mark.parametrize(("batch", "scenes"), [(2, 2), (9, 3), (24, 6), (32, 8)])
@@ -242,11 +222,6 @@ def test_a_perfect_answer_costs_less(pictures: ImageSource) -> None:
     )
     assert float(perfect.box) == 0.0
     assert float(perfect.box) < float(ours.box.detach())
-
-
-def test_the_sheet_of_samples_shows_six_scenes(pictures: ImageSource) -> None:
-    sheet = sample_sheet(SceneMaker(pictures, SceneSettings(), 1))
-    assert sheet.shape == (6 * 256, 4 * 342 + 2 * 192, 3)
 
 
 def test_confidence_is_calibrated() -> None:

@@ -26,13 +26,11 @@ from follower.training.siamese.network import (
 from follower.training.siamese.run import export_siamese, sample_sheet
 from follower.training.siamese.settings import SiameseNetworkSettings, SiameseTrainingSettings
 from follower.training.siamese.trainer import SiameseTrainer, siamese_loss
-from follower_control.common.strict_config import SettingsError
 from follower_vision.geometry.box import Box
 from follower_vision.trackers.nanotrack import NanoTrackNetwork
 from follower_vision.trackers.registry import make_tracker
 
 SMALL = SiameseNetworkSettings(channels=16, head=16)
-CPU = torch.device("cpu")
 RECIPE = """
 name: tiny
 licence: Apache-2.0
@@ -134,12 +132,6 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
     pictures: ImageSource, tmp_path: Path
 ) -> None:
     check_interrupted(lambda: SiameseTrainer(settings(4), pictures), tmp_path)
-
-
-def test_a_checkpoint_of_another_size_is_refused(pictures: ImageSource) -> None:
-    other = settings(1, network=SiameseNetworkSettings(channels=24, head=16))
-    with pytest.raises(SettingsError, match="another size"):
-        SiameseTrainer(other, pictures).restore(SiameseTrainer(settings(1), pictures).state())
 
 
 def test_the_exported_networks_answer_as_the_trained_one(tmp_path: Path) -> None:
