@@ -376,19 +376,6 @@ def test_any_command_whatever_is_answered_just_once(
     assert len(qgc.of("COMMAND_ACK")) == before + 1
 
 
-@pytest.mark.slow
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.binary(min_size=1, max_size=300))
-def test_garbage_does_no_harm(make_rig: MakeRig, garbage: bytes) -> None:
-    rig = make_rig()
-    qgc = rig.station_peer()
-    qgc._socket.sendto(garbage, qgc._address)
-    for _ in range(12):  # what looked like a packet's beginning waits for its end
-        qgc.command(REQUEST, 259)
-    rig.run(0.06)
-    assert answer(rig, qgc, REQUEST, 259) == ACCEPTED
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_error_that_ends_it_is_told(rig: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 

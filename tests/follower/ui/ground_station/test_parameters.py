@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.target.request import RequestRefusedError
 from follower.settings.live import live_keys, value_at
-from follower.settings.settings import Settings, load_settings
+from follower.settings.settings import load_settings
 from follower.ui.ground_station.parameters import NONE, by_name, float32, parameters, shortest
 from follower_control.servo.settings import FollowMode
 
@@ -249,13 +249,6 @@ def test_settings_are_saved_on_request_or_it_is_refused(make_rig: MakeRig, full:
     assert told(peer)["CFG_SAVE"] == float(not full)
     assert ("disk is full" if full else "mine.yaml") in peer.of("STATUSTEXT")[0].text
     assert len(saved) == 1
-
-
-def test_the_defaults_are_what_they_are_said_to_be() -> None:
-    settings = Settings()
-    assert by_name()["SRV_DIST"].number(settings) == 15.0
-    assert by_name()["SRV_RNG_KP"].number(settings) == 0.5
-    assert by_name()["SRV_TGTSIZE"].number(settings) == NONE
 
 
 def test_a_number_beyond_32_bits_is_infinite() -> None:
