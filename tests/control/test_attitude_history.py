@@ -27,7 +27,6 @@ def history(*samples: Attitude) -> AttitudeHistory:
 
 def test_it_interpolates_between_neighbours():
     found = history(at(1.0, 10, pitch_rad=0.1), at(1.1, 20, pitch_rad=0.2)).at(1.025)
-    assert found is not None
     assert math.degrees(found.yaw_rad) == pytest.approx(12.5)
     assert found.pitch_rad == pytest.approx(0.125)
     assert found.time_s == 1.025

@@ -57,7 +57,6 @@ def test_by_the_ground_a_target_on_it_is_where_it_is(
     place = np.array((OWN[0][0] + north, OWN[0][1] + east, -0.5))
     velocity = np.array((v_north, v_east, 0.0))
     fix = target_fix(seen(place, velocity), vehicle(), BY_GROUND, EXACT)
-    assert fix is not None
     assert fix.position_m == pytest.approx(place, abs=1e-3)
     assert fix.velocity_m_s == pytest.approx(velocity, abs=1e-2)
 
@@ -69,7 +68,6 @@ def test_by_its_size_a_target_in_the_air_is_where_it_is(
     place = OWN[0] + np.array((north, east, sunk))
     velocity = np.array((v_north, v_east, v_down))
     fix = target_fix(seen(place, velocity), vehicle(), BY_SIZE, EXACT)
-    assert fix is not None
     assert fix.position_m == pytest.approx(place, abs=1e-3)
     assert fix.velocity_m_s == pytest.approx(velocity, abs=1e-2)
     assert fix.range_m == pytest.approx(float(np.linalg.norm(place - OWN[0])), abs=1e-3)
@@ -79,7 +77,6 @@ def test_a_box_that_has_shrunk_puts_nothing_below_the_ground() -> None:
     place = np.array((30.0, 0.0, 0.0))
     shrunk = replace(seen(place, np.zeros(3)), log_scale=math.log(SIZE / 60.0))
     fix = target_fix(shrunk, vehicle(), BY_SIZE, EXACT)
-    assert fix is not None
     assert fix.position_m == pytest.approx(place, abs=1e-3)
 
 
@@ -90,7 +87,6 @@ def test_drawn_errors_spread_as_the_covariance_says(servo: ServoSettings) -> Non
     spreads = np.array((0.01, 0.008, 0.03, 0.03, 0.02, 0.05))
     true = seen(place, velocity, np.diag(spreads**2))
     fix = target_fix(true, vehicle(), servo, EXACT)
-    assert fix is not None
     found = []
     for draw in lots.normal(0, spreads, (400, 6)):
         numbers = (
@@ -107,7 +103,6 @@ def test_drawn_errors_spread_as_the_covariance_says(servo: ServoSettings) -> Non
             servo,
             EXACT,
         )
-        assert other is not None
         found.append((*other.position_m, *other.velocity_m_s))
     drawn = np.sqrt(np.diag(np.cov(np.array(found).T)))
     said = np.sqrt(np.diag(fix.covariance))
@@ -117,7 +112,6 @@ def test_drawn_errors_spread_as_the_covariance_says(servo: ServoSettings) -> Non
 def test_what_else_is_uncertain_adds_to_it() -> None:
     true = seen(np.array((28.0, 6.0, -0.5)), np.zeros(3))
     fix = target_fix(true, vehicle(), BY_GROUND, EXACT._replace(position_m=2.0, velocity_m_s=0.7))
-    assert fix is not None
     assert (fix.horizontal_m, fix.vertical_m) == pytest.approx((2.0, 2.0), abs=1e-6)
     # Climbing faster than thought would look like a target that moves away.
     assert 0.7 <= fix.speed_m_s <= 2.0
@@ -151,5 +145,4 @@ def test_by_a_rangefinder_the_ground_is_where_it_was_measured(
     place = np.array((OWN[0][0] + north, OWN[0][1] + east, -ground_m - 0.5))
     measured = replace(vehicle(), clearance=Clearance(12.0 - ground_m, 4.9))
     fix = target_fix(seen(place, np.zeros(3)), measured, BY_GROUND, EXACT)
-    assert fix is not None
     assert fix.position_m == pytest.approx(place.tolist(), abs=1e-6)

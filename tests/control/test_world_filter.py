@@ -156,8 +156,6 @@ def test_the_way_is_added_up_from_velocities_whatever_positions_say() -> None:
     kept = [path.add(told(0.02 * i, 0.2 * i, 99.0 * (i % 3))) for i in range(51)]
     assert kept == [False] + [True] * 50
     there, here = path.at(0.51), path.at(1.0)
-    assert there is not None
-    assert here is not None
     # v = 10 t: 5 t² metres.
     assert here[0] - there[0] == pytest.approx(5 * (1.0 - 0.51**2), abs=2e-3)
 
@@ -167,7 +165,6 @@ def test_after_the_newest_the_velocity_leads_on_for_a_moment() -> None:
     path.add(told(0.0, 4.0))
     path.add(told(0.1, 4.0))
     soon = path.at(0.3)
-    assert soon is not None
     assert soon[0] == pytest.approx(1.2)
     assert path.at(0.7) is None
     assert path.at(-0.1) is None
@@ -182,8 +179,6 @@ def test_the_way_of_the_last_six_seconds_is_known_whatever_the_rate(rate_hz: int
     here = path.at(now_s)
     for ago_s in (0.05, 1.234, 5.9):
         there = path.at(now_s - ago_s)
-        assert here is not None
-        assert there is not None
         assert here[0] - there[0] == pytest.approx(2.0 * ago_s)
     assert path.at(now_s - 6.1) is None
 
@@ -194,7 +189,6 @@ def test_a_gap_begins_another_path() -> None:
     assert not path.add(told(2.0, 4.0))
     assert path.at(1.0) is None
     again = path.at(2.0)
-    assert again is not None
     assert not again.any()
     path.clear()
     assert path.at(2.0) is None

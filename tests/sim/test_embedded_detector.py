@@ -71,7 +71,6 @@ def test_it_finds_the_car_in_a_rendered_frame(
     body = BodyState(0.0, place, attitude_rad=(0.0, math.radians(-3), azimuth))
     image = Renderer(world).render(0.0, body)
     true = GroundTruth(world).seen(0.0, body).box
-    assert true is not None
     region = Box(true.cx, true.cy, 5 * true.scale, 5 * true.scale)
     best = detector.detect(image, region)[0]
     assert best.class_name == "car"

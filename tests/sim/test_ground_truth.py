@@ -45,7 +45,6 @@ def test_the_box_is_the_silhouettes_box(
     white = SolidBatch.of([replace(car, colours=np.full_like(car.colours, 255))])
     painter.paint(image, painter.select([white], view), view)
     rows, columns = np.nonzero(image[..., 0] > 127)
-    assert box is not None
     assert (box.left, box.right) == pytest.approx((columns.min(), columns.max() + 1), abs=1.6)
     assert (box.top, box.bottom) == pytest.approx((rows.min(), rows.max() + 1), abs=1.6)
 

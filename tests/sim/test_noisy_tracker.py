@@ -79,7 +79,6 @@ def test_offset_and_size_factor_last() -> None:
         centre_noise=0, size_noise=0, offset=(0.1, -0.2), size_factor=0.5, false_share=0
     )
     box = stand_in(settings, lambda _: truth()).select(frame(0))
-    assert box is not None
     assert (box.cx - BOX.cx, box.cy - BOX.cy) == pytest.approx((0.1 * SIDE, -0.2 * SIDE))
     assert (box.width, box.height) == pytest.approx((30, 20))
 
@@ -161,7 +160,6 @@ def test_the_blind_camera_has_the_times_of_the_seeing_one() -> None:
 
     blind = BlindCamera(world, lambda _: body)
     delivery = blind.capture()
-    assert delivery is not None
     assert delivery.frame.image.shape == (48, 64, 3)
     assert not delivery.frame.image.any()
     assert times(BlindCamera(world, lambda _: body)) == times(SimCamera(world, lambda _: body))

@@ -30,7 +30,6 @@ def test_the_car_is_drawn_where_the_truth_says(small_world: World, renderer: Ren
     image = renderer.render(10, HOVER)
     truth = GroundTruth(small_world).seen(10, HOVER)
     found = find_by_colour(image, colour_from_hex("#e0401c"), ColourSearchSettings())[0]
-    assert truth.box is not None
     assert found.iou(truth.box) > 0.7
     assert abs(found.cx - truth.box.cx) < 2
 
@@ -69,7 +68,6 @@ def test_the_car_is_as_sharp_as_before_when_the_camera_moves_along(
     body = BodyState(0, (0.0, 0.0, -6.0), (1.0, 0.0, 0.0))
     still, along = renderer.render(0, body), renderer.render(0, body, 0.01)
     box = GroundTruth(world).seen(0, body).box
-    assert box is not None
     rows, columns = slice(int(box.top), int(box.bottom)), slice(int(box.left), int(box.right))
     difference = cv2.absdiff(still, along)[rows, columns]
     assert float(np.median(difference)) <= 2

@@ -39,9 +39,6 @@ def test_ardupilot_leaves_out_unknown_frames_in_silence() -> None:
 def test_yaw_is_relative_for_ardupilot_in_a_body_frame_and_absolute_for_px4() -> None:
     relative, absolute = ardupilot(target(8, VELOCITY_AND_YAW)), px4(target(8, VELOCITY_AND_YAW))
     local = ardupilot(target(1, VELOCITY_AND_YAW))
-    assert isinstance(relative, Setpoint)
-    assert isinstance(absolute, Setpoint)
-    assert isinstance(local, Setpoint)
     assert relative.yaw_rad == pytest.approx(HEADING + 0.5)
     assert absolute.yaw_rad == pytest.approx(0.5)
     assert local.yaw_rad == pytest.approx(0.5)
@@ -49,7 +46,6 @@ def test_yaw_is_relative_for_ardupilot_in_a_body_frame_and_absolute_for_px4() ->
 
 def test_a_yaw_rate_that_is_not_a_number_is_left_out_by_both() -> None:
     for setpoint in (ardupilot(target(8, yaw_rate=math.nan)), px4(target(8, yaw_rate=math.nan))):
-        assert isinstance(setpoint, Setpoint)
         assert setpoint.yaw_rate_rad_s == 0.0
         assert setpoint.velocity_m_s == pytest.approx((1.5, 3 * math.sin(HEADING), 0.0))
 

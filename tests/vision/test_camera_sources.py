@@ -25,7 +25,7 @@ from follower_vision.sources.camera_connection import Decoder, VideoStream
 from follower_vision.sources.camera_program import PROGRAMS, CameraProgram, ProgramKind
 from follower_vision.sources.capture import CaptureSettings
 from follower_vision.sources.frame_source import FrameSource, SourceError
-from follower_vision.sources.live_source import LiveSettings, LiveSource
+from follower_vision.sources.live_source import LiveSettings
 from follower_vision.sources.open import GIMBALS, is_live, open_source
 
 PATIENT = LiveSettings(first_frame_s=60.0, retry_s=0.05, longest_retry_s=0.2)
@@ -51,7 +51,6 @@ def wait_until_broken(source: FrameSource) -> None:
 
 
 def wait_until_connected_again(source: FrameSource) -> None:
-    assert isinstance(source, LiveSource)
     end_s = time.monotonic() + 60
     while source.connections < 2 or source.problem is not None:
         assert time.monotonic() < end_s, source.problem
@@ -64,14 +63,12 @@ def test_rtp_is_received_and_a_sender_that_comes_back_is_found_again(free_port: 
     with sending_rtp(port):
         source = open_source(f"rtp://127.0.0.1:{port}", live=PATIENT)
         before = source.read()
-    assert before is not None
     assert before.image.shape == (64, 96, 3)
     with source:
         wait_until_broken(source)
         with sending_rtp(port):
             wait_until_connected_again(source)
             after = source.read()
-    assert after is not None
     assert after.captured_s > before.captured_s + 1.5, "it was silent for two seconds"
 
 
@@ -86,7 +83,6 @@ def test_a_session_description_says_what_else_is_sent(free_port: FreePort, tmp_p
     )
     with sending_rtp(port, "libx265"), open_source(str(sdp), live=PATIENT) as source:
         frame = source.read()
-    assert frame is not None
     assert frame.image.shape == (64, 96, 3)
 
 
@@ -137,12 +133,10 @@ def test_a_program_that_films_is_asked_for_what_is_set_and_started_anew_when_it_
     capture = CaptureSettings(size=(64, 48), rate_hz=25, controls={"shutter": 5000})
     with open_source("rpicam:1", live=PATIENT, capture=capture) as source:
         problems: set[str | None] = set()
-        assert isinstance(source, LiveSource)
         while source.connections < 3:
             problems.add(source.problem)
             time.sleep(0.005)
         frame = source.read()
-    assert frame is not None
     assert frame.image.shape == (48, 64, 3)
     told = "rpicam:1: rpicam-vid ended: ERROR: *** the sensor is gone ***; it needs rpicam-apps"
     assert told in problems
@@ -252,7 +246,6 @@ def test_a_gstreamer_pipeline_gives_pictures_with_its_times() -> None:
     with open_source(f"gst:{pipeline},framerate=25/1 ! appsink", live=PATIENT) as source:
         wait_until_connected_again(source)
         frame = source.read()
-    assert frame is not None
     assert frame.image.shape == (48, 64, 3)
 
 
@@ -299,13 +292,11 @@ def test_an_rtsp_server_that_is_killed_and_started_again_is_found_again(
         address = f"rtsp://127.0.0.1:{port}/live"
         source = open_source(address, live=PATIENT, capture=capture)
         before = source.read()
-    assert before is not None
     with source:
         wait_until_broken(source)
         with gstreamer_server(port):
             wait_until_connected_again(source)
             after = source.read()
-    assert after is not None
     assert after.image.shape == (64, 96, 3)
     assert after.captured_s > before.captured_s
 

@@ -55,7 +55,6 @@ def test_yolox(cx: float, cy: float, w: float, h: float, number: int, level: int
     answer[0, at, :5] = [*box, 0.8]
     answer[0, at, 5 + number] = 0.5
     decoder = make_decoder(layout(answer.shape))
-    assert decoder is not None
     assert decoder.classes == CLASSES
     check(decoder.decode([answer], 0.3), cx, cy, w, h, number)
     assert decoder.decode([answer], 0.3).scores == pytest.approx([0.4])

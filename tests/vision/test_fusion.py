@@ -169,7 +169,6 @@ def test_the_detector_looks_about_the_target_every_fourth_frame(
     follow(tracker, motion, going_right(12))
     assert len(detector.regions) == 1 + 3
     for region in detector.regions:
-        assert region is not None
         assert region.width >= FusionSettings().crop_least_px
         assert region.distance(BOX) < region.width / 4 + 12 * 3
 

@@ -177,7 +177,6 @@ def test_half_of_the_looks_are_where_it_was_foretold_before(target: Target) -> N
     for looks in range(4):
         target.looks = looks
         region = target.detection_region(SETTINGS, WIDTH, HEIGHT)
-        assert region is not None
         places.append((region.distance(BOX) < 30, region.distance(FAR) < 30))
     assert places == [(True, False)] * 2 + [(False, True)] * 2
     target.foreseen = foretold(BOX, (2.0, BOX.moved_to(230, 200)))

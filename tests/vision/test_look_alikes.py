@@ -184,7 +184,6 @@ def test_they_are_looked_for_in_turn_where_they_are_in_the_image() -> None:
     for _ in range(4):
         known.predict(INTERVAL_S)
         sought = known.sought(looking())
-        assert sought is not None
         places.append(round(sought[0][0]))
         assert sought[1] == pytest.approx(RANGE_M, rel=0.1)
     assert places == pytest.approx([320, other.cx, 320, other.cx], abs=2)

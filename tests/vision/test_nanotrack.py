@@ -193,7 +193,6 @@ def test_a_search_gives_the_features_of_the_region_it_searched(network: NanoTrac
     nano, box = tracker(network), Box(300, 200, 40, 40)
     nano.start(scene((300, 200)), box)
     features = nano.search(scene((300, 200)), box).image_features
-    assert features is not None
     assert features.shape == (16, 16, 3)
     assert features[8, 8] == pytest.approx((30, 30, 250), abs=2)
     assert features[1, 1] == pytest.approx((100, 100, 100), abs=2)
