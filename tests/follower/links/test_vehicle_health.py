@@ -40,7 +40,6 @@ def test_ardupilots_own_message_is_read_though_trailing_zeros_are_cut(
 ) -> None:
     message = mavlink.MAVLink_ekf_status_report_message(flags, *ratios)
     estimator = told(message).health.estimator
-    assert estimator is not None
     assert estimator.flags == flags
     assert list(estimator.ratios.values()) == ratios[:4]
     assert estimator.gps_glitch == bool(flags & 0x8000)
@@ -50,7 +49,6 @@ def test_px4s_estimator_status_may_hold_nan_for_what_it_does_not_use() -> None:
     nan = float("nan")
     message = mavlink.MAVLink_estimator_status_message(9, 831, 0.2, nan, 0.4, 0.5, nan, nan, 1, 1)
     estimator = told(message).health.estimator
-    assert estimator is not None
     assert tuple(estimator.ratios.values()) == pytest.approx((0.2, 0.0, 0.4, 0.5))
 
 
@@ -58,9 +56,7 @@ def test_what_the_autopilot_does_not_know_is_unknown() -> None:
     gps = mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 65535, 65535, 65535, 65535, 255)
     status = mavlink.MAVLink_sys_status_message(7, 7, 5, 0, 0, -1, -1, 0, 0, 0, 0, 0, 0)
     health = told(gps, status).health
-    assert health.gps is not None
     assert (health.gps.fix_type, health.gps.satellites, health.gps.hdop) == (1, None, None)
-    assert health.sensors is not None
     assert health.sensors.battery_share is None
     assert health.sensors.unhealthy == 2
     assert health.estimator is None

@@ -21,8 +21,6 @@ BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "closed_loop.py"
 @pytest.fixture(scope="module")
 def closed_loop() -> ModuleType:
     spec = importlib.util.spec_from_file_location("closed_loop", BENCHMARK)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
 
     sys.modules[spec.name] = module

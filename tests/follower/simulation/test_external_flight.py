@@ -154,7 +154,6 @@ def check_waiting(flight: SimulatedFlight) -> None:
 def check_control(flight: SimulatedFlight) -> None:
     """Control flew in the autopilot's own world."""
     first = next(r for r in flight.log.controls if r.state is SupervisorState.FOLLOWING)
-    assert first.vehicle.attitude is not None
     assert first.vehicle.attitude.yaw_rad == pytest.approx(HEADING_RAD, abs=0.1)
 
 

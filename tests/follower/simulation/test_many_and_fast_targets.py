@@ -113,7 +113,6 @@ class Operator:
     def click(self, boxes: list[Box | None], number: int | None) -> TargetRequest:
         """Click once: on a car, or on nothing at all."""
         box = Box(8, HEIGHT - 8, 4, 4) if number is None else boxes[number]
-        assert box is not None
         return self._flight.requests.select_point(box.cx / WIDTH, box.cy / HEIGHT, "operator")
 
     def during(self, from_s: float, until_s: float) -> set[int | None]:

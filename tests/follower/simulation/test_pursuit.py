@@ -173,7 +173,6 @@ def test_without_full_autonomy_nothing_is_armed_and_no_mode_changed(flavour: str
     modes: set[str] = set()
     run = Run(small, flavour, overrides=["autonomy=pilot"])
     autopilot = run.flight.autopilot
-    assert autopilot is not None
     start = autopilot.mode
     run.fly(lambda: modes.add(autopilot.mode))
     assert modes == {start}

@@ -53,7 +53,6 @@ def drag_over_car(page: Page, simulation: Any) -> None:
 
 def drag_over(page: Page, box: Box, frame: Frame) -> None:
     glass = page.locator("#glass").bounding_box()
-    assert glass is not None
     assert glass["width"] / glass["height"] == pytest.approx(frame.width / frame.height, rel=0.02)
     across, down = glass["width"] / frame.width, glass["height"] / frame.height
     page.mouse.move(glass["x"] + across * (box.left - 1), glass["y"] + down * (box.top - 1))
@@ -191,7 +190,6 @@ def test_a_phone_shows_what_matters_at_once(
     assert phone.evaluate("document.documentElement.scrollWidth") <= size["width"]
     for part in ("#stop", "#consent", "#stage", "#state", "#reason"):
         box = phone.locator(part).bounding_box()
-        assert box is not None
         assert box["y"] + box["height"] <= size["height"], part
     phone.wait_for_timeout(1500)
     picture(phone, name)
@@ -260,7 +258,6 @@ def any_request(rng: np.random.Generator) -> dict[str, Any]:
 def check_supervised(record: ControlRecord) -> None:
     """Nobody steers but in the pilot's mode, in the air, with consent."""
     if record.state.steers:
-        assert record.situation is not None
         assert record.situation.mode_allows
         assert record.situation.flying
         assert record.situation.consent_given

@@ -250,7 +250,6 @@ def drag_two_fingers(page: Page, across: int, down: int) -> None:
 def test_two_fingers_choose_nothing(page: Page, served: Any) -> None:
     before = len(asked(served, "select_box"))
     box = page.locator("#glass").bounding_box()
-    assert box is not None
     drag_two_fingers(page, round(box["x"] + box["width"] / 2), round(box["y"] + box["height"] / 2))
     with one_more(served, "stop_tracking"):  # requests come in their order
         page.click("#drop")

@@ -56,7 +56,6 @@ def want_numbers(page: Page, wanted: bool) -> None:
 
 def tap(page: Page, box: list[float]) -> None:
     glass = page.locator("#glass").bounding_box()
-    assert glass is not None
     x = glass["x"] + glass["width"] * (box[0] + box[2]) / 2
     page.touchscreen.tap(x, glass["y"] + glass["height"] * (box[1] + box[3]) / 2)
 

@@ -97,7 +97,6 @@ class Flight:
 
     def blue_box(self) -> Box:
         """Return where the blue car is in the newest picture: what a person would draw."""
-        assert self._picture is not None
         return find_by_colour(self._picture.image, colour_from_hex(BLUE))[0]
 
     def add(self, frame: Frame, _tracks: Sequence[Track], _lines: Sequence[str]) -> None:
@@ -147,7 +146,6 @@ def test_the_targets_place_is_told_at_the_rate_asked_for(flight: Flight) -> None
     told = [one for at, one in flight.of("CAMERA_TRACKING_GEO_STATUS") if at < DROP_S]
     assert len(told) == pytest.approx((DROP_S - SELECT_S) / 0.5, abs=2)
     origin = flight.at(TUNE_S).vehicle.origin
-    assert origin is not None
     newest = told[-1]
     assert newest.tracking_status == 1
     north_m = math.radians(newest.lat * 1e-7 - origin.latitude_deg) * EARTH_M + START_M

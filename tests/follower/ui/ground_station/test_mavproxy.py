@@ -37,8 +37,6 @@ pytestmark = [
 def with_the_module(folder: Path) -> Path:
     """Return a folder to import MAVProxy from, with our module among its own."""
     spec = find_spec("MAVProxy")
-    assert spec is not None
-    assert spec.submodule_search_locations is not None
     real, copy = Path(spec.submodule_search_locations[0]), folder / "MAVProxy"
     (copy / "modules").mkdir(parents=True)
     for place, into in ((real, copy), (real / "modules", copy / "modules")):
@@ -72,7 +70,6 @@ class Console:
             )
 
     def type(self, line: str) -> None:
-        assert self._process.stdin is not None
         with self._log.open("a") as log:  # a terminal shows what is typed; a pipe does not
             log.write(f"MAV>\N{NO-BREAK SPACE}{line}\n")
         self._process.stdin.write(line + "\n")

@@ -72,8 +72,6 @@ def test_the_outbox_keeps_the_newest_and_sends_pictures_when_they_are_wanted() -
     outbox.picture_wanted()
     outbox.show(Picture(IMAGE, 2, 0.2))
     second = outbox.wait()
-    assert second is not None
-    assert second[1] is not None
     assert second[1].sequence == 2
     outbox.close()
     assert outbox.wait() is None
@@ -138,7 +136,6 @@ def test_requests_come_to_where_every_front_end_puts_them(requests: OperatorRequ
     taken = requests.take()
     assert taken.stop
     assert list(taken.orders) == [ConsentRequest.GIVE, ConsentRequest.WITHDRAW]
-    assert taken.settings is not None
     assert taken.settings.servo.azimuth.kp == 1.25
     assert heard == [True]
 
@@ -150,7 +147,6 @@ def test_a_target_is_answered_when_vision_has_looked(requests: OperatorRequests)
     assert asked(operator, kind="select_point", x=0.25, y=0.5) is None
     assert list(operator.late_answers()) == []
     target = requests.take_target()
-    assert target is not None
     target.settle(RequestOutcome(True, "the car there"))
     (answer,) = operator.late_answers()
     assert answer == {"kind": "answer", "number": 1, "accepted": True, "text": "the car there"}
@@ -191,7 +187,6 @@ def station(tmp_path: Any) -> Iterator[tuple[UiProcessClient, list[str]]]:
     station = open_station(
         settings, False, initial_state("fly", "", settings), tmp_path, said.append
     )
-    assert station is not None
     yield station, said
     station.close()
 
@@ -288,7 +283,6 @@ def test_a_terminal_that_hangs_does_not_hold_up_what_the_process_asks_for(tmp_pa
 
     settings = load_settings(None, None, ("video.rtsp=127.0.0.1:0",))
     one = open_station(settings, False, initial_state("fly", "", settings), tmp_path, say)
-    assert one is not None
     assert hangs.wait(PATIENCE_S)
     for number in range(4):  # it asks for each picture
         one.add(Frame(IMAGE, number / 30, number), (), ())
