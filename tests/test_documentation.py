@@ -124,8 +124,6 @@ def test_a_dead_link_a_missing_docstring_and_a_script_from_outside_each_fail(
 
 def hook(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, DOCS / "hooks" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

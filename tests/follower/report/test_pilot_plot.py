@@ -44,7 +44,6 @@ def test_each_thing_known_has_its_panel() -> None:
     ]
     with style.plot_style():
         drawn = pilot_and_vehicle(flight(*records))
-    assert drawn is not None
     names = [axes.get_ylabel() for axes in drawn.axes]
     assert names == ["channels [µs]", "gimbal [°]", "battery [%]", "estimator"]
 

@@ -133,7 +133,6 @@ def test_a_simulated_flight_keeps_the_envelope_and_ends_in_a_hold(
     speeds = np.array([record.allowed.forward_m_s for record in sent])
     assert np.abs(np.diff(speeds)).max() <= 3.0 * 0.0201
     position = controls[-1].vehicle.position
-    assert position is not None
     assert math.hypot(position.north_m, position.east_m) < 2.0
 
 

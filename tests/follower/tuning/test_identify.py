@@ -182,7 +182,6 @@ def test_a_size_comes_back_and_its_slope_where_the_distance_varied() -> None:
     angles = 1.7 / ranges * np.exp(rng.normal(0.0, 0.05, 60))
     found = fit_size(angles.tolist(), ranges.tolist())
     assert found.size_m.low <= 1.7 <= found.size_m.high
-    assert found.slope is not None
     assert found.slope.low <= 1.0 <= found.slope.high
     assert found.spread == pytest.approx(0.05, rel=0.5)
     steady = fit_size((1.7 / np.full(60, 12.0)).tolist(), [12.0] * 60)
@@ -198,7 +197,6 @@ def test_the_median_of_delays_has_an_interval_that_holds_it() -> None:
     inside = 0
     for _ in range(100):
         spread = Spread.of(rng.exponential(0.1, 200).tolist())
-        assert spread is not None
         inside += spread.median.low <= 0.1 * math.log(2) <= spread.median.high
     assert inside >= 88
     assert Spread.of([0.1] * 3) is None

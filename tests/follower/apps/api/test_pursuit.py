@@ -149,7 +149,6 @@ def test_however_the_program_ends_the_vehicle_holds_and_is_released(
     )
     try:
         until(lambda: there.autopilot.switch_mode(there.setpoint_mode))
-        assert program.stdout is not None
         assert program.stdout.readline() == b"on\n"
         until(lambda: there.turns)
         asked_s = there.clock.now()

@@ -77,7 +77,6 @@ def test_a_set_up_is_flown_for_real_and_all_its_figures_are_numbers(
     clips: dict[tuple[int, int], BenchClip], tmp_path: Path, flown: BenchSetup
 ) -> None:
     row = measure(flown, clips[SMALL], SECONDS, tmp_path)
-    assert row is not None
     assert row.model_dump(include=set(BenchSetup.model_fields)) == flown.model_dump()
     figures = row.model_dump(exclude={*BenchSetup.model_fields, "temperature_c", "throttled"})
     assert all(math.isfinite(value) and value >= 0 for value in figures.values())
@@ -97,7 +96,6 @@ def test_setpoints_go_out(clips: dict[tuple[int, int], BenchClip], tmp_path: Pat
 @pytest.mark.slow
 def test_a_camera_with_a_rate_gives_no_more_than_that() -> None:
     made = render_clips((SMALL,), 2)
-    assert made is not None
     clock = MonotonicClock()
     with BenchCamera(made[SMALL], clock, 50.0) as camera:
         frames = [camera.read() for _ in range(6)]

@@ -99,7 +99,6 @@ def test_a_camera_is_watched_until_there_are_views_enough(
     code, said = run(photos, "--out", tmp_path / "camera.yaml", "--every-s", 0)
     assert code == 0
     looked = re.search(r"(\d+) images: (\d+) views kept", said)
-    assert looked is not None
     assert 10 <= int(looked[2]) <= int(looked[1]) < len(list(photos.iterdir())), "it ended early"
     assert "Ctrl-C ends it and computes the lens" in said
     console.print(seen[len(seen) // 2])
@@ -159,7 +158,6 @@ def test_a_board_is_printed_to_scale(kind: str, tmp_path: Path) -> None:
         size_m = [side / dpi * 0.0254 for side in page.size]
     assert size_m == pytest.approx([0.210, 0.297], rel=1e-3)
     found = Board(kind, square_m=0.018).find(image_of(path))  # type: ignore[arg-type]
-    assert found is not None
     sides_px = np.diff(found.image_px.reshape(9, 6, 2), axis=1)
     sides_m = np.hypot(*sides_px.reshape(-1, 2).T) / dpi * 0.0254
     assert sides_m == pytest.approx(0.018, rel=0.005)
@@ -173,7 +171,6 @@ def test_a_board_as_pdf_fills_its_paper(tmp_path: Path) -> None:
     pdf = path.read_bytes()
     assert b"DCTDecode" not in pdf, "no JPEG, which blurs edges"
     box = re.search(rb"/MediaBox \[ *0 0 ([\d.]+) ([\d.]+) *\]", pdf)
-    assert box is not None
     size_m = [float(side) / 72 * 0.0254 for side in box.groups()]
     assert size_m == pytest.approx([0.210, 0.297], rel=1e-3)
 

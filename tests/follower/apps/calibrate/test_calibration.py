@@ -57,7 +57,6 @@ def test_corners_are_where_the_lens_shows_them(lens: CameraModel, render: Render
     for kind in ("charuco", "chessboard"):
         board = Board(kind)
         found = board.find(render(board, lens, pose))
-        assert found is not None
         turn = np.asarray(cv2.Rodrigues(np.array([np.radians(20.0), 0, 0]))[0]) @ np.asarray(
             cv2.Rodrigues(np.array([0, np.radians(-15.0), 0]))[0]
         )
@@ -73,7 +72,6 @@ def test_a_part_of_a_charuco_board_is_enough_and_a_chessboard_has_to_be_whole(
 ) -> None:
     pose = (-0.25, 0.0, 0.3, 0.0, 10.0, 0.0)
     part = Board("charuco").find(render(Board("charuco"), lens, pose))
-    assert part is not None
     assert 8 <= len(part.ids) < Board("charuco").corners
     assert Board("chessboard").find(render(Board("chessboard"), lens, pose)) is None
 

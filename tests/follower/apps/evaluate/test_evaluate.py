@@ -92,8 +92,6 @@ def reference() -> ModuleType:
     if not REFERENCE.is_file():
         pytest.skip("no reference scores in ../shared/tools")
     spec = importlib.util.spec_from_file_location("ope_reference", REFERENCE)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -159,7 +157,6 @@ def test_a_sequence_weighs_the_same_however_many_starts_it_has() -> None:
         start = RunStart("tre", 0, 0, there)
         runs += [scored("one", sequence, start, 30.0, result)] * count
     (row,) = rows(runs)
-    assert row.states is not None
     assert (row.score.success, row.states.false_tracking) == (0.5, 0.5)
 
 

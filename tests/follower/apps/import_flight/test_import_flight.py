@@ -66,7 +66,6 @@ def render(world: World, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
             with VideoWriter(path, 1 / FRAME_S) as writer:
                 for _ in range(round(SECONDS / FRAME_S)):
                     delivery = camera.capture()
-                    assert delivery is not None
                     writer.write(delivery.frame.image, delivery.frame.captured_s)
         return path
 
@@ -148,7 +147,6 @@ def test_an_imported_flight_has_setpoints_made_with_the_telemetry(
     assert all(record.sent and record.estimate is not None for record in late)
     for record in late[::40]:
         attitude = record.vehicle.attitude
-        assert attitude is not None
         assert attitude.yaw_rad == pytest.approx(script.angles(attitude.time_s)[2], abs=0.02)
 
 
@@ -160,7 +158,6 @@ def test_the_target_s_direction_does_not_turn_with_the_vehicle(
     for record in flight.log.controls[200::50]:
         north, east, down = script.position(record.time_s)
         true = math.atan2(0 - east, 14 - north)
-        assert record.estimate is not None
         assert record.estimate.azimuth_rad == pytest.approx(true, abs=math.radians(4))
         assert down < 0
 

@@ -71,7 +71,6 @@ def test_by_the_bags_own_definitions_each_message_reads_at_its_time(bag: Path) -
     stores, kinds = {}, set()
     with (bag / "bag.mcap").open("rb") as file:
         for schema, _, message in make_reader(file).iter_messages():
-            assert schema is not None
             if schema.name not in stores:
                 stores[schema.name] = get_typestore(Stores.EMPTY)
                 stores[schema.name].register(get_types_from_msg(schema.data.decode(), schema.name))
@@ -128,7 +127,6 @@ def since(message: Any, flight: RecordedFlight) -> float:
 
 def test_the_bag_has_the_lens_with_each_picture(flight: Path, bag: Path) -> None:
     infos, lens = messages(bag, "/camera_info"), FlightScene(open_flight(flight)).camera
-    assert lens is not None
     pictures = messages(bag, "/image/compressed")
     assert [str(one.header) for one in infos] == [str(one.header) for one in pictures]
     info = infos[-1]
@@ -233,18 +231,14 @@ def test_the_lens_of_a_bag_of_ros_1_is_known_too(bag: Path, tmp_path: Path) -> N
     store, nothing = get_typestore(Stores.ROS1_NOETIC), ("", 0, None, "", None)
     convert([bag], path, *nothing, store, (), topics, (), ())
     known, new = read_bag(path), read_bag(bag)
-    assert known is not None
-    assert new is not None
     assert known.lens == new.lens != {}
 
 
 def test_the_import_of_the_bag_knows_the_lens(flight: Path, bag: Path, tmp_path: Path) -> None:
     flown = FlightScene(open_flight(flight)).camera
-    assert flown is not None
     output_of("import", str(bag), "--out", str(tmp_path))
     (folder,) = tmp_path.glob("import-*")
     lens = FlightScene(open_flight(folder)).camera
-    assert lens is not None
     assert (lens.width, lens.fx, lens.cx) == pytest.approx((flown.width, flown.fx, flown.cx))
     assert lens.distortion == flown.distortion
 
@@ -267,7 +261,6 @@ def test_heights_count_from_the_first_fix_that_has_one(tmp_path: Path) -> None:
                 data = store.serialize_cdr(one, one.__msgtype__)
                 writer.write(topic, (1000 + n) * 10**9, data)
     log = read_bag(tmp_path / "bag")
-    assert log is not None
     assert [(one.time_s, -one.down_m) for one in log.positions] == [(2.0, 0.0), (3.0, 7.0)]
 
 

@@ -55,7 +55,6 @@ def messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
     """Give (nanoseconds, message) of a topic: JSON as it is, the rest by the file's own schema."""
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages([topic]):
-            assert schema is not None
             if channel.message_encoding == "json":
                 yield message.log_time, json.loads(message.data)
                 continue
@@ -110,10 +109,8 @@ def test_pictures_boxes_and_lens_are_those_of_the_flight(
     tracks = [record.track for record in flight.log.tracks]
     assert [bool(one.points) for one in boxes] == [track is not None for track in tracks]
     corner, track = boxes[-1].points[0].points[0], tracks[-1]
-    assert track is not None
     assert (corner.x, corner.y) == (track.box.left, track.box.top)
     lens = at(exported, "/camera/calibration", flight)
-    assert flight.config.camera is not None
     assert list(lens.K) == flight.config.camera.matrix.ravel().tolist()
 
 
@@ -127,7 +124,6 @@ def test_the_target_in_the_scene_seen_through_the_camera_is_in_the_box(
     seen = np.array([getattr(place, a) - getattr(camera.translation, a) for a in "xyz"])
     turn = camera.rotation
     turn.w = -turn.w  # the other way round: from the world to the camera
-    assert flight.config.camera is not None
     ((x, y),) = flight.config.camera.pixels([turned(turn, seen)])
     drawn = at(exported, "/camera/boxes", flight).points[0].points
     assert drawn[0].x < x < drawn[2].x
@@ -207,7 +203,6 @@ def test_the_foxglove_layout_names_what_is_in_the_file(exported: Path) -> None:
     }
     with exported.open("rb") as file:
         summary = make_reader(file).get_summary()
-    assert summary is not None
     topics = {one.topic: summary.schemas[one.schema_id].name for one in summary.channels.values()}
     mode = panels["Image!camera"]["imageMode"]
     assert topics[mode["imageTopic"]] == "foxglove.CompressedImage"
