@@ -1,9 +1,15 @@
 """How Python and the command line are run: as programs of their own, or in the test's process."""
 
 import os
+import re
+import signal
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from typer.testing import CliRunner
 
@@ -48,3 +54,60 @@ def output_of(*arguments: str) -> str:
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.output
+
+
+class RunningProgram:
+    """The command line in a process of its own, and what it has said so far.
+
+    Attributes:
+        said: by standard output and error.
+        deaf: set, its next line is the last one that is read: the pipe breaks.
+    """
+
+    def __init__(self, *arguments: str, cwd: Path, **environment: str) -> None:
+        self.said = ""
+        self.deaf = threading.Event()
+        self.process = subprocess.Popen(
+            [*FOLLOWER, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", **environment},
+        )
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+
+    def wait(self, condition: Callable[[], Any], within_s: float = 90.0) -> Any:
+        """Return what comes about while the program runs."""
+        end_s, runs = time.monotonic() + within_s, True
+        while runs and time.monotonic() < end_s:
+            runs = self.process.poll() is None
+            if found := condition():
+                return found
+            time.sleep(0.05)
+        raise AssertionError(f"waited in vain; it said:\n{self.said}")
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        """Return where it said something like this."""
+        return self.wait(lambda: re.search(pattern, self.said))
+
+    def end(self, how: signal.Signals | None = None) -> int:
+        """Return its exit code, once it has ended and all that it said is there."""
+        if how is not None:
+            self.process.send_signal(how)
+        self.process.wait(60)
+        self.reader.join(10)
+        return self.process.returncode
+
+    def close(self) -> None:
+        self.process.kill()
+        self.end()
+
+    def _read(self) -> None:
+        with self.process.stdout as stream:
+            for line in stream:
+                self.said += line
+                if self.deaf.is_set():
+                    return

@@ -1,19 +1,17 @@
 """`follower replay --cockpit`: recorded flights on the page, which changes nothing."""
 
 import json
-import os
-import re
 import shutil
 import signal
-import subprocess
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from program import FOLLOWER
+from program import RunningProgram
 from websockets.sync.client import connect
 
 from follower.apps.replay.playback_page import Player
@@ -72,33 +70,10 @@ def test_a_flight_is_played_and_then_the_one_that_is_chosen(
 ) -> None:
     for name in ("first", "second"):
         shutil.copytree(small_flight.folder, tmp_path / name)
-    arguments = ("replay", "first", "--cockpit")
-    settings = tmp_path / "said.txt"
-    with settings.open("w") as said:
-        program = subprocess.Popen(
-            [*FOLLOWER, *arguments, "--set", "cockpit.port=0"],
-            stdout=said,
-            stderr=subprocess.STDOUT,
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
-        )
-    try:
-        watch(f"http://127.0.0.1:{port(settings, program)}")
-        program.send_signal(signal.SIGINT)
-        assert program.wait(PATIENCE_S) == 0, settings.read_text()
-    finally:
-        program.kill()
-        program.wait()
-
-
-def port(said: Path, program: subprocess.Popen[bytes]) -> int:
-    end_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end_s and program.poll() is None:
-        found = re.search(r"Cockpit: http://127.0.0.1:(\d+)", said.read_text())
-        if found:
-            return int(found[1])
-        time.sleep(0.1)
-    raise AssertionError(said.read_text())
+    command = ("replay", "first", "--cockpit", "--set", "cockpit.port=0")
+    with closing(RunningProgram(*command, cwd=tmp_path)) as program:
+        watch(program.wait_for(r"Cockpit: (http://127.0.0.1:\d+)")[1])
+        assert program.end(signal.SIGINT) == 0, program.said
 
 
 def watch(url: str) -> None:

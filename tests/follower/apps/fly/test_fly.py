@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import queue
 import re
 import signal
-import subprocess
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flying_vehicle import PATIENT
-from program import FOLLOWER
+from program import RunningProgram
 from promises import LateS, assert_keeps, assert_releases
 from waiting import until
 
@@ -35,72 +31,18 @@ READY, REFUSED, UNUSABLE, HANDED_OVER, RELEASED_FOR_SAFETY, INTERRUPTED = 0, 1, 
 MakeVehicle = Callable[..., Any]
 
 
-class Program:
-    """`follower fly`, and what it has said so far."""
-
-    def __init__(self, *arguments: str, cwd: Path) -> None:
-        self.said = ""
-        self._lines: queue.Queue[str] = queue.Queue()
-        self.deaf = threading.Event()
-        self.process = subprocess.Popen(
-            [*FOLLOWER, "fly", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200"},
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def wait_for(self, pattern: str, within_s: float = 90.0) -> None:
-        end_s = time.monotonic() + within_s
-        while time.monotonic() < end_s:
-            try:
-                self.said += self._lines.get(timeout=0.1)
-            except queue.Empty:
-                if self.process.poll() is not None:
-                    break
-            if re.search(pattern, self.said):
-                return
-        raise AssertionError(f"nothing like {pattern!r} was said:\n{self.said}")
-
-    def wait_until_unread(self) -> None:
-        self._reader.join(30)
-        assert not self._reader.is_alive()
-
-    def end(self, how: signal.Signals | None = None) -> int:
-        if how is not None:
-            self.process.send_signal(how)
-        self.process.wait(60)
-        self._reader.join(10)
-        while not self._lines.empty():
-            self.said += self._lines.get()
-        return self.process.returncode
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        with self.process.stdout as stream:
-            for line in stream:
-                self._lines.put(line)
-                if self.deaf.is_set():
-                    return  # and the pipe breaks
-
-
 @pytest.fixture
 def launch(port: int, video: Path, tmp_path: Path) -> Any:
-    programs: list[Program] = []
+    programs: list[RunningProgram] = []
 
-    def start(*more: str, camera: str = str(video)) -> Program:
+    def start(*more: str, camera: str = str(video)) -> RunningProgram:
         link = ("--connect", f"udpin:127.0.0.1:{port}", "--camera", camera)
-        programs.append(Program(*link, *SETTINGS, *more, cwd=tmp_path))
+        programs.append(RunningProgram("fly", *link, *SETTINGS, *more, cwd=tmp_path))
         return programs[-1]
 
     yield start
     for program in programs:
-        program.process.kill()
-        program.end()
+        program.close()
 
 
 @pytest.mark.slow
@@ -165,7 +107,8 @@ def test_a_flight_goes_on_when_nobody_reads_what_it_says_any_more(
     there.autopilot.switch_mode("GUIDED")
     program.wait_for("following")
     program.deaf.set()
-    program.wait_until_unread()
+    program.reader.join(30)
+    assert not program.reader.is_alive()
     heard = len(there.setpoints)
     time.sleep(7.0)  # a line each five seconds
     assert len(there.setpoints) > heard + 50

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
-import subprocess
-import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,7 @@ import httpx
 import pytest
 from flying_vehicle import PATIENT
 from plugin_packages import Site
-from program import FOLLOWER
+from program import RunningProgram
 from websockets.sync.client import ClientConnection, connect
 
 from follower.flight.supervision.flight_end import RELEASED_FOR_SAFETY
@@ -36,59 +34,19 @@ SETTINGS = (
 )
 
 
-class Flight:
-    """The program, and a client of its page."""
+def program(link: str, video: Path, folder: Path, *options: str, **more: str) -> RunningProgram:
+    arguments = ("fly", "--connect", link, "--camera", str(video), "--cockpit", *SETTINGS)
+    return RunningProgram(*arguments, *options, cwd=folder, **more)
 
-    def __init__(
-        self, link: str, video: Path, folder: Path, *options: str, packages: str = ""
-    ) -> None:
-        arguments = ("fly", "--connect", link, "--camera", str(video), "--cockpit", *SETTINGS)
-        places = os.pathsep.join(filter(None, (packages, os.environ.get("PYTHONPATH"))))
-        self.log = folder / "said.txt"
-        self._file = self.log.open("w")
-        self.process = subprocess.Popen(
-            [*FOLLOWER, *arguments, *options],
-            stdout=self._file,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            cwd=folder,
-            env={
-                **os.environ,
-                "PYTHONUNBUFFERED": "1",
-                "COLUMNS": "200",
-                "PYTHONPATH": places,
-            },
-        )
 
-    def port(self) -> int:
-        found = self.wait(lambda: re.search(r"Cockpit: http://127.0.0.1:(\d+)", self.said))
-        return int(found[1])
-
-    @property
-    def said(self) -> str:
-        return self.log.read_text()
-
-    def wait(self, condition: Callable[[], Any]) -> Any:
-        end_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end_s:
-            found = condition()
-            if found:
-                return found
-            assert self.process.poll() is None, self.said
-            time.sleep(0.1)
-        raise AssertionError(f"waited in vain; it said:\n{self.said}")
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        self._file.close()
+def url_of(flight: RunningProgram) -> str:
+    return flight.wait_for(r"Cockpit: (http://127.0.0.1:\d+)")[1]
 
 
 @pytest.fixture
-def flight(port: int, video: Path, tmp_path: Path) -> Iterator[Flight]:
-    flight = Flight(f"udpin:127.0.0.1:{port}", video, tmp_path)
-    yield flight
-    flight.close()
+def flight(port: int, video: Path, tmp_path: Path) -> Iterator[RunningProgram]:
+    with closing(program(f"udpin:127.0.0.1:{port}", video, tmp_path)) as flight:
+        yield flight
 
 
 def told(client: ClientConnection, kind: str) -> dict[str, Any]:
@@ -106,12 +64,12 @@ def state(client: ClientConnection) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_choose_follow_and_lose_the_page(
-    vehicle: MakeVehicle, flight: Flight, tmp_path: Path, late_s: Callable[[], float]
+    vehicle: MakeVehicle, flight: RunningProgram, tmp_path: Path, late_s: Callable[[], float]
 ) -> None:
     """The page chooses the target; when its process dies in flight, the vehicle holds, is released,
     and the program flies on."""
     there = vehicle("px4", 12.0)
-    url = f"http://127.0.0.1:{flight.port()}"
+    url = url_of(flight)
     flight.wait(lambda: "Following what the cockpit selects" in flight.said)
     checks = httpx.get(f"{url}/api/page").json()["preflight"]
     assert {"name": "camera", "verdict": "pass"}.items() <= named(checks, "camera").items()
@@ -126,8 +84,7 @@ def test_choose_follow_and_lose_the_page(
     flight.wait(lambda: "cockpit lost" in flight.said)
     flight.wait(lambda: "released" in flight.said)
     assert flight.process.poll() is None
-    flight.process.send_signal(signal.SIGINT)
-    assert flight.process.wait(PATIENCE_S) == RELEASED_FOR_SAFETY, flight.said
+    assert flight.end(signal.SIGINT) == RELEASED_FOR_SAFETY, flight.said
     assert "Released after a hold: cockpit lost" in flight.said
     records = open_flight(tmp_path / "runs" / "fly").log.controls
     states = [record.state for record in records]
@@ -147,17 +104,15 @@ def test_the_page_shows_what_a_packages_tracker_follows(
     site = Site(tmp_path / "site")
     site.add("follower-template-tracker", "trackers", "mine", EXAMPLE.read_text("utf-8"))
     vehicle("px4", 12.0)
+    packages = os.pathsep.join([str(site.folder), *filter(None, [os.environ.get("PYTHONPATH")])])
     link, options = f"udpin:127.0.0.1:{port}", ("--tracker", "mine")
-    flight = Flight(link, video, tmp_path, *options, packages=str(site.folder))
-    try:
-        url = f"http://127.0.0.1:{flight.port()}"
+    with closing(program(link, video, tmp_path, *options, PYTHONPATH=packages)) as flight:
+        url = url_of(flight)
         flight.wait(lambda: "Following what the cockpit selects" in flight.said)
         with connect(url.replace("http", "ws") + "/ws", origin=url) as client:
             client.send(json.dumps({"kind": "select_box", "id": 1, **SQUARE}))
             flight.wait(lambda: state(client).get("track") == "tracking")
             (track,) = told(client, "track")["tracks"]
-    finally:
-        flight.close()
     assert (track["state"], track["by"]) == ("tracking", "peak")
 
 

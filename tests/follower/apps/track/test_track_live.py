@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import queue
 import re
 import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from csv_rows import rows_of
-from program import FOLLOWER
+from program import RunningProgram
 from video_sender import sending
 
 from follower_vision.sources.open import open_source
@@ -57,50 +54,6 @@ class Camera:
         return cv2.add(image, self._rng.integers(0, 6, image.shape, dtype=np.uint8))
 
 
-class Follower:
-    """The program, and what it has printed so far."""
-
-    def __init__(self, *arguments: str, cwd: Path) -> None:
-        self.lines: list[str] = []
-        self._queue: queue.Queue[str] = queue.Queue()
-        self.process = subprocess.Popen(
-            [*FOLLOWER, "track", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def wait_for(self, pattern: str, within_s: float = 60.0) -> str:
-        end_s = time.monotonic() + within_s
-        while time.monotonic() < end_s:
-            try:
-                line = self._queue.get(timeout=0.2)
-            except queue.Empty:
-                continue
-            self.lines.append(line)
-            if re.search(pattern, line):
-                return line
-        raise AssertionError(f"nothing like {pattern!r} was printed: {self.lines}")
-
-    def end(self, how: signal.Signals = signal.SIGINT) -> str:
-        self.process.send_signal(how)
-        self.process.wait(60)
-        self._reader.join(10)
-        while not self._queue.empty():
-            self.lines.append(self._queue.get())
-        return "".join(self.lines)
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        with self.process.stdout as printed:
-            for line in printed:
-                self._queue.put(line)
-
-
 @pytest.fixture
 def camera(free_port: Callable[[], int]) -> Camera:
     return Camera(free_port())
@@ -112,7 +65,9 @@ def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files
 ) -> None:
     box = f"{START[0]},{START[1]},30,30"
     with camera.sending():
-        follower = Follower(camera.address, "--target", box, "--save", "out.mp4", cwd=tmp_path)
+        follower = RunningProgram(
+            "track", camera.address, "--target", box, "--save", "out.mp4", cwd=tmp_path
+        )
         follower.wait_for("tracking")
         camera.moving.set()
         follower.wait_for(r"tracking [01]\.\d+ .*frames/s +delay \d+ ms +\d+ dropped")
@@ -124,9 +79,8 @@ def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files
         time.sleep(2.0)
         camera.moving.clear()
         time.sleep(1.0 + late_s())
-        printed = follower.end()
-    assert follower.process.returncode == INTERRUPTED, printed
-    assert re.search(r"\d+ dropped, 1 reconnect, ", printed)
+        assert follower.end(signal.SIGINT) == INTERRUPTED, follower.said
+    assert re.search(r"\d+ dropped, 1 reconnect, ", follower.said)
     (folder,) = (tmp_path / "runs").iterdir()
     rows = rows_of(folder / "boxes.csv")
     times = np.array([float(row["time"]) for row in rows])
@@ -149,9 +103,8 @@ def test_a_stream_that_breaks_is_followed_again_and_ctrl_c_leaves_complete_files
 @pytest.mark.slow
 def test_ctrl_c_while_the_target_is_awaited_leaves_nothing(camera: Camera, tmp_path: Path) -> None:
     with camera.sending():
-        follower = Follower(camera.address, "--colour", "#20e020", cwd=tmp_path)
+        follower = RunningProgram("track", camera.address, "--colour", "#20e020", cwd=tmp_path)
         follower.wait_for("waiting for something of colour #20e020")
-        printed = follower.end(signal.SIGTERM)
-    assert follower.process.returncode == INTERRUPTED, printed
-    assert "nothing is written" in printed
+        assert follower.end(signal.SIGTERM) == INTERRUPTED, follower.said
+    assert "nothing is written" in follower.said
     assert list(tmp_path.iterdir()) == []
