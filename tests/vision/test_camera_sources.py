@@ -18,14 +18,15 @@ import av
 import numpy as np
 import pytest
 from video_sender import sending
+from waiting import until
 
 from follower_vision.clock import MonotonicClock
 from follower_vision.sources import v4l2
 from follower_vision.sources.camera_connection import Decoder, VideoStream
 from follower_vision.sources.camera_program import PROGRAMS, CameraProgram, ProgramKind
 from follower_vision.sources.capture import CaptureSettings
-from follower_vision.sources.frame_source import FrameSource, SourceError
-from follower_vision.sources.live_source import LiveSettings
+from follower_vision.sources.frame_source import SourceError
+from follower_vision.sources.live_source import LiveSettings, LiveSource
 from follower_vision.sources.open import GIMBALS, is_live, open_source
 
 PATIENT = LiveSettings(first_frame_s=60.0, retry_s=0.05, longest_retry_s=0.2)
@@ -43,18 +44,8 @@ def grey(number: int) -> np.ndarray:
     return np.full((64, 96, 3), 20 + number % 200, np.uint8)
 
 
-def wait_until_broken(source: FrameSource) -> None:
-    end_s = time.monotonic() + 60
-    while source.problem is None:
-        assert time.monotonic() < end_s, "nothing is wrong with it"
-        time.sleep(0.005)
-
-
-def wait_until_connected_again(source: FrameSource) -> None:
-    end_s = time.monotonic() + 60
-    while source.connections < 2 or source.problem is not None:
-        assert time.monotonic() < end_s, source.problem
-        time.sleep(0.005)
+def until_connected_again(source: LiveSource) -> None:
+    until(lambda: source.connections >= 2 and source.problem is None)
 
 
 @pytest.mark.slow
@@ -65,9 +56,9 @@ def test_rtp_is_received_and_a_sender_that_comes_back_is_found_again(free_port: 
         before = source.read()
     assert before.image.shape == (64, 96, 3)
     with source:
-        wait_until_broken(source)
+        until(lambda: source.problem)
         with sending_rtp(port):
-            wait_until_connected_again(source)
+            until_connected_again(source)
             after = source.read()
     assert after.captured_s > before.captured_s + 1.5, "it was silent for two seconds"
 
@@ -244,7 +235,7 @@ def test_a_gstreamer_pipeline_gives_pictures_with_its_times() -> None:
         "videotestsrc is-live=true num-buffers=40 ! video/x-raw,format=I420,width=64,height=48"
     )
     with open_source(f"gst:{pipeline},framerate=25/1 ! appsink", live=PATIENT) as source:
-        wait_until_connected_again(source)
+        until_connected_again(source)
         frame = source.read()
     assert frame.image.shape == (48, 64, 3)
 
@@ -293,9 +284,9 @@ def test_an_rtsp_server_that_is_killed_and_started_again_is_found_again(
         source = open_source(address, live=PATIENT, capture=capture)
         before = source.read()
     with source:
-        wait_until_broken(source)
+        until(lambda: source.problem)
         with gstreamer_server(port):
-            wait_until_connected_again(source)
+            until_connected_again(source)
             after = source.read()
     assert after.image.shape == (64, 96, 3)
     assert after.captured_s > before.captured_s
@@ -451,7 +442,4 @@ def test_a_program_is_ended_with_what_it_has_started(monkeypatch: pytest.MonkeyP
         status = Path(f"/proc/{started}/stat")
         return status.exists() and status.read_text("ascii").rpartition(") ")[2][0] != "Z"
 
-    end_s = time.monotonic() + 20
-    while lives():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    until(lambda: not lives())

@@ -15,6 +15,7 @@ import pytest
 import yaml
 from program import FOLLOWER, MAIN
 from rich.console import Console
+from waiting import until
 
 from follower.simulation.campaign.config import RunSpec, load_campaign, planned
 from follower.simulation.campaign.fly import fly_run, fly_runs
@@ -133,11 +134,11 @@ def test_workers_end_with_the_campaign_that_was_killed(tmp_path: Path) -> None:
     command = [*FOLLOWER, "campaign", config(tmp_path), "--out", str(tmp_path / "out")]
     campaign = subprocess.Popen(command)
     try:
-        workers = waited_for(lambda: children(campaign.pid), 60.0)
+        workers = until(lambda: children(campaign.pid), 60.0)
     finally:
         campaign.kill()
         campaign.wait()
-    assert waited_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20.0)
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20.0)
 
 
 def test_an_engine_that_ends_kills_what_it_flies_and_nothing_else(specs: list[RunSpec]) -> None:
@@ -148,7 +149,7 @@ def test_an_engine_that_ends_kills_what_it_flies_and_nothing_else(specs: list[Ru
         next(fly_runs(engine, specs))
         assert len(multiprocessing.active_children()) == 2
         engine.close()
-        assert waited_for(lambda: multiprocessing.active_children() == [other], 20.0)
+        until(lambda: multiprocessing.active_children() == [other], 20.0)
     finally:
         other.kill()
         other.join()
@@ -172,13 +173,6 @@ def has_begun(pid: int) -> bool:
     return int(ticks) > 3 * os.sysconf("SC_CLK_TCK")
 
 
-def waited_for(condition: Callable[[], Any], longest_s: float) -> Any:
-    end_s = time.monotonic() + longest_s
-    while not (answer := condition()) and time.monotonic() < end_s:
-        time.sleep(0.1)
-    return answer
-
-
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kept", [0, 1])
 def test_a_campaign_that_is_killed_goes_on_to_the_same_table(
@@ -190,8 +184,8 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_table(
     command = [*FOLLOWER, "campaign", config(tmp_path), "--workers", "2", "--out", str(out)]
     killed = subprocess.Popen(command)
     try:
-        assert waited_for(lambda: children(killed.pid), 300.0)
-        assert waited_for(lambda: len(read_rows(out / ROWS)) >= kept, 600.0)
+        until(lambda: children(killed.pid), 300.0)
+        until(lambda: len(read_rows(out / ROWS)) >= kept, 600.0)
     finally:
         killed.kill()
         killed.wait()
@@ -447,11 +441,9 @@ def test_ctrl_c_ends_a_campaign_at_once_and_without_noise(tmp_path: Path, flying
         text=True,
     )
     try:
-        deadline_s = time.monotonic() + 60
-        while not (out / "campaign.yaml").exists() and time.monotonic() < deadline_s:
-            time.sleep(0.1)
+        until((out / "campaign.yaml").exists)
         if flying:
-            assert waited_for(lambda: any(map(has_begun, children(process.pid))), 60.0)
+            until(lambda: any(map(has_begun, children(process.pid))), 60.0)
         time.sleep(1.0)
         os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=60)

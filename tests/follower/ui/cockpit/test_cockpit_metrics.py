@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
-import time
 from typing import Any
 
 import httpx
 import pytest
 from cockpit_client import PATIENCE_S, TOKEN
 from prometheus_client.parser import text_string_to_metric_families
+from waiting import until
 
 from follower.flight.status import LiveStatus
 from follower.settings.settings import configs_folder
@@ -48,13 +48,8 @@ def metrics(url: str, **headers: str) -> dict[tuple[str, ...], float]:
 def shown(served: Any, status: LiveStatus) -> dict[tuple[str, ...], float]:
     """Show a state, and return the metrics once they are of it."""
     served.station.show(state_message(status, None))
-    end_s = time.monotonic() + PATIENCE_S
-    while True:
-        found = metrics(served.url)
-        if found.get(("follower_flight_time_seconds",)) == status.elapsed_s:
-            return found
-        assert time.monotonic() < end_s
-        time.sleep(0.05)
+    wanted = (("follower_flight_time_seconds",), status.elapsed_s)
+    return until(lambda: (found := metrics(served.url)).items() >= {wanted} and found)
 
 
 def test_what_is_known_is_a_metric_in_base_units_and_the_rest_is_left_out(served: Any) -> None:

@@ -11,6 +11,7 @@ import pytest
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.camera import Camera, CameraError
 from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
+from waiting import until
 
 from follower.flight.target.request import BoxSelection, ClearSelection, PointSelection
 from follower.ui.ground_station.parameters import parameters
@@ -44,16 +45,6 @@ def in_real_time(rig: Any) -> Iterator[None]:
         thread.join()
 
 
-def until(condition: Callable[[], Any]) -> Any:
-    end_s = time.monotonic() + _PATIENCE_S
-    while time.monotonic() < end_s:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError("that did not happen in time")
-
-
 def be_patient(mavsdk: Mavsdk) -> None:
     """Have MAVSDK wait longer for answers: after 0.5 s it would repeat a question.
 
@@ -73,7 +64,9 @@ def system(make_rig: MakeRig) -> Iterator[tuple[Any, Any]]:
         with in_real_time(rig):
             be_patient(mavsdk)
             mavsdk.add_any_connection(f"udpout://127.0.0.1:{rig.port}")
-            found = until(lambda: [one for one in mavsdk.get_systems() if one.has_camera()])
+            found = until(
+                lambda: [one for one in mavsdk.get_systems() if one.has_camera()], _PATIENCE_S
+            )
             yield rig, found[0]
     finally:
         mavsdk.destroy()
@@ -82,7 +75,7 @@ def system(make_rig: MakeRig) -> Iterator[tuple[Any, Any]]:
 def test_mavsdk_finds_the_camera_and_tracks_with_it(system: tuple[Any, Any]) -> None:
     rig, vehicle = system
     camera = Camera(vehicle)
-    (found,) = until(lambda: camera.camera_list().cameras)
+    (found,) = until(lambda: camera.camera_list().cameras, _PATIENCE_S)
     assert (found.component_id, found.vendor_name) == (100, "follower")
     assert (found.horizontal_resolution_px, found.vertical_resolution_px) == (640, 480)
     camera.track_rectangle(100, 0.25, 0.5, 0.5, 0.75)
@@ -94,7 +87,7 @@ def test_mavsdk_finds_the_camera_and_tracks_with_it(system: tuple[Any, Any]) -> 
     assert rig.requests.take_target() is None
     camera.track_stop(100)
     assert rig.requests.take_target().selection == ClearSelection()
-    stream = until(lambda: _stream(camera))
+    stream = until(lambda: _stream(camera), _PATIENCE_S)
     assert stream.settings.uri == "rtsp://10.0.0.5:8554/live"
 
 
@@ -117,5 +110,5 @@ def test_mavsdk_reads_and_sets_our_parameters(system: tuple[Any, Any]) -> None:
     assert rig.requests.settings.servo.distance_m == 12.5
     with pytest.raises(Exception, match="set_param_float"):
         parameter.set_param_float("SRV_DIST", -3.0)
-    everything = until(lambda: parameter.get_all_params().float_params)
+    everything = until(lambda: parameter.get_all_params().float_params, _PATIENCE_S)
     assert {one.name for one in everything} == {one.name for one in parameters()}
