@@ -8,22 +8,13 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import (
-    BestAvailableEncryption,
-    Encoding,
-    PrivateFormat,
-)
-from cryptography.x509.oid import NameOID
+from certificates import make_certificate
 from waiting import until
 
 from follower.flight.operator_requests import OperatorRequests
@@ -230,24 +221,11 @@ def test_a_token_or_certificate_that_cannot_be_used_is_refused_before_the_flight
 
 
 def test_an_encrypted_key_is_refused_and_nobody_is_asked_for_a_password(tmp_path: Path) -> None:
-    key = ec.generate_private_key(ec.SECP256R1())
-    locked = key.private_bytes(
-        Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"a password")
-    )
-    (tmp_path / "key.pem").write_bytes(locked)
-    (tmp_path / "cert.pem").write_bytes(certificate(key))
+    make_certificate(tmp_path, b"a password")
     where = f"cockpit={{tls_cert: {tmp_path}/cert.pem, tls_key: {tmp_path}/key.pem}}"
     settings = load_settings(None, None, (where,))
     with pytest.raises(SettingsError, match=r"tls_key: it is encrypted.*openssl pkey"):
         open_station(settings, True, {}, tmp_path, print)
-
-
-def certificate(key: ec.EllipticCurvePrivateKey) -> bytes:
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cockpit")])
-    made = x509.CertificateBuilder(name, name, key.public_key(), 1)
-    made = made.not_valid_before(datetime(2020, 1, 1, tzinfo=UTC))
-    made = made.not_valid_after(datetime(2120, 1, 1, tzinfo=UTC))
-    return made.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM)
 
 
 @pytest.mark.slow
