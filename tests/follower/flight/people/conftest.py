@@ -110,18 +110,20 @@ class Rig:
                 return record
         raise AssertionError(f"not {state} but {record.state}: {record.reason}")
 
-    def hand_over(self) -> None:
-        """Have the pilot take our mode, and us hear of it."""
+    def take_mode(self) -> None:
+        """Have the pilot take our mode, once we are ready for it."""
         self.until(SupervisorState.READY)
         self.fly(0.3)
         assert self.autopilot.switch_mode(OURS[self.flavour])
+
+    def hand_over(self) -> None:
+        """Have the pilot take our mode, and us hear of it."""
+        self.take_mode()
         self.fly(1.2)
 
     def follow(self) -> None:
         """Have the pilot hand over what follows at once."""
-        self.until(SupervisorState.READY)
-        self.fly(0.3)
-        assert self.autopilot.switch_mode(OURS[self.flavour])
+        self.take_mode()
         self.until(SupervisorState.FOLLOWING)
 
     def reach(self, state: SupervisorState) -> None:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from people_flights import CONTROL_S, OURS, PILOTS, F, R, flavours
+from people_flights import CONTROL_S, PILOTS, F, R, flavours
 from pymavlink.dialects.v20 import common as mavlink
 
 from follower.flight.log import FlightLog
@@ -143,9 +143,7 @@ def test_a_restart_of_ours_neither_ends_px4s_failsafe_nor_follows(rig_of: Any) -
     assert rig.autopilot.mode == "RTL"
     # The pilot takes the vehicle, and with it ends the failsafe.
     rig.autopilot.switch_mode("POSCTL")
-    rig.until(SupervisorState.READY)
-    rig.fly(0.3)
-    assert rig.autopilot.switch_mode("OFFBOARD")
+    rig.take_mode()
     rig.until(F)
 
 
@@ -161,8 +159,7 @@ def test_by_setting_the_pilots_own_mode_counts_but_a_failsafe_does_not(
     rig.fly(1.9)
     assert rig.wire.setpoints(left_s + 0.1) == []
     rig.until(SupervisorState.READY, 1.5)
-    rig.fly(0.3)
-    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.take_mode()
     rig.until(F)
 
 

@@ -16,9 +16,7 @@ MIDDLE = (1500, 1500, 1500, 1500)
 @flavours
 def test_a_command_gives_consent_and_takes_it_back(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour, "consent.kind=command")
-    rig.until(SupervisorState.READY)
-    rig.fly(0.3)
-    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.take_mode()
     assert rig.fly(2.0).reason is SupervisorReason.WAITING_FOR_CONSENT
     assert rig.autopilot.mode == OURS[flavour]
     rig.command(1.0)
@@ -69,9 +67,7 @@ def test_a_switch_gives_consent_when_it_is_turned_on(rig_of: Any, flavour: str) 
     rig = rig_of(flavour, "consent.kind=rc", "consent.rc_channel=6")
     on, off = ((1500, 1500, 1500, 1500, 1000, pulse) for pulse in (1900, 1100))
     rig.autopilot.move_sticks(*on)
-    rig.until(SupervisorState.READY)
-    rig.fly(0.3)
-    assert rig.autopilot.switch_mode(OURS[flavour])
+    rig.take_mode()
     # It is on from the start: nobody turned it.
     assert rig.fly(2.0).reason is SupervisorReason.WAITING_FOR_CONSENT
     rig.autopilot.move_sticks(*off)
@@ -126,9 +122,7 @@ def test_a_transmitter_that_falls_silent_withdraws_consent(rig_of: Any) -> None:
 @flavours
 def test_the_terminal_gives_consent(rig_of: Any, flavour: str) -> None:
     rig = rig_of(flavour, "consent.kind=terminal")
-    rig.until(SupervisorState.READY)
-    rig.fly(0.3)
-    rig.autopilot.switch_mode(OURS[flavour])
+    rig.take_mode()
     assert rig.fly(2.0).state is SupervisorState.READY
     rig.stage.order(ConsentRequest.GIVE)
     rig.until(F, 0.1)

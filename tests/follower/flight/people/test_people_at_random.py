@@ -29,9 +29,7 @@ def test_a_flight_with_switch_sticks_orders_and_a_search_is_replayed_bit_for_bit
     with recorder:
         rig.begin(recorder.log)
         rig.autopilot.move_sticks(*MIDDLE, 1000)
-        rig.until(SupervisorState.READY)
-        rig.fly(0.3)
-        rig.autopilot.switch_mode("OFFBOARD")
+        rig.take_mode()
         rig.autopilot.move_sticks(*MIDDLE, 2000)
         rig.until(F)
         rig.right_px = 40.0

@@ -24,9 +24,7 @@ def test_the_pilot_leaves_the_mode_and_setpoints_end_within_a_tenth_of_a_second(
         else rig_of(flavour)
     )
     if state is SupervisorState.READY:
-        rig.until(state)
-        rig.fly(0.3)
-        assert rig.autopilot.switch_mode(OURS[flavour])
+        rig.take_mode()
         rig.fly(1.5)
         assert rig.log.controls[-1].reason is SupervisorReason.WAITING_FOR_CONSENT
     else:
