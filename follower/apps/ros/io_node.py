@@ -169,7 +169,7 @@ class IoNode(ClosesItself):
         if now_s - self._said_s.get(what, -math.inf) >= _SAY_S:
             self._said_s[what] = now_s
             said = f"{what} is left out: {' '.join(str(why).split())}"
-            self.node.get_logger().warning(said)
+            self._owner.get_logger().warning(said)  # its own log has no topic
 
     def start(self) -> None:
         """Begin to take messages."""

@@ -218,7 +218,7 @@ class FollowerNode(LifecycleNode):
             raise SettingsError("use_sim_time is set, and /clock does not tick")
         self._source = source = TopicSource(self, "image", self._value("image_transport"), io.clock)
         outputs, mode, target = self._outputs, self._value("mode"), self._value("target")
-        outputs.clock, outputs.image_frame = io.clock, "camera"
+        outputs.clock, outputs.image_frame, outputs.vehicle = io.clock, "camera", vehicle
         ends = TopicEnds(source, io.clock, vehicle, self._detector, outputs.show, outputs)
         steers = mode != "perception"
         skips = [*self._value("skip_preflight").split(), *(() if steers else PERCEPTION_SKIPS)]
@@ -240,8 +240,6 @@ class FollowerNode(LifecycleNode):
             source.close()
             raise
         outputs.image_frame = source.frame_id or "camera"
-        if vehicle is not None:
-            outputs.map_frame = vehicle.frame_id
         self._pursuit = pursuit
 
     def _overrides(self) -> list[str]:

@@ -6,10 +6,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, RegionOfInterest
 
 from follower.apps.ros.conversion import (
-    TARGET_FRAME,
     fill_detection,
     fill_fix,
     fill_image,
@@ -19,16 +19,28 @@ from follower.apps.ros.conversion import (
     set_stamp,
     track_values,
 )
-from follower.apps.ros.io_node import NEWEST, RELIABLE, RosClock
+from follower.apps.ros.io_node import RELIABLE, RosClock
+from follower.apps.ros.vehicle_topics import VehicleTopics
 from follower.flight.log import ControlRecord, LogRecord, TrackRecord
 from follower.flight.status import LiveStatus
-from follower.flight.supervision.supervisor import SupervisorState
+from follower.flight.supervision.supervisor import SupervisorReason as Reason
 from follower.settings.settings import Settings
 from follower_control.servo.position_fix import TargetPosition, target_fix
 from follower_vision.drawing.overlay import draw_tracks
 from follower_vision.images.frame import Frame
 from follower_vision.mailbox import Mailbox
 from follower_vision.trackers.track import Track
+
+_AS_USUAL = (
+    "",
+    Reason.NO_TARGET,
+    Reason.NOT_FLYING,
+    Reason.WAITING_FOR_PILOT,
+    Reason.WAITING_FOR_CONSENT,
+    Reason.TARGET_SEEN,
+    Reason.TARGET_UNSEEN,
+)
+"""All else is a warning of the diagnostics."""
 
 
 class Outputs:
@@ -46,17 +58,21 @@ class Outputs:
 
     def __init__(self, node: Any) -> None:
         self.clock: RosClock | None = None
+        self._now = node.get_clock().now
         self.settings = Settings()
-        self.image_frame, self.map_frame, self.body_frame = "", "map", "base_link"
+        self.image_frame = ""
+        self.vehicle: VehicleTopics | None = None
         make = node.create_publisher
         self._track = make(DiagnosticArray, "~/track", RELIABLE)
         self._region = make(RegionOfInterest, "~/roi", RELIABLE)
         self._target = make(PoseWithCovarianceStamped, "~/target", RELIABLE)
         self._setpoint = make(TwistStamped, "~/setpoint", RELIABLE)
-        self._overlay = make(Image, "~/overlay", NEWEST)
+        self._overlay = make(Image, "~/overlay", QoSProfile(depth=1))
         self._diagnostics = make(DiagnosticArray, "/diagnostics", RELIABLE)
         self._detection, self._tf = _optional(node)
         self._name = node.get_fully_qualified_name()
+        # Frames of all vehicles are in one tree.
+        self._target_frame = f"{self._name.lstrip('/')}_target"
         self._pictures: Mailbox[tuple[Frame, Sequence[Track], Sequence[str]]] = Mailbox()
         self._drawer = threading.Thread(target=self._draw, name="overlay", daemon=True)
         self._drawer.start()
@@ -84,7 +100,7 @@ class Outputs:
         state.level, state.message = DiagnosticStatus.OK, "inactive"
         if status is not None:
             state.message = f"{status.state}: {status.reason}"
-            if status.state == SupervisorState.RELEASED or status.track == "lost":
+            if status.reason not in _AS_USUAL or status.track == "lost":
                 state.level = DiagnosticStatus.WARN
             shown = {
                 "waiting for": status.phase,
@@ -107,7 +123,9 @@ class Outputs:
     def _stamp(self, header: Any, time_s: float | None, frame_id: str = "") -> None:
         """Stamp a header with a time on the flight's clock, now if None."""
         header.frame_id = frame_id
-        if self.clock is not None:
+        if self.clock is None:
+            header.stamp = self._now().to_msg()
+        else:
             back_s = 0.0 if time_s is None else self.clock.now() - time_s
             set_stamp(header.stamp, max(self.clock.ros_s() - back_s, 0.0))
 
@@ -132,7 +150,8 @@ class Outputs:
     def _show_control(self, record: ControlRecord) -> None:
         if record.sent:
             message = TwistStamped()
-            self._stamp(message.header, record.time_s, self.body_frame)
+            frame = "base_link" if self.vehicle is None else self.vehicle.body_frame
+            self._stamp(message.header, record.time_s, frame)
             fill_twist(message.twist, record.allowed)
             self._setpoint.publish(message)
         if record.estimate is not None:
@@ -142,12 +161,13 @@ class Outputs:
 
     def _show_target(self, fix: TargetPosition) -> None:
         message = PoseWithCovarianceStamped()
-        self._stamp(message.header, fix.time_s, self.map_frame)
+        frame = "map" if self.vehicle is None else self.vehicle.frame_id
+        self._stamp(message.header, fix.time_s, frame)
         fill_fix(message.pose, fix)
         self._target.publish(message)
         if self._tf is not None:
             kind, publisher = self._tf
-            transform = TransformStamped(header=message.header, child_frame_id=TARGET_FRAME)
+            transform = TransformStamped(header=message.header, child_frame_id=self._target_frame)
             place = message.pose.pose.position
             fill_vector(transform.transform.translation, place.x, place.y, place.z)
             publisher.publish(kind(transforms=[transform]))

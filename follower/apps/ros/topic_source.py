@@ -43,14 +43,15 @@ class TopicSource(ClosesItself):
         compressed = transport == "compressed"
         self._io = IoNode(f"{owner.get_name()}_camera", owner)
         self.clock = clock or self._io.clock
-        topic += "/compressed" if compressed else ""
-        name = self._io.name_of(topic)
+        name = self._io.name_of(f"{topic}/compressed") if compressed else self._io.name_of(topic)
+        if compressed and name == owner.resolve_topic_name(f"{topic}/compressed", only_expand=True):
+            name = f"{self._io.name_of(topic)}/compressed"  # as its base was remapped
         self.problem: str | None = f"no image has come on {name}"
         self.frame_id = ""
         self._mailbox: Mailbox[Frame] = Mailbox()
         self._sequence, self._newest_s = 0, float("-inf")
         kind = CompressedImage if compressed else Image
-        self._io.subscribe(kind, topic, self._take, NEWEST)
+        self._io.subscribe(kind, name, self._take, NEWEST)
         self._io.start()
 
     def read(self) -> Frame | None:

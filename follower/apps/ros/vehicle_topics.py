@@ -68,6 +68,10 @@ class VehicleTopics:
         io: takes the messages; started afterwards.
         imu: topic of attitude and body rates.
         odometry: topic of position and velocity, and of attitude while no Imu has one.
+
+    Attributes:
+        frame_id: of the odometry's position.
+        body_frame: of its velocity.
     """
 
     def __init__(self, io: IoNode, imu: str = "imu", odometry: str = "odometry") -> None:
@@ -79,7 +83,7 @@ class VehicleTopics:
         self._putting = threading.Lock()
         self._imu_attitude = False
         self._beat_s = -math.inf
-        self.frame_id = "map"
+        self.frame_id, self.body_frame = "map", "base_link"
         io.subscribe(Imu, imu, self._take_imu)
         io.subscribe(Odometry, odometry, self._take_odometry)
 
@@ -142,6 +146,7 @@ class VehicleTopics:
         if not self._imu_attitude:
             self._put_attitude(m.header, pose.orientation, twist.angular)
         self.frame_id = m.header.frame_id or self.frame_id
+        self.body_frame = m.child_frame_id or self.body_frame
         place: Triple = (pose.position.y, pose.position.x, -pose.position.z)
         velocity = turned_to_world(pose.orientation, twist.linear)
         self._put(mavlink.MAVLink_local_position_ned_message(boot_ms, *place, *velocity))

@@ -1,0 +1,155 @@
+"""The lifecycle node by itself: its parameters, before there is any flight."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import CompressedImage
+
+from follower.apps.ros.conversion import set_stamp
+from follower.apps.ros.io_node import SENSOR
+from follower.apps.ros.node import FollowerNode, NodeOptions
+from follower.apps.ros.topic_source import TopicSource
+from follower.flight.status import LiveStatus
+from follower.settings.settings import Settings
+from follower_control.servo.position_fix import TargetPosition
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),  # rclpy's imports
+]
+PARAMETERS = Path(__file__).parents[4] / "examples/follower-ros/config/follower.yaml"
+Made = Callable[..., FollowerNode]
+
+
+@pytest.fixture
+def made(domain: int) -> Iterator[Made]:
+    """Give what makes the node with ROS's arguments."""
+    with ExitStack() as stack:
+
+        def make(*ros_args: str) -> FollowerNode:
+            args = ["follower", "--ros-args", *ros_args]
+            off = SignalHandlerOptions.NO
+            rclpy.init(args=args, domain_id=domain, signal_handler_options=off)
+            stack.callback(rclpy.try_shutdown)
+            node = FollowerNode(NodeOptions(), Settings())
+            stack.callback(node.close)
+            return node
+
+        yield make
+
+
+def value(node: Any, name: str) -> Any:
+    return node.get_parameter(name).value
+
+
+def failures(node: FollowerNode) -> list[str]:
+    """Return what the diagnostics say next."""
+    seen = received(node, DiagnosticArray, "/diagnostics", node._diagnose)
+    return [one.message for one in seen[-1].status]
+
+
+def received(node: FollowerNode, kind: type, topic: str, cause: Callable[[], None]) -> list[Any]:
+    """Return messages of a topic, the first of which came after `cause`."""
+    seen: list[Any] = []
+    node.create_subscription(kind, topic, seen.append, 10)
+    while not seen:
+        cause()
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return seen
+
+
+def test_diagnostics_are_stamped_before_it_is_active(made: Made) -> None:
+    node = made()
+    message = received(node, DiagnosticArray, "/diagnostics", node._diagnose)[-1]
+    now_s = node.get_clock().now().nanoseconds * 1e-9
+    assert 0 <= now_s - message.header.stamp.sec < 10
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "warns"),
+    [
+        ("following", "target seen", False),
+        ("tracking", "not flying", False),
+        ("tracking", "frames stale", True),
+        ("holding", "telemetry stale", True),
+        ("released", "released, waiting for consent", True),
+    ],
+)
+def test_what_keeps_it_from_following_is_a_warning(
+    made: Made, state: str, reason: str, warns: bool
+) -> None:
+    node, status = made(), LiveStatus(1.0, state=state, reason=reason, track="tracking")
+
+    def show() -> None:
+        node._outputs.diagnose(status, "", "direct")
+
+    seen = received(node, DiagnosticArray, "/diagnostics", show)
+    shown = next(one for m in seen for one in m.status if one.message == f"{state}: {reason}")
+    assert shown.level == (b"\1" if warns else b"\0")
+
+
+def test_results_are_reliable_as_viewers_want_them(made: Made) -> None:
+    node = made()
+    for topic in ("track", "roi", "target", "setpoint", "overlay"):
+        (told,) = node.get_publishers_info_by_topic(f"/follower/{topic}")
+        assert told.qos_profile.reliability is ReliabilityPolicy.RELIABLE, topic
+
+
+def test_what_is_left_out_is_told_by_the_node_that_has_rosout(
+    made: Made, capfd: pytest.CaptureFixture[str]
+) -> None:
+    node = made()
+    assert node.trigger_configure() is TransitionCallbackReturn.SUCCESS
+    assert node._io is not None
+    node._io.left_out("it", ValueError("why"))
+    assert "[follower]: it is left out: why" in capfd.readouterr().err
+
+
+def test_frames_are_the_odometrys_also_where_it_comes_late(made: Made) -> None:
+    node = made("-r", "__ns:=/drone")
+    assert node.trigger_configure() is TransitionCallbackReturn.SUCCESS
+    outputs, vehicle = node._outputs, node._vehicle
+    assert vehicle is not None
+    outputs.clock, outputs.vehicle = node._io.clock, vehicle
+    odometry = Odometry(child_frame_id="drone/base_link")
+    odometry.header.frame_id = "drone/odom"
+    odometry.pose.pose.orientation.w = 1.0
+    set_stamp(odometry.header.stamp, outputs.clock.ros_s())
+    vehicle._take_odometry(odometry)
+    assert vehicle.body_frame == "drone/base_link"
+    fix = TargetPosition(outputs.clock.now(), (1.0, 2.0, 3.0), (0.0,) * 3, np.eye(6), 4.0)
+    target = "/drone/follower/target"
+    seen = received(node, PoseWithCovarianceStamped, target, lambda: outputs._show_target(fix))
+    assert seen[-1].header.frame_id == "drone/odom"
+    assert outputs._target_frame == "drone/follower_target"
+
+
+@pytest.mark.parametrize(
+    ("remapped", "topic"),
+    [
+        ("image:=/front/image_raw", "/front/image_raw/compressed"),
+        ("image/compressed:=/front/jpeg", "/front/jpeg"),
+        ("imu:=/imu", "/image/compressed"),
+    ],
+)
+def test_compressed_images_are_beside_the_raw_ones(made: Made, remapped: str, topic: str) -> None:
+    node = made("-r", remapped)
+    publisher = node.create_publisher(CompressedImage, topic, SENSOR)
+    with TopicSource(node, "image", "compressed") as source:
+        assert source.problem == f"no image has come on {topic}"
+        while not publisher.get_subscription_count():
+            rclpy.spin_once(node, timeout_sec=0.1)
