@@ -1,4 +1,4 @@
-"""Writes follower.yaml, every parameter of the node with its default, and large_images.xml."""
+"""Writes follower.yaml, every setting as a parameter with its default, and large_images.xml."""
 
 from pathlib import Path
 
@@ -10,10 +10,11 @@ from follower.settings.settings import Settings, configs_folder
 
 def text() -> str:
     """Return the file's content."""
-    content = {"follower": {"ros__parameters": flat_settings(Settings())}}
-    return "# By make_parameters.py: all settings; see `follower settings`.\n" + yaml.safe_dump(
-        content, sort_keys=False
+    content = {"/**": {"ros__parameters": flat_settings(Settings())}}
+    said = (
+        "# By make_parameters.py: all settings, for any name of the node; see `follower settings`."
     )
+    return f"{said}\n{yaml.safe_dump(content, sort_keys=False)}"
 
 
 if __name__ == "__main__":

@@ -201,7 +201,8 @@ def lens_of(info: Any) -> dict[str, Any]:
     fx, fy, cx, cy = info.k[0], info.k[4], info.k[2], info.k[5]
     if not (math.isfinite(fx + fy + cx + cy) and fx > 0 and info.width > 0):
         return {}
-    if abs(fy - fx) > _SQUARE * fx:
+    whole = info.roi.width in (0, info.width) and info.roi.height in (0, info.height)
+    if not whole or abs(fy - fx) > _SQUARE * fx:
         return {}
     given = tuple(map(float, [*info.d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]))
     plain = info.distortion_model in ("plumb_bob", "rational_polynomial", "")

@@ -1,5 +1,6 @@
 """The lifecycle node: configure, activate and deactivate are a flight's beginning and end."""
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +10,7 @@ import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -38,7 +40,7 @@ MODES = ("perception", "mavros", "direct")
 _BY = "ROS"
 _WAIT_S = 5.0
 """For the lens and /clock, which come on another thread."""
-_CONFIGURED = ("mode", "mavros", "detections", "config")
+_CONFIGURED = ("mode", "mavros", "detections", "config", "use_sim_time")
 """Parameters by which the topics are opened: the transport is made with them."""
 _SHOWN = 3
 """So many lines of why it cannot begin are in the diagnostics."""
@@ -168,7 +170,8 @@ class FollowerNode(LifecycleNode):
         return None
 
     def _value(self, name: str) -> Any:
-        return self.get_parameter(name).value
+        value = self.get_parameter(name).value
+        return value.tolist() if isinstance(value, array) else value
 
     def _configure(self) -> None:
         mode = self._value("mode")
@@ -176,6 +179,10 @@ class FollowerNode(LifecycleNode):
             raise SettingsError(f"mode {mode!r}: choose one of {', '.join(MODES)}")
         if self._value("image_transport") not in ("raw", "compressed"):
             raise SettingsError("image_transport: raw or compressed")
+        unknown = [one for one in self._parameter_overrides if not self.has_parameter(one)]
+        if unknown:
+            said = ", ".join(sorted(unknown))
+            raise SettingsError(f"no parameters of this node: {said}; `ros2 param list` names them")
         self._read_config()
         self._io = io = IoNode(f"{self.get_name()}_io", self)
         try:
@@ -249,16 +256,15 @@ class FollowerNode(LifecycleNode):
             for key in self._base
             if not self._value(key) == self._base[key] == _DEFAULTS[key]
         }
-        lens: list[str] = []
+        lens: dict[str, Any] = {}
         if not any(key in given for key in _LENS):
             info = self._info.newest or self._info.wait(_WAIT_S)
-            found = {} if info is None else lens_of(info)
-            if info is not None and not found:
+            lens = {} if info is None else lens_of(info)
+            if info is not None and not lens:
                 said = "camera_info is left out: not calibrated, not finite, or no lens of ours"
                 self.get_logger().warning(said)
-            lens = [f"camera.{key}={np.asarray(one).tolist()}" for key, one in found.items()]
-        plain = {k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in given.items()}
-        return [*lens, *(f"{key}={value}" for key, value in plain.items())]
+        named = {f"camera.{key}": np.asarray(value).tolist() for key, value in lens.items()}
+        return [f"{key}={value}" for key, value in {**named, **given}.items()]
 
     def _take_region(self, m: RegionOfInterest) -> None:
         if m.width and m.height:
@@ -315,6 +321,10 @@ class FollowerNode(LifecycleNode):
 
     def _on_parameters(self, parameters: list[Any]) -> SetParametersResult:
         """Change settings in flight where they may be, and select a new target."""
+        gone = [one.name for one in parameters if one.type_ is Parameter.Type.NOT_SET]
+        if gone:
+            said = f"{', '.join(gone)}: cannot be deleted; set a value, 'null' for none"
+            return SetParametersResult(successful=False, reason=said)
         if self._pursuit is None:
             late = [one.name for one in parameters if one.name in _CONFIGURED]
             if self._io is None or not late:
@@ -379,10 +389,11 @@ def run_node(
         settings: likewise of all settings.
         ros_args: as `--ros-args` takes them.
         activate: configure and activate at once.
+
+    Raises:
+        SettingsError: ROS does not take its arguments or a parameter's type.
     """
-    # ROS's own handlers would close the way by which the vehicle is released.
-    rclpy.init(args=["follower", *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-    node, code = FollowerNode(options, settings), 0
+    node, code = _begun(options, settings, ros_args), 0
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
@@ -399,3 +410,14 @@ def run_node(
             node.close()
             rclpy.shutdown()
     return code
+
+
+def _begun(options: NodeOptions, settings: Settings, ros_args: list[str]) -> FollowerNode:
+    try:
+        # ROS's own handlers would close the way by which the vehicle is released.
+        rclpy.init(args=["follower", *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+        return FollowerNode(options, settings)
+    except (RuntimeError, ParameterException) as error:
+        rclpy.try_shutdown()
+        said = " ".join(str(error).split())
+        raise SettingsError(f"ROS does not begin, see what follows --ros-args: {said}") from error

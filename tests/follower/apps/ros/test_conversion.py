@@ -96,14 +96,22 @@ def test_an_image_of_unknown_kind_or_too_short_is_refused_in_words() -> None:
             image_of(unreadable)
 
 
+def camera_info(k: list, d: list, model: str = "plumb_bob") -> SimpleNamespace:
+    region = SimpleNamespace(width=0, height=0)
+    return SimpleNamespace(k=k, d=d, width=640, height=480, distortion_model=model, roi=region)
+
+
 def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> None:
     k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
-    info = SimpleNamespace(k=k, d=[0.1, 0, 0, 0, 0], width=640, distortion_model="plumb_bob")
+    info = camera_info(k, [0.1, 0, 0, 0, 0])
     distortion = (0.1, 0.0, 0.0, 0.0, 0.0)
     lens = {"focal_px": 500.0, "focal_width_px": 640, "center_px": (320.0, 240.0)}
     assert lens_of(info) == {**lens, "distortion": distortion}
-    info.k = [0.0] * 9
-    assert lens_of(info) == {}
+    info.roi.width, info.roi.height = 640, 480
+    assert lens_of(info)
+    info.roi.height = 240
+    assert lens_of(info) == {}, "the image is a part of the lens's"
+    assert lens_of(camera_info([0.0] * 9, [])) == {}
 
 
 @pytest.mark.parametrize(
@@ -121,7 +129,7 @@ def test_the_lens_of_camera_info_counts_and_an_uncalibrated_one_does_not() -> No
 )
 def test_a_lens_that_ours_cannot_be_does_not_count(k: list, d: list, model: str) -> None:
     """Its lines of sight would be wrong, and the preflight check would say that all is well."""
-    info = SimpleNamespace(k=k, d=d, width=640, distortion_model=model)
+    info = camera_info(k, d, model)
     assert lens_of(info) == {}
 
 
@@ -140,7 +148,7 @@ def test_the_packages_files_are_what_the_settings_and_configs_have() -> None:
     profile = (ROOT / "configs/ros/large_images.xml").read_bytes()
     assert (folder / "large_images.xml").read_bytes() == profile
     text = (folder / "follower.yaml").read_text("utf-8")
-    assert yaml.safe_load(text)["follower"]["ros__parameters"] == flat_settings(Settings())
+    assert yaml.safe_load(text)["/**"]["ros__parameters"] == flat_settings(Settings())
 
 
 def without(package: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -177,6 +185,19 @@ def test_without_a_package_of_messages_one_line_names_it(
     assert f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}" in result.stderr
     assert result.stderr.count("\n") == 1
     assert not result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "arguments", [("-p", "target:=5"), ("--params-file", "nowhere.yaml"), ("-r", "nonsense")]
+)
+def test_what_ros_does_not_take_is_said_in_one_line(arguments: tuple[str, ...]) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
+    result = without("nothing", "ros", "--ros-args", *arguments)
+    assert result.returncode == 2
+    (said,) = (line for line in result.stderr.splitlines() if "[rcl]: " not in line)
+    assert said.startswith("follower: ROS does not begin, see what follows --ros-args: ")
+    assert arguments[1].partition(":")[0] in said
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,13 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from follower.apps.ros.conversion import set_stamp
 from follower.apps.ros.io_node import SENSOR
@@ -70,6 +74,53 @@ def received(node: FollowerNode, kind: type, topic: str, cause: Callable[[], Non
         cause()
         rclpy.spin_once(node, timeout_sec=0.1)
     return seen
+
+
+def test_the_file_of_parameters_holds_in_any_namespace(made: Made, tmp_path: Path) -> None:
+    changed = tmp_path / "mine.yaml"
+    text = PARAMETERS.read_text("utf-8")
+    changed.write_text(text.replace("servo.distance_m: 15.0", "servo.distance_m: 22.0"), "utf-8")
+    node = made("--params-file", str(changed), "-r", "__ns:=/drone", "-r", "__node:=second")
+    assert node.get_fully_qualified_name() == "/drone/second"
+    assert value(node, "servo.distance_m") == 22.0
+
+
+def test_a_mistyped_parameter_refuses_and_is_named(made: Made) -> None:
+    node = made("-p", "servo.distanse_m:=5.0", "-p", "use_sim_time:=true")
+    assert node.trigger_configure() is TransitionCallbackReturn.FAILURE
+    (said,) = failures(node)
+    assert said.startswith("cannot configure: no parameters of this node: servo.distanse_m;")
+
+
+def test_a_parameter_cannot_be_deleted(made: Made) -> None:
+    """A flight would begin without it."""
+    node = made()
+    for active in (False, True):
+        node._pursuit = SimpleNamespace() if active else None
+        result = node.set_parameters([Parameter("servo.distance_m", Parameter.Type.NOT_SET)])[0]
+        assert not result.successful
+        assert result.reason == "servo.distance_m: cannot be deleted; set a value, 'null' for none"
+    node._pursuit = None
+    assert value(node, "servo.distance_m") == 15.0
+
+
+def test_the_time_cannot_become_anothers_once_topics_are_open(made: Made) -> None:
+    node = made()
+    assert node.trigger_configure() is TransitionCallbackReturn.SUCCESS
+    result = node.set_parameters([Parameter("use_sim_time", value=True)])[0]
+    assert not result.successful
+    assert "use_sim_time: not once configured; clean up first" in result.reason
+
+
+def test_a_list_set_as_it_was_is_no_override_of_camera_infos_lens(made: Made) -> None:
+    node = made()
+    zeros = ParameterValue(type=Parameter.Type.DOUBLE_ARRAY.value, double_array_value=[0.0] * 5)
+    message = ParameterMessage(name="camera.distortion", value=zeros)
+    assert node.set_parameters([Parameter.from_parameter_msg(message)])[0].successful
+    k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
+    node._info.put(CameraInfo(k=k, d=[0.1, 0, 0, 0, 0], width=640, distortion_model="plumb_bob"))
+    lens = [one for one in node._overrides() if one.startswith("camera.distortion")]
+    assert lens == ["camera.distortion=[0.1, 0.0, 0.0, 0.0, 0.0]"]
 
 
 def test_diagnostics_are_stamped_before_it_is_active(made: Made) -> None:
