@@ -1,6 +1,6 @@
 """Starts the lifecycle node with a camera's topic, configures and activates it.
 
-ros2 launch follower_ros follower.launch.py image:=/camera/image_raw mode:=mavros
+ros2 launch follower_ros follower.launch.py image:=/camera/image_raw mode:=mavros namespace:=drone
 """
 
 from launch import LaunchDescription
@@ -18,6 +18,7 @@ def generate_launch_description() -> LaunchDescription:
     """Return the node and its arguments; once configured it is activated."""
     config = PathJoinSubstitution([FindPackageShare("follower_ros"), "config", "follower.yaml"])
     arguments = {
+        "namespace": ("", "of the node, its topics and MAVROS"),
         "image": ("/camera/image_raw", "topic of the images"),
         "camera_info": ("/camera/camera_info", "topic of the lens"),
         "mode": ("perception", "perception, mavros or direct"),
@@ -28,8 +29,9 @@ def generate_launch_description() -> LaunchDescription:
         package="follower_ros",
         executable="follower",
         name="follower",
-        namespace="",
+        namespace=LaunchConfiguration("namespace"),
         output="screen",
+        sigterm_timeout="90",  # it brakes, releases and closes the recording first
         parameters=[
             LaunchConfiguration("params"),
             {
