@@ -215,6 +215,7 @@ FAULTS = {
     "raises": "raise RuntimeError('no more')",
     "box of NaN": "return MotionEstimate(Box(np.nan, 0, 1, 1), 1.0)",
     "confidence of NaN": "return MotionEstimate(self.box, np.nan)",
+    "confidence in per cent": "return MotionEstimate(self.box, 90.0)",
     "None": "return None",
 }
 MAP = """
@@ -251,10 +252,12 @@ def frail(site: Site) -> Callable[[str], TargetTracker]:
     return make
 
 
+_SOUND = MAP.replace("np.inf", "0.0").replace("raise ZeroDivisionError", "pass")
+MAP_IN_PER_CENT = _SOUND.replace("np.nan", "90.0")
 FAILING = [FAILS_LATE.format(fault=fault) for fault in FAULTS.values()]
 
 
-@pytest.mark.parametrize("code", [*FAILING, MAP], ids=[*FAULTS, "map of NaN"])
+@pytest.mark.parametrize("code", [*FAILING, MAP, MAP_IN_PER_CENT], ids=[*FAULTS, "map", "map %"])
 def test_a_tracker_that_fails_in_flight_is_named_once_and_the_track_coasts(
     frail: Callable[[str], TargetTracker], caplog: pytest.LogCaptureFixture, code: str
 ) -> None:
@@ -426,6 +429,7 @@ def test_masks_and_tracks_of_other_libraries_are_detections(
         {"xyxy": [[0, 0, np.nan, 1]]},
         {"xyxy": [[0, 0, 1, 1]], "confidence": [0.5, 0.5]},
         {"xyxy": [[0, 0, 1, 1]], "confidence": [np.inf]},
+        {"xyxy": [[0, 0, 1, 1]], "confidence": [90.0]},
     ],
 )
 def test_arrays_that_are_no_detections_are_named_and_detect_nothing(

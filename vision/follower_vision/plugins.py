@@ -14,6 +14,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
 AnswerT = TypeVar("AnswerT")
+SURE = 1.01
+"""No confidence is above it: 1, with room for rounding."""
 
 _LOGGER = logging.getLogger(__name__)
 _OURS = "drone-target-follower"
@@ -145,7 +147,7 @@ class PluginGuard:
             answer = call()
             if is_sound(answer):
                 return answer
-            fault = "its answer is not finite, or none"
+            fault = "its answer is none, not finite, or surer than 1"
         except Exception as error:  # whatever the code of others does must not end a flight
             fault = said(error)
         if not self._told:

@@ -15,7 +15,7 @@ from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
 from follower_vision.models.table import Purpose, VisionModel
 from follower_vision.onnx_network import CPU, ModelError
-from follower_vision.plugins import Plugin, PluginGroup, PluginGuard
+from follower_vision.plugins import SURE, Plugin, PluginGroup, PluginGuard
 
 EMBEDDED = "embedded"
 """Another name for the detector that is part of this package."""
@@ -138,7 +138,7 @@ def _bounds(filled: Any) -> tuple[float, float]:
 def _is_detection(one: Detection) -> bool:
     sound = isinstance(one, Detection) and isinstance(one.box, Box)
     named = sound and isinstance(one.class_id, Integral) and isinstance(one.class_name, str)
-    return named and math.isfinite(one.score)
+    return named and math.isfinite(one.score) and one.score <= SURE
 
 
 def _added(name: str, store: ModelStore, device: str) -> GuardedDetector:

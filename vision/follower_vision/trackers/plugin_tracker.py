@@ -7,7 +7,7 @@ import numpy as np
 
 from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Image
-from follower_vision.plugins import Plugin, PluginGroup, PluginGuard
+from follower_vision.plugins import SURE, Plugin, PluginGroup, PluginGuard
 from follower_vision.trackers.motion_tracker import (
     MotionEstimate,
     MotionTracker,
@@ -93,7 +93,7 @@ class GuardedResponseTracker(GuardedTracker):
 
 def _is_estimate(answer: MotionEstimate) -> bool:
     sound = isinstance(answer, MotionEstimate) and isinstance(answer.box, Box)
-    return sound and math.isfinite(answer.confidence)
+    return sound and math.isfinite(answer.confidence) and answer.confidence <= SURE
 
 
 def _is_response(answer: ResponseMap) -> bool:
@@ -101,4 +101,4 @@ def _is_response(answer: ResponseMap) -> bool:
         return False
     features = answer.image_features
     sound = features is None or bool(np.isfinite(features).all())
-    return sound and answer.finite(answer.region) is answer
+    return sound and answer.finite(answer.region) is answer and bool(answer.scores.max() <= SURE)
