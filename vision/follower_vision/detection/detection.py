@@ -52,7 +52,7 @@ class Detector(Protocol):
         """Return what is to be seen, best first.
 
         Args:
-            image: (H, W, 3) uint8 BGR.
+            image: (H, W, 3) uint8 BGR, which is not to be written into.
             region: search only here, enlarged; None is the whole image. It may reach beyond the
                 image. An object counts where its centre lies within the region.
         """

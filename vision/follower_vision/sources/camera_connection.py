@@ -55,8 +55,10 @@ class Connection(Protocol):
     def images(self) -> Iterator[tuple[Image, float]]:
         """Yield (image, time) as they come; end where the stream ends.
 
-        The time is the capture by the camera's clock, put on ours, or the arrival where there is
-        no such clock. What both are late by is `camera.latency_s`.
+        Each image is an array of its own, (H, W, 3) uint8 BGR, and is kept: no buffer that the
+        next one is written into. The time, in seconds of the clock handed in, is the capture by
+        the camera's clock, put on ours, or the arrival where there is no such clock. What both
+        are late by is `camera.latency_s`.
 
         Raises:
             SourceError: the stream broke or went silent.

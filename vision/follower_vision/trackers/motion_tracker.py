@@ -33,7 +33,10 @@ class MotionEstimate:
 
 
 class MotionTracker(Protocol):
-    """Follows one box from image to image; knows no time, states or identities."""
+    """Follows one box from image to image; knows no time, states or identities.
+
+    Others look at the same images: they are not to be written into.
+    """
 
     @property
     def name(self) -> str:
