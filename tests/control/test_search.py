@@ -121,13 +121,14 @@ def test_it_turns_on_with_a_target_that_is_believed_to_go_on_until_that_was_look
     assert table.yaws[-1] > 20.0, "and is not called back then"
 
 
-def test_it_looks_as_far_as_the_target_may_be_the_first_time_with_the_middle_in_view() -> None:
+def test_it_looks_as_far_as_the_target_may_be_first_to_the_side_to_which_it_moved() -> None:
     table = Turntable(0.0, look_s=1.0, sweep_deg=20.0)
     table.search.start(estimate(0.0, rate_deg_s=1.0), table.vehicle)
     table.search.spread(np.radians([-110.0, 0.0, 120.0]))
     half_deg = 35.0
-    table.run(5.0)
-    assert 20.0 < max(table.yaws) < half_deg
+    table.run(6.0)
+    assert max(table.yaws) + half_deg > 120.0
+    assert min(table.yaws) >= 0.0
     table.run(15.0)
     assert max(table.yaws) + half_deg > 120.0
     assert max(table.yaws) < 120.0, "and no farther than is needed to see it"

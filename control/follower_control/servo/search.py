@@ -14,9 +14,8 @@ from follower_vision.geometry.line_of_sight import wrap_angle
 _GAIN_PER_S = 1.5
 _REACHED_RAD = math.radians(3)
 _SWEEP_GAIN_PER_S = 3.0
-_SURELY, _JUST = 0.7, 0.85
-"""What share of the view counts: nearer to its border a target is cut or gone at once. And up to
-where what stands there is just seen."""
+_SURELY = 0.7
+"""What share of the view counts: nearer to its border a target is cut or gone at once."""
 
 _AHEAD_S = 1.0
 _FARTHEST_AHEAD_RAD = math.radians(30)
@@ -71,7 +70,7 @@ class Search:
     """
 
     def __init__(self, settings: SearchSettings, view_rad: float = math.radians(70)) -> None:
-        self._seen_rad, self._middle_rad = _SURELY * view_rad / 2, _JUST * view_rad / 2
+        self._seen_rad = _SURELY * view_rad / 2
         self.change(settings)
         self._centre_rad: float | None = None
         self._side = 1.0
@@ -158,8 +157,6 @@ class Search:
         side = self._side if self._leg % 2 else -self._side
         may_be = self._right_rad if side > 0 else self._left_rad
         far = may_be - self._seen_rad
-        if self._leg == 1:
-            far = min(far, self._middle_rad)
         far = max(far, self._sweep * ((self._leg + 1) // 2))
         return side * min(far, math.pi - self._seen_rad)
 
