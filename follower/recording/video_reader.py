@@ -78,7 +78,7 @@ class FrameFinder:
 def video_problem(path: Path) -> str | None:
     """Return why a video cannot be read at all, in a few words; None if it can."""
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             return None if container.streams.video else "no video is in it"
     except _FAILURES as error:
         return "it is missing" if not path.exists() else error.strerror or str(error)
@@ -102,7 +102,7 @@ def _decoded(path: Path) -> Iterator[av.VideoFrame]:
     if not path.is_file():
         raise FlightFileError(f"{path}: the flight has no video; its log can be read")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
         stream = container.streams.video[0]
     except (*_FAILURES, IndexError) as error:
         raise FlightFileError(f"{path}: the video cannot be read ({error})") from error

@@ -67,6 +67,13 @@ def test_times_count_from_the_first_frame(tmp_path):
     assert everything(VideoFile(path))[0].captured_s == 0
 
 
+def test_a_title_that_is_no_utf_8_is_no_hindrance(tmp_path):
+    """Cameras write it in whatever encoding their country had."""
+    path = write_video(tmp_path / "a.mkv", [0.0, 0.1])
+    path.write_bytes(path.read_bytes().replace(b"Lavf", b"\xe9avf"))
+    assert len(everything(VideoFile(path))) == 2
+
+
 @pytest.mark.parametrize("kind", ["mkv", "avi", "mov", "ts"])
 def test_other_containers_work_too(tmp_path, kind):
     frames = everything(open_source(str(write_video(tmp_path / f"a.{kind}", np.arange(8) / 10))))

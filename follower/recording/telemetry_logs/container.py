@@ -23,7 +23,7 @@ _TRIED = 64
 def has_telemetry(path: Path) -> bool:
     """Whether a file is a video with MISB ST 0601 or GPMF beside it, by its first packets."""
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             return any(_reader_of(data) for data, _, _ in islice(_packets(container), _TRIED))
     except (av.error.FFmpegError, OSError):
         return False
@@ -39,7 +39,7 @@ def read_container(path: Path) -> TelemetrySamples:
     """
     reader: KlvReader | GpmfReader | None = None
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             for data, shown_s, duration_s in _packets(container):
                 reader = reader or _reader_of(data)
                 if reader is not None:

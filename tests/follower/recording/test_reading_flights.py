@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from follower.recording import FlightFileError, open_flight
 from follower.recording.mcap_writer import METADATA, PROFILE
+from follower.recording.video_reader import video_problem
 
 CLUSTER = bytes.fromhex("1f43b675")
 """Matroska's mark of a cluster: some 400 ms of pictures."""
@@ -78,6 +79,14 @@ def test_a_cut_video_gives_the_pictures_before_the_cut(small_flight: Any, tmp_pa
     pictures = list(flight.pictures())
     assert 10 < len(pictures) < len(small_flight.frames)
     assert any("video.mkv ends after" in remark for remark in flight.remarks)
+
+
+def test_damage_in_a_videos_description_costs_no_picture(small_flight: Any, tmp_path: Path) -> None:
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "video.mkv"
+    path.write_bytes(path.read_bytes().replace(b"Lavf", b"\xe9avf"))
+    assert video_problem(path) is None
+    assert len(list(open_flight(folder).pictures())) == len(small_flight.frames)
 
 
 @pytest.mark.slow

@@ -150,6 +150,7 @@ class VideoStream:
                 "r",
                 format=form,
                 options=_LOW_DELAY | (options or {}),
+                metadata_errors="replace",
                 timeout=(_OPEN_S, _SILENCE_S),
                 hwaccel=decoder.hwaccel,
             )

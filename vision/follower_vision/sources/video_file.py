@@ -165,7 +165,7 @@ def _check_file(path: Path) -> None:
 
 def _open(path: Path) -> av.container.InputContainer:
     try:
-        container = av.open(str(path), "r")
+        container = av.open(str(path), metadata_errors="replace")
     except av.error.FFmpegError as error:
         raise SourceError(
             f"{path}: not a video that FFmpeg can open ({error.strerror}); "
