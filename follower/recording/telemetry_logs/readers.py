@@ -1,7 +1,9 @@
 """Readers of telemetry logs: MAVLink's tlog, ArduPilot's .bin, PX4's .ulg, and CSV."""
 
 import csv
+import io
 import math
+import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
@@ -179,6 +181,7 @@ _TOPICS = [
 ]
 _GYROS = (("vehicle_angular_velocity", "xyz"), ("sensor_combined", "gyro_rad"))
 _ARMED = 2
+_MOST_BACKWARDS = 1000
 _MODES = {
     0: "MANUAL",
     1: "ALTCTL",
@@ -241,13 +244,32 @@ def _topics(path: Path) -> dict[str, Any]:
         pyulog: Any = import_module("pyulog.core")
     except ImportError as error:
         raise TelemetryError(f"{path}: PX4 logs need the package pyulog: {error}") from error
-    broken = (TypeError, ValueError, KeyError, IndexError, AttributeError, struct.error)
+    broken = (TypeError, ValueError, KeyError, IndexError, AttributeError, EOFError, struct.error)
     try:
-        with path.open("rb") as file:
+        with _ForwardFile(io.FileIO(path)) as file:
             log = pyulog.ULog(file, _TOPICS)
     except (*broken, pyulog.ULogException) as error:
         raise TelemetryError(f"{path}: this is no PX4 log ({error})") from error
     return {one.name: one.data for one in log.data_list if one.multi_id == 0}
+
+
+class _ForwardFile(io.BufferedReader):
+    """A file in which nobody goes back for ever, as pyulog does where a damaged end is too short.
+
+    Raises:
+        EOFError: by `seek`, if it is of no use any more; no error of what is read.
+    """
+
+    _furthest = _backwards = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """Go to a place and return it."""
+        place = super().seek(offset, whence)
+        self._backwards = 0 if place > self._furthest else self._backwards + 1
+        self._furthest = max(self._furthest, place)
+        if self._backwards > _MOST_BACKWARDS:
+            raise EOFError("it is cut off or damaged before its first sample")
+        return place
 
 
 def _time(data: Any) -> Vector:
@@ -326,4 +348,4 @@ def _number(row: Mapping[str, str | None], name: str, place: str) -> float:
     try:
         return float(text) if text else math.nan
     except ValueError:
-        raise TelemetryError(f"{place}: {name} is no number, but {text!r}") from None
+        raise TelemetryError(f"{place}: {name} is no number, but {text[:40]!r}") from None

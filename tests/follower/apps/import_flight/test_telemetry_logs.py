@@ -171,6 +171,18 @@ def test_a_field_that_another_version_calls_otherwise_is_named(
     assert "is not known here" in str(error.value)
 
 
+@pytest.mark.timeout(20)
+def test_a_ulog_that_leads_its_reader_in_circles_is_refused(tmp_path: Path) -> None:
+    """Its last message is of no kind and 10 whole ones shorter than it says: from there it goes on."""
+    kind = b"place:uint64_t timestamp;"
+    whole = struct.pack("<HB", len(kind), ord("F")) + kind
+    last = struct.pack("<HB", 1 + 10 * len(whole), 0)
+    path = tmp_path / "log.ulg"
+    path.write_bytes(b"ULog\x01\x12\x35".ljust(16, b"\0") + 40 * whole + last)
+    with pytest.raises(TelemetryError, match="cut off or damaged before its first sample"):
+        read_telemetry(path)
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_format_that_pymavlink_does_not_know_is_named(
@@ -194,6 +206,11 @@ def test_a_format_that_pymavlink_does_not_know_is_named(
             "log.csv",
             "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n1,0,north,0\n",
             "line 3: pitch_deg is no number, but 'north'",
+        ),
+        (
+            "log.csv",
+            f"time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,{4096 * 'x'}\n",
+            f"line 2: yaw_deg is no number, but '{40 * 'x'}'",
         ),
         (
             "log.csv",
