@@ -240,21 +240,30 @@ def _no_flight(path: Path) -> str:
 
 
 def _config(folder: Path, content: LogContent) -> FlightConfig:
-    """Read the configuration, or the log's copy of it where the file is missing or damaged."""
+    """Read the log's copy of the configuration, or the file where that is damaged."""
     path = folder / CONFIG
+    config: FlightConfig | None = None
     try:
-        return FlightConfig.from_yaml(path.read_text("utf-8"))
-    except (FileNotFoundError, ValueError) as error:
-        missing = isinstance(error, FileNotFoundError)
-        trouble = f"{path}: {'missing' if missing else error}"
-    try:
-        config = FlightConfig.from_yaml(content.config_yaml)
+        text = path.read_text("utf-8")
+        config = FlightConfig.from_yaml(text)
+        trouble = "" if text == content.config_yaml else "not as it was recorded"
+    except FileNotFoundError:
+        trouble = "missing"
+    except OSError as error:
+        trouble = error.strerror or str(error)
     except ValueError as error:
+        trouble = str(error)
+    try:
+        recorded = FlightConfig.from_yaml(content.config_yaml)
+    except ValueError as error:
+        if config is not None:
+            return config
         read = f"of {LOG} {len(content.messages)} messages could be read"
-        raise FlightFileError(f"{trouble}; its copy in {LOG} is no better; {read}") from error
-    if not missing:
-        content.remarks.append(f"{trouble}; taken is its copy in {LOG}.")
-    return config
+        said = f"{path}: {trouble}; its copy in {LOG} is no better; {read}"
+        raise FlightFileError(said) from error
+    if trouble not in ("", "missing"):
+        content.remarks.append(f"{path}: {trouble}; taken is its copy in {LOG}.")
+    return recorded
 
 
 def _sort(flight: RecordedFlight, messages: Iterable[tuple[float, object]]) -> None:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from html_page import Page
 from program import output_of
-from rewritten_flight import logged_anew
+from rewritten_flight import configured_anew, logged_anew
 from rich.console import Console
 
 from follower.apps.inspect import inspect_flight, summary
@@ -106,12 +105,12 @@ def test_a_flight_without_its_video_is_reported_without_pictures(
 def test_settings_of_another_form_are_passed_over(
     small_flight: Any, tmp_path: Path, settings: dict[str, Any]
 ) -> None:
-    """As of another version, or edited by hand."""
-    folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
-    config = yaml.safe_load((folder / "config.yaml").read_text("utf-8"))
-    (folder / "config.yaml").write_text(
-        yaml.safe_dump({**config, "settings": settings}), encoding="utf-8"
-    )
+    """As of another version."""
+
+    def edit(config: dict[str, Any]) -> None:
+        config["settings"] = settings
+
+    folder = configured_anew(small_flight.folder, tmp_path / "flight", edit)
     assert inspect_flight(folder).is_file()
     read_flight(folder)
 

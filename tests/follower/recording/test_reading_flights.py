@@ -222,6 +222,26 @@ def test_a_broken_configuration_is_taken_from_the_log(
     assert "taken is its copy in flight.mcap" in remark
 
 
+@pytest.mark.parametrize("how", ["cut", "another flight's", "a folder"])
+def test_a_configuration_that_is_not_the_logs_is_told_and_not_taken(
+    small_flight: Any, tmp_path: Path, how: str
+) -> None:
+    """What is left of a file that was cut is whole YAML, with defaults for what it lacks."""
+    folder = copied(small_flight, tmp_path / "flight")
+    path = folder / "config.yaml"
+    text = path.read_text("utf-8")
+    path.unlink()
+    if how == "a folder":
+        path.mkdir()
+    else:
+        cut = text[: text.index("  servo:")]
+        path.write_text(cut if how == "cut" else text.replace("kind: simulated", "kind: video"))
+    flight = open_flight(folder)
+    assert flight.config == open_flight(small_flight.folder).config
+    why = "Is a directory" if how == "a folder" else "not as it was recorded"
+    assert flight.remarks == [f"{path}: {why}; taken is its copy in flight.mcap."]
+
+
 @pytest.mark.parametrize("config", [None, b"format: [1"])
 def test_no_configuration_at_all_is_named(
     small_flight: Any, tmp_path: Path, config: bytes | None

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from program import FOLLOWER
-from rewritten_flight import logged_anew
+from rewritten_flight import configured_anew, logged_anew
 from rich.console import Console
 
 from follower.apps.inspect import inspect_flight
@@ -165,25 +165,17 @@ def test_a_flight_whose_code_has_changed_since_is_found_to_differ(
     small_flight: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Here the recorded settings are altered behind the recording's back."""
-    folder = tmp_path / "flight"
-    shutil.copytree(small_flight.folder, folder)
-    config = folder / "config.yaml"
-    config.write_text(config.read_text().replace("max_jerk_m_s3: 10.0", "max_jerk_m_s3: 9.9"))
+
+    def edit(config: dict[str, Any]) -> None:
+        config["settings"]["envelope"]["max_jerk_m_s3"] = 9.9
+
+    folder = configured_anew(small_flight.folder, tmp_path / "flight", edit)
     assert replay_flight(folder, out=tmp_path / "runs") == DIFFERENT
     said = " ".join(capsys.readouterr().out.split())
     assert "The replay differs from the flight" in said
     assert "The first difference is at" in said
     assert "allowed: forward" in said
     assert (tmp_path / "runs" / "replay-flight" / "setpoints.csv").exists()
-
-
-def of_another_kind(flight: Any, folder: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
-    """A copy of a flight that says that it was recorded on another machine."""
-    shutil.copytree(flight.folder, folder)
-    config = yaml.safe_load((folder / "config.yaml").read_text("utf-8"))
-    edit(config)
-    (folder / "config.yaml").write_text(yaml.safe_dump(config), "utf-8")
-    return folder
 
 
 @pytest.mark.slow
@@ -205,7 +197,7 @@ def test_elsewhere_control_is_compared_within_a_tolerance_and_it_says_why(
     edit: Callable[[dict[str, Any]], None],
     why: str,
 ) -> None:
-    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    folder = configured_anew(small_flight.folder, tmp_path / "flight", edit)
     assert replay_flight(folder, out=tmp_path / "runs") == SAME
     said = " ".join(capsys.readouterr().out.split())
     assert "Compared within 1e-09: " in said
@@ -221,7 +213,7 @@ def test_another_version_of_this_program_and_another_model_are_the_same_kind(
         config["versions"]["drone-target-follower"] = "0.0.1"
         config["processor"]["model"] = "Another Name"
 
-    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    folder = configured_anew(small_flight.folder, tmp_path / "flight", edit)
     assert replay_flight(folder, out=tmp_path / "runs") == SAME
     assert "Compared bit for bit: " in capsys.readouterr().out
 
@@ -234,7 +226,7 @@ def test_elsewhere_more_than_rounding_is_a_difference(
         config["processor"]["features"] = "NEON"
         config["settings"]["envelope"]["max_jerk_m_s3"] = 9.9999999
 
-    folder = of_another_kind(small_flight, tmp_path / "flight", edit)
+    folder = configured_anew(small_flight.folder, tmp_path / "flight", edit)
     assert replay_flight(folder, out=tmp_path / "runs") == DIFFERENT
     said = " ".join(capsys.readouterr().out.split())
     assert "The replay differs from the flight" in said

@@ -173,7 +173,7 @@ def test_a_field_that_another_version_calls_otherwise_is_named(
 
 @pytest.mark.timeout(20)
 def test_a_ulog_that_leads_its_reader_in_circles_is_refused(tmp_path: Path) -> None:
-    """Its last message is of no kind and 10 whole ones shorter than it says: from there it goes on."""
+    """Its last message is of no kind, and shorter by 10 whole ones than it says."""
     kind = b"place:uint64_t timestamp;"
     whole = struct.pack("<HB", len(kind), ord("F")) + kind
     last = struct.pack("<HB", 1 + 10 * len(whole), 0)
