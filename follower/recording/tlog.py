@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
-from follower.links.packet_parser import message_id_of, next_start, packet_length
+from follower.links.packet_parser import PacketReader, next_start, packet_length
 from follower.recording.append_file import AppendFile
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -42,24 +42,6 @@ class TlogPacket:
     data: bytes
 
 
-class PacketSplitter:
-    """Cuts a stream of bytes into MAVLink packets; what is none is passed over."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def split(self, data: bytes) -> list[bytes]:
-        """Return the packets that are complete now."""
-        stream = self._rest + data
-        packets: list[bytes] = []
-        at = next_start(stream, 0)
-        while (length := packet_length(stream, at)) and at + length <= len(stream):
-            packets.append(stream[at : at + length])
-            at = next_start(stream, at + length)
-        self._rest = stream[at:]
-        return packets
-
-
 class TlogWriter(ClosesItself):
     """Writes packets of both directions.
 
@@ -70,14 +52,14 @@ class TlogWriter(ClosesItself):
     def __init__(self, path: Path, epoch_ns: int) -> None:
         self._file = AppendFile(path)
         self._epoch_us = epoch_ns // 1000
-        self._splitters = {direction: PacketSplitter() for direction in Direction}
+        self._readers = {direction: PacketReader() for direction in Direction}
 
     def write(self, data: bytes, direction: Direction, time_s: float) -> None:
         """Take bytes as they came from or went to the link; secrets are left out."""
         stamp_us = max(0, self._epoch_us + round(time_s * 1e6)) & ~3 | direction
-        for packet in self._splitters[direction].split(data):
-            if message_id_of(packet) != SETUP_SIGNING:
-                self._file.write(_STAMP.pack(stamp_us) + packet)
+        for packet in self._readers[direction].feed(data, time_s):
+            if packet.message_id != SETUP_SIGNING:
+                self._file.write(_STAMP.pack(stamp_us) + packet.data)
 
     def commit(self) -> None:
         """Put all packets onto the disk."""

@@ -84,7 +84,8 @@ def fly(folder: Path, seconds: float = 3.0, video: str = "lossless", **config: A
         vision = VisionLoop(stage, clock, recorder.log)
         control = ControlStage(settings, settings.camera.model(WIDTH, HEIGHT), recorder.log)
         ours, theirs = MemoryTransport.pair()
-        link, autopilot = recorder.transport(ours), mavlink.MAVLink(None, 1, 1)
+        link = recorder.transport(ours)
+        own, autopilot = mavlink.MAVLink(None, 1, 191), mavlink.MAVLink(None, 1, 1)
         for step in range(round(seconds / STEP_S)):
             now_s = step * STEP_S
             clock.sleep_until(now_s)
@@ -100,7 +101,7 @@ def fly(folder: Path, seconds: float = 3.0, video: str = "lossless", **config: A
             attitudes = [attitude_at(now_s - STEP_S / 2), attitude_at(now_s)]
             record = control.step(now_s, vision.tracks.newest, vehicle_at(now_s), attitudes, 1e-4)
             if record.sent:
-                link.send(b"\xfd\x00\x00\x00\x01\x01\xbf\x00\x00\x00\x00\x00")
+                link.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(own))
         recorder.log.note(clock.now(), "pilot", "touché: “ende”")
     flight.remarks = recorder.remarks
     return flight
