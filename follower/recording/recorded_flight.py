@@ -190,7 +190,12 @@ class RecordedFlight:
     def packets(self) -> Iterator[TlogPacket]:
         """Return the MAVLink packets, none if they were not recorded; damage becomes a remark."""
         path = self.folder / TLOG
-        return read_tlog(path, self.config.epoch_ns, self.remarks) if path.exists() else iter(())
+        try:
+            if path.exists():
+                yield from read_tlog(path, self.config.epoch_ns, self.remarks)
+        except OSError as error:
+            said = f"{TLOG} cannot be read: {error.strerror}."
+            self.remarks += [] if said in self.remarks else [said]
 
 
 def check_not_of(flight: RecordedFlight, out: Path) -> None:

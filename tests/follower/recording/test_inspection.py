@@ -209,14 +209,24 @@ def test_a_target_that_was_never_seen_was_not_seen_in_every_frame(
 
 
 @pytest.mark.slow
-def test_a_damaged_tlog_is_in_the_headline_and_told_once(small_flight: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_a_damaged_tlog_is_in_the_headline_and_told_once(
+    small_flight: Any, tmp_path: Path, is_folder: bool
+) -> None:
     folder = Path(shutil.copytree(small_flight.folder, tmp_path / "flight"))
     tlog = folder / "mavlink.tlog"
-    tlog.write_bytes(tlog.read_bytes()[:-5])
+    data = tlog.read_bytes()[:-5]
+    tlog.unlink()
+    if is_folder:
+        tlog.mkdir()
+        said = "mavlink.tlog cannot be read: Is a directory."
+    else:
+        tlog.write_bytes(data)
+        said = "bytes of mavlink.tlog are cut off"
     flight = open_flight(folder)
     for _ in range(2):  # as where the folder has no room for the report
         list(flight.packets())
     assert len(flight.remarks) == 1
     page, printed = inspected(folder)
     assert "with parts missing" in page.text
-    assert printed.count("bytes of mavlink.tlog are cut off") == 1
+    assert printed.count(said) == 1
