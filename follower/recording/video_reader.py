@@ -12,6 +12,7 @@ from follower.recording.mcap_writer import FlightFileError
 from follower.recording.messages import FrameRecord
 from follower.recording.video_writer import TICK, FrameTimes, to_image
 from follower_vision.images.frame import Frame
+from follower_vision.sources.video_file import next_packet
 
 ResultT = TypeVar("ResultT")
 
@@ -108,7 +109,7 @@ def _decoded(path: Path) -> Iterator[av.VideoFrame]:
         raise FlightFileError(f"{path}: the video cannot be read ({error})") from error
     with container:
         packets = container.demux(stream)
-        while (packet := _tried(partial(next, packets, None))) is not None:
+        while (packet := _tried(partial(next_packet, packets))) is not None:
             yield from _tried(packet.decode) or ()
 
 

@@ -15,6 +15,7 @@ import av.packet
 from follower.recording.telemetry_logs.gpmf import GpmfReader
 from follower.recording.telemetry_logs.klv import KlvReader
 from follower.recording.telemetry_logs.samples import TelemetryError, TelemetrySamples
+from follower_vision.sources.video_file import next_packet
 
 _READERS = (KlvReader, GpmfReader)
 _TRIED = 64
@@ -71,7 +72,7 @@ def _packets(container: av.container.InputContainer) -> Iterator[tuple[bytes, fl
     packets = container.demux(container.streams.data)
     while True:
         try:
-            packet = next(packets, None)
+            packet = next_packet(packets)
         except av.error.FFmpegError:
             return
         if packet is None:

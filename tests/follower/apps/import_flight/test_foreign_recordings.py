@@ -26,6 +26,7 @@ from foreign_recordings import (
 
 from follower.apps.main import main
 from follower.recording import RecordedFlight, open_flight
+from follower.recording.telemetry_logs import read_telemetry
 
 SECONDS = 8.0
 ROOM = "--set", "recorder.keep_free_mb=1"
@@ -78,6 +79,18 @@ def fmv(tmp_path_factory: pytest.TempPathFactory) -> Path:
         values |= {18: math.degrees(yaw_rad(t - LATE_S)) % 360, 19: 0.0, 20: 0.0, 25: 500.0}
         packets.append((t, 0.05, klv_packet(10**15 + round(1e6 * t), values)))
     return write_video(tmp_path_factory.mktemp("fmv") / "fmv.ts", SECONDS, "klv", packets)
+
+
+def test_telemetry_is_read_though_a_packet_seems_to_be_of_a_new_stream(
+    fmv: Path, tmp_path: Path
+) -> None:
+    """One byte of an MPEG-TS is wrong: FFmpeg finds a stream that PyAV does not know."""
+    data, pid = bytearray(fmv.read_bytes()), b"\x47\x41\x00"
+    starts = [at for at in range(0, len(data), 188) if data[at : at + 3] == pid]
+    data[starts[len(starts) * 3 // 4] + 2] = 202
+    path = tmp_path / "fmv.ts"
+    path.write_bytes(data)
+    assert len(read_telemetry(path).attitudes) >= len(read_telemetry(fmv).attitudes) - 2
 
 
 @pytest.fixture(scope="module")
