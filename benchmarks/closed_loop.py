@@ -174,7 +174,12 @@ def loops(
 ) -> dict[Axis, AxisLoop]:
     """Return the predictions."""
     model, follower = subject.vehicle.model(), _loop_settings(settings)
-    return {axis: axis_loop(axis, gains[axis], model, follower, conditions) for axis in Axis}
+    return {axis: standing(axis, gains[axis], model, follower, conditions) for axis in Axis}
+
+
+def standing(axis: Axis, *loop: Any) -> AxisLoop:
+    """Return the loop after a car that stands: for no speed, no more is asked for."""
+    return replace(axis_loop(axis, *loop), shortfall=None)
 
 
 def scaled(gains: PidSettings, factor: float) -> PidSettings:
@@ -231,7 +236,7 @@ def raised_loop(
     factor: float,
 ) -> AxisLoop:
     """Return the linear loop with its gains multiplied."""
-    return axis_loop(axis, scaled(gains, factor), model, follower, conditions)
+    return standing(axis, scaled(gains, factor), model, follower, conditions)
 
 
 def onset(loop_of: Callable[[float], AxisLoop]) -> float:

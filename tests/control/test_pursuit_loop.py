@@ -17,10 +17,15 @@ import pytest
 from follower_control.envelope.envelope import Envelope
 from follower_control.envelope.flight_context import FlightContext
 from follower_control.envelope.settings import EnvelopeSettings
+from follower_control.servo import servo as servo_module
 from follower_control.servo.servo import VisualServo
 from follower_control.servo.settings import FollowMode, ServoSettings
 from follower_control.target.estimator import TargetEstimator
 from follower_control.target.observation import BearingFrame, BearingObservation, to_line_of_sight
+from follower_control.target.settings import EstimatorSettings
+from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
+from follower_control.tuning.axis_loop import Conditions, LoopDelays
+from follower_control.tuning.response_model import ResponseModel, VehicleModel
 from follower_control.vehicle.setpoint import HOLD, VelocitySetpoint
 from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 from follower_vision.geometry.line_of_sight import LineOfSight, wrap_angle
@@ -134,8 +139,12 @@ def fly(
     servo_settings: ServoSettings | None = None,
     telemetry: bool = True,
     changes: dict[float, FollowMode] | None = None,
+    noise: float = 1.0,
 ) -> Flight:
-    """Fly and measure; `changes` says at which times the mode changes, and to which one."""
+    """Fly and measure; `changes` says at which times the mode changes, and to which one.
+
+    `noise` is a factor on that of the sightings.
+    """
     rng = np.random.default_rng(0)
     servo = VisualServo(servo_settings or ServoSettings(target_size_m=SIZE), PITCH)
     waiting = dict(changes or {})
@@ -152,13 +161,13 @@ def fly(
         sight = LineOfSight.from_vector(away)
         down = BearingFrame.DOWN if servo.mode is FollowMode.OVERHEAD else BearingFrame.WORLD
         if tick % SIGHT_EVERY == 0:
-            noise = rng.normal(0, (0.005, 0.005, 0.03))
+            error = noise * rng.normal(0, (0.005, 0.005, 0.03))
             true = to_line_of_sight(away, down)
             noisy = LineOfSight(
-                wrap_angle(true.azimuth_rad + noise[0]), true.elevation_rad + noise[1]
+                wrap_angle(true.azimuth_rad + error[0]), true.elevation_rad + error[1]
             )
             seen.append(
-                BearingObservation(noisy, math.log(SIZE / distance) + noise[2], now_s, down)
+                BearingObservation(noisy, math.log(SIZE / distance) + error[2], now_s, down)
             )
         if tick % CONTROL_EVERY:
             continue
@@ -250,6 +259,35 @@ def test_a_car_is_followed_at_its_distance_and_through_its_stop(vehicle, speed, 
     assert np.abs(flight.of("range", 22, 25) / DISTANCE - 1).mean() < 0.1
     assert flight.of("range").min() > EnvelopeSettings().min_distance_m
     assert np.abs(flight.of("range", 36) / DISTANCE - 1).max() < 0.17
+
+
+@pytest.mark.slow
+def test_asking_for_more_while_it_stays_behind_swings_as_far_as_tuning_says(monkeypatch):
+    """After a target that speeds up; PX4 stays behind for long enough to be linear there."""
+    after_s, speeds, rig = np.linspace(0, 10, 501), (0.0, 0.5), []
+    for most in (0.0, servo_module._MOST_SHORT):
+        monkeypatch.setattr(servo_module, "_MOST_SHORT", most)
+        steady, faster = (
+            fly(Px4(), lambda t, v=v: (14 + 4 * t + v * max(t - 16, 0), 0, 0), 26, noise=0)
+            for v in speeds
+        )
+        change = np.log(np.divide(faster.range, steady.range))
+        rig.append(np.interp(after_s, np.array(steady.time) - 16, change))
+    settings, px4 = ServoSettings(), ResponseModel(1, 0.12, 3**0.5, 6.5 / 12**0.5, 4.625)
+    loop = axis_loop(
+        Axis.RANGE,
+        settings.range,
+        VehicleModel(px4, px4, px4, px4),
+        LoopSettings(settings, EstimatorSettings(), EnvelopeSettings()),
+        Conditions(LoopDelays(DELAY, SIGHT_EVERY * STEP), DISTANCE, PITCH),
+    )
+    told = [
+        speeds[1] / DISTANCE * np.interp(after_s, *one.disturbance_response(10))
+        for one in (replace(loop, shortfall=None), loop)
+    ]
+    flown, modelled = rig[1] - rig[0], told[1] - told[0]
+    assert flown.min() < -0.01
+    assert np.linalg.norm(modelled - flown) < 0.3 * np.linalg.norm(flown)
 
 
 @vehicles

@@ -241,6 +241,24 @@ def test_along_the_line_of_sight_a_horizontal_velocity_takes_more_of_the_range()
     assert abs(along[0] / level[0]) == pytest.approx(1 / math.cos(0.4) ** 2)
 
 
+def test_a_vehicle_that_flies_too_slowly_for_seconds_is_driven_to_what_was_asked_for() -> None:
+    """And answers a quick change as it does by itself."""
+    weak = replace(VEHICLE, forward=ResponseModel(0.9, 0.3, 0.4, 1.0))
+    found = axis_loop(Axis.RANGE, FOLLOWER.gains(Axis.RANGE), weak, FOLLOWER, HERE)
+    slow, quick = np.array([1e-4]), np.array([50.0])
+    assert abs(found.driven(slow)[0]) == pytest.approx(1.0, rel=1e-3)
+    assert found.driven(quick)[0] == pytest.approx(found.plant.at(quick)[0], rel=0.01)
+    # It costs margin, and the poles say so too.
+    alone = replace(found, shortfall=None)
+    assert found.margins().gain < 0.95 * alone.margins().gain
+    for factor in (0.95, 1.05):
+        scaled = replace(
+            found,
+            from_own=tuple(one.scaled(factor * found.margins().gain) for one in found.from_own),
+        )
+        assert scaled.is_stable() is (factor < 1)
+
+
 def test_a_target_that_may_turn_hard_is_followed_faster_across_the_line_of_sight_alone() -> None:
     servo = replace(ServoSettings(), target_acceleration_across_m_s2=6.0)
     agile = replace(FOLLOWER, servo=servo)
@@ -258,6 +276,6 @@ def test_a_target_that_may_turn_hard_is_followed_faster_across_the_line_of_sight
 
 def _disturbance(loop: AxisLoop, frequency_rad_s: Array) -> ComplexArray:
     """From the target's motion to the error."""
-    answer = (loop.plant * loop.geometry * loop.from_target).at(frequency_rad_s)
-    share = 1 - answer * loop.sensitivity(frequency_rad_s)
+    answer = (loop.geometry * loop.from_target).at(frequency_rad_s)
+    share = 1 - answer * loop.driven(frequency_rad_s) * loop.sensitivity(frequency_rad_s)
     return np.asarray(loop.geometry.at(frequency_rad_s) * share, np.complex128)

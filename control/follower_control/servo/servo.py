@@ -29,7 +29,7 @@ from follower_control.vehicle.state import VehicleState, heading_velocity
 TURN_LAG_S = 0.6
 """By how much a velocity in the heading frame lags a turning nose: both autopilots, measured."""
 
-_IN_VAIN_S = 3.0
+IN_VAIN_S = 3.0
 """After how long a velocity that was sent and is not reached is not counted on any more."""
 
 _MOST_SHORT = 0.2
@@ -338,7 +338,7 @@ class VisualServo:
         sent = complex(step.allowed.forward_m_s, step.allowed.right_m_s)
         closing = (sent * cmath.rect(1.0, -step.errors.azimuth_rad)).real
         behind = closing - (step.errors.target_speed_m_s - present)
-        share = 1.0 - math.exp(-step.interval_s / _IN_VAIN_S)
+        share = 1.0 - math.exp(-step.interval_s / IN_VAIN_S)
         self._in_vain_m_s += share * (behind - self._in_vain_m_s)
         return present - (behind - self._in_vain_m_s)
 
@@ -366,7 +366,7 @@ class VisualServo:
         and wind. Asking for so much more is what keeps up with a steady target; a limit keeps a
         vehicle that cannot fly any faster from being asked to.
         """
-        share = 1.0 - math.exp(-interval_s / _IN_VAIN_S)
+        share = 1.0 - math.exp(-interval_s / IN_VAIN_S)
         self._short_m_s += share * (allowed_m_s - flown_m_s - self._short_m_s)
         return min(max(self._short_m_s, 0.0), _MOST_SHORT * max(allowed_m_s, 0.0))
 

@@ -1,8 +1,8 @@
 """The follow loops of the servo, axis by axis, as linear systems about steady following.
 
-Left out: limits, the slowing down for a target off-axis, what one axis does to another, and that
-the servo asks for more where the vehicle stays behind: after a moving target this raises the range
-loop's Ms by up to a tenth (default gains: PX4 from 1.52 to 1.61, ArduPilot from 1.76 to 1.94).
+Left out: limits, the slowing down for a target off-axis, and what one axis does to another. The
+range loop is that after a moving target while the vehicle stays behind what was sent, for which the
+servo asks for more: the least of its margins.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy.linalg import solve_discrete_are
 from follower_control.envelope.settings import EnvelopeSettings
 from follower_control.servo.pid import PidSettings
 from follower_control.servo.pursuit_state import ACROSS, ALONG, ALONG_GROUND
+from follower_control.servo.servo import IN_VAIN_S
 from follower_control.servo.settings import RangeFrom, ServoSettings
 from follower_control.target.settings import EstimatorSettings
 from follower_control.tuning.axis_loop import AxisLoop, Conditions
@@ -231,6 +232,7 @@ def _range(
         filters.estimator.noise,
         delays.frame_interval_s,
         servo.distance_m,
+        Rational((1.0,), (IN_VAIN_S, 1.0)),
     )
 
 

@@ -36,6 +36,8 @@ class AxisLoop:
         noise: standard deviation of one observation, in the quantity's unit.
         noise_interval_s: between two observations.
         motion_scale: from u to v as it is flown, m/s or rad/s.
+        shortfall: S, from by how much the vehicle is slower than what was sent to what is sent on
+            top of u; None: nothing is.
     """
 
     name: str
@@ -48,11 +50,26 @@ class AxisLoop:
     noise: float
     noise_interval_s: float
     motion_scale: float
+    shortfall: Rational | None = None
+
+    def driven(self, frequency_rad_s: Array) -> ComplexArray:
+        """Return P / (1 - S (1 - P)), (N,), from u to the vehicle's motion."""
+        plant = self.plant.at(frequency_rad_s)
+        if self.shortfall is None:
+            return plant
+        return np.asarray(plant / (1 - self.shortfall.at(frequency_rad_s) * (1 - plant)))
+
+    def _driven_system(self) -> control.StateSpace:
+        plant = self.plant.system()
+        if self.shortfall is None:
+            return plant
+        more = control.series(1 - plant, self.shortfall.system())
+        return control.series(control.feedback(1, more, sign=1), plant)
 
     def open_loop(self, frequency_rad_s: Array) -> ComplexArray:
-        """Return L = P Ko G, cut open at the loop's output."""
+        """Return L = P Ko G, cut open at the loop's output; P as `driven` has it."""
         own = [one.at(frequency_rad_s) for one in self.from_own]
-        ahead = self.plant.at(frequency_rad_s) * self.geometry.at(frequency_rad_s)
+        ahead = self.driven(frequency_rad_s) * self.geometry.at(frequency_rad_s)
         return np.asarray(ahead * np.sum(own, axis=0), np.complex128)
 
     def sensitivity(self, frequency_rad_s: Array) -> ComplexArray:
@@ -61,9 +78,9 @@ class AxisLoop:
 
     def following(self, frequency_rad_s: Array) -> ComplexArray:
         """Return from what is wanted to what is: the quantity's response to its reference."""
-        ahead = self.from_reference * self.plant * self.geometry
+        ahead = (self.from_reference * self.geometry).at(frequency_rad_s)
         return np.asarray(
-            ahead.at(frequency_rad_s) * self.sensitivity(frequency_rad_s), np.complex128
+            ahead * self.driven(frequency_rad_s) * self.sensitivity(frequency_rad_s), np.complex128
         )
 
     def jitter(self) -> float:
@@ -87,7 +104,7 @@ class AxisLoop:
     def system(self) -> control.StateSpace:
         """Return the open loop for python-control, cut open as in `open_loop`."""
         own = control.parallel(*(one.system() for one in self.from_own))
-        return control.series(self.plant.system(), self.geometry.system(), own)
+        return control.series(self._driven_system(), self.geometry.system(), own)
 
     def is_stable(self) -> bool:
         """Whether the closed loop settles, by its poles."""
@@ -96,14 +113,14 @@ class AxisLoop:
 
     def step_response(self, until_s: float) -> tuple[Array, Array]:
         """Return times and the quantity after what is wanted of it jumped by one."""
-        ahead = (self.from_reference * self.plant).system()
+        ahead = control.series(self.from_reference.system(), self._driven_system())
         closed = control.feedback(1, self.system())
         return _step(control.series(closed, ahead, self.geometry.system()), until_s)
 
     def disturbance_response(self, until_s: float) -> tuple[Array, Array]:
         """Return times and the error after the target began to move steadily, w = 1."""
         geometry, closed = self.geometry.system(), control.feedback(1, self.system())
-        answer = control.series(self.from_target.system(), closed, self.plant.system(), geometry)
+        answer = control.series(self.from_target.system(), closed, self._driven_system(), geometry)
         return _step(control.series(geometry, 1 - answer), until_s)
 
 
