@@ -12,7 +12,7 @@ from follower.apps.replay.replay import Replay, replay_settings
 from follower.recording import open_flight
 from follower.settings.live import SettingChange
 from follower.simulation.flight import SimulatedFlight
-from follower.simulation.options import SimulationOptions, simulation_settings
+from follower.simulation.options import SimulationOptions, VisionSource, simulation_settings
 from follower.simulation.run import simulate
 from follower.simulation.runners import fly_lockstep
 from follower_control.common.transport import MemoryTransport
@@ -86,6 +86,21 @@ def flown(
 
 def late(rows: np.ndarray, from_s: float, until_s: float = 24.0) -> np.ndarray:
     return rows[(rows[:, 0] > from_s) & (rows[:, 0] < until_s)]
+
+
+SHIPPED = [(n, a) for n in ("sides", "orbit", "watch") for a in ("px4", "ardupilot")]
+
+
+# A camera that is fixed to PX4 looks past a car below: it leans by 27 degrees.
+@pytest.mark.parametrize(("name", "autopilot"), [*SHIPPED, ("overhead", "ardupilot")])
+def test_the_shipped_scenario_of_each_mode_is_flown_within_its_limits(
+    tmp_path: Path, name: str, autopilot: str
+) -> None:
+    options = SimulationOptions(
+        name, autopilot, lockstep=True, out=tmp_path, video=False, vision=VisionSource.TRUTH
+    )
+    result = simulate(options)
+    assert result.exit_code == 0, result.end.sentence
 
 
 def test_beside_a_car_it_is_on_its_right() -> None:
