@@ -142,4 +142,4 @@ def test_the_link_keeps_the_contract(example: Copy) -> None:
 @pytest.mark.parametrize("example", ["A fault"], indirect=True)
 def test_the_fault_is_listed_and_flown(example: Copy) -> None:
     assert "frames-dark" in example.follower("faults", "list")
-    assert "1 cases, 0 failed" in example.follower("faults", "frames-dark", "--autopilot", "px4")
+    assert "1 case, 0 failed" in example.follower("faults", "frames-dark", "--autopilot", "px4")
