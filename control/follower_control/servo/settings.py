@@ -197,7 +197,7 @@ class ServoSettings:
         default_factory=lambda: PidSettings(kp=0.5, ki=0.05, kd=0.3, cut_tolerance=0.03)
     )
     bearing: PidSettings = field(
-        default_factory=lambda: PidSettings(kp=0.4, ki=0.03, cut_tolerance=0.03)
+        default_factory=lambda: PidSettings(kp=0.4, ki=0.02, cut_tolerance=0.03)
     )
     orbit_rate: PidSettings = field(
         default_factory=lambda: PidSettings(kp=0.0, ki=0.3, cut_tolerance=0.03)
