@@ -98,8 +98,7 @@ class LateralControl:
     def _orbit_rate(self, reach: float) -> float:
         s = self._settings
         rate = s.orbit_m_s / reach if s.orbit_deg_s is None else math.radians(s.orbit_deg_s)
-        most = s.max_sideways_m_s / reach
-        return min(max(rate, -most), most)
+        return clip(rate, s.max_sideways_m_s / reach)
 
     def _faded(self, wanted: float, interval_s: float) -> float:
         """Begin at the present velocity and let the difference fade."""
