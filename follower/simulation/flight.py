@@ -331,7 +331,7 @@ class SimulatedFlight:
         supervisor = self.stage.supervisor
         first = f"{self._clock.now():5.1f} s  {supervisor.state.upper()}  {supervisor.reason}"
         errors = self.stage.servo.errors
-        if errors is None:
+        if errors is None or not supervisor.state.steers:
             return (first,)
         return first, (
             f"range {errors.range_m:4.1f} m  azimuth {math.degrees(errors.azimuth_rad):+5.1f}  "

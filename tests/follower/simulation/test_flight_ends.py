@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -20,13 +21,26 @@ from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings, load_scenario
 from follower_sim.world.world import World
 from follower_vision.clock import SimulatedClock
+from follower_vision.images.frame import Frame
+from follower_vision.trackers.track import Track
 
 TAKEN_OVER_S = 20.0
 
 
-def flown(scenario: Scenario) -> SimulatedFlight:
+class Corner:
+    """A `FlightVideo` that keeps what is written into the pictures."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def add(self, _frame: Frame, _tracks: Sequence[Track], lines: Sequence[str]) -> None:
+        """Take a frame's lines."""
+        self.texts.append("\n".join(lines))
+
+
+def flown(scenario: Scenario, corner: Corner) -> SimulatedFlight:
     """Fly until the pilot takes the vehicle back, who never returns it."""
-    clock, extras = SimulatedClock(), FlightOptions(vision=VisionSource.TRUTH)
+    clock, extras = SimulatedClock(), FlightOptions(video=corner, vision=VisionSource.TRUTH)
     settings = load_settings(base=base_settings(scenario))
     world, ends = World(scenario), MemoryTransport.pair()
     flight = SimulatedFlight(world, settings, "px4", clock, ends, extras)
@@ -44,7 +58,8 @@ def flown(scenario: Scenario) -> SimulatedFlight:
 def test_after_the_pilots_takeover_the_end_says_so_and_nothing_later_is_scored(
     tmp_path: Path,
 ) -> None:
-    flight = flown(load_scenario(scenario_files()["winding"]))
+    corner = Corner()
+    flight = flown(load_scenario(scenario_files()["winding"]), corner)
     written = io.StringIO()
     console = Console(file=written, width=100)
     end = report_flight(flight, flight.score(), tmp_path, "", "px4", "", (), console)
@@ -58,3 +73,6 @@ def test_after_the_pilots_takeover_the_end_says_so_and_nothing_later_is_scored(
     assert score.following_share is not None
     assert score.following_share > 0.99
     assert score.losses == 0
+    ranged = {text.split()[2] for text in corner.texts if "range" in text}
+    assert ranged == {"FOLLOWING"}, "of nothing else a range is fresh"
+    assert any("RELEASED" in text for text in corner.texts)
