@@ -58,7 +58,7 @@ def campaign_command(
     video: Annotated[
         int,
         typer.Option(
-            min=0, metavar="WORST", help="Fly so many of the worst that failed again, with video."
+            min=0, metavar="WORST", help="Fly the worst runs that failed again, so many, filmed."
         ),
     ] = 0,
     optimise: Annotated[
