@@ -235,10 +235,18 @@ class PreflightResult:
         return bad and self.check.needed and not self.skipped
 
     @property
-    def line(self) -> str:
-        """What was found and what to do, under the check's name."""
-        parts = (self.finding.why, self.finding.todo)
-        return f"{self.check.name}: {'; '.join(filter(None, parts))}"
+    def said(self) -> str:
+        """What was found and what to do."""
+        return "; ".join(filter(None, (self.finding.why, self.finding.todo)))
+
+
+def refusals(results: Iterable[PreflightResult]) -> list[str]:
+    """Return what the checks that refuse a flight say, a line for all that say the same."""
+    names: dict[str, list[str]] = {}
+    for result in results:
+        if result.refuses:
+            names.setdefault(result.said, []).append(result.check.name)
+    return [f"{', '.join(those)}: {said}" for said, those in names.items()]
 
 
 class PreflightError(ValueError):
@@ -262,5 +270,5 @@ class PreflightError(ValueError):
 
     def __init__(self, results: Iterable[PreflightResult]) -> None:
         self.failed = tuple(result for result in results if result.refuses)
-        said = "\n".join(result.line for result in self.failed)
+        said = "\n".join(refusals(self.failed))
         super().__init__(f"preflight: {said or 'the camera gave no frame'}")

@@ -13,9 +13,12 @@ from follower.apps.preflight.camera_checks import CAMERA
 from follower.apps.preflight.check import (
     BOTH,
     PreflightCheck,
+    PreflightFinding,
     PreflightResult,
     PreflightVerdict,
     Snapshot,
+    refusals,
+    unknown,
 )
 from follower.apps.preflight.computer_checks import COMPUTER
 from follower.apps.preflight.health_checks import AUTOPILOT, LINK
@@ -31,6 +34,7 @@ CHECKS: tuple[PreflightCheck[Snapshot], ...] = (
     *CAMERA.checks,
     *COMPUTER.checks,
 )
+_OF_VEHICLE = {check.name for check in (*LINK.checks, *AUTOPILOT.checks)} - {"vehicle"}
 
 
 def parameters_for(autopilot: str) -> tuple[tuple[str, ...], ...]:
@@ -55,10 +59,17 @@ def check_names(names: Iterable[str]) -> frozenset[str]:
 def run_checks(snapshot: Snapshot, skip: Collection[str] = ()) -> list[PreflightResult]:
     """Judge a snapshot by every check that concerns its vehicle, in the table's order."""
     return [
-        PreflightResult(check, check.judge(snapshot), check.name in skip)
+        PreflightResult(check, _finding(check, snapshot), check.name in skip)
         for check in CHECKS
         if check.autopilots == BOTH or snapshot.link.autopilot in check.autopilots
     ]
+
+
+def _finding(check: PreflightCheck[Snapshot], snapshot: Snapshot) -> PreflightFinding:
+    """Judge by one check; what a vehicle would have to say is unknown without one."""
+    if snapshot.link.vehicle_id is None and check.name in _OF_VEHICLE:
+        return unknown("no vehicle is heard")
+    return check.judge(snapshot)
 
 
 _STYLES = {
@@ -117,8 +128,8 @@ def print_checklist(
     warnings = sum(result.finding.verdict in doubtful for result in results)
     if refused:
         console.print(Text(f"{bad}: {counted(len(refused), 'check')} failed", "bold red"))
-        for result in refused:
-            print_line(console, f"  {result.line}")
+        for line in refusals(refused):
+            print_line(console, f"  {line}")
     else:
         also = f", {counted(warnings, 'warning')}" if warnings else ""
         console.print(Text(f"{good}{also}", "bold green"))

@@ -302,9 +302,9 @@ def _position(s: Snapshot) -> PreflightFinding:
 
 @AUTOPILOT.check("mode", "not OFFBOARD or GUIDED yet: following begins when the pilot says so")
 def _mode(s: Snapshot) -> PreflightFinding:
-    where = "in the air" if s.vehicle.landed is False else "on the ground"
+    where = {None: "", True: ", on the ground", False: ", in the air"}[s.vehicle.landed]
     armed = "armed" if s.vehicle.armed else "disarmed"
-    text = f"{s.vehicle.mode or 'mode unknown'}, {armed}, {where}"
+    text = f"{s.vehicle.mode or 'mode unknown'}, {armed}{where}"
     if s.settings.autonomy == "full" or not s.vehicle.obeys_setpoints:
         return passed(text)
     todo = f"leave {s.vehicle.mode}; go back into it when following is to begin"

@@ -434,6 +434,21 @@ def test_a_failed_check_that_is_not_needed_is_a_warning_at_the_end() -> None:
     assert "camera: the stream ended; is the camera plugged in" in refused.getvalue()
 
 
+def test_without_a_vehicle_one_line_names_all_that_it_would_have_to_say() -> None:
+    shown = io.StringIO()
+    results = run_checks(link(vehicle_id=None)(healthy("px4")))
+    print_checklist(Console(file=shown, width=120), results)
+    said = [line for line in shown.getvalue().splitlines() if "no vehicle is heard" in line]
+    assert said[-1].startswith("  type, attitude-rate, position-rate, ")
+    refused = sum(result.refuses for result in results)
+    assert f"{refused} checks failed" in shown.getvalue()
+    assert result(link(vehicle_id=None)(healthy("px4")), "mode").finding.verdict is UNKNOWN
+
+
+def test_where_the_vehicle_is_stays_open_while_the_autopilot_does_not_say_it() -> None:
+    assert result(vehicle(landed=None)(healthy("px4")), "mode").finding.why.endswith("disarmed")
+
+
 def test_json_holds_every_check_and_no_infinities() -> None:
     snapshot = camera(age_s=math.nan)(healthy("px4"))
     content = json.loads(to_json(run_checks(snapshot), snapshot), parse_constant=pytest.fail)
