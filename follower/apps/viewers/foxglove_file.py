@@ -43,7 +43,10 @@ def write_foxglove(recorded: RecordedFlight, out: Path) -> Path:
         OSError: the file cannot be written.
     """
     scene, context = FlightScene(recorded), foxglove.Context()
-    with foxglove.open_mcap(str(emptied(out, recorded)), allow_overwrite=True, context=context):
+    with (
+        emptied(out, recorded),
+        foxglove.open_mcap(str(out), allow_overwrite=True, context=context),
+    ):
         writer = _Writer(context, recorded)
         writer.messages(recorded)
         writer.pictures(scene)

@@ -36,7 +36,15 @@ def write_rerun(recorded: RecordedFlight, out: Path) -> Path:
     """
     scene = FlightScene(recorded)
     stream = rr.RecordingStream("drone-target-follower", send_properties=False)
-    stream.save(emptied(out, recorded), default_blueprint=_layout())
+    with emptied(out, recorded):
+        stream.save(out, default_blueprint=_layout())
+        _write_all(stream, recorded, scene)
+        stream.flush()  # raises what the thread that writes ran into
+        stream.disconnect()
+    return out
+
+
+def _write_all(stream: rr.RecordingStream, recorded: RecordedFlight, scene: FlightScene) -> None:
     stream.set_log_time_enabled(False)  # when this was written is of no interest
     stream.set_log_tick_enabled(False)
     stream.log("world", rr.ViewCoordinates.FRD, static=True)
@@ -57,8 +65,6 @@ def write_rerun(recorded: RecordedFlight, out: Path) -> Path:
     for path, table, column in _PLOTS:
         _write_plot(stream, f"plots/{path}", tables[table], column)
     _write_events(stream, recorded)
-    stream.disconnect()
-    return out
 
 
 def _layout() -> rrb.Blueprint:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from follower.settings.settings import Settings, as_recorded, load_settings
 from follower_control.common.strict_config import SettingsError
 from follower_control.servo.position_fix import TargetPosition, target_fix
 from follower_control.vehicle.gimbal import camera_to_world
+from follower_vision.disk import room_said
 from follower_vision.geometry.camera_model import CameraModel, Vector
 from follower_vision.geometry.line_of_sight import rotation
 
@@ -144,8 +146,11 @@ def quaternion(turn: Vector) -> Quaternion:
     return x, y, z, w
 
 
-def emptied(out: Path, recorded: RecordedFlight) -> Path:
-    """Make a file empty, and its folder if need be: the libraries' own errors name no file.
+@contextmanager
+def emptied(out: Path, recorded: RecordedFlight) -> Iterator[Path]:
+    """Make a file empty, and its folder if need be, for a viewer's library to fill.
+
+    The libraries' own errors name no file. If one comes, nothing of the file is left.
 
     Raises:
         OSError: it cannot be written, or is one of the flight's own.
@@ -153,4 +158,10 @@ def emptied(out: Path, recorded: RecordedFlight) -> Path:
     check_not_of(recorded, out)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.open("wb").close()
-    return out
+    try:
+        yield out
+    except RuntimeError as error:
+        said = f"{room_said(out)}: cannot be written: {error}"
+        if out.is_file():
+            out.unlink()
+        raise OSError(said) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -281,6 +282,20 @@ def test_a_place_that_cannot_be_written_is_an_error_of_the_system(
         with pytest.raises(OSError, match="belongs to the recording"):
             writes(flight, own)
     assert own.read_bytes() == before
+
+
+@pytest.mark.parametrize("write", [write_foxglove, write_rerun])
+def test_a_file_for_which_there_is_no_room_is_an_error_and_nothing_of_it_is_left(
+    write: Any, flight: RecordedFlight, tmp_path: Path
+) -> None:
+    out, before = tmp_path / "out", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
+    try:
+        with pytest.raises(OSError, match=re.escape(str(out))):
+            write(flight, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("name", ["foxglove", "rerun"])
