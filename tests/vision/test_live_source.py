@@ -164,6 +164,21 @@ def test_a_missing_device_is_refused_at_once():
         open_source("/dev/video97")
 
 
+def test_a_link_to_a_camera_is_that_camera(tmp_path):
+    link = tmp_path / "frontcam"  # as udev makes one with SYMLINK+="frontcam"
+    link.symlink_to("/dev/video97")
+    assert is_live(str(link))
+    with pytest.raises(SourceError, match="frontcam: there is no such device"):
+        open_source(str(link))
+
+
+@pytest.mark.parametrize("address", ["rtp://0.0.0.0:99999", "udp://@:0", "rtsp://a:b@[::1]:65536/c"])
+def test_a_port_that_there_cannot_be_is_refused_at_once(address):
+    with pytest.raises(SourceError, match="a port is a number from 1 to 65535") as refused:
+        open_source(address, live=LiveSettings(first_frame_s=0.2))
+    assert "a:b" not in str(refused.value)
+
+
 @pytest.mark.parametrize(
     ("spec", "live"),
     [

@@ -40,6 +40,7 @@ _SDP_PROTOCOLS = "file,crypto,data,rtp,udp"
 _CODECS = {"h264": "H264", "h265": "H265"}
 """Their names in a session description."""
 _RTP = re.compile(r"rtp://(?P<host>[\w.-]+):(?P<port>\d{1,5})(/(?P<codec>h264|h265))?/?")
+_PORT = re.compile(r"\w+://[^/?#]*:(\d+)(?:[/?#]|$)")
 _OLDEST_S = 10.0
 """A V4L2 stamp that is older is not of the monotonic clock."""
 
@@ -300,6 +301,13 @@ def _asked(capture: CaptureSettings) -> Iterator[tuple[str, int, float]]:
         yield "height", cv2.CAP_PROP_FRAME_HEIGHT, capture.size[1]
     if capture.rate_hz is not None:
         yield "rate", cv2.CAP_PROP_FPS, capture.rate_hz
+
+
+def check_port(address: str) -> None:
+    """Raise SourceError if an address names a port that there cannot be: FFmpeg would wait."""
+    port = _PORT.match(address)
+    if port is not None and not 0 < int(port[1]) <= 65535:
+        raise SourceError(f"{without_password(address)}: a port is a number from 1 to 65535")
 
 
 def rtp_description(address: str) -> str:

@@ -1,5 +1,6 @@
 """Opens whatever a user names as a source of frames."""
 
+import os
 import re
 from collections.abc import Callable
 from functools import partial
@@ -15,6 +16,7 @@ from follower_vision.sources.camera_connection import (
     Decoder,
     VideoStream,
     check_device,
+    check_port,
     rtp_description,
 )
 from follower_vision.sources.camera_program import PROGRAMS, check_program
@@ -209,6 +211,7 @@ def _connector(spec: str, clock: Clock, capture: CaptureSettings) -> Callable[[]
             raise SourceError(
                 f"{without_password(spec)}: leave camera.capture.{name} out, it is the sender's"
             )
+    check_port(spec)
     decoder = Decoder(capture.decoder)
     if kind in PROGRAMS:
         check_program(kind)
@@ -254,4 +257,12 @@ def _device(spec: str) -> str | None:
     """Return the path of the camera that is meant, None if it is none."""
     if re.fullmatch(r"\d{1,3}", spec) and not _exists(spec):
         return f"/dev/video{int(spec)}"
-    return spec if _DEVICE.fullmatch(spec) else None
+    return spec if _DEVICE.fullmatch(spec) or _DEVICE.fullmatch(_linked(spec)) else None
+
+
+def _linked(spec: str) -> str:
+    """Return where a link leads, such as udev makes for a camera; "" if it is none."""
+    try:
+        return os.path.realpath(spec) if Path(spec).is_symlink() else ""
+    except (OSError, ValueError):  # as a pipeline that is too long for a file's name
+        return ""
