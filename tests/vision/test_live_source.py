@@ -172,7 +172,9 @@ def test_a_link_to_a_camera_is_that_camera(tmp_path):
         open_source(str(link))
 
 
-@pytest.mark.parametrize("address", ["rtp://0.0.0.0:99999", "udp://@:0", "rtsp://a:b@[::1]:65536/c"])
+@pytest.mark.parametrize(
+    "address", ["rtp://0.0.0.0:99999", "udp://@:0", "rtsp://a:b@[::1]:65536/c"]
+)
 def test_a_port_that_there_cannot_be_is_refused_at_once(address):
     with pytest.raises(SourceError, match="a port is a number from 1 to 65535") as refused:
         open_source(address, live=LiveSettings(first_frame_s=0.2))

@@ -12,7 +12,7 @@ from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
 from pydantic import BaseModel, ConfigDict, Field
 
 from follower.ui.cockpit.asgi_guard import AsgiGuard, RateLimiter, address_of, client_identity
-from follower.ui.cockpit.auth import COOKIE, AccessControl
+from follower.ui.cockpit.auth import AccessControl, cookie_name
 from follower.ui.cockpit.detections import Objects
 from follower.ui.cockpit.hub import Hub
 from follower.ui.cockpit.metrics import FlightMetrics
@@ -131,7 +131,8 @@ def _add_session(app: FastAPI, access: AccessControl, guesses: RateLimiter, secu
         session = access.open_session(token.token)
         if session is None:
             raise HTTPException(401, "this is not the token", {"www-authenticate": "Bearer"})
-        response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=secure)
+        name = cookie_name(request.headers)
+        response.set_cookie(name, session, httponly=True, samesite="strict", secure=secure)
 
 
 def _add_requests(app: FastAPI, hub: Hub, writes: RateLimiter) -> None:

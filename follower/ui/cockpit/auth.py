@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from follower.settings.ui import CockpitSettings
 from follower_control.common.strict_config import SettingsError
 
-COOKIE = "follower_cockpit"
+_COOKIE = "follower_cockpit"
 _LEAST_TOKEN = 12
 _MOST_SESSIONS = 200
 _LOCAL_NAMES = frozenset({"localhost"})
@@ -79,7 +79,7 @@ class AccessControl:
 
     def session_of(self, headers: Mapping[str, str]) -> str | None:
         """Return the session of somebody who has shown the token before, None without one."""
-        shown = _cookie(headers.get("cookie", ""))
+        shown = _cookie(headers.get("cookie", ""), cookie_name(headers))
         return next((one for one in self._sessions if secrets.compare_digest(shown, one)), None)
 
     @staticmethod
@@ -103,6 +103,15 @@ class AccessControl:
         return secrets.compare_digest(shown.encode(), (self._token or "").encode())
 
 
+def cookie_name(headers: Mapping[str, str]) -> str:
+    """Return the name of the session's cookie: by the port that the browser called.
+
+    Browsers send a host's cookies to all of its ports: those of one cockpit would shut out another.
+    """
+    port = headers.get("host", "").rpartition("]")[2].rpartition(":")[2]
+    return f"{_COOKIE}_{port}" if port.isdecimal() else _COOKIE
+
+
 def _host_name(host: str) -> str | None:
     try:
         return urlsplit(f"//{host}").hostname
@@ -118,9 +127,9 @@ def _is_address(host: str) -> bool:
     return True
 
 
-def _cookie(text: str) -> str:
+def _cookie(text: str, name: str) -> str:
     try:
-        found = SimpleCookie(text).get(COOKIE)
+        found = SimpleCookie(text).get(name)
     except CookieError:
         return ""
     # compare_digest takes ASCII alone.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import ssl
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -97,7 +98,8 @@ def test_without_the_token_there_is_a_page_and_nothing_behind_it(guarded: Any) -
     for wrong in ("", "a token of some lengti", "ü" * 20):
         answer = httpx.post(f"{guarded.url}/api/session", json={"token": wrong})
         assert answer.status_code == 401
-    bad = {"cookie": "follower_cockpit=guessed", "authorization": "Bearer guessed"}
+    name = f"follower_cockpit_{guarded.port}"
+    bad = {"cookie": f"{name}=guessed", "authorization": "Bearer guessed"}
     assert httpx.get(f"{guarded.url}/api/state", headers=bad).status_code == 401
 
 
@@ -109,11 +111,25 @@ def test_the_token_opens_it_once_by_cookie_and_each_time_by_header(guarded: Any)
         assert "httponly" in cookie
         assert "samesite=strict" in cookie
         assert client.get("/api/state").status_code == 200
-        value = client.cookies["follower_cockpit"]
-    with connect(ws(guarded), additional_headers={"cookie": f"follower_cockpit={value}"}) as one:
+        ((name, value),) = client.cookies.items()
+    with connect(ws(guarded), additional_headers={"cookie": f"{name}={value}"}) as one:
         assert message(one, "hello")["client"]
     bearer = {"authorization": f"Bearer {TOKEN}"}
     assert httpx.get(f"{guarded.url}/api/state", headers=bearer).status_code == 200
+
+
+@pytest.mark.slow
+def test_cockpits_on_two_ports_leave_each_other_their_sessions(
+    guarded: Any, serve: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "token").write_text(TOKEN, "utf-8")
+    other = serve(f"cockpit.token_file={tmp_path / 'token'}")
+    with httpx.Client() as browser:  # keeps a host's cookies for all its ports, as browsers do
+        for cockpit in (guarded, other):
+            opened = browser.post(f"{cockpit.url}/api/session", json={"token": TOKEN})
+            assert opened.status_code == 204
+        for cockpit in (guarded, other):
+            assert browser.get(f"{cockpit.url}/api/state").status_code == 200
 
 
 @pytest.mark.slow
