@@ -3,3 +3,5 @@
 Uses: `follower_vision`, `follower_sim`'s renderer.
 Start at: `command`.
 """
+
+import follower_vision  # noqa: F401  (before onnxruntime, whose reports it switches off)
