@@ -51,13 +51,16 @@ def install(
     force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
 ) -> None:
     """Write a systemd unit for this environment, its settings, and a udev rule for the port."""
+    from follower.apps.video_input import VideoInput
+
     name = user or os.environ.get("SUDO_USER") or pwd.getpwuid(os.getuid()).pw_name
     files = {
         _UNIT: _unit(name, config),
         _ENVIRONMENT: f"CONNECT={connect}\nCAMERA={camera or ''}\nSELECT={select}\n",
         _RULES: _rules(connect),
     }
-    load_settings(config)  # or the service would fail every five seconds
+    # Or the service would fail every five seconds.
+    VideoInput.camera(camera, load_settings(config).camera)
     check_connection(connect)
     files = {root / path: text for path, text in files.items() if text}
     if dry_run:
@@ -68,9 +71,20 @@ def install(
         raise SettingsError(f"{there[0]} exists already: compare it with --dry-run, or --force")
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        typer.echo(write_whole(path, text))
+        typer.echo(_write_private(path, text))
+        if path != root / _ENVIRONMENT:  # a camera's address may have a password in it
+            path.chmod(0o644)
     typer.echo("Now type: sudo udevadm control --reload && sudo udevadm trigger")
     typer.echo("          sudo systemctl daemon-reload && sudo systemctl enable --now follower")
+
+
+def _write_private(path: Path, text: str) -> Path:
+    """Write a file that nobody but its owner may read, not even for a moment."""
+    before = os.umask(0o077)
+    try:
+        return write_whole(path, text)
+    finally:
+        os.umask(before)
 
 
 def _unit(user: str, config: Path) -> str:

@@ -70,6 +70,15 @@ def test_the_files_are_for_this_user_environment_and_settings(
     assert "sudo systemctl daemon-reload" in ended.out
 
 
+def test_only_root_reads_the_environment_where_a_password_may_be(
+    install: Install, tmp_path: Path
+) -> None:
+    install()
+    modes = {name: (tmp_path / "root" / name).stat().st_mode & 0o777 for name in (UNIT, RULES)}
+    assert modes == {UNIT: 0o644, RULES: 0o644}
+    assert (tmp_path / "root" / ENVIRONMENT).stat().st_mode & 0o777 == 0o600
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
 def test_systemd_takes_the_unit(install: Install, tmp_path: Path) -> None:
     install()
@@ -116,6 +125,7 @@ def test_a_link_over_the_network_needs_no_rule(install: Install, tmp_path: Path)
         (("--user", "nobody-of-that-name"), "there is no such user"),
         (("-c", "absent.yaml"), "absent.yaml: there is no such file"),
         (("-c", "with space.yaml"), "move it to a path of letters"),
+        (("--camera", ""), "which source? give a camera (0)"),
         (("-c", "mistyped.yaml"), "did you mean 'distance_m'"),
         (("--connect", "udpin:here"), "'udpin:here' is no connection"),
     ],
