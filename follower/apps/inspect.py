@@ -26,6 +26,7 @@ from follower.report import flight_page, html, style
 from follower.report.pilot_plot import delays, pilot_and_vehicle
 from follower.report.series import LoggedFlight, ReportMeta, Span
 from follower.report.track_losses import (
+    TITLE,
     TrackLoss,
     losses,
     losses_section,
@@ -177,7 +178,7 @@ def summary(
     share = seen_share(recorded)
     if share is not None:
         figures.append(("Target seen", f"{100 * share:.1f} %"))
-        figures.append(("Losses", str(len(found))))
+        figures.append(("Times not seen", str(len(found))))
     delays_s = list(setpoint_delays(flight.log.controls).values())
     if delays_s:
         median, p99 = 1e3 * np.percentile(delays_s, (50, 99))
@@ -208,7 +209,7 @@ def _losses_section(
 ) -> str:
     if not (share := seen_share(recorded)):
         said = "No target was ever chosen." if share is None else "The target was never seen."
-        return html.section("Losses", html.paragraph(said))
+        return html.section(TITLE, html.paragraph(said))
     pictures, remark, wanted = {}, "", wanted_frames(found)
     if wanted:
         try:

@@ -15,6 +15,8 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame, Image
 from follower_vision.trackers.track import TrackState
 
+TITLE = "Target not seen"
+"""Of the section; the score counts searches begun, which are fewer."""
 _MOST_SHOWN = 8
 _LONG = 25
 
@@ -94,18 +96,16 @@ def losses_section(
         remark: what the reader has to know, e.g. why there are no pictures.
     """
     if not found:
-        return html.section(
-            "Losses", html.paragraph("Once seen, the target was seen in every frame.")
-        )
+        return html.section(TITLE, html.paragraph("Once seen, the target was seen in every frame."))
     rows = [
         (f"{one.start_s:.2f}", f"{one.length_s:.2f}", one.said, ", ".join(one.reactions), one.ended)
         for one in found
     ]
     head = ("From [s]", "For [s]", "Vision said", "Supervisor", "Ended")
     table = html.table(head, rows, numbers=(0, 1))
-    listed = html.folded(f"{len(rows)} losses", table) if len(rows) > _LONG else table
+    listed = html.folded(f"{len(rows)} times", table) if len(rows) > _LONG else table
     shown = "".join(_pictures(one, pictures, start_s) for one in _longest(found))
-    return html.section("Losses", listed, html.paragraph(remark) if remark else "", shown)
+    return html.section(TITLE, listed, html.paragraph(remark) if remark else "", shown)
 
 
 def wanted_frames(found: Sequence[TrackLoss]) -> set[int]:

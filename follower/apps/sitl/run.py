@@ -45,7 +45,7 @@ _FIGURES = (
     ("LOS, box", "line_of_sight_box_rms_seen_deg", "{:.2f}°"),
     ("Range error", "range_error_median", "{:.1%}"),
     ("Approach", "approach_s", "{:.1f} s"),
-    ("Searches", "losses", "{:d}"),
+    ("Searches begun", "losses", "{:d}"),
 )
 
 

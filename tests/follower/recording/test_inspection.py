@@ -45,7 +45,15 @@ def whole(small_flight: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 @pytest.mark.slow
 def test_the_report_shows_what_a_flight_was(whole: tuple[Page, str]) -> None:
     page, printed = whole
-    wanted = {"States", "Losses", "Track error", "Map", "Delays and ages", "Recording", "Events"}
+    wanted = {
+        "States",
+        "Target not seen",
+        "Track error",
+        "Map",
+        "Delays and ages",
+        "Recording",
+        "Events",
+    }
     wanted.add("Pilot, gimbal and health")
     assert wanted <= set(page.headings)
     assert "touché: “ende”" in page.text
