@@ -165,6 +165,22 @@ def test_that_stop_was_not_answered_is_seen_wherever_one_has_scrolled(
         assert "transmitter" in str(phone.text_content("#hint"))
 
 
+@pytest.mark.parametrize("size", [(1280, 900), (360, 640)])
+def test_every_setting_is_named_in_full_and_units_keep_their_letters(
+    browser: Browser, open_page: Any, served: Any, size: tuple[int, int]
+) -> None:
+    page = open_page(browser, viewport=dict(zip(("width", "height"), size, strict=True)))
+    with closing(page.context):
+        page.goto(served.url)
+        page.wait_for_selector("#gains .gain")
+        page.evaluate("document.querySelector('details').open = true")
+        labels = "[...document.querySelectorAll('.gain label')]"
+        cut = f"{labels}.filter(one => one.scrollWidth > one.clientWidth).map(one => one.innerText)"
+        assert page.evaluate(f"{labels}.length") > 50
+        assert page.evaluate(cut) == []
+        assert "Forward (m/s)" in page.locator(".plot h2").all_inner_texts()
+
+
 def test_another_flights_settings_have_its_own_ranges(page: Page) -> None:
     """A page that stays open is connected to whatever flies next at its address."""
     slider = page.locator("[data-key='envelope.max_speed_m_s'] input[type=range]")
