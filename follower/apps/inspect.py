@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from follower.flight.log import failed_plugins, setpoint_delays
-from follower.flight.supervision.flight_end import BROKEN_OFF, LastRelease
+from follower.flight.supervision.flight_end import BROKEN_OFF, NOT_BEGUN, LastRelease
 from follower.flight.supervision.supervisor import SupervisorState
 from follower.recording import FlightConfig, FlightFileError, RecordedFlight, open_flight
 from follower.recording.messages import MESSAGES
@@ -189,7 +189,8 @@ def summary(
 
 def _end(recorded: RecordedFlight) -> str:
     release = LastRelease.of((record.state, record.reason) for record in recorded.log.controls)
-    return "not recorded" if release.end is BROKEN_OFF else release.end.sentence
+    cut_off = not recorded.whole and release.end is NOT_BEGUN
+    return "not recorded" if cut_off or release.end is BROKEN_OFF else release.end.sentence
 
 
 def _headline(

@@ -126,11 +126,13 @@ class LogContent:
         messages: (seconds on the flight's clock, dataclass of the table), in the order written.
         config_yaml: the configuration that the log carries, "" if it does not.
         remarks: what is missing or was passed over, in sentences.
+        whole: it was closed; False where it is cut off.
     """
 
     messages: list[tuple[float, object]] = field(default_factory=list)
     config_yaml: str = ""
     remarks: list[str] = field(default_factory=list)
+    whole: bool = True
 
 
 def read_log(path: Path) -> LogContent:
@@ -177,6 +179,7 @@ def _records(path: Path, content: LogContent) -> Iterator[McapRecord]:
                 f"{path}: this is no log of a flight: it is not in the MCAP format"
             ) from error
         if not ended:
+            content.whole = False
             content.remarks.append(_cut_off(path, content))
 
 

@@ -146,6 +146,7 @@ class RecordedFlight:
         truth: the simulator's, empty for real flights.
         remarks: what is missing or damaged, in sentences.
         detections: what a detector in the background, or another node, saw.
+        whole: the log was closed; False where it is cut off, as by a power cut.
 
     Examples:
         >>> import follower
@@ -165,6 +166,7 @@ class RecordedFlight:
     truth: list[TruthSample] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     detections: list[DetectionRecord] = field(default_factory=list)
+    whole: bool = True
     _messages: list[tuple[float, object]] = field(default_factory=list)
 
     def messages(self) -> Iterator[tuple[float, object]]:
@@ -230,7 +232,7 @@ def open_flight(folder: str | Path) -> RecordedFlight:
         raise FlightFileError(_no_flight(path))
     content = read_log(path / LOG)
     flight = RecordedFlight(path, _config(path, content), remarks=content.remarks)
-    flight._messages = content.messages
+    flight.whole, flight._messages = content.whole, content.messages
     _sort(flight, content.messages)
     return flight
 

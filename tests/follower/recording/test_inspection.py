@@ -17,6 +17,8 @@ from rich.console import Console
 
 from follower.apps.inspect import inspect_flight, summary
 from follower.flight.log import FlightLog, TrackRecord
+from follower.flight.supervision.flight_end import NOT_BEGUN
+from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.recording import open_flight
 from follower.report.series import LoggedFlight
 from follower.report.track_losses import losses, pick_images, wanted_frames
@@ -78,10 +80,22 @@ def test_a_truncated_flight_is_reported_up_to_where_it_ends(
     shutil.copytree(small_flight.folder, folder)
     log = folder / "flight.mcap"
     log.write_bytes(log.read_bytes()[: int(0.6 * log.stat().st_size)])
+    assert not open_flight(folder).whole
     page, printed = inspected(folder)
     assert "cut off" in page.text
     assert "cut off" in printed
     assert "States" in page.headings
+
+
+@pytest.mark.slow
+def test_how_a_flight_ended_is_open_where_its_log_is_cut_off(small_flight: Any) -> None:
+    recorded = open_flight(small_flight.folder)
+    assert recorded.whole
+    idle = {"state": SupervisorState.IDLE, "reason": SupervisorReason.NO_TARGET}
+    recorded.log.controls[:] = [replace(recorded.log.controls[0], **idle)]
+    for whole, end in ((True, NOT_BEGUN.sentence), (False, "not recorded")):
+        recorded.whole = whole
+        assert dict(summary(recorded, LoggedFlight(recorded.log), []))["End"] == end
 
 
 @pytest.mark.slow
