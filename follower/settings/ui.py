@@ -142,7 +142,7 @@ class VideoSettings(StrictFields):
     Attributes:
         udp: HOST:PORT that RTP is sent to; QGroundControl listens at port 5600.
         rtsp: HOST:PORT at which rtsp://HOST:PORT/live is served; anybody who reaches it can watch.
-        push: rtsp:// address of a server that the stream is pushed to.
+        push: rtsp:// address of a server that the stream is pushed to, one without a password.
         overlay: draw the target and the supervisor's state into these three.
         encoder: of ffmpeg; "auto" takes the first that works here, hardware first.
         bitrate_kbit_s: about how much is sent in a second.
@@ -164,7 +164,9 @@ class VideoSettings(StrictFields):
             if address is not None:
                 Address.parse(address)
         if self.push is not None and not _is_rtsp(self.push):
-            raise ValueError(f"push is an address such as rtsp://10.0.0.5:8554/drone: {self.push}")
+            raise ValueError(
+                "push is an address such as rtsp://10.0.0.5:8554/drone, without name and password"
+            )
         check_ranges(
             self, bitrate_kbit_s=(50, 50_000), max_width_px=(64, 7680), keyframe_s=(0.1, 30)
         )
@@ -188,6 +190,7 @@ def _even(length: float) -> int:
 def _is_rtsp(url: str) -> bool:
     try:
         parts = urlsplit(url)
-        return parts.scheme == "rtsp" and bool(parts.hostname) and parts.port != 0
+        named = parts.username is not None or parts.password is not None
+        return parts.scheme == "rtsp" and bool(parts.hostname) and parts.port != 0 and not named
     except ValueError:
         return False

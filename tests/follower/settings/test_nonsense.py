@@ -95,8 +95,8 @@ BY_WORDS: list[tuple[type, str, dict[str, Any]]] = [
     (LinkSettings, "timesync|rates lie", {"timesync_rate_hz": math.nan}),
     *((VideoSettings, ".", wrong) for wrong in (
         {"udp": "5600"}, {"rtsp": "localhost"}, {"push": "http://x"},
-        {"push": "rtsp://x:port/drone"}, {"push": "rtsp://"}, {"bitrate_kbit_s": 1},
-        {"keyframe_s": 0.0}, {"max_width_px": 10},
+        {"push": "rtsp://x:port/drone"}, {"push": "rtsp://"}, {"push": "rtsp://a:b@x/drone"},
+        {"bitrate_kbit_s": 1}, {"keyframe_s": 0.0}, {"max_width_px": 10},
     )),
     *((ExcitationSettings, "within|axis", wrong) for wrong in (
         {"forward_m_s": -1.0}, {"yaw_deg_s": math.nan}, {"hold_s": 0.0},
