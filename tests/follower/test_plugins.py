@@ -272,6 +272,64 @@ def test_a_tracker_that_fails_in_flight_is_named_once_and_the_track_coasts(
     assert line.startswith("the tracker 'frail' of follower-frail 1.0 fails, and counts as")
 
 
+MAP_WITH_FEATURES = """
+from dataclasses import replace
+from follower_vision.trackers.motion_tracker import ResponseMap
+
+class Searches(Follows):
+    calls = 0
+    def search(self, image, box):
+        self.calls += 1
+        corners = np.array([[box.left, box.top, box.right, box.bottom]])
+        features = np.random.default_rng(0).random((4, 4, 8))
+        answer = ResponseMap(corners, np.ones(1), np.ones(1), box.scaled(4.0), features)
+        return FAULT if FROM < self.calls < 20 else answer
+    def learn(self, image, box, probability):
+        pass
+
+def make(find_file, device):
+    return Searches()
+"""
+OF_ANOTHER_SHAPE = {
+    "features": "features[None]",
+    "features' channels": "features[..., :4]",
+    "scores": "np.ones((3, 1)), corners=np.repeat(corners, 3, 0), penalty=np.ones(3)",
+    "corners": "corners[:, :2]",
+    "region": "None",
+    "second": "MotionEstimate(None, 0.5)",
+    "penalty": "-np.ones(1)",
+}
+
+
+@pytest.mark.parametrize(("name", "value"), OF_ANOTHER_SHAPE.items(), ids=OF_ANOTHER_SHAPE)
+def test_a_map_of_another_shape_is_named_and_ends_no_flight(
+    frail: Callable[[str], TargetTracker],
+    caplog: pytest.LogCaptureFixture,
+    name: str,
+    value: str,
+) -> None:
+    field = "image_features" if name.startswith("features") else name
+    fault = f"replace(answer, {field}={value})"
+    tracker = frail(MAP_WITH_FEATURES.replace("FAULT", fault).replace("FROM", "10"))
+    tracker.start(frame(0, 60), BOX)
+    tracks = [tracker.step(frame(number, 60)) for number in range(1, 40)]
+    assert {one.state for one in tracks[:9] + tracks[30:]} == {TrackState.TRACKING}
+    (line,) = warnings_in(caplog)
+    assert line.startswith("the tracker 'frail' of follower-frail 1.0 fails, and counts as")
+
+
+@pytest.mark.parametrize("first", [0, 10])
+def test_a_map_may_lack_its_features_now_and_then(
+    frail: Callable[[str], TargetTracker], caplog: pytest.LogCaptureFixture, first: int
+) -> None:
+    fault = "replace(answer, image_features=None)"
+    tracker = frail(MAP_WITH_FEATURES.replace("FAULT", fault).replace("FROM", str(first)))
+    tracker.start(frame(0, 60), BOX)
+    tracks = [tracker.step(frame(number, 60)) for number in range(1, 40)]
+    assert all(one.state is TrackState.TRACKING for one in tracks)
+    assert warnings_in(caplog) == []
+
+
 def test_what_a_failed_tracker_said_last_is_no_observation(
     frail: Callable[[str], TargetTracker],
 ) -> None:

@@ -1,6 +1,7 @@
 """Motion trackers of other packages, whose faults end no flight."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -68,6 +69,8 @@ class GuardedTracker:
 class GuardedResponseTracker(GuardedTracker):
     """The same for a tracker that offers its map of responses.
 
+    The first map after a start says how many channels of features there are; others have as many.
+
     Args:
         motion: the plug-in's.
         response: the same.
@@ -77,13 +80,31 @@ class GuardedResponseTracker(GuardedTracker):
     def __init__(self, motion: MotionTracker, response: ResponseTracker, plugin: Plugin) -> None:
         super().__init__(motion, plugin)
         self._response = response
+        self._channels: int | None = None
+
+    def start(self, image: Image, box: Box) -> None:
+        """See `MotionTracker`."""
+        super().start(image, box)
+        self._channels = None
 
     def search(self, image: Image, box: Box) -> ResponseMap:
         """See `ResponseTracker`."""
         self._started()
         corners = np.array([[box.left, box.top, box.right, box.bottom]])
         unseen = ResponseMap(corners, np.zeros(1), np.ones(1), box.scaled(_ABOUT))
-        return self._guard.run(partial(self._response.search, image, box), unseen, _is_response)
+
+        def is_sound(answer: ResponseMap) -> bool:
+            fits = _is_response(answer)
+            return fits and (not self._channels or _channels(answer) in (0, self._channels))
+
+        answer = self._guard.run(partial(self._response.search, image, box), unseen, is_sound)
+        if self._channels is None:
+            self._channels = _channels(answer)
+        if _channels(answer) == self._channels:
+            return answer
+        # What features are compared with has as many channels.
+        blank = np.zeros((2, 2, self._channels)) if self._channels else None
+        return replace(answer, image_features=blank)
 
     def learn(self, image: Image, box: Box, probability: float) -> None:
         """See `ResponseTracker`."""
@@ -96,9 +117,21 @@ def _is_estimate(answer: MotionEstimate) -> bool:
     return sound and math.isfinite(answer.confidence) and answer.confidence <= SURE
 
 
+def _channels(answer: ResponseMap) -> int:
+    return 0 if answer.image_features is None else answer.image_features.shape[2]
+
+
 def _is_response(answer: ResponseMap) -> bool:
-    if not isinstance(answer, ResponseMap) or not len(answer.corners):
+    if not isinstance(answer, ResponseMap) or not isinstance(answer.region, Box):
         return False
-    features = answer.image_features
-    sound = features is None or bool(np.isfinite(features).all())
-    return sound and answer.finite(answer.region) is answer and bool(answer.scores.max() <= SURE)
+    places, features, second = answer.scores.size, answer.image_features, answer.second
+    shapes = answer.corners.shape, answer.scores.shape, answer.penalty.shape
+    if not places or shapes != ((places, 4), (places,), (places,)):
+        return False
+    if second is not None and not _is_estimate(second):
+        return False
+    if features is not None and (features.ndim != 3 or not np.isfinite(features).all()):
+        return False
+    surest = max(answer.scores.max(), answer.penalty.max())
+    finite = answer.finite(answer.region) is answer
+    return finite and bool(surest <= SURE and answer.penalty.min() >= 0)
