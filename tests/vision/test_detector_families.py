@@ -199,6 +199,7 @@ def test_nanodet(cx: float, cy: float, w: float, h: float, number: int, scores: 
             one[:] = -9.0
     at = row * (WIDTH // stride) + column
     answers[2][0, at, number] = logit(0.7) if scores == "raw" else 0.7
+    answers[0][0, 3] = math.nan
     sides = [(x - box[0]), (y - box[1]), (box[2] - x), (box[3] - y)]
     distances[2][0, at] = bins_for([side / stride for side in sides])
     outputs = answers + distances

@@ -301,6 +301,7 @@ def test_boxes_that_are_none_are_dropped(tmp_path: Path) -> None:
         (32, 32, float("inf"), 16, 0.9, 0.0),
         (float("nan"), 32, 16, 16, 0.9, 0.0),
         (32, 32, 0, 16, 0.9, 0.0),
+        (32, 32, 16, 16, float("inf"), 0.0),
         (32, 32, 16, 16, 0.5, 0.0),
     ]
     found = OnnxDetector(constant_detector(tmp_path / "c.onnx", rows)).detect(scene())

@@ -78,8 +78,8 @@ class Candidates:
         return self._chosen(self.scores >= score)
 
     def valid(self) -> Candidates:
-        """Return those whose boxes are finite and have an area."""
-        finite = self._chosen(np.isfinite(self.corners).all(axis=1))
+        """Return those that are finite and have an area."""
+        finite = self._chosen(np.isfinite(self.corners).all(axis=1) & np.isfinite(self.scores))
         sides = finite.corners[:, 2:] - finite.corners[:, :2]
         return finite._chosen((sides > 0).all(axis=1))
 

@@ -124,7 +124,7 @@ class NanoDetDecoder:
     def decode(self, outputs: Sequence[Tensor], min_score: float) -> Candidates:
         """Return the boxes with at least a score, in input pixels."""
         classes, bins = self._split(outputs)
-        if classes.min() < 0 or classes.max() > 1:
+        if ((classes < 0) | (classes > 1)).any():  # also beside one that is no number
             classes = sigmoid(classes)
         likely = np.flatnonzero(classes.max(axis=1) >= min_score)
         scores, class_ids = best_class(classes[likely])
