@@ -20,7 +20,7 @@ def pictures(folder: Path, number: int = 3) -> None:
 @pytest.mark.parametrize(
     ("images", "truth", "lines"),
     [
-        ("img", "groundtruth_rect.txt", "1,2,3,4\n1\t2\t3\t4\n1 2 3 4\n"),
+        ("img", "groundtruth_rect.txt", "1,2,3,4,\n1\t2\t3\t4\n1 2 3 4\n"),
         ("img", "groundtruth.txt", "1,2,3,4\n" * 3),
         ("color", "groundtruth.txt", "1,6,1,2,4,2,4,6\n" * 3),
         (".", "groundtruth.txt", "1.0,2.0,3.0,4.0\n" * 3),
@@ -62,14 +62,35 @@ def test_absence_is_read_from_zeros_and_from_labels(tmp_path: Path, name: str, l
     assert [box is None for box in sequence.truth] == [False, True, True, False]
 
 
-@pytest.mark.parametrize("lines", ["1,2,3,4\n", "1,2,3\n" * 3, "a,b,c,d\n" * 3, "0,0,0,0\n" * 3])
-def test_a_broken_sequence_is_skipped_by_name(tmp_path: Path, lines: str) -> None:
+@pytest.mark.parametrize(
+    "line", ["nan,nan,nan,nan", "1,1,0,5", "1,1,1e-200,1e-200", "1.5e308,1,1e308,1"]
+)
+def test_what_is_no_box_is_an_absent_target(tmp_path: Path, line: str) -> None:
+    pictures(tmp_path)
+    (tmp_path / "groundtruth.txt").write_text(f"1,2,3,4\n{line}\n1,2,3,4\n")
+    (sequence,), _ = load_dataset(tmp_path)
+    assert [box is None for box in sequence.truth] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("lines", "why"),
+    [
+        ("", "needs one line an image"),
+        ("1,2,3,4\n", "needs more than the first box: it is held back"),
+        ("1,2,3,4\n" * 2, "needs one line an image"),
+        ("1,2,3\n" * 3, "no box in '1,2,3'"),
+        ("a,b,c,d\n" * 3, "no box in 'a,b,c,d'"),
+        ("0,0,0,0\n" * 3, "a box in the first"),
+    ],
+)
+def test_a_broken_sequence_is_skipped_by_name(tmp_path: Path, lines: str, why: str) -> None:
     for name, text in (("bad", lines), ("good", "1,2,3,4\n" * 3)):
         pictures(tmp_path / name / "img")
         (tmp_path / name / "groundtruth.txt").write_text(text)
     (sequence,), (remark,) = load_dataset(tmp_path)
     assert sequence.name == "good"
     assert "bad" in remark
+    assert why in remark
 
 
 def test_no_sequence_is_an_error_in_one_line(tmp_path: Path) -> None:

@@ -188,7 +188,8 @@ def _load(place: SequencePlace) -> Sequence:
     if len(images) > len(truth) and place.is_cut:
         images = images[place.first - 1 :][: len(truth)]
     if len(images) != len(truth):
-        why = "one line an image" if len(truth) > 1 else "more than the first box: it is held back"
+        held_back = len(truth) == 1
+        why = "more than the first box: it is held back" if held_back else "one line an image"
         raise DatasetError(
             f"{place.truth}: {len(truth)} boxes for {len(images)} images; needs {why}"
         )

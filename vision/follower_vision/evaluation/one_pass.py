@@ -128,15 +128,16 @@ def _box(path: Path, number: int, line: str) -> Box | None:
 
 def _numbers(line: str) -> list[float]:
     try:
-        return [float(word) for word in re.split(r"[,;\s]+", line)]
+        return [float(word) for word in re.split(r"[,;\s]+", line) if word]
     except ValueError:
         return []
 
 
 def _rectangle(values: list[float]) -> Box | None:
-    if not np.all(np.isfinite(values)) or min(values[2:]) <= 0:
+    try:
+        return Box.from_xywh(*values)
+    except ValueError:  # not finite, or without an area
         return None
-    return Box.from_xywh(*values)
 
 
 def _around(values: list[float]) -> Box | None:
