@@ -34,3 +34,10 @@ def test_a_small_target_on_a_still_ground_is_a_living_picture():
 def test_one_colour_is_blank(colour):
     image = np.full((48, 64, 3), colour, np.uint8)
     assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.BLANK
+
+
+@pytest.mark.parametrize("top", range(300, 342, 6))
+def test_a_target_before_an_overexposed_sky_is_seen_wherever_it_is(top: int) -> None:
+    image = np.full((720, 1280, 3), 255, np.uint8)
+    image[top : top + 30, 600:630] = 40
+    assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.GOOD

@@ -25,9 +25,9 @@ class FrameHealth(StrEnum):
 
 
 class FrameCheck:
-    """Checks a sample of every frame's pixels, and all of them where the sample is the last one's.
+    """Checks a sample of every frame's pixels, and all where that is the last one's or one colour.
 
-    A small target on a still background may move between the rows of the sample.
+    A small target on a still background, or before an even sky, may be between the sample's rows.
     """
 
     def __init__(self) -> None:
@@ -47,10 +47,15 @@ class FrameCheck:
         else:
             self._repeats, self._changed_s = 0, frame.captured_s
         self._sample, self._image = sample, frame.image
-        _, deviation = cv2.meanStdDev(np.frombuffer(sample, np.uint8).reshape(-1, 1, 3))
-        if float(deviation.max()) < _BLANK_DEVIATION:
+        rows = np.frombuffer(sample, np.uint8).reshape(-1, 1, 3)
+        if _is_one_colour(rows) and _is_one_colour(frame.image):
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s
         if self._repeats >= 2 and still_s >= _FROZEN_AFTER_S:
             return FrameHealth.FROZEN
         return FrameHealth.GOOD
+
+
+def _is_one_colour(pixels: Image) -> bool:
+    _, deviation = cv2.meanStdDev(pixels)
+    return float(deviation.max()) < _BLANK_DEVIATION
