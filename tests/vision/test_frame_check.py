@@ -41,3 +41,17 @@ def test_a_target_before_an_overexposed_sky_is_seen_wherever_it_is(top: int) -> 
     image = np.full((720, 1280, 3), 255, np.uint8)
     image[top : top + 30, 600:630] = 40
     assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.GOOD
+
+
+@pytest.mark.parametrize("side", [8, 12, 24])
+def test_a_small_target_before_an_overexposed_sky_is_no_blank_frame(side: int) -> None:
+    image = np.full((720, 1280, 3), 255, np.uint8)
+    image[303 : 303 + side, 605 : 605 + side] = 40
+    assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.GOOD
+
+
+def test_a_covered_lens_is_blank_for_all_its_noise() -> None:
+    rng = np.random.default_rng(3)
+    image = np.abs(rng.normal(0, 3, (720, 1280, 3))).astype(np.uint8)
+    image[rng.integers(0, 720, 40), rng.integers(0, 1280, 40)] = 255  # pixels that are always lit
+    assert FrameCheck().update(Frame(image, 0.0, 0)) is FrameHealth.BLANK

@@ -1,5 +1,6 @@
 """Detects blank frames and a frozen camera."""
 
+import math
 from enum import StrEnum
 
 import cv2
@@ -12,6 +13,8 @@ _FROZEN_AFTER_S = 0.1
 """A picture that has not changed for so long, and was repeated at least twice, is frozen."""
 _BLANK_DEVIATION = 4.0
 """A frame whose blue, green and red levels deviate less than this is blank."""
+_CELL_PX, _THING_LEVELS = 8, 24.0
+"""But for a thing that makes the mean of so large a square differ so much, which no noise does."""
 
 
 class FrameHealth(StrEnum):
@@ -48,7 +51,7 @@ class FrameCheck:
             self._repeats, self._changed_s = 0, frame.captured_s
         self._sample, self._image = sample, frame.image
         rows = np.frombuffer(sample, np.uint8).reshape(-1, 1, 3)
-        if _is_one_colour(rows) and _is_one_colour(frame.image):
+        if _is_plain(rows) and _is_plain(frame.image) and not _has_a_thing(frame.image):
             return FrameHealth.BLANK
         still_s = frame.captured_s - self._changed_s
         if self._repeats >= 2 and still_s >= _FROZEN_AFTER_S:
@@ -56,6 +59,12 @@ class FrameCheck:
         return FrameHealth.GOOD
 
 
-def _is_one_colour(pixels: Image) -> bool:
+def _is_plain(pixels: Image) -> bool:
     _, deviation = cv2.meanStdDev(pixels)
     return float(deviation.max()) < _BLANK_DEVIATION
+
+
+def _has_a_thing(image: Image) -> bool:
+    height, width = (math.ceil(side / _CELL_PX) for side in image.shape[:2])
+    cells = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return bool(np.abs(cells - np.median(cells, axis=(0, 1))).max() > _THING_LEVELS)
