@@ -379,6 +379,16 @@ def test_a_detector_of_a_package_detects_and_its_failure_detects_nothing(
         assert model_states(Settings(detector=name)) == {}, "preflight wants no file of it"
 
 
+@pytest.mark.parametrize("names", ["{0: 'thing'}", "None"])
+def test_a_detector_whose_classes_have_no_names_is_refused_in_one_line(
+    site: Site, names: str
+) -> None:
+    site.add("follower-eye", "detectors", "eye", EYE.replace('("thing",)', names))
+    said = r"^the detector 'eye' of follower-eye 1\.0 is none: its class_names are .*, not names$"
+    with pytest.raises(PluginError, match=said):
+        make_detector("eye", ModelStore(site.folder))
+
+
 CAMERA = """
 import numpy as np
 

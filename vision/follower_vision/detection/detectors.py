@@ -1,7 +1,7 @@
 """The detectors by name."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from follower_vision.images.frame import Image
 from follower_vision.models.store import ModelStore
 from follower_vision.models.table import Purpose, VisionModel
 from follower_vision.onnx_network import CPU, ModelError
-from follower_vision.plugins import SURE, Plugin, PluginGroup, PluginGuard
+from follower_vision.plugins import SURE, Plugin, PluginError, PluginGroup, PluginGuard
 
 EMBEDDED = "embedded"
 """Another name for the detector that is part of this package."""
@@ -66,12 +66,18 @@ class GuardedDetector:
 
     Attributes:
         class_names: the detector's own.
+
+    Raises:
+        PluginError: these are no names.
     """
 
     def __init__(self, detector: Detector, plugin: Plugin) -> None:
+        names: Any = detector.class_names
         self._detector = detector
         self._guard = PluginGuard(plugin)
-        self.class_names = tuple(detector.class_names)
+        self.class_names = tuple(names) if isinstance(names, Iterable) else (names,)
+        if not all(isinstance(name, str) for name in self.class_names):
+            raise PluginError(f"the {plugin} is none: its class_names are {names}, not names")
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """See `Detector`."""
