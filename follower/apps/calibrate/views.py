@@ -133,10 +133,10 @@ class ViewCollection:
             SettingsError: it has another size than those before.
         """
         size = (image.shape[1], image.shape[0])
-        if self.size not in (None, size):
+        if self.size is not None and self.size != size:
             raise SettingsError(
-                f"image {self.images + 1} has {size[0]} x {size[1]} pixels, those before it "
-                f"{self.size}: a lens is calibrated for one size"
+                "image {} has {} x {} pixels, those before it {} x {}: a lens is calibrated for "
+                "one size".format(self.images + 1, *size, *self.size)
             )
         self.size = size
         self.images += 1
