@@ -12,7 +12,6 @@ import re
 import socket
 import sys
 import termios
-import tty
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,8 @@ _MOST_WAITING, _LONGEST_WAIT_S = 8192, 0.1
 _BITS_A_BYTE = 10
 _RETRY_S = 1.0
 _CONNECT_S = 3.0
-_CFLAG, _ISPEED, _OSPEED = 2, 4, 5
+_IFLAG, _OFLAG, _CFLAG, _LFLAG, _ISPEED, _OSPEED, _CC = range(7)
+_NOT_WANTED = termios.CSIZE | termios.CSTOPB | termios.PARENB | termios.CRTSCTS
 _BAUD = 115_200
 _EXAMPLES = (
     "write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or DEVICE:BAUD, "
@@ -163,9 +163,10 @@ class _StreamTransport:
 
 
 class SerialTransport(_StreamTransport):
-    """One serial port, raw, eight bits, no parity, one stop bit, never blocking; a `Transport`.
+    """One serial port, raw, eight bits, no parity, one stop bit, no flow control, never blocking.
 
-    A port that goes away (a USB plug that was pulled) is opened again once it is back.
+    It is so whatever another program has left: the system keeps a port's settings. A port that
+    goes away (a USB plug that was pulled) is opened again once it is back. A `Transport`.
 
     Args:
         device: the port's file, e.g. /dev/ttyACM0.
@@ -186,10 +187,12 @@ def _serial_port(device: str, speed: int) -> int:
     file = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.ioctl(file, termios.TIOCEXCL)
-        tty.setraw(file)
         attributes = termios.tcgetattr(file)
-        attributes[_CFLAG] |= termios.CLOCAL | termios.CREAD
+        attributes[_IFLAG] = attributes[_OFLAG] = attributes[_LFLAG] = 0
+        attributes[_CFLAG] &= ~_NOT_WANTED
+        attributes[_CFLAG] |= termios.CS8 | termios.CLOCAL | termios.CREAD
         attributes[_ISPEED] = attributes[_OSPEED] = speed
+        attributes[_CC][termios.VMIN], attributes[_CC][termios.VTIME] = 1, 0
         termios.tcsetattr(file, termios.TCSANOW, attributes)
         termios.tcflush(file, termios.TCIOFLUSH)
     except (OSError, termios.error) as error:

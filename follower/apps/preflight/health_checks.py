@@ -183,7 +183,7 @@ def _packet_loss(s: Snapshot) -> PreflightFinding:
         return unknown("no packets came")
     share = s.link.lost_share
     text = f"{share:.1%} of {s.link.of_vehicle + s.link.lost} packets lost"
-    todo = "a better antenna or a cable, a slower stream, or flow control on the serial port"
+    todo = "a better antenna or a cable, a slower stream, or a faster baud rate"
     return graded(text, todo, good=share <= _LOSS, usable=share <= _TOO_MUCH_LOSS)
 
 

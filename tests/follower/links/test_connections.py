@@ -3,6 +3,7 @@
 import errno
 import os
 import socket
+import termios
 import threading
 import time
 import tty
@@ -205,6 +206,33 @@ def test_a_serial_port_carries_every_byte_both_ways(form: str) -> None:
         os.write(theirs, every)
         assert _receive(port, 256) == every
         assert port.receive() == b""
+
+
+@pytest.mark.parametrize(
+    ("part", "flag"),
+    [
+        (0, "IGNCR"),
+        (0, "INLCR"),
+        (0, "PARMRK"),
+        (0, "IXOFF"),
+        (1, "OPOST"),
+        (2, "CSTOPB"),
+        (2, "CRTSCTS"),
+        (3, "ECHO"),
+    ],
+)
+def test_what_another_program_left_of_a_serial_port_does_not_count(part: int, flag: str) -> None:
+    every = bytes(range(256))
+    with _pty() as (theirs, name):
+        line = os.open(name, os.O_RDWR | os.O_NOCTTY)
+        left = termios.tcgetattr(line)
+        left[part] |= getattr(termios, flag)
+        termios.tcsetattr(line, termios.TCSANOW, left)
+        with closing(open_connection(name)) as port:
+            os.write(theirs, every)
+            assert _receive(port, 256) == every
+            assert not termios.tcgetattr(line)[part] & getattr(termios, flag)
+        os.close(line)
 
 
 def _read(file: int, wanted: int, patience_s: float = 2.0) -> bytes:
