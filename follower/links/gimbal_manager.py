@@ -8,20 +8,24 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from follower_control.vehicle.gimbal import GimbalRates
 
 _EVERY_S = 1.0
+_AGAIN_S = 3.0
+"""By then the manager has said twice who controls the gimbal since it was last asked for."""
 _ALL_LOCKED = (
     mavlink.GIMBAL_MANAGER_FLAGS_ROLL_LOCK
     | mavlink.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
     | mavlink.GIMBAL_MANAGER_FLAGS_YAW_LOCK
 )
 """Angles and rates are against the world: the vehicle may turn and tilt under the camera."""
+_NOBODY = (0, 0)
 
 Command = tuple[int, tuple[float, ...]]
 
 
 class GimbalManager:
-    """Finds the gimbal, asks for its control once, and knows who has it.
+    """Finds the gimbal, asks for its control, and knows who has it.
 
-    Taken once: whoever takes it afterwards, keeps it.
+    Asked for once, and again while the manager says that nobody has it: the command may get lost,
+    and an autopilot that was restarted has forgotten it. Whoever takes it afterwards, keeps it.
 
     Args:
         system, component: who we are.
@@ -43,7 +47,7 @@ class GimbalManager:
     @property
     def obeys_us(self) -> bool:
         """Whether nobody else controls it."""
-        return self.holder in (None, (0, 0), self._own)
+        return self.holder in (None, _NOBODY, self._own)
 
     def take(self, name: str, message: Any) -> bool:
         """Take a message of the manager; whether it is one."""
@@ -57,15 +61,16 @@ class GimbalManager:
 
     def due(self, now_s: float) -> list[Command]:
         """Return the commands whose time has come."""
+        waited_s = now_s - self._asked_s
         if not self.found:
-            if now_s - self._asked_s < _EVERY_S:
+            if waited_s < _EVERY_S:
                 return []
             self._asked_s = now_s
             number = float(mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION)
             return [(mavlink.MAV_CMD_REQUEST_MESSAGE, (number,))]
-        if self._taken:
+        if self._taken and (self.holder != _NOBODY or waited_s < _AGAIN_S):
             return []
-        self._taken = True
+        self._taken, self._asked_s = True, now_s
         # The last four: secondary control and two unused ones stay as they are.
         take = (*map(float, self._own), -1.0, -1.0, 0.0, 0.0, float(self._device))
         return [(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, take)]

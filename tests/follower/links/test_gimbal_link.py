@@ -93,6 +93,30 @@ def test_whoever_takes_it_from_us_keeps_it() -> None:
     assert obeyed.holder == (255, 190)
 
 
+def test_its_control_is_asked_for_again_after_the_command_was_lost_or_forgotten() -> None:
+    bench = Bench()
+    send = bench.link._channel.send
+    lost: list[bytes] = []
+
+    def lose_the_first(packet: bytes) -> None:
+        message = mavlink.MAVLink(None).decode(bytearray(packet))
+        command = getattr(message, "command", None)
+        if lost or command != mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
+            send(packet)
+        else:
+            lost.append(packet)
+
+    bench.link._channel.send = lose_the_first
+    bench.run(6.0)
+    assert lost
+    for turned in (0.3, 0.6):
+        bench.run(1.0, GimbalRates(0.0, 0.3))
+        assert bench.looks()[1] == pytest.approx(0.5 + turned, abs=0.04)
+        bench.run(0.1, GimbalRates())
+        bench.autopilot._gimbal.holder = (0, 0)  # restarted
+        bench.run(5.0)
+
+
 def test_rangefinder_and_origin_are_heard() -> None:
     bench = Bench()
     bench.run(3.0)
