@@ -12,6 +12,8 @@ _JUMP_S = 1.0
 _PATIENCE = 5
 """So many contradictions in a row are believed."""
 _PACED_S = 10.0
+_WRAP_S = 2**32 / 1000
+"""After 49.7 days times since boot in messages begin anew at 0; those in answers go on."""
 _DRIFT, _LARGEST_DRIFT = 1e-4, 0.02
 """Crystals are right to 1e-5; simulated autopilots were seen to lose a second in a hundred."""
 
@@ -64,6 +66,7 @@ class AutopilotClock:
 
     def to_system(self, boot_s: float, arrival_s: float) -> float:
         """Return when `boot_s` was on the system's clock, in seconds; never after its arrival."""
+        boot_s = self._unwrapped(boot_s)
         self._bound(-math.inf, boot_s, arrival_s, "message")
         return min(boot_s + self._offset_s, arrival_s)
 
@@ -79,6 +82,12 @@ class AutopilotClock:
         if self._low_s == -math.inf:
             return self._high_s
         return (self._low_s + self._high_s) / 2
+
+    def _unwrapped(self, boot_s: float) -> float:
+        """Return the time since boot that a message means, by the newest one known."""
+        if self._newest_boot_s == -math.inf:
+            return boot_s
+        return boot_s + _WRAP_S * round((self._newest_boot_s - boot_s) / _WRAP_S)
 
     def _bound(self, asked_s: float, boot_s: float, now_s: float, source: str) -> None:
         self._relax(now_s)

@@ -67,6 +67,17 @@ def test_a_restart_and_a_jump_are_believed_after_five_in_a_row(boot_s: float) ->
     assert mapped == pytest.approx(now_s, abs=1e-3)
 
 
+@pytest.mark.parametrize("before_s", [-5.0, 5.0], ids=["before we came", "while we listen"])
+def test_an_autopilot_that_runs_for_seven_weeks_has_times_that_begin_anew(before_s: float) -> None:
+    clock, wrap_s = AutopilotClock(), 2**32 / 1000
+    for number in range(100):
+        now_s = 100.0 + 0.1 * number
+        boot_s = wrap_s - before_s + 0.1 * number  # as TIMESYNC tells it
+        assert clock.to_system(boot_s % wrap_s, now_s) == pytest.approx(now_s, abs=0.01)
+        clock.exchange(now_s - 0.002, boot_s, now_s + 0.002)
+    assert clock.restarts == 0
+
+
 def test_until_a_restart_is_believed_times_look_old_and_never_new() -> None:
     clock = _settled()
     assert clock.to_system(0.5, 130.0) == pytest.approx(100.5, abs=0.01)
