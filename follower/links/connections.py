@@ -25,6 +25,8 @@ _MOST_WAITING, _LONGEST_WAIT_S = 8192, 0.1
 _BITS_A_BYTE = 10
 _RETRY_S = 1.0
 _CONNECT_S = 3.0
+_SILENT_S = 3.0
+"""An autopilot sends a heartbeat each second."""
 _IFLAG, _OFLAG, _CFLAG, _LFLAG, _ISPEED, _OSPEED, _CC = range(7)
 _NOT_WANTED = termios.CSIZE | termios.CSTOPB | termios.PARENB | termios.CRTSCTS
 _BAUD = 115_200
@@ -213,10 +215,12 @@ def _speed(baud: int) -> int:
 class TcpTransport(_StreamTransport):
     """One peer over TCP, never blocking once it is open; a `Transport`.
 
-    Make one by `connect` (it calls) or `listen` (it is called; one peer at a time).
+    Make one by `connect` (it calls) or `listen` (it is called; one peer at a time). Who calls takes
+    the place of a peer that is silent: one that lost its power or its radio never hangs up.
     """
 
     _listener: socket.socket | None = None
+    _heard_s = -math.inf
 
     @classmethod
     def connect(cls, host: str, port: int, clock: Clock | None = None) -> TcpTransport:
@@ -253,6 +257,18 @@ class TcpTransport(_StreamTransport):
     def port(self) -> int:
         """The port on which it listens, 0 if it does not."""
         return 0 if self._listener is None else int(self._listener.getsockname()[1])
+
+    def receive(self) -> bytes:
+        """Return what has arrived, of a flood the oldest part."""
+        data, now_s = super().receive(), self._clock.now()
+        if data or self._file is None:
+            self._heard_s = now_s
+        elif self._listener is not None and now_s - self._heard_s > _SILENT_S:
+            with contextlib.suppress(OSError):  # nobody calls
+                caller = self._reopen()
+                self._drop()
+                self._file, self._heard_s = caller, now_s
+        return data
 
     def close(self) -> None:
         """Close the connection, and listen no longer."""

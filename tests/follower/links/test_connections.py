@@ -84,6 +84,25 @@ def test_tcp_is_taken_up_again_after_it_broke() -> None:
     server.close()
 
 
+def test_who_calls_takes_the_place_of_a_tcp_peer_that_went_without_a_word() -> None:
+    clock = SimulatedClock()
+    with (
+        closing(TcpTransport.listen("127.0.0.1", 0, clock)) as server,
+        socket.create_connection(("127.0.0.1", server.port)) as without_power,
+    ):
+        without_power.send(b"before")
+        assert _receive(server, 6) == b"before"
+        with socket.create_connection(("127.0.0.1", server.port)) as restarted:
+            restarted.send(b"after")
+            clock.sleep_until(2.0)
+            assert server.receive() == b""  # it may be heard again
+            clock.sleep_until(4.0)
+            assert _receive(server, 5) == b"after"
+            server.send(b"answer")
+            restarted.settimeout(1.0)
+            assert restarted.recv(6) == b"answer"
+
+
 def test_a_tcp_peer_that_does_not_read_loses_whole_packets_and_blocks_nobody() -> None:
     server = TcpTransport.listen("127.0.0.1", 0)
     client = TcpTransport.connect("127.0.0.1", server.port)
