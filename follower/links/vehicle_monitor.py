@@ -1,7 +1,7 @@
 """The vehicle's state, from its messages."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any, TypeVar
 
@@ -106,6 +106,40 @@ def gimbal_of(message: Any, time_s: float) -> GimbalState | None:
     return GimbalState(attitude, bool(flags & _LEVEL), from_north)
 
 
+_PART, _LONGEST_PAUSE_S = 50, 2.0
+
+
+class _TextJoiner:
+    """Joins the parts of a text that is longer than one STATUSTEXT; a part not full is the last.
+
+    What stays incomplete is given as far as it came.
+    """
+
+    def __init__(self) -> None:
+        self._text = ""
+        self._newest = (0, 0, "")
+        self._came_s = -math.inf
+
+    def take(self, message: Any, now_s: float) -> list[str]:
+        """Take a STATUSTEXT; return the texts that are over."""
+        number, part, text = newest = message.id, message.chunk_seq, str(message.text)
+        if number == 0:
+            return [*self.rest(), text]
+        if newest == self._newest:
+            return []  # the network doubled it
+        before = [] if (number, part - 1) == self._newest[:2] else self.rest()
+        self._newest, self._came_s = newest, now_s
+        self._text += text
+        return before if len(text) == _PART else before + self.rest()
+
+    def rest(self, now_s: float = math.inf) -> list[str]:
+        """Return what has come of a text whose next part is not to be expected any more."""
+        if not self._text or now_s - self._came_s <= _LONGEST_PAUSE_S:
+            return []
+        text, self._text = self._text, ""
+        return [text]
+
+
 class VehicleMonitor:
     """Turns one vehicle's messages into its state.
 
@@ -124,6 +158,7 @@ class VehicleMonitor:
         self.autopilot = int(mavlink.MAV_AUTOPILOT_INVALID)
         self._clock = clock
         self._notes: list[str] = []
+        self._texts = _TextJoiner()
         self._handlers: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "ATTITUDE": self._on_attitude,
@@ -177,6 +212,7 @@ class VehicleMonitor:
         return notes
 
     def _on_heartbeat(self, message: Any, now_s: float) -> None:
+        self._tell(self._texts.rest(now_s))
         self.settle()
         before = self.state
         mode = mode_name(self.autopilot, message.custom_mode)
@@ -234,8 +270,12 @@ class VehicleMonitor:
             name = command.name if command else message.command
             self.note(f"{name}: {result.name if result else message.result}")
 
-    def _on_text(self, message: Any, _now_s: float) -> None:
-        self.note(str(message.text))
+    def _on_text(self, message: Any, now_s: float) -> None:
+        self._tell(self._texts.take(message, now_s))
+
+    def _tell(self, texts: Iterable[str]) -> None:
+        for text in texts:  # which may command a terminal
+            self.note("".join(letter if letter.isprintable() else " " for letter in text))
 
     def _on_rc(self, message: Any, now_s: float) -> None:
         count = min(max(int(message.chancount), 0), _MOST_CHANNELS)

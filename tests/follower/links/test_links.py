@@ -74,6 +74,56 @@ def test_telemetry_that_is_not_finite_is_dropped(bad: float) -> None:
     assert peer.link.state.position is None
 
 
+LONG = "PreArm: Battery 1 below minimum arming voltage, and capacity too low to arm: charge it"
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ([0, 1], [LONG, "Ready"]),
+        ([0, 0, 1, 1], [LONG, "Ready"]),  # doubled by the network
+        ([0], [LONG[:50], "Ready"]),  # the last one lost
+        ([1], [LONG[50:], "Ready"]),
+    ],
+)
+def test_a_text_that_is_longer_than_a_message_is_told_whole(
+    parts: list[int], told: list[str]
+) -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.link.poll(0.5)
+    peer.link.take_notes()
+    for part in parts:
+        text = LONG[50 * part :][:50].encode()
+        peer.say(mavlink.MAVLink_statustext_message(4, text, 7, part))
+    peer.say(mavlink.MAVLink_statustext_message(6, b"Ready"))
+    peer.link.poll(1.0)
+    assert peer.link.take_notes() == told
+
+
+def test_what_came_of_a_long_text_is_told_though_nothing_follows() -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.link.poll(0.5)
+    peer.link.take_notes()
+    peer.say(mavlink.MAVLink_statustext_message(4, LONG[:50].encode(), 7, 0))
+    peer.link.poll(1.0)
+    assert peer.link.take_notes() == []
+    peer.heartbeat()
+    peer.link.poll(3.1)
+    assert LONG[:50] in peer.link.take_notes()
+
+
+def test_a_text_does_not_command_the_terminal() -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.link.poll(0.5)
+    peer.link.take_notes()
+    peer.say(mavlink.MAVLink_statustext_message(4, b"\x1b[2Jgone\r"))
+    peer.link.poll(1.0)
+    assert peer.link.take_notes() == [" [2Jgone "]
+
+
 def test_refusals_and_texts_are_told_once() -> None:
     peer = Peer()
     peer.heartbeat()
