@@ -54,6 +54,8 @@ class GimbalManager:
         if name == "GIMBAL_MANAGER_INFORMATION":
             self.found = True
         elif name == "GIMBAL_MANAGER_STATUS":
+            if self._device not in (0, message.gimbal_device_id):
+                return True  # another gimbal's
             self.holder = message.primary_control_sysid, message.primary_control_compid
         else:
             return False

@@ -9,6 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from follower.links.gimbal_manager import GimbalManager
 from follower.links.mavsdk_link import MavsdkLink
 from follower.links.pymavlink_link import MavlinkLink
 from follower.links.vehicle_monitor import clearance_by_rangefinder, gimbal_of
@@ -115,6 +116,15 @@ def test_its_control_is_asked_for_again_after_the_command_was_lost_or_forgotten(
         bench.run(0.1, GimbalRates())
         bench.autopilot._gimbal.holder = (0, 0)  # restarted
         bench.run(5.0)
+
+
+@pytest.mark.parametrize(("device", "ours"), [(2, True), (1, False), (0, False)])
+def test_whoever_controls_another_gimbal_does_not_stop_ours(device: int, ours: bool) -> None:
+    manager = GimbalManager(1, 191, device)
+    for number, holder in ((2, (1, 191)), (1, (255, 190))):
+        status = mavlink.MAVLink_gimbal_manager_status_message(0, 0, number, *holder, 0, 0)
+        assert manager.take("GIMBAL_MANAGER_STATUS", status)
+    assert manager.obeys_us is ours
 
 
 def test_rangefinder_and_origin_are_heard() -> None:
