@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from follower.links.clock_sync import AutopilotClock, TimeSync, time_ns
 from follower.links.gimbal_manager import GimbalManager
-from follower.links.operator_commands import OperatorCommand, OperatorCommands
+from follower.links.operator_commands import CONSENT_COMMAND, OperatorCommand, OperatorCommands
 from follower.links.packet_channel import PacketChannel, PacketPort, SequenceCounter
 from follower.links.packet_parser import MavlinkPacket, Unpacker
 from follower.links.request_scheduler import ParameterReader, RequestScheduler
@@ -203,8 +203,10 @@ class Link(ABC):
         return self._operators.take()
 
     def answer(self, command: OperatorCommand, accepted: bool) -> None:
-        """Acknowledge a command to us."""
+        """Acknowledge a command to us; what is no consent is not supported."""
         result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_DENIED
+        if command.command != CONSENT_COMMAND:
+            result = mavlink.MAV_RESULT_UNSUPPORTED
         target = command.system, command.component
         message = mavlink.MAVLink_command_ack_message(command.command, result, 0, 0, *target)
         self._send_message(message)

@@ -41,8 +41,8 @@ class Peer:
         self._transport = theirs
         self._codec = mavlink.MAVLink(None, 7, 1)
 
-    def say(self, message: object) -> None:
-        self._transport.send(message.pack(self._codec))  # type: ignore[attr-defined]
+    def say(self, message: object, codec: mavlink.MAVLink | None = None) -> None:
+        self._transport.send(message.pack(codec or self._codec))  # type: ignore[attr-defined]
 
     def heartbeat(self) -> None:
         px4 = mavlink.MAV_AUTOPILOT_PX4
@@ -72,6 +72,28 @@ def test_telemetry_that_is_not_finite_is_dropped(bad: float) -> None:
     peer.link.poll(5.0)
     assert peer.link.state.attitude.roll_rad == pytest.approx(0.1)
     assert peer.link.state.position is None
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        (mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAV_RESULT_UNSUPPORTED),
+        (mavlink.MAV_CMD_USER_1, mavlink.MAV_RESULT_DENIED),
+    ],
+)
+def test_what_a_ground_station_asks_of_every_component_is_not_denied_as_consent_is(
+    command: int, answer: int
+) -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.link.poll(0.5)
+    request = mavlink.MAVLink_command_long_message(7, 191, command, 0, 148.0, *(0.0,) * 6)
+    peer.say(request, mavlink.MAVLink(None, 255, 190))
+    peer.link.poll(1.0)
+    (asked,) = peer.link.take_commands()
+    peer.heard()
+    peer.link.answer(asked, accepted=False)
+    assert [ack.result for ack in peer.heard()] == [answer]
 
 
 LONG = "PreArm: Battery 1 below minimum arming voltage, and capacity too low to arm: charge it"
