@@ -1,6 +1,7 @@
 """Frames in, tracks out: what the vision thread runs."""
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -43,7 +44,7 @@ OUT_OF_ORDER = "out of order"
 class VisionStage:
     """Selects the target when asked to, then follows it frame by frame.
 
-    `select` may be called from any thread: it replaces one attribute.
+    `select` may be called from any thread; the newest one counts.
 
     Args:
         tracker: fresh.
@@ -70,6 +71,7 @@ class VisionStage:
         self._predicted = tracker if isinstance(tracker, AcceptsPrediction) else None
         self._requests = requests
         self._finder = finder or TargetFinder()
+        self._selecting = threading.Lock()
         self._selector: Selector | None = None
         self._started = self._drops = False
         self._sought: TargetRequest | None = None
@@ -90,7 +92,8 @@ class VisionStage:
 
     def select(self, selector: Selector) -> None:
         """Choose a new target in the coming frames, as soon as `selector` finds one."""
-        self._selector = selector
+        with self._selecting:
+            self._selector = selector
 
     def drop(self) -> None:
         """Have no target from the next frame on; for a thread that steps."""
@@ -176,10 +179,12 @@ class VisionStage:
         if self._drops:
             self.dropped, self._drops = self._started, False
             self._started, self._selector = False, None
-        if self._selector is not None:
-            self.chosen = self._selector(frame)
+        selector = self._selector
+        if selector is not None:
+            self.chosen = selector(frame)
         if self.chosen is not None:
-            self._selector = None
+            with self._selecting:  # somebody may have chosen anew while the frame was searched
+                self._selector = None if self._selector is selector else self._selector
             self._started = True
             return self._tracker.start(frame, self.chosen)
         return self._stepped(frame) if self._started else None

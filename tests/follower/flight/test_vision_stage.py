@@ -55,6 +55,22 @@ def test_a_target_is_not_chosen_in_a_frame_from_the_past() -> None:
     assert stage.chosen == BOX
 
 
+def test_a_choice_made_while_another_one_is_searched_for_is_not_lost() -> None:
+    stage, other = VisionStage(FusionTracker(CorrelationTracker())), BOX.moved_to(30, 30)
+
+    def searched(_: Frame) -> Box:
+        stage.select(lambda _: other)  # as from another thread
+        return BOX
+
+    stage.select(searched)
+    stage.step(frame(0, 0.0))
+    assert stage.chosen == BOX
+    stage.step(frame(1, 0.1))
+    assert stage.chosen == other
+    stage.step(frame(2, 0.2))
+    assert stage.chosen is None
+
+
 def test_another_target_in_place_of_the_one_followed_is_counted_the_same_one_is_not() -> None:
     stage = VisionStage(FusionTracker(CorrelationTracker()))
     boxes = [BOX, BOX.moved_to(84, 60), BOX.moved_to(30, 30), BOX]
