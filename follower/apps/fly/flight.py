@@ -12,7 +12,7 @@ from follower.flight.control.takeoff_monitor import AutopilotWait
 from follower.flight.log import ControlRecord, FlightLog, TrackRecord, noting_failed_plugins
 from follower.flight.operator_requests import OperatorRequests
 from follower.flight.status import LiveStatus
-from follower.flight.supervision.autonomy import Autonomy, AutonomyPhase
+from follower.flight.supervision.autonomy import Autonomy
 from follower.flight.supervision.flight_end import NO_FRAMES, FlightEnd
 from follower.flight.supervision.release import is_resting
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
@@ -174,7 +174,7 @@ class RealFlight:
         self._select_in_time()
 
     def _select_in_time(self) -> None:
-        climbing = self._autonomy is not None and self._autonomy.phase is not AutonomyPhase.AIRBORNE
+        climbing = self._autonomy is not None and self._autonomy.phase.takes_off
         with self._selecting:
             if self._selector is not None and not climbing:
                 self._vision_stage.select(self._selector)

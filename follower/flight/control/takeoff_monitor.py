@@ -13,7 +13,6 @@ _SETTLE_WITHIN_S = 90.0
 """A freshly started ArduPilot has a position after 20 to 40 s."""
 _AIRBORNE_WITHIN_S = 180.0
 _LATELY_S = 5.0
-_BELOW = (None, AutonomyPhase.CONNECTING, AutonomyPhase.ARMING, AutonomyPhase.TAKING_OFF)
 _ASKING = (AutonomyPhase.ARMING, AutonomyPhase.TAKING_OFF)
 
 
@@ -53,7 +52,7 @@ class AutopilotWait:
         """
         missing = self._missing()
         pilot_can_fly = phase is None and self._link.state.position is not None
-        if phase not in _BELOW or pilot_can_fly:
+        if (phase is not None and not phase.takes_off) or pilot_can_fly:
             return
         status = self._link.status(now_s)
         if status.problem:

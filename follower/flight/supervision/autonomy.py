@@ -27,6 +27,11 @@ class AutonomyPhase(StrEnum):
     FOLLOWING = "following"
     DONE = "done"
 
+    @property
+    def takes_off(self) -> bool:
+        """Whether the take-off is still to come, or not over."""
+        return self in (AutonomyPhase.CONNECTING, AutonomyPhase.ARMING, AutonomyPhase.TAKING_OFF)
+
 
 class Autonomy:
     """Plays the pilot: setting `autonomy: full` alone puts it in charge.

@@ -18,20 +18,26 @@ import numpy as np
 import pytest
 
 from follower.apps.command_settings import lens_is_given
-from follower.apps.fly.flight import waiting_for
+from follower.apps.fly.flight import RealFlight, waiting_for
 from follower.apps.preflight.camera_checks import CameraWatch
 from follower.apps.video_input import DeadCamera, SteadySource
-from follower.flight.log import ControlRecord
+from follower.flight.log import ControlRecord, FlightLog
+from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.flight.supervision.inputs import ConsentRequest
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
+from follower.links.pymavlink_link import MavlinkLink
 from follower.settings.settings import Settings, load_settings
 from follower.ui.terminal.cli_options import typed_command
 from follower.ui.terminal.interrupt import Keyboard, StopOnInterrupt
+from follower_control.common.transport import MemoryTransport
 from follower_control.vehicle.setpoint import HOLD
 from follower_control.vehicle.state import VehicleState
 from follower_vision.clock import SimulatedClock
+from follower_vision.fusion import FusionTracker
+from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
+from follower_vision.trackers.correlation import CorrelationTracker
 
 CONFIGS = Path(__file__).parents[4] / "configs" / "fly"
 
@@ -274,6 +280,33 @@ def test_the_first_signal_stops_and_a_second_ctrl_c_interrupts() -> None:
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize(
+    ("phase", "taken"),
+    [
+        (AutonomyPhase.CONNECTING, False),
+        (AutonomyPhase.ARMING, False),
+        (AutonomyPhase.TAKING_OFF, False),
+        (AutonomyPhase.AIRBORNE, True),
+        (AutonomyPhase.FOLLOWING, True),
+        (AutonomyPhase.DONE, True),
+    ],
+)
+def test_with_full_autonomy_a_target_waits_for_the_take_off_and_for_nothing_else(
+    phase: AutonomyPhase, taken: bool
+) -> None:
+    settings = Settings(autonomy="full")
+    link, clock = MavlinkLink(MemoryTransport.pair()[0]), SimulatedClock()
+    source = SteadySource(DeadCamera("none"), (64, 48))
+    tracker = FusionTracker(CorrelationTracker())
+    flight = RealFlight(settings, source, (64, 48), link, tracker, clock, FlightLog())
+    assert flight._autonomy is not None
+    flight._autonomy.phase = phase
+    flight.select(lambda _: Box(32, 24, 20, 20))
+    noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
+    record = flight._vision.step(Frame(noise, 0.0, 0))
+    assert (record.track is not None) is taken
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
