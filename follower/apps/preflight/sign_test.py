@@ -181,6 +181,7 @@ class SignTest:
         self._turns = "yaw" in movers(self._mount)
         self._track: Track | None = None
         self._command: DryRunCommand | None = None
+        self._frame_s = -math.inf
         self._wrong_since_s = math.inf
 
     def step(self, now_s: float, frame: Frame | None) -> SignTestResult | None:
@@ -192,6 +193,7 @@ class SignTest:
                 False, "the vehicle is armed: disarm it, take the propellers off, and begin again"
             )
         if frame is not None:
+            self._frame_s = now_s
             self._track = self._vision.step(frame)
         self._command, seen = self._dry_run.step(now_s, self._track, vehicle, self._link.attitudes)
         if seen is not None:
@@ -206,6 +208,8 @@ class SignTest:
         seen = self._track is not None and self._track.state is TrackState.TRACKING
         if self._link.state.heartbeat_age_s(now_s) > _SILENT_S:
             return ["waiting for the autopilot"]
+        if now_s - self._frame_s > _SILENT_S:
+            return ["no frames come: look after the camera"]
         if not seen or self._command is None:
             return ["the target is not seen"]
         judgement = self._evidence.judge()

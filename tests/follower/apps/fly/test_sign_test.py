@@ -21,10 +21,11 @@ from follower.flight.target.selectors import colour_selector
 from follower.flight.vision.tracker_factory import make_target_tracker
 from follower.links.connections import ConnectionFailedError
 from follower.links.open import open_link
+from follower.links.pymavlink_link import MavlinkLink
 from follower.settings.link import LinkSettings
 from follower.settings.settings import Settings
 from follower.ui.terminal.interrupt import InterruptFlag
-from follower_control.common.transport import UdpTransport
+from follower_control.common.transport import MemoryTransport, UdpTransport
 from follower_vision.clock import MonotonicClock
 from follower_vision.geometry.camera_model import CameraModel
 from follower_vision.geometry.line_of_sight import CAMERA_TO_BODY, rotation
@@ -200,3 +201,19 @@ def test_without_an_autopilot_it_ends_with_a_reason(monkeypatch: pytest.MonkeyPa
         test = SignTest(settings, link, tracker, colour_selector("#d02020"), (WIDTH, HEIGHT))
         with pytest.raises(ConnectionFailedError, match="no heartbeat of a vehicle received"):
             run(test, link, watch, clock, Console(file=io.StringIO()), InterruptFlag())
+
+
+def test_a_camera_that_dies_is_not_taken_for_a_target_that_is_not_seen() -> None:
+    ours, theirs = MemoryTransport.pair()
+    settings = Settings.model_validate({"camera": {"fov_deg": FOV_DEG}})
+    link, codec = MavlinkLink(ours, LinkSettings(vehicle_id=1)), mavlink.MAVLink(None, 1, 1)
+    never = colour_selector("#d02020")
+    test = SignTest(settings, link, make_target_tracker(settings), never, (WIDTH, HEIGHT))
+    picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    for second in range(6):
+        theirs.send(mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3).pack(codec))
+        frame = Frame(picture, float(second), second) if second < 2 else None
+        assert test.step(float(second), frame) is None
+        dead = second > 4
+        said = "no frames come: look after the camera" if dead else "the target is not seen"
+        assert test.lines(float(second)) == [said]
