@@ -261,9 +261,11 @@ class VehicleMonitor:
         self._news["answered_s"] = now_s
 
     def _on_ack(self, message: Any, now_s: float) -> None:
-        # MAVLink 1 has no target here.
-        if getattr(message, "target_component", 0) == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
+        asked_by = getattr(message, "target_component", 0)  # MAVLink 1 has no target here
+        if asked_by == mavlink.MAV_COMP_ID_ONBOARD_COMPUTER:
             self.note_answer(now_s)
+        elif asked_by:
+            return
         if message.result not in _DONE:
             command = mavlink.enums["MAV_CMD"].get(message.command)
             result = mavlink.enums["MAV_RESULT"].get(message.result)

@@ -152,6 +152,7 @@ def test_refusals_and_texts_are_told_once() -> None:
     peer.link.poll(0.5)
     peer.link.take_notes()
     peer.say(mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_DO_SET_MODE, 1))
+    peer.say(mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_NAV_LAND, 4, 0, 0, 255, 190))
     peer.say(mavlink.MAVLink_statustext_message(2, b"Failsafe activated"))
     peer.link.poll(1.0)
     notes = peer.link.take_notes()
