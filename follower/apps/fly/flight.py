@@ -88,7 +88,9 @@ def _after_release(record: ControlRecord, mode: str, settings: Settings) -> str:
     if record.vehicle.obeys_setpoints:
         return f"standing still: pilot, leave {mode} to take over"
     stopped = record.reason is SupervisorReason.STOP_REQUESTED
-    if settings.consent.kind == "mode" and settings.consent.again == "mode" and not stopped:
+    withdrawn = record.situation is not None and not record.situation.consent_given
+    by_mode = settings.consent.kind == "mode" and settings.consent.again == "mode"
+    if by_mode and not (stopped or withdrawn):
         return f"yours; to follow again, fly a mode of your own and go back to {mode}"
     if settings.consent.takes_orders_by("terminal"):
         return "yours; consent (Enter, or on the page) to follow again, Ctrl-C ends"

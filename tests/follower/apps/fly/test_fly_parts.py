@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -23,7 +24,7 @@ from follower.apps.preflight.camera_checks import CameraWatch
 from follower.apps.video_input import DeadCamera, SteadySource
 from follower.flight.log import ControlRecord, FlightLog
 from follower.flight.supervision.autonomy import AutonomyPhase
-from follower.flight.supervision.inputs import ConsentRequest
+from follower.flight.supervision.inputs import ConsentRequest, SupervisorInputs
 from follower.flight.supervision.supervisor import SupervisorReason, SupervisorState
 from follower.links.pymavlink_link import MavlinkLink
 from follower.settings.settings import Settings, load_settings
@@ -100,6 +101,24 @@ def test_the_terminal_says_what_has_to_happen_next(
 ) -> None:
     settings = Settings.model_validate({"consent": consent})
     assert words in waiting_for(record(state, reason), "ardupilot", "a cow", settings)
+
+
+@pytest.mark.parametrize(
+    "reason", [SupervisorReason.CONSENT_WITHDRAWN, SupervisorReason.PILOT_TOOK_OVER]
+)
+@pytest.mark.parametrize(
+    ("given", "words"), [(True, "go back to GUIDED"), (False, "consent (Enter")]
+)
+def test_after_a_withdrawal_the_pilots_mode_alone_is_not_said_to_begin_anew(
+    reason: SupervisorReason, given: bool, words: str
+) -> None:
+    settings = Settings.model_validate({"consent": {"again": "mode"}})
+    situation = SupervisorInputs(
+        *(True, 0.0, True, 0.0, 0.0, 0.0, 0.02, False, True, False, False, 9.0),
+        consent_given=given,
+    )
+    released = replace(record(SupervisorState.RELEASED, reason), situation=situation)
+    assert words in waiting_for(released, "ardupilot", "a cow", settings)
 
 
 @pytest.mark.parametrize(
