@@ -12,6 +12,7 @@ import operator
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from enum import StrEnum
 from functools import cache
@@ -71,16 +72,17 @@ def meanings(docstring: str) -> dict[str, str]:
 
 @cache
 def _said_of(section: type) -> dict[str, str]:
-    """Return name → meaning from a class's docstring and from the strings below its fields."""
+    """Return name → meaning, from a class's docstring and from the strings below its fields.
+
+    Python's None is called null, which is what has to be written into a file or after `--set`.
+    """
     found = meanings(inspect.getdoc(section) or "")
-    try:
+    with suppress(OSError, TypeError):  # installed without sources; or no class of Python's
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(section))).body
-    except (OSError, TypeError):  # installed without sources; or no class of Python's
-        return found
-    for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
-        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
-            found[ast.unparse(field.target)] = " ".join(ast.literal_eval(below.value).split())
-    return found
+        for field, below in pairwise(tree.body if isinstance(tree, ast.ClassDef) else ()):
+            if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+                found[ast.unparse(field.target)] = " ".join(ast.literal_eval(below.value).split())
+    return {name: re.sub(r"\bNone\b", "null", meaning) for name, meaning in found.items()}
 
 
 def setting_meaning(settings: object, key: str) -> str:

@@ -209,6 +209,13 @@ def test_settings_that_are_one_of_a_few_words_name_them_all_once() -> None:
     assert "tcp, or udp, which drops what comes late. transport: tcp" in text  # it says so already
 
 
+def test_no_value_is_called_as_a_file_has_to_say_it() -> None:
+    one = load_settings()
+    for text in (explained_yaml(one, one.to_yaml()), explained_keys(Scenario)):
+        assert "None" not in text
+    assert "null flies without GPS" in explained_yaml(one, one.to_yaml())
+
+
 def keys_of(value: object, path: str = "") -> set[str]:
     """Return the paths of all keys in a mapping, those of a list's items alike."""
     if isinstance(value, list):
