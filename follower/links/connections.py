@@ -215,8 +215,9 @@ def _speed(baud: int) -> int:
 class TcpTransport(_StreamTransport):
     """One peer over TCP, never blocking once it is open; a `Transport`.
 
-    Make one by `connect` (it calls) or `listen` (it is called; one peer at a time). Who calls takes
-    the place of a peer that is silent: one that lost its power or its radio never hangs up.
+    Make one by `connect` (it calls) or `listen` (it is called; one peer at a time). A connection on
+    which nothing that was sent has arrived for 3 s is broken. Who calls takes the place of a peer
+    that is silent: one that lost its power or its radio never hangs up.
     """
 
     _listener: socket.socket | None = None
@@ -280,17 +281,23 @@ class TcpTransport(_StreamTransport):
 def _call(address: tuple[str, int]) -> int:
     """Begin a connection without waiting for it; it shows later whether it came about."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    sock.setblocking(False)
+    _set(sock)
     with contextlib.suppress(BlockingIOError):
         sock.connect(address)
-    return _stream(sock)
+    return sock.detach()
 
 
 def _stream(sock: socket.socket) -> int:
     """Return a socket as a file descriptor that does not block."""
+    _set(sock)
+    return sock.detach()
+
+
+def _set(sock: socket.socket) -> None:
     sock.setblocking(False)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return sock.detach()
+    # The system tries less and less often: after a gap of 20 s it may let pass as much again.
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * _SILENT_S))
 
 
 def check_connection(text: str) -> None:
