@@ -68,7 +68,8 @@ def evaluate_command(
         Path | None, typer.Option(help="Go on with a run's folder; what is done is kept.")
     ] = None,
     fps: Annotated[
-        float, typer.Option(min=0.1, help="Frames a second where the data set does not say.")
+        float,
+        typer.Option(min=0.1, max=1000, help="Frames a second where the data set does not say."),
     ] = 30.0,
     threads: Annotated[int, typer.Option(min=1, help="OpenCV's threads.")] = 1,
     workers: Annotated[
