@@ -157,3 +157,13 @@ def test_from_any_speed_it_stops_within_the_radius(firmware, speed: float) -> No
     way = fly(firmware, start, [(VelocitySetpoint(speed), 50.0)], settings)
     farthest = max(math.hypot(*state.position_m[:2]) for state in way)
     assert 55.0 < farthest < 60.0
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("start", [(-8.0, 1.0, 0.0), (0.0, 0.0, 0.0), (3.0, -7.0, 2.0)])
+def test_across_a_small_circle_it_flies_no_faster_than_it_can_stop(firmware, start) -> None:
+    """Beside its middle the nearest way out is to the side, and the one ahead is the short one."""
+    settings = EnvelopeSettings(fence_radius_m=14.0, min_distance_m=None)
+    for asked in (VelocitySetpoint(10.0), VelocitySetpoint(6.0, -7.0)):
+        way = fly(firmware, start, [(asked, 8.0)], settings)
+        assert 10.0 < max(math.hypot(*state.position_m[:2]) for state in way) < 14.0

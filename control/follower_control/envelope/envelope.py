@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from follower_control.common.small_matrix import clip
-from follower_control.envelope.fence import Fence
+from follower_control.envelope.fence import Fence, circle_bounds
 from follower_control.envelope.flight_context import FlightContext, moves_on_m, too_near_m
 from follower_control.envelope.jerk_limiter import JerkLimit, Limit, VelocityBound
 from follower_control.envelope.settings import EnvelopeSettings
@@ -202,7 +202,7 @@ class Envelope:
             self._limits.append(Limit.DOUBT)
             velocity *= trusted / abs(velocity)
         turn = self._turn_ahead(wanted.yaw_rate_rad_s)
-        fences = (*self._fence(context, turn), *self._polygon_fence(context, turn))
+        fences = self._fences(context, turn)
         present = self._horizontal.velocity
         self._turns_out = any(bound.excess(present) > NOTICEABLE for bound in fences)
         if self._turns_out:
@@ -257,30 +257,21 @@ class Envelope:
             return yaw_rate
         return self._cut(yaw_rate, self._settings.braking_m_s2 / speed, Limit.FENCE)
 
-    def _fence(self, context: FlightContext, turn: float) -> tuple[VelocityBound, ...]:
-        radius = self._settings.fence_radius_m
-        if radius is None:
-            return ()
-        known = context.known("yaw_rad", "north_m", "east_m")
-        if known is None:
-            return _NO_WAY
-        yaw, north, east = known
-        room_m = radius - self._settings.fence_margin_m - math.hypot(north, east)
-        speed = self._braking_speed(room_m)
-        bound = VelocityBound.towards(math.atan2(east, north) - yaw, speed, Limit.FENCE)
-        return bound.while_turning(turn)
-
-    def _polygon_fence(self, context: FlightContext, turn: float) -> tuple[VelocityBound, ...]:
+    def _fences(self, context: FlightContext, turn: float) -> tuple[VelocityBound, ...]:
         s = self._settings
-        if s.fence_m is None and s.fence_deg is None:
+        radius, has_polygon = s.fence_radius_m, s.fence_m is not None or s.fence_deg is not None
+        if radius is None and not has_polygon:
             return ()
         known, polygon = context.known("yaw_rad", "north_m", "east_m"), self._fence_at(context)
-        if known is None or polygon is None:
+        if known is None or (has_polygon and polygon is None):
             return _NO_WAY
         yaw, north, east = known
-        top = s.max_speed_m_s
-        bounds = polygon.bounds(complex(north, east), s.fence_margin_m, self._braking_speed)
-        near = [bound.turned(-yaw) for bound in bounds if bound.max_speed_m_s < top]
+        place, bounds = complex(north, east), []
+        if radius is not None:
+            bounds += circle_bounds(place, radius - s.fence_margin_m, self._braking_speed)
+        if polygon is not None:
+            bounds += polygon.bounds(place, s.fence_margin_m, self._braking_speed)
+        near = [bound.turned(-yaw) for bound in bounds if bound.max_speed_m_s < s.max_speed_m_s]
         return tuple(turned for bound in near for turned in bound.while_turning(turn))
 
     def is_outside(self, context: FlightContext) -> bool:

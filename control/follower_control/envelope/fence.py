@@ -13,6 +13,8 @@ from follower_control.vehicle.state import Origin
 _TOUCHING_M = 1e-6
 _BACK_RAD = math.radians(45)
 """Outside, the way back may be off the shortest one by this much."""
+_TANGENTS = 12
+"""At so many places of a circle: a way between two of them is longer by 3 % at most."""
 
 Corners = Sequence[tuple[float, float]]
 
@@ -95,6 +97,31 @@ class Fence:
             return way / abs(way)
         along = side[1] - side[0]
         return along * 1j / abs(along)
+
+
+def circle_bounds(
+    place: complex, radius_m: float, speed_at: Callable[[float], float]
+) -> list[VelocityBound]:
+    """Return how fast the vehicle may move in which directions within a circle around home.
+
+    In each of several directions towards the tangent there. The nearest tangent alone would let
+    the vehicle past the middle of a small circle faster than it can brake on the other side.
+    Outside, not away from home: there the circle through its place counts.
+
+    Args:
+        place: where the vehicle is.
+        radius_m: where it stops.
+        speed_at: the speed from which it stops within a distance.
+    """
+    away_m, outward = cmath.polar(place)
+    radius_m = max(radius_m, away_m)
+    turns = [number * math.tau / _TANGENTS for number in range(_TANGENTS)]
+    return [
+        VelocityBound.towards(
+            outward + turn, speed_at(radius_m - away_m * math.cos(turn)), Limit.FENCE
+        )
+        for turn in turns
+    ]
 
 
 def check_corners(corners: Corners) -> None:
