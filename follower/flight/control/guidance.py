@@ -59,12 +59,10 @@ class Guidance:
         A hold near a target backs off.
         """
         self.take_telemetry(vehicle)
-        present = self._allowed
         if self.stands:
-            present = self._envelope.within_limits(self._motion.present)
-        self.servo.start(present)
-        self._envelope.start(present, now_s)
-        self._allowed = present
+            self._allowed = self._envelope.within_limits(self._motion.present)
+            self._envelope.start(self._allowed, now_s)
+        self.servo.start(self._allowed)
 
     def begin_search(self, vehicle: VehicleState) -> None:
         """Begin to look for the target, from where it was last believed to be."""

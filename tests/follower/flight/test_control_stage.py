@@ -4,6 +4,7 @@ import itertools
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from follower.flight.control.guidance import Guidance
@@ -203,6 +204,24 @@ def test_a_vehicle_that_brakes_goes_on_braking_when_it_gets_ready_meanwhile() ->
     changes = [abs(after - before) for before, after in itertools.pairwise(speeds)]
     assert max(changes) <= bench.stage.settings.envelope.max_acceleration_m_s2 * STEP_S + 1e-9
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_following_that_begins_anew_while_it_brakes_keeps_the_jerk_and_the_lowered_speed(
+    bench: Bench,
+) -> None:
+    bench.fly(bench.box(nearness=0.2), 3.0)
+    bench.stage.request_stop()
+    bench.fly(bench.box(nearness=0.2), 0.4)
+    bench.stage.repeat_changes([SettingChange.of("envelope.max_speed_m_s", 5.0)])
+    bench.fly(bench.box(nearness=0.2), STEP_S)
+    bench.stage.order(ConsentRequest.GIVE)
+    assert bench.fly(bench.box(nearness=0.2), 0.1).state is SupervisorState.FOLLOWING
+    speeds = [record.allowed.forward_m_s for record in bench.log.controls[-30:]]
+    assert min(speeds) > 5.0
+    accelerations = np.diff(speeds) / STEP_S
+    envelope = bench.stage.settings.envelope
+    assert np.abs(accelerations).max() <= envelope.max_acceleration_m_s2 + 1e-6
+    assert np.abs(np.diff(accelerations)).max() <= envelope.max_jerk_m_s3 * STEP_S + 1e-6
 
 
 def test_a_place_that_stays_the_same_though_the_vehicle_is_sent_away_is_stale(bench: Bench) -> None:
