@@ -31,9 +31,6 @@ TURN_AHEAD_S = 1.0
 NOTICEABLE, _NOTICEABLE_RAD_S = 0.05, math.radians(1.0)
 """A smaller difference between asked and allowed velocity is not reported, m/s and rad/s."""
 
-_ARRIVED_RAD_S = 1e-12
-"""So near, the yaw rate is the one asked for: a hold ends with zero, not almost."""
-
 _FIXED = (
     *("max_acceleration_m_s2", "max_jerk_m_s3", "fence_m", "fence_deg"),
     *("max_yaw_acceleration_deg_s2", "max_yaw_jerk_deg_s3"),
@@ -381,8 +378,7 @@ class Envelope:
             limited = abs(change) > reach
         else:
             if interval_s > 0:
-                rate = self._turning.step(yaw_rate, interval_s).real
-                self._yaw_rate = yaw_rate if abs(yaw_rate - rate) <= _ARRIVED_RAD_S else rate
+                self._yaw_rate = self._turning.step(yaw_rate, interval_s).real
             self._too_quick_rad_s = min(self._too_quick_rad_s, self._turning.reach)
             limited = abs(yaw_rate - self._yaw_rate) > _NOTICEABLE_RAD_S
         if limited:

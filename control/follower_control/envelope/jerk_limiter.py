@@ -16,6 +16,8 @@ BLEND_STEPS = 12
 
 ROUNDING = 1e-9
 """A velocity just brought to a bound may exceed it by this much, m/s."""
+_ARRIVED = 1e-12
+"""So near, a velocity is the wanted one, m/s: a hold ends with zero, not almost."""
 _STRAIGHT_RAD = math.radians(1)
 _TURN_STEP_RAD = math.radians(20)
 
@@ -73,7 +75,8 @@ class JerkLimit:
         eased = self._moved_towards(0.0, interval_s)
         eager = self._moved_towards(self._approach(wanted, interval_s), interval_s)
         self.acceleration = self._most_eager(eased, eager, interval_s)
-        self.velocity += self.acceleration * interval_s
+        velocity = self.velocity + self.acceleration * interval_s
+        self.velocity = wanted if abs(wanted - velocity) <= _ARRIVED else velocity
         return self.velocity
 
     def _approach(self, wanted: complex, interval_s: float) -> complex:
@@ -84,7 +87,7 @@ class JerkLimit:
         """
         left = wanted - self.velocity
         distance = abs(left)
-        if distance < 1e-12:
+        if distance == 0:
             return 0.0
         jerk = self._max_jerk
         size = 2 * distance / (interval_s + math.sqrt(interval_s**2 + 2 * distance / jerk))
