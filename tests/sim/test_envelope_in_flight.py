@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import hypothesis.strategies as st
@@ -77,6 +78,18 @@ def test_the_polygon_is_never_left(firmware, start, manoeuvre) -> None:
     fence = Fence(NOTCHED)
     for state in fly(firmware, start, manoeuvre):
         assert fence.contains(complex(*state.position_m[:2]))
+
+
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("angle_deg", [25.0, 60.0])
+def test_it_stops_in_a_sharp_corner(firmware, angle_deg: float) -> None:
+    """Its sides are come near to slowly, however fast one flies at the corner itself."""
+    half = 120.0 * math.tan(math.radians(angle_deg / 2))
+    corners = ((0.0, 0.0), (-120.0, -half), (-120.0, half))
+    limits = replace(SETTINGS, fence_m=corners)
+    way = fly(firmware, (-80.0, 5.0, 0.0), [(VelocitySetpoint(10.0), 15.0)], limits)
+    assert min(Fence(corners).distance_m(complex(*one.position_m[:2])) for one in way) > 2.0
+    assert all(Fence(corners).contains(complex(*one.position_m[:2])) for one in way)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 from follower_control.envelope.jerk_limiter import Limit, VelocityBound
@@ -38,6 +39,9 @@ class Fence:
         if _area(points) < 0:
             points.reverse()
         self._sides = list(zip(points, [*points[1:], points[0]], strict=True))
+        before = [points[-1], *points[:-1]]
+        ways = zip(before, self._sides, strict=True)
+        self._tips = [tip for a, (b, c) in ways if (tip := _Tip.of(a, b, c)) is not None]
 
     @classmethod
     def around(cls, home_deg: tuple[float, float], corners_deg: Corners) -> Fence:
@@ -71,7 +75,8 @@ class Fence:
     ) -> tuple[VelocityBound, ...]:
         """Return how fast the vehicle may move in which directions; in the world's axes.
 
-        Inside, towards each side only so fast that it stops before it. Outside, only back.
+        Inside, towards each side, and into a sharp corner, only so fast that it stops before it.
+        Outside, only back.
 
         Args:
             place: where the vehicle is.
@@ -80,10 +85,9 @@ class Fence:
         """
         if self.contains(place):
             ways = [_nearest(side, place) - place for side in self._sides]
-            return tuple(
-                VelocityBound(way / abs(way), speed_at(abs(way) - margin_m), Limit.FENCE)
-                for way in ways
-            )
+            rooms = [(way / abs(way), abs(way) - margin_m) for way in ways]
+            rooms += [(tip.way, tip.room_m(place, margin_m)) for tip in self._tips]
+            return tuple(VelocityBound(way, speed_at(room_m), Limit.FENCE) for way, room_m in rooms)
         back = self._way_back(place)
         return tuple(
             VelocityBound(-back * cmath.rect(1.0, turn), 0.0, Limit.FENCE)
@@ -97,6 +101,36 @@ class Fence:
             return way / abs(way)
         along = side[1] - side[0]
         return along * 1j / abs(along)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tip:
+    """A sharp corner: its sides alone allow more than can be braked, for both are come near to.
+
+    Attributes:
+        corner: where it is.
+        way: the unit vector that halves it, outwards.
+        half_rad: half of its angle.
+    """
+
+    corner: complex
+    way: complex
+    half_rad: float
+
+    @classmethod
+    def of(cls, before: complex, corner: complex, after: complex) -> _Tip | None:
+        """Return the corner between its neighbours; None if it is not sharper than 90 degrees."""
+        back, ahead = ((end - corner) / abs(end - corner) for end in (before, after))
+        turned = ahead.conjugate() * back  # from the side after it to the one before: inside
+        if turned.imag <= 0 or turned.real <= 0:
+            return None
+        return cls(corner, -(back + ahead) / abs(back + ahead), cmath.phase(turned) / 2)
+
+    def room_m(self, place: complex, margin_m: float) -> float:
+        """Return how far it is to where a vehicle stops; infinite if not between the sides."""
+        left = (self.corner - place) * self.way.conjugate()
+        between = abs(left.imag) <= left.real * math.tan(self.half_rad)
+        return left.real - margin_m / math.sin(self.half_rad) if between else math.inf
 
 
 def circle_bounds(
