@@ -114,11 +114,12 @@ def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) 
     assert kept.attitude_age_s(6.0) == 1.0
 
 
-def test_a_position_that_is_no_number_is_the_one_before() -> None:
+@pytest.mark.parametrize(("name", "bad"), [("down_m", math.nan), ("east_m_s", -1e30)])
+def test_a_position_that_is_no_number_or_too_fast_is_the_one_before(name: str, bad: float) -> None:
     sound = FiniteTelemetryFilter()
     sound.of(SOUND)
     newer = replace(ATTITUDE, time_s=6.0)
-    broken = replace(SOUND, attitude=newer, position=replace(POSITION, down_m=math.nan))
+    broken = replace(SOUND, attitude=newer, position=replace(POSITION, **{name: bad}))
     assert sound.of(broken) == replace(SOUND, attitude=newer)
 
 

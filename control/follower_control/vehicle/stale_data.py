@@ -1,4 +1,4 @@
-"""Finds sensors whose values are stuck, and values that are not finite."""
+"""Finds sensors whose values are stuck, and values that cannot be."""
 
 import math
 from dataclasses import replace
@@ -7,6 +7,9 @@ from follower_control.vehicle.state import Attitude, LocalPosition, VehicleState
 
 _MOVING_M_S = 0.3
 _SENT_M = 2.0
+_FASTEST_M_S = 200.0
+"""No multirotor flies faster. The vehicle's path is added up from its velocities: a single absurd
+one would displace it for good."""
 REPEATS = 5
 """After so many repetitions in a row a sensor is not waited for any longer: it hangs."""
 
@@ -90,7 +93,8 @@ def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:
 class FiniteTelemetryFilter:
     """Puts the last finite attitude and position in the place of those with NaN or infinity.
 
-    They keep their time, and so grow old as if nothing had come.
+    A position with a velocity that no vehicle has is replaced likewise. They keep their time, and
+    so grow old as if nothing had come.
     """
 
     def __init__(self) -> None:
@@ -98,15 +102,16 @@ class FiniteTelemetryFilter:
         self._position: LocalPosition | None = None
 
     def of(self, vehicle: VehicleState) -> VehicleState:
-        """Return the state with nothing in it that is not finite."""
-        if vehicle.attitude is not self._attitude and _is_finite(vehicle.attitude):
-            self._attitude = vehicle.attitude
-        if vehicle.position is not self._position and _is_finite(vehicle.position):
-            self._position = vehicle.position
+        """Return the state with nothing in it that is not finite, or cannot be."""
+        attitude, position = vehicle.attitude, vehicle.position
+        if attitude is not self._attitude and (attitude is None or attitude.is_finite):
+            self._attitude = attitude
+        if position is not self._position and (position is None or _can_be(position)):
+            self._position = position
         if vehicle.attitude is self._attitude and vehicle.position is self._position:
             return vehicle
         return replace(vehicle, attitude=self._attitude, position=self._position)
 
 
-def _is_finite(part: Attitude | LocalPosition | None) -> bool:
-    return part is None or part.is_finite
+def _can_be(position: LocalPosition) -> bool:
+    return position.is_finite and math.hypot(*position.numbers[3:]) <= _FASTEST_M_S

@@ -254,6 +254,18 @@ def test_a_stop_outdoes_the_consent_that_came_in_the_same_moment(
     assert bench.fly(bench.box(), 0.1).state is SupervisorState.FOLLOWING
 
 
+def test_a_single_absurd_velocity_of_telemetry_does_not_lead_away(bench: Bench) -> None:
+    """The way that the vehicle went is added up from its velocities."""
+    bench.fly(bench.box(), 1.0)
+    absurd = LocalPosition(3.0, 4.0, -10.0, 1e30, 0.0, 0.0, bench.now_s)
+    bench.stale, bench.vehicle = True, replace(bench.vehicle, position=absurd)
+    bench.fly(bench.box(), STEP_S)
+    bench.stale = False
+    record = bench.fly(bench.box(), 3.0)
+    assert record.state is SupervisorState.FOLLOWING
+    assert record.allowed.values == pytest.approx(HOLD.values, abs=0.05)
+
+
 def test_a_stalled_control_loop_holds_once_and_goes_on(bench: Bench) -> None:
     bench.fly(bench.box(), 1.0)
     bench.now_s += 0.5
