@@ -7,7 +7,7 @@ import pytest
 
 from follower_control.vehicle.stale_data import (
     REPEATS,
-    FiniteTelemetryFilter,
+    PlausibleTelemetryFilter,
     StuckPositionDetector,
     StuckSensorDetector,
 )
@@ -105,7 +105,7 @@ SOUND = VehicleState(ATTITUDE, POSITION, "GUIDED", True, True, False, 5.0)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("name", [field.name for field in fields(Attitude)])
 def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) -> None:
-    sound = FiniteTelemetryFilter()
+    sound = PlausibleTelemetryFilter()
     assert sound.of(SOUND) is SOUND
     attitude = replace(replace(ATTITUDE, time_s=6.0), **{name: bad})
     broken = replace(SOUND, attitude=attitude, heartbeat_s=6.0)
@@ -116,7 +116,7 @@ def test_an_attitude_that_is_no_number_is_the_one_before(name: str, bad: float) 
 
 @pytest.mark.parametrize(("name", "bad"), [("down_m", math.nan), ("east_m_s", -1e30)])
 def test_a_position_that_is_no_number_or_too_fast_is_the_one_before(name: str, bad: float) -> None:
-    sound = FiniteTelemetryFilter()
+    sound = PlausibleTelemetryFilter()
     sound.of(SOUND)
     newer = replace(ATTITUDE, time_s=6.0)
     broken = replace(SOUND, attitude=newer, position=replace(POSITION, **{name: bad}))
@@ -125,4 +125,4 @@ def test_a_position_that_is_no_number_or_too_fast_is_the_one_before(name: str, b
 
 def test_before_the_first_sound_one_there_is_none() -> None:
     broken = replace(SOUND, attitude=replace(ATTITUDE, roll_rad=math.nan))
-    assert FiniteTelemetryFilter().of(broken) == replace(SOUND, attitude=None)
+    assert PlausibleTelemetryFilter().of(broken) == replace(SOUND, attitude=None)

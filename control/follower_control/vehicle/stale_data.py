@@ -90,7 +90,7 @@ def _is_stuck(last: LocalPosition, position: LocalPosition) -> bool:
     return moves and last.numbers == position.numbers
 
 
-class FiniteTelemetryFilter:
+class PlausibleTelemetryFilter:
     """Puts the last finite attitude and position in the place of those with NaN or infinity.
 
     A position with a velocity that no vehicle has is replaced likewise. They keep their time, and

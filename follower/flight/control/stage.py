@@ -28,7 +28,7 @@ from follower_control.target.observation import BearingObserver
 from follower_control.vehicle.gimbal import GimbalHistory, GimbalRates
 from follower_control.vehicle.history import AttitudeHistory
 from follower_control.vehicle.stale_data import (
-    FiniteTelemetryFilter,
+    PlausibleTelemetryFilter,
     StuckPositionDetector,
     StuckSensorDetector,
 )
@@ -72,7 +72,7 @@ class ControlStage:
         self._attitudes = AttitudeHistory()
         self._stuck_attitude = StuckSensorDetector()
         self._stuck_position = StuckPositionDetector()
-        self._finite = FiniteTelemetryFilter()
+        self._finite = PlausibleTelemetryFilter()
         self._estimator = TargetEstimator(settings.estimator)
         self._guidance = Guidance(settings)
         autonomous = settings.autonomy == "full"
