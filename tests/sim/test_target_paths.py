@@ -98,6 +98,18 @@ def test_the_heading_of_a_rounded_course_never_jumps(north: float, east: float) 
     assert np.degrees(np.arccos(np.clip(turns, -1, 1))).max() < 12
 
 
+@pytest.mark.parametrize("corners", ["winding", "rounded"])
+@pytest.mark.parametrize("there", [(30, 0, 0), (0, -30, 0), (0, 0, 30)])
+def test_a_course_that_turns_straight_back_turns_on_the_spot(
+    corners: str, there: tuple[float, float, float]
+) -> None:
+    course = Course([(0, 0, 0), there, (0, 0, 0)], corners)  # type: ignore[arg-type]
+    ahead, turning, back = (course.direction(course.length_m * x) for x in (0.25, 0.5, 0.75))
+    assert ahead == pytest.approx(-back)
+    assert float(ahead @ turning) == pytest.approx(0, abs=1e-9)
+    assert np.linalg.norm((ahead, turning, back), axis=1) == pytest.approx(1)
+
+
 def test_height_is_up() -> None:
     course = Course([(0, 0, 5), (30, 0, 15)])
     assert course.position(0)[2] == -5

@@ -18,6 +18,8 @@ Corners = Literal["winding", "rounded"]
 
 _STEP_M = 0.2
 _LONGEST_M = 100e3
+_TURNS_BACK = 1e-6
+"""Length of the sum of two unit chords from which on it says where the course leads."""
 
 _KEPT = 16
 """So many poses are kept: one step asks for the same few again and again."""
@@ -189,12 +191,24 @@ def check_length(length_m: float) -> None:
 
 
 def _directions(steps: Vector, closed: bool) -> Vector:
-    """Tangents at the samples: the mean of the chords before and after."""
+    """Tangents at the samples: the mean of the chords before and after.
+
+    Where the course turns straight back there is no mean: it turns on the spot, to the right.
+    """
     units = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     before = np.vstack([units[-1:] if closed else units[:1], units])
     after = np.vstack([units, units[:1] if closed else units[-1:]])
     mean = before + after
+    for i in np.flatnonzero(np.linalg.norm(mean, axis=1) < _TURNS_BACK):
+        mean[i] = _to_its_right(before[i])
     return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
+
+
+def _to_its_right(chord: Vector) -> Vector:
+    """Return a level direction at right angles to a chord; north to one that stands upright."""
+    north, east, _ = chord
+    level = math.hypot(north, east)
+    return np.array([-east, north, 0.0] if level > _TURNS_BACK else [1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
