@@ -44,6 +44,13 @@ def test_nothing_asked_nothing_done(response: VehicleResponse) -> None:
 
 
 @both
+def test_wind_does_not_move_it_on_the_ground(response: VehicleResponse) -> None:
+    vehicle = SimulatedVehicle(response, BodyState(0.0, (0.0, 0.0, 0.0)), lambda _: (10, 5, -1))
+    states = fly(vehicle, 1.0, STAND_STILL)
+    assert {state.position_m for state in states} == {(0.0, 0.0, 0.0)}
+
+
+@both
 def test_position_is_the_integral_of_velocity_and_yaw_that_of_its_rate(
     response: VehicleResponse,
 ) -> None:

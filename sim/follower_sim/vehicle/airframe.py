@@ -80,9 +80,10 @@ class Airframe:
         )
 
     def fall(self, dt: float) -> None:
-        """Advance with the motors off."""
+        """Advance with the motors off; the ground carries it, whatever wind blows."""
         self._thrust = 0.0
-        self._move(0.0, 0.0, 0.0 if self.on_ground else _GRAVITY_M_S2, dt)
+        if not self.on_ground:
+            self._move(0.0, 0.0, _GRAVITY_M_S2, dt)
 
     def _turn(self, level: list[float], yaw_rate: float, dt: float) -> None:
         cos_yaw, sin_yaw = math.cos(self._yaw), math.sin(self._yaw)
