@@ -63,7 +63,7 @@ RandomFlights = Annotated[
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of the random flights.")]
 Only = Annotated[
-    int | None, typer.Option("--only", help="Fly the random flight of this number alone.")
+    int | None, typer.Option("--only", min=0, help="Fly the random flight of this number alone.")
 ]
 Out = Annotated[Path, typer.Option(help="Where results are kept from run to run.")]
 Workers = Annotated[

@@ -7,12 +7,26 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from follower.simulation.fault_tests.random_flight import STEP_S, FlightResult
 from follower.simulation.faults.judge import FaultVerdict
+from follower_control.common.strict_config import SettingsError
 from follower_vision.disk import write_whole
+
+KeptT = TypeVar("KeptT")
+
+
+def _read(path: Path, kind: TypeAdapter[KeptT]) -> KeptT:
+    try:
+        return kind.validate_json(path.read_bytes())
+    except ValidationError:
+        raise SettingsError(
+            f"{path}: these are no results of `follower faults`: move the file away, or give "
+            "another --out"
+        ) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +53,17 @@ class Results:
 
     Args:
         path: the JSON file; read if it exists.
+
+    Raises:
+        SettingsError: it holds something else.
+        OSError: it cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._cases: dict[str, FaultResult] = {}
         if path.exists():
-            for case in _CASES.validate_json(path.read_text("utf-8")):
+            for case in _read(path, _CASES):
                 self._cases[case.key] = case
 
     def __iter__(self) -> Iterator[FaultResult]:
@@ -119,9 +137,14 @@ class Tally:
 
     @classmethod
     def load(cls, path: Path, seed: int | None = None) -> Tally:
-        """Read it, or begin anew if there is none or it is not of this seed; None takes any."""
+        """Read it, or begin anew if there is none or it is not of this seed; None takes any.
+
+        Raises:
+            SettingsError: the file holds something else.
+            OSError: it cannot be read.
+        """
         if path.exists():
-            tally = cls(**json.loads(path.read_text("utf-8")))
+            tally = _read(path, TypeAdapter(cls))
             if seed in (None, tally.seed):
                 return tally
         return cls(seed=seed or 0)

@@ -391,3 +391,12 @@ def test_results_are_kept_and_renewed(tmp_path: Path) -> None:
     assert kept[0].verdict.passed
     assert not kept[1].verdict.passed
     assert kept[1].verdict == verdict
+
+
+@pytest.mark.parametrize("content", ["{", "[1]", '{"flights": "many"}'])
+def test_a_file_of_something_else_is_refused_in_one_line(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "kept.json"
+    path.write_text(content)
+    for read in (Results, Tally.load):
+        with pytest.raises(SettingsError, match=r"kept.json: these are no results"):
+            read(path)
