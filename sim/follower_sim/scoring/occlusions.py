@@ -62,15 +62,12 @@ def occlusions(
         from_s: what began earlier does not count.
         until_s: the end of the time that is looked at.
     """
-    spans = [
-        (start, end)
-        for start, end in hidden_spans(truth)
-        if start >= from_s and end <= until_s - _PATIENCE_S
-    ]
-    nexts = [*(start for start, _ in spans[1:]), math.inf][: len(spans)]
+    spans = hidden_spans(truth)
+    nexts = [*(start for start, _ in spans[1:]), math.inf]
     return [
         Occlusion(start, end, _reacquired(observed, end, following))
-        for (start, end), following in zip(spans, nexts, strict=True)
+        for (start, end), following in zip(spans, nexts, strict=False)
+        if start >= from_s and end <= until_s - _PATIENCE_S
     ]
 
 
