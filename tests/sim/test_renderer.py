@@ -97,6 +97,14 @@ def test_any_attitude_can_be_drawn(
     assert image.std() > 1
 
 
+@pytest.mark.slow
+def test_a_scene_of_many_kilometres_is_drawn(make_world: Callable[..., World]) -> None:
+    path = {"points": [[15, 0], [20_000, 0]]}
+    world = make_world(targets=[{"kind": "car", "colour": "#e0401c", "path": path}])
+    image = Renderer(world).render(3.0, BodyState(3.0, (0.0, 0.0, -8.0)))
+    assert image[-1, :, 1].mean() > image[-1, :, 0].mean()  # meadow
+
+
 def test_scenery_keeps_clear_of_the_path(make_world: Callable[..., World]) -> None:
     scatter = [{"kind": "broadleaf", "count": 30, "clear_m": 8, "within_m": 40}]
     world = make_world(scatter=scatter)

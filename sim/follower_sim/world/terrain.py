@@ -25,7 +25,8 @@ _SHIFT = 4
 
 FAR_EXTENT_M = 2400.0
 _FAR_M_PER_PX = 1.0
-_MOST_PIXELS = 18e6
+_MOST_PIXELS, _LONGEST_PX = 18e6, 32_000
+"""Of the map in detail: what memory may hold, and what `cv2.remap` takes along a side."""
 _PALE: Colour = (222, 214, 204)
 
 
@@ -234,8 +235,11 @@ def _fine_map(
     rng: np.random.Generator,
 ) -> GroundMap:
     south, west, north, east = area
-    m_per_px = max(0.06, math.sqrt((north - south) * (east - west) / _MOST_PIXELS))
-    width, height = round((east - west) / m_per_px), round((north - south) / m_per_px)
+    tall_m, wide_m = north - south, east - west
+    m_per_px = max(
+        0.06, math.sqrt(tall_m * wide_m / _MOST_PIXELS), max(tall_m, wide_m) / _LONGEST_PX
+    )
+    width, height = round(wide_m / m_per_px), round(tall_m / m_per_px)
     flat = GroundMap(_crop(tint, north, west, m_per_px, (width, height)), north, west, m_per_px)
     layers = [(12.0, 7.0), (3.0, 8.0), (0.8, 11.0), (0.25, 15.0), (0.08, 13.0)]
     cells = [(max(1.0, cell / m_per_px), contrast * palette.relief) for cell, contrast in layers]
