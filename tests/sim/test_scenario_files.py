@@ -69,6 +69,8 @@ def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
         ),
         ("start:", "ground: {roads: [{width_m: 5}]}\nstart:", "a road needs either `along`"),
         ("start:", "stand_in: {size_noise: 1.0e+9}\nstart:", "size_noise lies between 0 and 10"),
+        ("[100, 0]", "[100, 0, -1]", "targets[0].path: a path's heights are 0 or more"),
+        ("[-15, 0]", "[1.0e+9, 0]", "start.at[0]: Input should be less than"),
         ("[100, 0]", "[1.0e+9, 0]", "a course is at most 100 km long"),
         (SPEEDS, "{shape: {kind: winding, speed_m_s: 1.0e+9}}", "a course is at most 100 km long"),
         (

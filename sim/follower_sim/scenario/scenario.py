@@ -135,6 +135,8 @@ class PathSettings(_Section):
     def _can_be_built(self) -> Self:
         if self.shape is not None and (self.points or self.speeds):
             raise ValueError("a path has either points and speeds or a shape")
+        if any(point[2] < 0 for point in self.points if len(point) > 2):
+            raise ValueError("a path's heights are 0 or more: below the ground nothing moves")
         self.build()
         return self
 
@@ -392,10 +394,14 @@ class VehicleSettings(_Section):
     one's, so that it cannot fly in strong wind."""
 
 
+_StartPlace = Annotated[float, Field(ge=-1e5, le=1e5)]
+"""Farther from home the autopilot's latitude and longitude end."""
+
+
 class StartSettings(_Section):
     """Where the vehicle stands before it takes off."""
 
-    at: PlanePoint
+    at: tuple[_StartPlace, _StartPlace]
     """[north, east] in metres."""
     heading_deg: float = 0.0
     """Clockwise from north."""

@@ -90,7 +90,7 @@ def _look_alikes(
         near_s = settings.first_s + number * settings.every_s
         pose = path.pose(near_s)
         turn = float(rng.uniform(*_CROSSING_DEG)) * int(rng.choice([-1, 1]))
-        height_m = -pose.position_m[2] + (_LEVELS_M if followed.kind == _FLIES else 0.0)
+        height_m = max(0.0, -pose.position_m[2]) + (_LEVELS_M if followed.kind == _FLIES else 0.0)
         ends, speeds = _crossing(pose, math.radians(turn), settings.beside_m, near_s)
         points = [[*place, height_m] for place in ends]
         yield followed.model_copy(update={"path": PathSettings(points=points, speeds=speeds)})
