@@ -97,6 +97,18 @@ def test_any_attitude_can_be_drawn(
     assert image.std() > 1
 
 
+def test_the_sky_overhead_is_the_same_whichever_way_the_camera_is_turned(
+    renderer: Renderer,
+) -> None:
+    up = math.radians(90 + 20)  # the camera is mounted 20 degrees down
+    one, other = (
+        renderer.render(1, BodyState(1, (0.0, 0.0, -6.0), attitude_rad=(0.0, up, yaw)))
+        for yaw in (0.0, math.pi)
+    )
+    apart = cv2.absdiff(one, cv2.rotate(other, cv2.ROTATE_180))
+    assert np.count_nonzero(apart.max(axis=2) > 12) < 0.002 * apart.shape[0] * apart.shape[1]
+
+
 @pytest.mark.slow
 def test_a_scene_of_many_kilometres_is_drawn(make_world: Callable[..., World]) -> None:
     path = {"points": [[15, 0], [20_000, 0]]}

@@ -98,18 +98,19 @@ class SkyPainter:
             return
         first = max(0, int(blocks[0]) - 1)
         part = image[first * _BLOCK : (int(blocks[-1]) + 1) * _BLOCK]
-        nodes = np.dstack(self._sky_pixels(directions[first : int(blocks[-1]) + 2], view))
-        height, width = part.shape[:2]
-        places = cv2.warpAffine(
-            nodes.astype(np.float32),
-            _BETWEEN_NODES,
-            ((width + 1) // 2, (height + 1) // 2),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        x, y, mode = places[..., 0], places[..., 1], cv2.BORDER_REPLICATE
+        nodes = directions[first : int(blocks[-1]) + 2]
+        size = (part.shape[1] + 1) // 2, (part.shape[0] + 1) // 2
+        if (nodes @ (*view.world_to_camera[2, :2], 0.0) <= 0).any():
+            # About the zenith azimuths run all around: nothing can be interpolated between them.
+            x, y = self._sky_pixels(_between_nodes(nodes, size), view)
+            places = np.dstack([x % (360 * _PX_PER_DEG), y])
+        else:
+            places = _between_nodes(np.dstack(self._sky_pixels(nodes, view)), size)
+        x, y = np.moveaxis(places.astype(np.float32), -1, 0)
+        mode = cv2.BORDER_REPLICATE
         seen = cv2.remap(self._sky, x, y, cv2.INTER_LINEAR, None, mode)
-        part[:] = cv2.resize(seen, (seen.shape[1] * 2, seen.shape[0] * 2))[:height, :width]
+        whole = cv2.resize(seen, (seen.shape[1] * 2, seen.shape[0] * 2))
+        part[:] = whole[: part.shape[0], : part.shape[1]]
 
     def _sky_pixels(self, directions: Vector, view: CameraView) -> tuple[Vector, Vector]:
         heading = np.arctan2(view.world_to_camera[2, 1], view.world_to_camera[2, 0])
@@ -121,6 +122,15 @@ class SkyPainter:
         x = (azimuth + _MARGIN_DEG) * _PX_PER_DEG - 0.5
         y = (_HIGHEST_DEG - elevation) * _PX_PER_DEG - 0.5
         return x, y
+
+
+def _between_nodes(nodes: Vector, size: tuple[int, int]) -> Vector:
+    """Return what lies between the nodes at every second pixel's middle, (H, W, channels)."""
+    flags, mode = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REPLICATE
+    found = cv2.warpAffine(
+        nodes.astype(np.float32), _BETWEEN_NODES, size, flags=flags, borderMode=mode
+    )
+    return np.asarray(found, np.float64)
 
 
 def _block_corners(plane: Plane) -> Plane:
