@@ -16,8 +16,10 @@ from follower_sim.scenario.scenario import Scenario, SimCameraSettings
 from follower_sim.scenario.weather import LowLightSettings
 from follower_sim.view import CameraView
 from follower_sim.world.render import Renderer
-from follower_sim.world.weather import AIR_LIGHT
+from follower_sim.world.weather import AIR_LIGHT, Rain
 from follower_sim.world.world import World
+from follower_vision.geometry.camera_model import CameraModel, Vector
+from follower_vision.geometry.line_of_sight import CameraMount
 from follower_vision.images.frame import Image
 
 MakeWorld = Callable[..., World]
@@ -121,6 +123,19 @@ def test_rain_falls_along_the_image_and_leans_with_the_wind(make_world: MakeWorl
     assert abs(slope(still)) < 0.15
     assert slope(to_the_right) > 0.4
     assert 0.005 < (still > 20).mean() < 0.3
+
+
+def test_a_drop_that_passes_the_camera_leaves_its_picture_on_its_own_side() -> None:
+    class OneDrop(Rain):
+        def _drops(self, rng: np.random.Generator) -> Vector:  # noqa: ARG002
+            return np.array([[0.05, 0.05, 0.3]])
+
+    camera = CameraModel.from_fov(320, 240, math.radians(75))
+    with_the_rain = BodyState(0.0, (0.0, 0.0, -6.0), (20.0, 0.0, 7.4))
+    rain, black = OneDrop(100, camera, CameraMount(), 1), np.zeros((240, 320, 3), np.uint8)
+    lit = np.argwhere(rain.fall(black, 0.0, with_the_rain, 0.06, (0.0, 0.0, 0.0))[..., 0])
+    assert lit.min(axis=0) == pytest.approx([120, 160], abs=30)
+    assert (lit >= [120, 160]).all()
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ _FOG_LAYER_M = 150.0
 _STREAM = 17
 _DROP_M, _FALL_M_S = 0.0025, (0.0, 0.0, 7.4)
 _LEAST_MM, _PER_M3_MM = 2.0, 8000.0
-_NEAREST_M, _FARTHEST_M = 0.25, 3.0
+_LENS_M, _NEAREST_M, _FARTHEST_M = 0.15, 0.25, 3.0
 _BESIDE = 1.15
 _DROP_LIGHT, _OPACITY = 222, 0.5
 _SHADES = 4
@@ -111,7 +111,9 @@ class Rain:
         rng = np.random.default_rng([self._seed, _STREAM, *words])
         drops = self._drops(rng)
         moved = self._velocities(drops, body, wind_m_s) * (exposure_s / 2)
-        begin, end = (self._camera.pixels(drops + side * moved) for side in (-1, 1))
+        begin, end = (
+            self._camera.pixels(drops + _before_the_lens(drops, side * moved)) for side in (-1, 1)
+        )
         width_px = self._camera.fx * _DROP_M / drops[:, 2]
         cover = self._cover(np.stack([begin, end], axis=1), width_px)
         return np.asarray(cv2.blendLinear(image, self._light, 1 - cover, cover), np.uint8)
@@ -136,10 +138,16 @@ class Rain:
         mask = np.zeros(self._light.shape[:2], np.uint8)
         shade = np.ceil(_SHADES * np.minimum(width_px, 1)).astype(np.intp)
         thick = np.maximum(1, np.round(width_px)).astype(np.intp)
-        fixed = np.round((np.nan_to_num(streaks, nan=-99.0) - 0.5) * (1 << _SHIFT))
+        fixed = np.round((streaks - 0.5) * (1 << _SHIFT))
         fixed = np.clip(fixed, -(1 << 19), 1 << 19).astype(np.int32)
         for grade, px in sorted(set(zip(shade.tolist(), thick.tolist(), strict=True))):
             lines = list(fixed[(shade == grade) & (thick == px)])
             value = round(255 * _OPACITY * grade / _SHADES)
             cv2.polylines(mask, lines, False, value, px, cv2.LINE_AA, _SHIFT)
         return np.asarray(mask * np.float32(1 / 255), np.float32)
+
+
+def _before_the_lens(drops: Vector, moved: Vector) -> Vector:
+    """Cut the ways of drops, (N, 3), short where they pass the camera: behind it is no image."""
+    nearer = np.maximum(-moved[:, 2:], 1e-9)
+    return np.asarray(moved * np.minimum((drops[:, 2:] - _LENS_M) / nearer, 1))
