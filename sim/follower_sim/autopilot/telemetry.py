@@ -131,9 +131,7 @@ class Telemetry:
             "GLOBAL_POSITION_INT": self._global_position,
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "AUTOPILOT_VERSION": self._autopilot_version,
-            "GPS_RAW_INT": lambda s: health.gps_raw_int(
-                self._boot_us(s), self._place(s.position_m)
-            ),
+            "GPS_RAW_INT": self._gps_raw_int,
             "RC_CHANNELS": self._rc_channels,
             "GPS_GLOBAL_ORIGIN": lambda _: mavlink.MAVLink_gps_global_origin_message(
                 *self._place(controller.origin_m)
