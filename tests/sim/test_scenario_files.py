@@ -68,6 +68,11 @@ def test_a_minimal_scenario_is_enough(tmp_path: Path) -> None:
             "camera: with this distortion the lens cannot image its own corners",
         ),
         ("start:", "ground: {roads: [{width_m: 5}]}\nstart:", "a road needs either `along`"),
+        (
+            "start:",
+            "scatter: [{kind: fir, count: 1, size_m: [9, 2]}]\nstart:",
+            "scatter[0]: size_m: the smallest size comes first",
+        ),
         ("start:", "stand_in: {size_noise: 1.0e+9}\nstart:", "size_noise lies between 0 and 10"),
         ("[100, 0]", "[100, 0, -1]", "targets[0].path: a path's heights are 0 or more"),
         ("[-15, 0]", "[1.0e+9, 0]", "start.at[0]: Input should be less than"),

@@ -248,6 +248,12 @@ class ScatterSettings(_Section):
     size_m: tuple[Positive, Positive] | None = None
     """Smallest and largest size."""
 
+    @model_validator(mode="after")
+    def _sizes_grow(self) -> Self:
+        if self.size_m is not None and self.size_m[0] > self.size_m[1]:
+            raise ValueError("size_m: the smallest size comes first")
+        return self
+
 
 class OcclusionSettings(_Section):
     """Roofs over the followed target's path, which hide it from a camera above them."""
