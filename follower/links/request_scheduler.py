@@ -255,9 +255,6 @@ class ParameterReader:
     A name that stays unanswered is asked for six times in all, 0.6 s apart, a few names at once so
     that a slow radio is not flooded.
 
-    Args:
-        bytewise: see the attribute.
-
     Attributes:
         bytewise: integers come as their bytes, as PX4 sends them; else as floats.
         values: what was answered so far, by name.

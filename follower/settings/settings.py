@@ -68,10 +68,6 @@ _BEFORE = {"envelope": {"max_yaw_jerk_deg_s3": None}, "vision": {"precision": "f
 def refuse_retired(data: Mapping[str, Any], source: str) -> None:
     """Refuse settings that hold a retired key.
 
-    Args:
-        data: the settings, sections within sections.
-        source: where they were said.
-
     Raises:
         SettingsError: names the source, the key and what to do instead.
     """

@@ -83,11 +83,6 @@ def bench(options: BenchOptions, out: Path, console: Console | None = None) -> i
 
     Ctrl-C ends it in order: what was measured until then is written.
 
-    Args:
-        options: what is measured.
-        out: takes the run's folder.
-        console: takes progress, table and advice.
-
     Raises:
         SettingsError: nothing could be measured, or not with a video: there is no room.
         OSError: a file cannot be written.

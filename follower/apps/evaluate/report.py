@@ -243,12 +243,7 @@ def _misses(box: Box | None, true: Box | None) -> bool:
 
 
 def render(found: Evaluation, sequences: Sequence[one_pass.Sequence]) -> str:
-    """Return the page.
-
-    Args:
-        found: the figures.
-        sequences: what was run over.
-    """
+    """Return the page."""
     rows = found.means
     names = list(dict.fromkeys(row.tracker for row in rows))
     once = [one for one in found.runs if one.kind == "ope"]

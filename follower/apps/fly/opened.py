@@ -70,13 +70,6 @@ class FlightPlan:
 class OpenedFlight:
     """Recorder, link and camera of a flight; `opened_flight` makes it.
 
-    Args:
-        plan: what is to be flown.
-        folder: takes the recording.
-        link: to the autopilot.
-        recorder: records.
-        clock: the system's.
-
     Attributes:
         plan: what is to be flown.
         link: to the autopilot.
@@ -164,12 +157,6 @@ def opened_flight(
     plan: FlightPlan, folder: Path, transport: Transport, clock: MonotonicClock
 ) -> Iterator[OpenedFlight]:
     """Open recorder, link and camera; close them when the flight is over.
-
-    Args:
-        plan: what is to be flown.
-        folder: takes the recording.
-        transport: to the autopilot.
-        clock: the system's.
 
     Raises:
         ValueError, OSError: what the user can mend, in one line.

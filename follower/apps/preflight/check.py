@@ -185,11 +185,7 @@ class PreflightCheck(Generic[Known]):
 
 
 class CheckGroup(Generic[Known]):
-    """Checks under one heading, in the order in which they are defined.
-
-    Args:
-        title: the heading.
-    """
+    """Checks under one heading, in the order in which they are defined."""
 
     def __init__(self, title: str) -> None:
         self._title = title

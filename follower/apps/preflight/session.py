@@ -59,15 +59,7 @@ class CheckScope:
 
 
 class LinkObserver:
-    """Steps the link as a control loop would, sends no setpoint, and takes snapshots.
-
-    Args:
-        link: to the autopilot.
-        camera: is being watched.
-        clock: the system's.
-        settings: that would be flown with.
-        scope: of the checks.
-    """
+    """Steps the link as a control loop would, sends no setpoint, and takes snapshots."""
 
     def __init__(
         self, link: Link, camera: CameraWatch, clock: Clock, settings: Settings, scope: CheckScope

@@ -96,11 +96,7 @@ class SignJudgement:
 
 
 class SignEvidence:
-    """Collects what was seen, and forgets it slowly: a target may be moved, and stand again.
-
-    Args:
-        mount: as the settings describe it.
-    """
+    """Collects what was seen, and forgets it slowly: a target may be moved, and stand again."""
 
     def __init__(self, mount: CameraMount) -> None:
         self._camera_to_body = mount.camera_to_body

@@ -78,12 +78,7 @@ class _EndedError(Exception):
 
 
 class Player:
-    """Plays flights, and takes the choice of another.
-
-    Args:
-        station: shows them.
-        flights: that there are.
-    """
+    """Plays flights, and takes the choice of another."""
 
     def __init__(self, station: UiProcessClient, flights: RecordingFolder) -> None:
         self._station = station

@@ -255,10 +255,6 @@ def unpack(bag: Path, out: Path) -> str:
 
     The first topic of images counts, raw or compressed, and all Imu and Odometry messages.
 
-    Args:
-        bag: its folder.
-        out: takes video and table.
-
     Raises:
         SourceError: it is no bag, or has no images.
     """

@@ -17,10 +17,6 @@ class TopicDetector:
 
     Classes are what the other node calls them. See `Detector`.
 
-    Args:
-        io: takes the messages.
-        topic: of the arrays.
-
     Attributes:
         topic: its full name.
         class_names: those seen so far, and those that were asked for.

@@ -51,9 +51,6 @@ class Outputs:
     it is installed), `target` (geometry_msgs/PoseWithCovarianceStamped), `setpoint`
     (geometry_msgs/TwistStamped: what was sent), `overlay` (sensor_msgs/Image, while somebody looks)
     and /diagnostics; the target's place also on /tf, where tf2_msgs is installed.
-
-    Args:
-        node: publishes.
     """
 
     def __init__(self, node: Any) -> None:

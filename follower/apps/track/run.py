@@ -278,13 +278,6 @@ def track_recorder(
 
     Of several targets the first one is recorded: the one that setpoints are made for.
 
-    Args:
-        folder: the run's own.
-        settings: of the run.
-        source: of the frames.
-        count: how many targets there are.
-        clock: the frames' own.
-
     Raises:
         OSError: the files cannot be made.
     """

@@ -46,9 +46,6 @@ class Pose:
 class FlightScene:
     """Computes what viewers draw from a recorded flight.
 
-    Args:
-        recorded: the flight.
-
     Raises:
         FlightFileError: its settings are not understood.
     """

@@ -42,10 +42,6 @@ _Z_95 = 1.959963984540054
 def wilson(successes: int, count: int) -> tuple[float, float]:
     """Return the score interval of a share (Wilson, 1927); (0, 1) where nothing was counted.
 
-    Args:
-        successes: of them.
-        count: of all.
-
     Raises:
         ValueError: there are fewer than none, or more successes than tries.
     """

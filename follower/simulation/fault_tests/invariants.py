@@ -24,9 +24,6 @@ class SetpointDerivatives:
 
     A zero may come at any time, and what follows one may be the vehicle's own velocity, with which
     following begins: there the differences begin anew.
-
-    Args:
-        limits: the envelope's.
     """
 
     def __init__(self, limits: EnvelopeSettings) -> None:

@@ -22,11 +22,7 @@ _WRONG_SECRET = bytes(range(100, 132))
 
 
 class HostilePackets:
-    """Makes garbage, strangers, forgeries and replays.
-
-    Args:
-        rng: chooses.
-    """
+    """Makes garbage, strangers, forgeries and replays."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -140,14 +136,7 @@ class _Way:
 
 
 class FaultyTransport(WrappedTransport):
-    """The follower's transport with the faults of the link in it, both ways.
-
-    Args:
-        inner: carries the bytes.
-        schedule: says what is on.
-        clock: the flight's.
-        rng: decides which packets are hit.
-    """
+    """The follower's transport with the faults of the link in it, both ways."""
 
     def __init__(
         self, inner: Transport, schedule: FaultSource, clock: Clock, rng: np.random.Generator

@@ -184,13 +184,7 @@ class AutopilotFaults:
 
 
 class FaultyCamera(SimCamera):
-    """See `SimCamera`.
-
-    Args:
-        world: see there.
-        state_at: see there.
-        schedule: says what is on.
-    """
+    """See `SimCamera`."""
 
     def __init__(
         self, world: World, state_at: Callable[[float], BodyState], schedule: FaultSchedule

@@ -63,14 +63,7 @@ def export_detector(trainer: DetectorTrainer, path: Path) -> ExportedNetwork:
 def write_detector_card(
     exported: ExportedNetwork, trainer: DetectorTrainer, config: DetectorConfig, measured: Precision
 ) -> None:
-    """Write NAME.md.
-
-    Args:
-        exported: the file.
-        trainer: has trained it.
-        config: of the training.
-        measured: quality on held-out pictures.
-    """
+    """Write NAME.md."""
     settings, side = trainer.settings, trainer.settings.side_px
     rendered = "scenes of the simulator's own renderer (no photographs)"
     rows = [

@@ -94,11 +94,7 @@ def recorded_pattern(run: Mapping[str, Any]) -> Pattern | None:
 
 
 class Pattern:
-    """Setpoints over time, axis after axis, each of which ends at rest.
-
-    Args:
-        settings: how large and how long.
-    """
+    """Setpoints over time, axis after axis, each of which ends at rest."""
 
     def __init__(self, settings: ExcitationSettings) -> None:
         self._settings = settings

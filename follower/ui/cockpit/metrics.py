@@ -34,9 +34,6 @@ class FlightMetrics(Collector):
     """Makes metrics of what a hub knows when they are asked for.
 
     What the flight does not know is left out, and so is everything before its first state.
-
-    Args:
-        hub: of the cockpit.
     """
 
     def __init__(self, hub: Hub) -> None:

@@ -23,9 +23,6 @@ class JpegStream:
     """The newest picture for each reader, encoded once for all and only while there are readers.
 
     A slow reader misses pictures, and nothing waits for it.
-
-    Args:
-        loop: the server's.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:

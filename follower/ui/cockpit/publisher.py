@@ -159,12 +159,7 @@ def _plain(value: Any) -> Any:
 
 
 def state_message(status: LiveStatus, record: ControlRecord | None) -> Message:
-    """Return the flight's present state as plain values; m, m/s, angles in degrees.
-
-    Args:
-        status: what any display shows.
-        record: the newest control step.
-    """
+    """Return the flight's present state as plain values; m, m/s, angles in degrees."""
     azimuth, elevation = status.azimuth_error_rad, status.elevation_error_rad
     return {
         "time_s": _finite(status.elapsed_s),
@@ -224,12 +219,7 @@ class PublishedFlight(Protocol):
 
 
 class FlightPublisher:
-    """Connects one flight with its station.
-
-    Args:
-        station: of the flight.
-        flight: that is beginning.
-    """
+    """Connects one flight with its station."""
 
     def __init__(self, station: UiProcessClient, flight: PublishedFlight) -> None:
         self._station = station
@@ -252,9 +242,6 @@ class PeriodicPublisher(ClosesItself):
     """Shows a flight ten times a second on a thread of its own.
 
     Whoever shows it besides may hang, as a terminal does whose network is gone: the page goes on.
-
-    Args:
-        show: shows the present state.
     """
 
     def __init__(self, show: Callable[[], None]) -> None:

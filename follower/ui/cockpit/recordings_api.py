@@ -29,11 +29,7 @@ class RecordingSummary:
 
 
 class RecordingFolder:
-    """Looks into a folder of flights.
-
-    Args:
-        folder: as given by `--out`.
-    """
+    """Looks into a folder of flights."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

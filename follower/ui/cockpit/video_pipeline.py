@@ -19,9 +19,6 @@ class VideoPipeline:
 
     Without an overlay both are the same, encoded once.
 
-    Args:
-        settings: of the video.
-
     Attributes:
         ground: the stream for RTSP and UDP.
         page: the stream for the cockpit.

@@ -142,9 +142,6 @@ class Keyboard:
     Enter alone consents. Whatever else is typed withdraws, be it "n", "stop" or a slip: who types
     in a hurry wants the vehicle to end what it does. What is no terminal gives no orders: a
     service's input is at its end from the start.
-
-    Args:
-        stream: standard input.
     """
 
     def __init__(self, stream: TextIO) -> None:

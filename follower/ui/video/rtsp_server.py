@@ -28,13 +28,7 @@ Headers = dict[str, str]
 
 
 class RtspViewer:
-    """Answers one connection until it ends, and sends it the stream.
-
-    Args:
-        channel: what is shown.
-        reader: of the connection.
-        writer: of the connection.
-    """
+    """Answers one connection until it ends, and sends it the stream."""
 
     def __init__(
         self, channel: VideoChannel, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -37,13 +37,7 @@ _SLACK_S = 1e-9
 
 
 class Commands:
-    """Carries out COMMAND_LONG and COMMAND_INT.
-
-    Args:
-        controller: obeys.
-        telemetry: sends what is asked for.
-        send: sends a message.
-    """
+    """Carries out COMMAND_LONG and COMMAND_INT."""
 
     def __init__(
         self, controller: FlightController, telemetry: Telemetry, send: Callable[[Any], None]

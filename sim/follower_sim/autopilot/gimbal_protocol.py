@@ -27,9 +27,6 @@ _ACCEPTED, _DENIED = int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_DE
 class GimbalProtocol:
     """Obeys rates from whoever controls the gimbal, and reports its attitude.
 
-    Args:
-        gimbal: moves.
-
     Attributes:
         holder: system and component that control it; nobody at first.
     """

@@ -34,11 +34,7 @@ Standing = tuple[BoundingSphere, Solid]
 
 
 class Corridor:
-    """Finds the bodies about a line of sight, which are few, without a look at all of them.
-
-    Args:
-        standing: the bodies.
-    """
+    """Finds the bodies about a line of sight, which are few, without a look at all of them."""
 
     def __init__(self, standing: Sequence[Solid]) -> None:
         self._standing: list[Standing] = [(ball_of(solid), solid) for solid in standing]

@@ -60,10 +60,6 @@ def make_detector(name: str, store: ModelStore, device: str = CPU) -> Detector:
 class GuardedDetector:
     """Asks a plug-in's detector; where that raises or errs, it detects nothing.
 
-    Args:
-        detector: the plug-in's.
-        plugin: where it is from.
-
     Attributes:
         class_names: the detector's own.
 

@@ -31,12 +31,7 @@ class Embedder(Protocol):
 
 
 class GuardedEmbedder:
-    """Asks a plug-in's embedder; where that raises or errs, nothing is alike.
-
-    Args:
-        embedder: the plug-in's.
-        plugin: where it is from.
-    """
+    """Asks a plug-in's embedder; where that raises or errs, nothing is alike."""
 
     def __init__(self, embedder: Embedder, plugin: Plugin) -> None:
         self._embedder = embedder

@@ -123,9 +123,6 @@ class OnePlaceResponse:
 
     It goes its own way; where the target is learnt to be elsewhere, it starts anew there.
 
-    Args:
-        motion: the tracker.
-
     Attributes:
         found: what it said of the image searched last; None before that.
     """

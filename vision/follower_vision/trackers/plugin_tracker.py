@@ -34,10 +34,6 @@ class GuardedTracker:
 
     The answer is then the last box with the confidence 0, on which target trackers coast.
 
-    Args:
-        motion: the plug-in's.
-        plugin: where it is from.
-
     Attributes:
         name: the plug-in's.
     """
