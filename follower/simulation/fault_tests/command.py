@@ -178,15 +178,10 @@ def _fly_matrix(console: Console, engine: Engine, cases: list[_Case], path: Path
     return failed > 0
 
 
-def _cases(
-    names: list[str], autopilot: str, link: str, realtime: bool
-) -> Iterator[tuple[Fault, FaultSetup]]:
+def _cases(names: list[str], autopilot: str, link: str, realtime: bool) -> Iterator[_Case]:
     flavours = _chosen("--autopilot", autopilot, FLAVOURS)
     links = _chosen("--link", link, LINK_KINDS)
-    try:
-        chosen = [fault_named(name) for name in names] or list(catalogue())
-    except ValueError as error:
-        raise SettingsError(str(error)) from None
+    chosen = [fault_named(name) for name in names] or list(catalogue())
     setups = [
         FaultSetup(flavour, kind, realtime or kind == "mavsdk")
         for kind, flavour in product(links, flavours)

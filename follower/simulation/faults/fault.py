@@ -229,12 +229,12 @@ def fault_named(name: str) -> Fault:
     """Return a fault of the catalogue.
 
     Raises:
-        ValueError: there is none of that name.
+        SettingsError: there is none of that name.
     """
     for fault in catalogue():
         if fault.name == name:
             return fault
-    raise ValueError(f"there is no fault {name!r}; `follower faults list` shows them")
+    raise SettingsError(f"there is no fault {name!r}; `follower faults list` shows them")
 
 
 def in_groups() -> dict[str, list[Fault]]:
@@ -277,7 +277,7 @@ class PlannedFault:
             raise SettingsError(f"--fault {text}: write NAME, NAME@time or NAME@time:duration")
         try:
             fault = fault_named(match[1])
-        except ValueError as error:
+        except SettingsError as error:
             raise SettingsError(f"--fault {text}: {error}") from None
         at_s = None if match[2] is None else float(match[2])
         for_s = fault.for_s if match[3] is None else float(match[3])
