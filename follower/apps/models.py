@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -166,7 +165,7 @@ def _usable(folders: list[Path]) -> list[Sequence]:
 
 
 def _store(folder: Path | None) -> ModelStore:
-    return ModelStore(folder or default_folder(os.environ))
+    return ModelStore(folder or default_folder())
 
 
 def _pull_one(store: ModelStore, model: VisionModel) -> list[Path]:

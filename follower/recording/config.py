@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import sys
@@ -213,7 +212,7 @@ def epoch_now_ns(clock: Clock) -> int:
 
 def model_hashes(settings: Settings) -> dict[str, str]:
     """Return the SHA-256 of each network's file that the settings use."""
-    store = ModelStore(default_folder(os.environ))
+    store = ModelStore(default_folder())
     names = {settings.tracker, settings.detector}
     files = [file for model in store.models if model.name in names for file in model.files]
     paths = {file.name: store.folder / file.name for file in files}

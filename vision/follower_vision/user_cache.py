@@ -13,7 +13,7 @@ from follower_vision.disk import write_whole
 _SAME, _REFUSED = "same answers", "refused: "
 
 
-def cache_folder(environment: Mapping[str, str]) -> Path:
+def cache_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """Return follower's folder in the user's cache, which need not exist."""
     cache = environment.get("XDG_CACHE_HOME")
     # The XDG specification says to ignore a path that is not absolute.
@@ -40,7 +40,7 @@ class DeviceVerdict:
 
     def __init__(self, network: bytes, device: str) -> None:
         name = f"{hashlib.sha256(network).hexdigest()}-{onnxruntime.__version__}-{device}.txt"
-        self._path = cache_folder(os.environ) / "devices" / name
+        self._path = cache_folder() / "devices" / name
 
     def read(self) -> str | None:
         """Return why the device was refused, "" if it was not, None if nobody knows."""

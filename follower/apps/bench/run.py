@@ -219,14 +219,14 @@ class _Session:
 
     def _trackers(self) -> list[str]:
         """Return the trackers that do something and can be made here."""
-        store = ModelStore(default_folder(os.environ))
+        store = ModelStore(default_folder())
         names = self._options.trackers or tracker_names()
         wanted = [name for name in names if name != _NO_WORK]
         return self._usable(wanted, lambda name: make_tracker(name, store.file))
 
     def _detectors(self) -> list[str]:
         """Return the detectors that can be made here."""
-        store, named = ModelStore(default_folder(os.environ)), self._options.detectors
+        store, named = ModelStore(default_folder()), self._options.detectors
         names = detector_names(store) if named is None else named
         return self._usable(names, lambda name: make_detector(name, store))
 

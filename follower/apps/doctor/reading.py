@@ -110,7 +110,7 @@ def read_installation(
         root: stands for "/", where "dev", "sys" and "proc" are.
     """
     width = settings.camera.focal_width_px
-    store = ModelStore(default_folder(os.environ))
+    store = ModelStore(default_folder())
     device, refusals = tried_device(store, settings.vision.device)
     return Installation(
         settings=settings,

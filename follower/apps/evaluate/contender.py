@@ -1,6 +1,5 @@
 """What is compared: trackers by their names on the command line."""
 
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +82,7 @@ class Contender:
         Raises:
             ModelError: a network is missing.
         """
-        store = ModelStore(default_folder(os.environ))
+        store = ModelStore(default_folder())
         motion = make_tracker(self.motion, store.file)
         if not self.kind:
             return AlwaysBelieved(motion)

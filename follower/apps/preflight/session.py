@@ -1,6 +1,5 @@
 """`follower preflight`: the checklist, alone."""
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -150,7 +149,7 @@ class LinkObserver:
 
 def model_states(settings: Settings) -> dict[str, str]:
     """Return the networks' files that the settings name: "good", "missing" or "wrong"."""
-    store = ModelStore(default_folder(os.environ))
+    store = ModelStore(default_folder())
     known = {model.name: model for model in store.models}
     states: dict[str, str] = {}
     for name in (settings.tracker, settings.detector, settings.fusion.model):

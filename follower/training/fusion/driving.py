@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -267,7 +266,7 @@ def _tracker(
     setup: FusionSetup, images: list[Image], cache: Path
 ) -> Iterator[Callable[[ProbabilityModel], FusionTracker]]:
     """Give what makes a tracker; the detections are kept afterwards."""
-    store = ModelStore(default_folder(os.environ))
+    store = ModelStore(default_folder())
     detector = None
     if setup.detector is not None:
         asked = make_detector(setup.detector, store)

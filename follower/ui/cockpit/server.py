@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import os
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -61,7 +60,7 @@ class CockpitServer:
         objects = None
         if begin.get("detector"):
             objects = Objects(
-                lambda: make_detector(begin["detector"], ModelStore(default_folder(os.environ))),
+                lambda: make_detector(begin["detector"], ModelStore(default_folder())),
                 self._newest_frame,
                 lambda found: self._call(lambda: self._hub.tell("objects", objects=found)),
                 self._say,

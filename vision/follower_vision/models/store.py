@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -25,7 +26,7 @@ class FileState(StrEnum):
     WRONG = "wrong"
 
 
-def default_folder(environment: Mapping[str, str]) -> Path:
+def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """Return the user's folder: $FOLLOWER_MODELS, or follower/models in the user's cache."""
     own = environment.get("FOLLOWER_MODELS")
     if own:
