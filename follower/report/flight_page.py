@@ -21,7 +21,6 @@ from follower_sim.scenario.scenario import Criteria
 from follower_sim.scoring.criteria import CriterionResult, checks, verdict
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
 from follower_vision.disk import write_whole
-from follower_vision.trackers.track import TrackState
 
 FigureOf = Callable[[LoggedFlight], Figure | None]
 
@@ -72,10 +71,10 @@ def write_report(
     log: FlightLog,
     meta: ReportMeta,
     *,
+    score: PursuitScore,
+    criteria: Criteria,
     truth: Sequence[TruthSample] = (),
     goal: PursuitGoal | None = None,
-    score: PursuitScore | None = None,
-    criteria: Criteria | None = None,
     servo: ServoSettings | None = None,
 ) -> Path:
     """Write `report.html` and return its path. Works with any log, an empty one too.
@@ -84,25 +83,21 @@ def write_report(
         folder: exists already.
         log: the flight.
         meta: what was run.
+        score: what the flight is worth.
+        criteria: what the score is held against.
         truth: the simulator's samples; without them nothing true is drawn.
         goal: the wanted direction and distance, for the plots.
-        score: None where there is no truth.
-        criteria: what the score is held against, by default the usual ones.
         servo: its settings; with them the range that it goes by is drawn.
 
     Raises:
         OSError: it cannot be written.
     """
     flight = LoggedFlight(log, truth, goal, servo, score)
-    page = render(flight, meta, score, criteria or Criteria())
-    return write_whole(folder / REPORT, page)
+    return write_whole(folder / REPORT, render(flight, meta, score, criteria))
 
 
 def write_score(
-    folder: Path,
-    score: PursuitScore,
-    criteria: Criteria | None = None,
-    run: Mapping[str, object] | None = None,
+    folder: Path, score: PursuitScore, criteria: Criteria, run: Mapping[str, object]
 ) -> Path:
     """Write `score.json`: whether it passed, the failures, the figures and the criteria.
 
@@ -115,34 +110,24 @@ def write_score(
     Raises:
         OSError: it cannot be written.
     """
-    held_against = criteria or Criteria()
-    failures = verdict(score, held_against)
+    failures = verdict(score, criteria)
     content = {
         "passed": not failures,
         "failures": failures,
-        "run": dict(run or {}),
+        "run": dict(run),
         "score": score.to_dict(),
-        "criteria": asdict(held_against),
+        "criteria": asdict(criteria),
     }
     return write_whole(folder / SCORE, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def render(
-    flight: LoggedFlight, meta: ReportMeta, score: PursuitScore | None, criteria: Criteria
-) -> str:
-    """Return the whole page.
-
-    Args:
-        flight: what happened.
-        meta: what was run.
-        score: None where there is no truth to score by.
-        criteria: what the score is held against.
-    """
+def render(flight: LoggedFlight, meta: ReportMeta, score: PursuitScore, criteria: Criteria) -> str:
+    """Return the whole page."""
     with style.plot_style():
         parts = [
             _headline(flight, meta, score, criteria),
             _video(meta),
-            html.section("Score", _score_table(checks(score, criteria)) if score else ""),
+            html.section("Score", _score_table(checks(score, criteria))),
             states_section(flight),
             *figure_sections(flight),
             timing_section(flight),
@@ -154,12 +139,9 @@ def render(
 
 
 def _headline(
-    flight: LoggedFlight, meta: ReportMeta, score: PursuitScore | None, criteria: Criteria
+    flight: LoggedFlight, meta: ReportMeta, score: PursuitScore, criteria: Criteria
 ) -> str:
     remarks = [*failed_plugins(flight.log), *meta.remarks]
-    if score is None:
-        box = verdict_box("", f"{flight.length_s:.1f} s, no truth to score by", remarks)
-        return box + html.tiles(_log_figures(flight.log))
     failures = verdict(score, criteria)
     end = meta.end or pursuit_end(failures)
     kind = {SUCCESS: "passed", HANDED_OVER: ""}.get(end.exit_code, "failed")
@@ -174,20 +156,6 @@ def _headline(
         "Capture to setpoint, median",
     )
     return box + html.tiles((name, shown[name]) for name in chosen)
-
-
-def _log_figures(log: FlightLog) -> list[tuple[str, str]]:
-    states = [record.track.state for record in log.tracks if record.track is not None]
-    seen = states.count(TrackState.TRACKING)
-    figures_shown = [("Frames", str(len(log.tracks)))]
-    if states:
-        figures_shown.append(("Target seen", f"{100 * seen / len(states):.1f} %"))
-    measured = {t.name: t for t in timings(log)}
-    for name in ("vision: one frame's work", "capture to setpoint"):
-        if name in measured:
-            median = measured[name].percentile_ms(50)
-            figures_shown.append((f"{name}, median", f"{median:.1f} ms"))
-    return figures_shown
 
 
 def _video(meta: ReportMeta) -> str:
