@@ -83,7 +83,7 @@ class Lesson:
         """Take a frame's answer."""
         del lines
         if self.teacher is not None and self.flight is not None and tracks:
-            seen = self.flight.true_target(frame.captured_s)
+            seen = self.flight.ground_truth.of_frame(frame.captured_s)
             there = seen.visible_share * seen.in_frame_share > LEAST_SEEN
             if tracks[0].produced_by == _CHOSEN and seen.box is not None:
                 self._part = Part.chosen(tracks[0].box, seen.box)

@@ -81,7 +81,7 @@ def fly(scenario: Scenario, seed: int, overrides: Sequence[str]) -> IdentityScor
     ends = MemoryTransport.pair()
     flight = SimulatedFlight(World(scenario, seed), settings, "px4", clock, ends)
     fly_lockstep(flight, clock, lambda: None)
-    return flight.identity
+    return flight.ground_truth.identity
 
 
 def _options() -> argparse.Namespace:

@@ -138,7 +138,7 @@ def fly(spec: RunSpec, part: str) -> Pursuit | None:
     samples = [sample for sample in flown if sample.time_s >= from_s][::every]
     shown = samples
     if part != "true estimate":
-        sights = [flight.box_direction(sample) for sample in samples]
+        sights = [flight.ground_truth.box_direction(sample) for sample in samples]
         shown = [
             replace(sample, azimuth_rad=one.azimuth_rad, elevation_rad=one.elevation_rad)
             for sample, one in zip(samples, sights, strict=True)

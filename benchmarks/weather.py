@@ -113,7 +113,7 @@ def fly(job: tuple[Effect, float, int]) -> tuple[int, int]:
         with closing(SimulatedFlight(world, settings, "px4", clock, ends)) as flight:
             flight.operate()
             fly_lockstep(flight, clock, partial(point_out, flight, GroundTruth(world), clock))
-        overlaps = (frame.overlap for frame in flight.tracked)
+        overlaps = (frame.overlap for frame in flight.ground_truth.tracked)
         times = [step.time_s for step in flight.truth]
         for record in flight.log.tracks:
             tracked = record.track is not None and record.track.state is TrackState.TRACKING

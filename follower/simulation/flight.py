@@ -32,15 +32,12 @@ from follower.ui.ground_station.flight_view import FlightView
 from follower_control.common.transport import Transport
 from follower_sim.autopilot.autopilot import SYSTEM_ID, SimAutopilot
 from follower_sim.camera import BlindCamera
-from follower_sim.kinematics import BodyState, TruthSample
+from follower_sim.kinematics import BodyState
 from follower_sim.noisy_tracker import NoisyTracker
-from follower_sim.scoring.identity_score import IdentityScore, TrackedFrame
 from follower_sim.scoring.score import PursuitGoal, PursuitScore
-from follower_sim.world.silhouettes import SeenBody
 from follower_sim.world.world import World
 from follower_vision.clock import Clock, MonotonicClock, SimulatedClock
 from follower_vision.fusion import BackgroundDetection, InlineDetection
-from follower_vision.geometry.line_of_sight import LineOfSight
 from follower_vision.trackers.target_tracker import TargetTracker
 
 NO_EXTRAS = FlightOptions()
@@ -72,7 +69,8 @@ class SimulatedFlight:
         requests: where front ends put what their operators want.
         seed: the world's.
         lockstep: it is flown on a simulated clock.
-        truth: what really happened, a sample a control step.
+        ground_truth: what really happened, and what tracks are worth beside it.
+        truth: its samples, one a control step.
     """
 
     def __init__(
@@ -114,8 +112,8 @@ class SimulatedFlight:
         self.camera = (BlindCamera if is_blind else parts.camera)(world, self._camera_at)
         self.log = FlightLog() if recorder is None else recorder.log
         self._wait = AutopilotWait(self._link, self.log, extras.boots_within_s)
-        self._truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
-        self.truth = self._truth.samples
+        self.ground_truth = truth = FlightTruth(world, self.vehicle.state_at, self._camera_at)
+        self.truth = truth.samples
         self.chosen_s: float | None = None
         self._operated = False
         self._ending = False
@@ -129,7 +127,7 @@ class SimulatedFlight:
         self._tracker = self._noisy_tracker or make_target_tracker(settings, mode)
         self._vision_stage = VisionStage(self._tracker, self.requests, extras.finder)
         self.vision = parts.vision(
-            self._vision_stage, clock, self.log, extras.video, self._lines, self._truth.compare
+            self._vision_stage, clock, self.log, extras.video, self._lines, truth.compare
         )
         self._autonomy: Autonomy | None = None
         if settings.autonomy == "full":
@@ -178,28 +176,10 @@ class SimulatedFlight:
         camera = self.scenario.camera.model
         return FlightView(self.log, self._link, self.requests, (camera.width, camera.height))
 
-    def box_direction(self, sample: TruthSample) -> LineOfSight:
-        """Work out the direction of the true box's middle from the heading, for one sample."""
-        return self._truth.box_direction(sample)
-
-    def true_target(self, stamp_s: float) -> SeenBody:
-        """Return where the target truly is in a frame with this capture stamp."""
-        return self._truth.of_frame(stamp_s)
-
     @property
     def tracker(self) -> TargetTracker:
         """What follows the target in the images."""
         return self._tracker
-
-    @property
-    def tracked(self) -> Sequence[TrackedFrame]:
-        """What came of each frame in which the target was reported as tracked."""
-        return self._truth.tracked
-
-    @property
-    def identity(self) -> IdentityScore:
-        """What has become of the target's identity."""
-        return self._truth.identity
 
     def score(self) -> PursuitScore:
         """Score the flight, up to the stop, to the handing over or to its end."""
@@ -207,10 +187,10 @@ class SimulatedFlight:
             self.log,
             self.truth,
             self.goal,
-            overlaps=[frame.overlap for frame in self.tracked],
-            identity=self.identity,
+            overlaps=[frame.overlap for frame in self.ground_truth.tracked],
+            identity=self.ground_truth.identity,
             chosen_s=self.chosen_s,
-            box_sight=self.box_direction,
+            box_sight=self.ground_truth.box_direction,
         )
 
     def status(self) -> LiveStatus:
@@ -276,7 +256,7 @@ class SimulatedFlight:
     def _on_step(self, record: ControlRecord) -> None:
         """Take the truth beside each step, and play the operator."""
         now_s = record.time_s
-        sample = self._truth.take(now_s)
+        sample = self.ground_truth.take(now_s)
         if self._recorder is not None:
             self._recorder.add(sample, sample.time_s)
         supervisor = self.stage.supervisor
@@ -300,7 +280,8 @@ class SimulatedFlight:
             return self._noisy_tracker.select
         # A colour alone does not distinguish the target from lookalikes: the operator points.
         alike = self.scenario.lookalikes.count > 0
-        pointed = (lambda frame: self._truth.of_frame(frame.captured_s).box) if alike else None
+        true = self.ground_truth
+        pointed = (lambda frame: true.of_frame(frame.captured_s).box) if alike else None
         return colour_selector(select.colour, select.search, pointed)
 
     @property
@@ -324,7 +305,7 @@ class SimulatedFlight:
     def _make_noisy_tracker(self) -> NoisyTracker:
         camera, rng = self.scenario.camera, np.random.default_rng([self.seed, _NOISE_STREAM])
         size = (camera.width, camera.height)
-        return NoisyTracker(self._truth.of_frame, size, self.scenario.stand_in, rng)
+        return NoisyTracker(self.ground_truth.of_frame, size, self.scenario.stand_in, rng)
 
     def _lines(self) -> Sequence[str]:
         """Return what the video shows in its corner."""

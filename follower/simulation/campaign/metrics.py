@@ -118,7 +118,7 @@ def figures_of(flight: SimulatedFlight) -> RunMetrics:
         score.range_error_p95,
         tuple(round(one.length_s, 6) for one in hidden),
         tuple(None if t is None else round(t, 6) for t in (one.reacquired_s for one in hidden)),
-        wrong_end(flight.truth, flight.tracked, end_s),
+        wrong_end(flight.truth, flight.ground_truth.tracked, end_s),
         score.losses,
         score.wrong_box_share,
         score.delay_median_s,
@@ -153,7 +153,7 @@ def _occlusions(
     ]
     seen_frames = [
         ObservedFrame(frame.time_s, record.done_s)
-        for record, frame in zip(tracked, flight.tracked, strict=True)
+        for record, frame in zip(tracked, flight.ground_truth.tracked, strict=True)
         if frame.overlap > 0
     ]
     return occlusions(flight.truth, seen_frames, scored[0].time_s, min(end_s, scored[-1].time_s))

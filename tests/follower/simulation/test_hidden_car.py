@@ -25,7 +25,7 @@ def test_the_hidden_car_is_found_again_and_the_other_is_not_taken(
     flight = SimulatedFlight(World(scenario), settings, "px4", clock, MemoryTransport.pair())
     fly_lockstep(flight, clock, lambda: None)
     flight.close()
-    identity = flight.identity
+    identity = flight.ground_truth.identity
     assert identity.disappearances == 1
     assert 2.5 < identity.longest_hidden_s < 5
     assert identity.never_found == 0
