@@ -4,7 +4,6 @@ A flight's start is not to wait for pydantic to build the models of `result`.
 """
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,9 @@ from follower_vision.onnx_network import AUTO
 from follower_vision.user_cache import cache_folder
 
 
-def last_bench(environment: Mapping[str, str] = os.environ) -> Path:
+def last_bench() -> Path:
     """Return where the last bench of this computer is kept, in the user's cache."""
-    return cache_folder(environment) / "bench.json"
+    return cache_folder() / "bench.json"
 
 
 def more_than_held(

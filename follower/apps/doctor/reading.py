@@ -98,16 +98,13 @@ class Installation(CompanionSnapshot):
     heard: tuple[str, ...] = ()
 
 
-def read_installation(
-    settings: Settings, out: Path, lens_given: bool, root: Path = _ROOT
-) -> Installation:
+def read_installation(settings: Settings, out: Path, lens_given: bool) -> Installation:
     """Find out everything; it takes some seconds.
 
     Args:
         settings: that would be flown with.
         out: where recordings would go.
         lens_given: the settings name a field of view or a focal length.
-        root: stands for "/", where "dev", "sys" and "proc" are.
     """
     width = settings.camera.focal_width_px
     store = ModelStore(default_folder())
@@ -117,22 +114,22 @@ def read_installation(
         camera=CameraReading(size=settings.camera.frame_size or (width, width * 3 // 4)),
         models=model_states(settings),
         lens_given=lens_given,
-        computer=read_computer(out, root),
+        computer=read_computer(out),
         unmet=unmet_requirements(),
         shared=shared_modules(),
         device=device,
         refusals=refusals,
         broken=broken_files(store),
         unfetched=tuple(m.name for m in store.models if m.usual and not store.is_present(m)),
-        gpu=next((root / "dev").glob("nvidia[0-9]*"), None)
-        or next((root / "dev").glob("nvhost-gpu"), None),
-        cameras=tuple(cameras(root)),
-        ports=tuple(serial_ports(root)),
-        consoles=tuple(consoles(root)),
+        gpu=next(Path("/dev").glob("nvidia[0-9]*"), None)
+        or next(Path("/dev").glob("nvhost-gpu"), None),
+        cameras=tuple(cameras()),
+        ports=tuple(serial_ports()),
+        consoles=tuple(consoles()),
         groups=memberships(GROUPS),
         clock_is_set=clock_is_set(),
-        governors=governors(root),
-        heard=heard((STATION_PORT, VEHICLE_PORT), HEARD_S, root),
+        governors=governors(),
+        heard=heard((STATION_PORT, VEHICLE_PORT), HEARD_S),
     )
 
 

@@ -264,9 +264,10 @@ def settings(*overrides: str) -> Any:
 
 
 @pytest.fixture
-def kept(row: MakeRow, result: MakeResult, tmp_path: Path) -> Path:
+def kept(row: MakeRow, result: MakeResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A last bench: 50 frames/s at 640x360, 20 at 1280x720; 90 with our own detector."""
-    path = last_bench({"XDG_CACHE_HOME": str(tmp_path)})
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    path = last_bench()
     path.parent.mkdir()
     own = row("nanotrack-v3", "follower-detector", 640, 90.0)
     board = result(row(*FUSED, 640, 50.0), row(*FUSED, 1280, 20.0), own)
