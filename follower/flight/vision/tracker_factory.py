@@ -1,6 +1,5 @@
 """Makes the trackers that the settings name."""
 
-import os
 from functools import partial
 from pathlib import Path
 
@@ -120,4 +119,4 @@ def _store(settings: Settings) -> ModelStore:
 
 
 def _folder() -> Path:
-    return default_folder(os.environ)
+    return default_folder()
