@@ -23,7 +23,7 @@ from follower_vision.trackers.track import TrackState
 
 pytestmark = pytest.mark.slow
 
-COLOURS = "#e0401c", "#2a62c8", "#e8e8e8", "#e0b020"
+COLOURS = "#e0401c", "#2a62c8", "#101014", "#e0b020"
 WIDTH, HEIGHT = 320, 240
 
 
