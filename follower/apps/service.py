@@ -71,16 +71,15 @@ def install(
         raise SettingsError(f"{there[0]} exists already: compare it with --dry-run, or --force")
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        typer.echo(_write_private(path, text))
-        if path != root / _ENVIRONMENT:  # a camera's address may have a password in it
-            path.chmod(0o644)
+        # A camera's address may have a password in it.
+        typer.echo(_write(path, text, 0o600 if path == root / _ENVIRONMENT else 0o644))
     typer.echo("Now type: sudo udevadm control --reload && sudo udevadm trigger")
     typer.echo("          sudo systemctl daemon-reload && sudo systemctl enable --now follower")
 
 
-def _write_private(path: Path, text: str) -> Path:
-    """Write a file that nobody but its owner may read, not even for a moment."""
-    before = os.umask(0o077)
+def _write(path: Path, text: str, mode: int) -> Path:
+    """Write a file that nobody else may read, not even for a moment."""
+    before = os.umask(0o777 & ~mode)
     try:
         return write_whole(path, text)
     finally:
