@@ -217,7 +217,7 @@ class TcpTransport(_StreamTransport):
 
     Make one by `connect` (it calls) or `listen` (it is called; one peer at a time). A connection on
     which nothing that was sent has arrived for 3 s is broken. Who calls takes the place of a peer
-    that is silent: one that lost its power or its radio never hangs up.
+    that is silent: a program may hang whose system takes all that comes.
     """
 
     _listener: socket.socket | None = None
