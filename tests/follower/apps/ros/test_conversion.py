@@ -201,7 +201,9 @@ def test_what_ros_does_not_take_is_said_in_one_line(arguments: tuple[str, ...]) 
 
 
 @pytest.mark.slow
-def test_without_an_autopilot_each_failed_check_has_its_line(free_port: Any) -> None:
+def test_without_an_autopilot_each_failed_check_is_named_and_each_reason_said_once(
+    free_port: Any,
+) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not here: pip install -e .[ros]")
     connect = ("--connect", f"udpin:127.0.0.1:{free_port()}")
     result = without("nothing", "ros", "--mode", "direct", *connect, "--activate")
