@@ -49,6 +49,14 @@ def python(code: str) -> str:
     return ran.stdout.strip()
 
 
+def kept_by_importing(module: str, home: Path) -> list[Path]:
+    """Return what a process of its own, with this folder as its home, leaves there."""
+    at_home = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home)}
+    at_home.pop("ORT_DISABLE_TELEMETRY", None)
+    subprocess.run([sys.executable, "-c", f"import {module}"], cwd=ROOT, env=at_home, check=True)
+    return list(home.iterdir())
+
+
 def output_of(*arguments: str) -> str:
     """Return what a command writes that succeeds, run in the test's own process."""
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)

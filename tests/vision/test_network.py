@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
-from program import python
+from program import kept_by_importing
 
 from follower_vision import onnx_network
 from follower_vision.models import ModelStore
@@ -58,14 +58,8 @@ def averaging_file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_onnxruntime_reports_nothing_and_keeps_no_identifier(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("HOME", "XDG_CACHE_HOME"):
-        monkeypatch.setenv(name, str(tmp_path))
-    monkeypatch.delenv("ORT_DISABLE_TELEMETRY", raising=False)
-    python("import follower_vision.onnx_network")
-    assert list(tmp_path.iterdir()) == []
+def test_onnxruntime_reports_nothing_and_keeps_no_identifier(tmp_path: Path) -> None:
+    assert kept_by_importing("follower_vision.onnx_network", tmp_path) == []
 
 
 def test_network_tells_its_inputs_and_computes(averaging_file: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from program import python
+from program import kept_by_importing
 from typer.testing import CliRunner
 
 from follower.apps.models import models_app
@@ -39,14 +39,8 @@ FILMS = Films(seed=3, starts_s=(5.0,), frames=3, scenarios=["winding"])
 
 
 @pytest.mark.slow
-def test_onnxruntimes_tools_report_nothing_and_keep_no_identifier(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("HOME", "XDG_CACHE_HOME"):
-        monkeypatch.setenv(name, str(tmp_path))
-    monkeypatch.delenv("ORT_DISABLE_TELEMETRY", raising=False)
-    python("import follower.training.quantise")
-    assert list(tmp_path.iterdir()) == []
+def test_onnxruntimes_tools_report_nothing_and_keep_no_identifier(tmp_path: Path) -> None:
+    assert kept_by_importing("follower.training.quantise", tmp_path) == []
 
 
 @pytest.fixture(scope="module")
