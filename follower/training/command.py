@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -12,7 +12,7 @@ from follower.settings.settings import configs_folder, settings_data
 from follower.training.settings import RUNS, TrainingConfig, find_device
 from follower.ui.terminal.cli_options import Overrides
 from follower.ui.terminal.console import check_extra
-from follower_control.common.strict_config import parse
+from follower_control.common.strict_config import SettingsError, parse
 
 if TYPE_CHECKING:
     from follower.training.onnx_export import ExportedNetwork
@@ -135,9 +135,10 @@ def _train_detector(
     from follower.training.detector.run import train_detector
     from follower.training.detector.settings import DetectorConfig
 
-    given = {} if data is None else {"data": str(data), "licence": "that of its pictures"}
-    recipe = config or configs_folder() / "train/detector.yaml"
-    settings, folder = _read_recipe(DetectorConfig, recipe, overrides, given, out, resume)
+    licence = None if data is None else "that of its pictures"
+    settings, folder = _read_recipe(
+        "detector", DetectorConfig, config, overrides, out, resume, data=data, licence=licence
+    )
     _print_files(train_detector(settings, folder, find_device(device), resume is not None, start))
 
 
@@ -159,9 +160,9 @@ def _train_re3(
     from follower.training.re3.run import train_re3
     from follower.training.re3.settings import Re3Config
 
-    given = {} if pictures is None else {"pictures": str(pictures)}
-    recipe = config or configs_folder() / "train/re3.yaml"
-    settings, folder = _read_recipe(Re3Config, recipe, overrides, given, out, resume)
+    settings, folder = _read_recipe(
+        "re3", Re3Config, config, overrides, out, resume, pictures=pictures
+    )
     _print_files(train_re3(settings, folder, find_device(device), resume is not None))
 
 
@@ -183,11 +184,10 @@ def _train_siamese(
     from follower.training.siamese.run import train_siamese
     from follower.training.siamese.settings import SiameseConfig
 
-    given = {} if pictures is None else {"pictures": str(pictures)}
-    recipe = config or configs_folder() / "train/siamese.yaml"
-    settings, folder = _read_recipe(SiameseConfig, recipe, overrides, given, out, resume)
-    for one in train_siamese(settings, folder, find_device(device), resume is not None):
-        _print_files(one)
+    settings, folder = _read_recipe(
+        "siamese", SiameseConfig, config, overrides, out, resume, pictures=pictures
+    )
+    _print_files(*train_siamese(settings, folder, find_device(device), resume is not None))
 
 
 @train_app.command("fusion", epilog=_FUSION_EPILOG)
@@ -229,8 +229,7 @@ def _train_fusion(
         sequence_folders,
     )
 
-    recipe = config or configs_folder() / "train/fusion.yaml"
-    settings, folder = _read_recipe(FusionConfig, recipe, overrides, {}, out, None)
+    settings, folder = _read_recipe("fusion", FusionConfig, config, overrides, out)
     places = sequence_folders(sequences)
     known = None if folds is None else read_folds(folds)
     elsewhere = () if choices is None else read_choices(choices)
@@ -255,19 +254,22 @@ def export_command(
 
     from follower.training.trainer import load_checkpoint
 
-    cpu, recipe = torch.device("cpu"), folder / "config.yaml"
-    if load_checkpoint(folder, cpu).get("kind") == "siamese":
+    cpu = torch.device("cpu")
+    kind = load_checkpoint(folder, cpu).get("kind")
+    if kind == "siamese":
         from follower.training.siamese.run import train_siamese
         from follower.training.siamese.settings import SiameseConfig
 
-        siamese, _ = _read_recipe(SiameseConfig, recipe, [], {}, RUNS, folder)
+        siamese, _ = _read_recipe(kind, SiameseConfig, resume=folder)
         exported = train_siamese(siamese, folder, cpu, resume=True, export_only=True)
-    else:
+    elif kind == "re3":
         from follower.training.re3.run import train_re3
         from follower.training.re3.settings import Re3Config
 
-        re3, _ = _read_recipe(Re3Config, recipe, [], {}, RUNS, folder)
+        re3, _ = _read_recipe(kind, Re3Config, resume=folder)
         exported = [train_re3(re3, folder, cpu, resume=True, export_only=True)]
+    else:
+        raise SettingsError(f"{folder}: this is no training of a motion tracker")
     for one in exported:
         typer.echo(f"{one.path}\nsha256 {one.sha256}")
 
@@ -305,25 +307,36 @@ def _write_sequences(
 
 
 def _read_recipe(
+    kind: str,
     model: type[ConfigT],
-    recipe: Path,
-    overrides: Sequence[str] | None,
-    given: Mapping[str, str],
-    out: Path,
-    resume: Path | None,
+    config: Path | None = None,
+    overrides: Sequence[str] | None = None,
+    out: Path = RUNS,
+    resume: Path | None = None,
+    **given: Path | str | None,
 ) -> tuple[ConfigT, Path]:
     """Return a training's configuration and folder; a resumed one has its own recipe.
+
+    Args:
+        kind: of training; without `config` the recipe is the one of this name.
+        model: of the configuration.
+        config: the recipe.
+        overrides: `key=value`; they go before all else.
+        out: in which the training gets its folder.
+        resume: the folder of the training to go on with.
+        **given: keys that options of their own give; None leaves the recipe's.
 
     Raises:
         SettingsError: names the file and the first wrong key.
     """
-    path = resume / "config.yaml" if resume else recipe
+    path = resume / "config.yaml" if resume else config or configs_folder() / f"train/{kind}.yaml"
     data, source = settings_data(path, overrides=overrides or [])
     chosen = {text.partition("=")[0] for text in overrides or ()}
-    more = {key: value for key, value in given.items() if key not in chosen}
+    more = {key: str(value) for key, value in given.items() if value and key not in chosen}
     settings = parse(model, data | more, source)
     return settings, resume or out / settings.name
 
 
-def _print_files(exported: ExportedNetwork) -> None:
-    typer.echo(f"{exported.path}\n{exported.card}")
+def _print_files(*exported: ExportedNetwork) -> None:
+    for one in exported:
+        typer.echo(f"{one.path}\n{one.card}")

@@ -8,7 +8,9 @@ import pytest
 from csv_rows import rows_of
 from program import output_of
 
+from follower.training.command import export_command
 from follower.training.settings import find_device
+from follower.training.trainer import save_checkpoint
 from follower.ui.terminal.console import check_extra
 from follower_control.common.strict_config import SettingsError
 from follower_vision.trackers.re3 import Re3Network
@@ -51,6 +53,12 @@ def test_a_training_leaves_all_that_is_needed(tmp_path: Path) -> None:
     assert (folder / "tiny.onnx").is_file()
 
     assert "tiny.onnx" in output_of("train", "re3", "--resume", str(folder), "--device", "cpu")
+
+
+def test_only_a_motion_trackers_training_is_exported(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, {"kind": "detector"})
+    with pytest.raises(SettingsError, match="this is no training of a motion tracker"):
+        export_command(tmp_path)
 
 
 @pytest.mark.slow
