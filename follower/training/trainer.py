@@ -25,6 +25,8 @@ from follower_vision.images.frame import Image
 
 CHECKPOINT, CONFIG, LOG, SAMPLES = "checkpoint.pt", "config.yaml", "log.csv", "samples.png"
 _SMOOTHED = 0.97
+_BROKEN = (RuntimeError, EOFError, ValueError, TypeError, LookupError, pickle.UnpicklingError)
+"""What torch raises for a damaged file: it takes its strings and numbers for sound."""
 
 NetworkT = TypeVar("NetworkT", bound=nn.Module)
 
@@ -211,8 +213,8 @@ def load_checkpoint(folder: Path, device: torch.device) -> dict[str, Any]:
     if not path.is_file():
         raise SettingsError(f"{path}: there is no such file; a training writes it now and then")
     try:
-        state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
-    except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        state: dict[str, Any] = dict(torch.load(path, map_location=device, weights_only=True))
+    except _BROKEN as error:
         raise SettingsError(
             f"{path}: this is no checkpoint of ours, or it is broken ({type(error).__name__})"
         ) from error

@@ -155,6 +155,17 @@ def test_where_there_is_no_room_the_earlier_checkpoint_stays(tmp_path: Path) -> 
     assert load_checkpoint(tmp_path, CPU) == {"step": 1}
 
 
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(tmp_path, {"kind": "re3"})
+    damaged = path.read_bytes().replace(b"kind", b"\xffind")
+    save_checkpoint(tmp_path, [1])
+    for content in (damaged, path.read_bytes(), b"no checkpoint", b""):
+        path.write_bytes(content)
+        with pytest.raises(SettingsError, match=r"checkpoint\.pt: this is no checkpoint of ours"):
+            load_checkpoint(tmp_path, CPU)
+
+
 def test_a_network_that_answers_with_no_numbers_is_not_exported_as_agreeing(tmp_path: Path) -> None:
     network = Re3Module(SMALL)
     torch.nn.init.constant_(network.refine.weight, torch.nan)
