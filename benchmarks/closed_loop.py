@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +28,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from follower.apps.sitl.run import programs
@@ -41,7 +42,7 @@ from follower.simulation.sitl.process import BOOTS_WITHIN_S, AutopilotProcess
 from follower.simulation.sitl.programs import SitlProgram, SitlSetup
 from follower.tuning.identify.result import VehicleFile
 from follower.tuning.tune.run import find_vehicle
-from follower_control.common.transport import MemoryTransport
+from follower_control.common.transport import MemoryTransport, Transport
 from follower_control.servo.pid import PidSettings
 from follower_control.servo.pursuit_state import Reference
 from follower_control.tuning.axes import Axis, LoopSettings, axis_loop
@@ -73,6 +74,7 @@ STANDING = """
  follow: {servo: {distance_m: 14, elevation_deg: -24}}}
 """
 
+Gains = Mapping[Axis, PidSettings]
 Wobble = Callable[[float], dict[Axis, float]]
 
 
@@ -97,14 +99,17 @@ class Subject:
     program: SitlProgram | None = None
 
 
-def fly(
-    subject: Subject, gains: dict[Axis, PidSettings], wobble: Wobble, length_s: float
-) -> Answer:
+def fly(subject: Subject, gains: Gains, wobble: Wobble, length_s: float) -> Answer:
     """Fly once; `wobble` says by how much what is wanted is off, so long after settling."""
     scenario = Scenario.model_validate(yaml.safe_load(STANDING))
     over: dict[str, Any] = base_settings(scenario)
     settings = load_settings(base=over)
-    servo = replace(settings.servo, **{axis.value: one for axis, one in gains.items()})
+    servo = replace(
+        settings.servo,
+        azimuth=gains[Axis.AZIMUTH],
+        elevation=gains[Axis.ELEVATION],
+        range=gains[Axis.RANGE],
+    )
     settings = settings.model_copy(update={"servo": servo})
     program, began = subject.program, list[float]()
 
@@ -116,12 +121,14 @@ def fly(
             flight.stop()
 
     with ExitStack() as stack:
+        clock: Clock
+        ends: tuple[Transport, Transport] = MemoryTransport.pair()
+        boots_within_s = None
         if program is None:
-            clock: Clock = SimulatedClock()
-            ends, boots_within_s = MemoryTransport.pair(), None
+            clock = SimulatedClock()
         else:
             clock, boots_within_s = MonotonicClock(SPEEDUP), BOOTS_WITHIN_S * SPEEDUP
-            ends = stack.enter_context(closing(program.listen())), MemoryTransport.pair()[1]
+            ends = stack.enter_context(closing(program.listen())), ends[1]
             setup = SitlSetup(SPEEDUP, program.usual_parameters())
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             stack.enter_context(AutopilotProcess(program, setup, folder))
@@ -130,7 +137,10 @@ def fly(
         flight = SimulatedFlight(World(scenario, 5), settings, flavour, clock, ends, extras)
         stack.enter_context(closing(flight))
         shake(flight, clock, began, wobble)
-        (fly_lockstep if program is None else fly_realtime)(flight, clock, watch)
+        if isinstance(clock, SimulatedClock):
+            fly_lockstep(flight, clock, watch)
+        else:
+            fly_realtime(flight, clock, watch)
     return answer_of(flight, began[0], length_s)
 
 
@@ -148,7 +158,7 @@ def shake(flight: SimulatedFlight, clock: Clock, began: list[float], wobble: Wob
             reference.elevation_rad = reference._elevation_rad + off.get(Axis.ELEVATION, 0.0)
             reference.azimuth_rad = off.get(Axis.AZIMUTH, 0.0)
 
-    reference.step = shaken
+    reference.step = shaken  # type: ignore[method-assign]
 
 
 def answer_of(flight: SimulatedFlight, from_s: float, length_s: float) -> Answer:
@@ -170,7 +180,7 @@ def answer_of(flight: SimulatedFlight, from_s: float, length_s: float) -> Answer
 
 
 def loops(
-    subject: Subject, settings: Settings, conditions: Conditions, gains
+    subject: Subject, settings: Settings, conditions: Conditions, gains: Gains
 ) -> dict[Axis, AxisLoop]:
     """Return the predictions."""
     model, follower = subject.vehicle.model(), _loop_settings(settings)
@@ -188,11 +198,11 @@ def scaled(gains: PidSettings, factor: float) -> PidSettings:
 
 
 def bandwidth(
-    subject: Subject, gains, conditions: Conditions, settings: Settings, axis: Axis
+    subject: Subject, gains: Gains, conditions: Conditions, settings: Settings, axis: Axis
 ) -> tuple[float, float]:
     """Shake one loop, print predicted and measured responses, and return both bandwidths."""
     tones = loops(subject, settings, conditions, gains)[axis].bandwidth_rad_s() * np.array(SHARES)
-    phases = 2.4 * np.arange(len(SHARES)) ** 2
+    phases = 2.4 * np.arange(len(SHARES), dtype=np.float64) ** 2
 
     def wobble(t: float) -> dict[Axis, float]:
         return {axis: min(1.0, t / 3) * AMPLITUDES[axis] * float(np.sin(tones * t + phases).sum())}
@@ -209,14 +219,14 @@ def bandwidth(
     return a, b
 
 
-def response(answer: Answer, axis: Axis, tones: Array, phases: Array) -> Array:
+def response(answer: Answer, axis: Axis, tones: Array, phases: Array) -> npt.NDArray[np.complex128]:
     """Return the complex answer at each tone, by least squares among all of them."""
     late = answer.time_s > 6.0
     t = answer.time_s[late]
     columns = [np.ones_like(t), t, *np.sin(np.outer(tones, t)), *np.cos(np.outer(tones, t))]
     found = np.linalg.lstsq(np.stack(columns, 1), answer.values[axis][late], rcond=None)[0]
     sines, cosines = np.split(found[2:], 2)
-    return (sines + 1j * cosines) * np.exp(-1j * phases) / AMPLITUDES[axis]
+    return np.asarray((sines + 1j * cosines) * np.exp(-1j * phases) / AMPLITUDES[axis])
 
 
 def crossing(frequency: Array, level: Array) -> float:
@@ -248,7 +258,7 @@ def onset(loop_of: Callable[[float], AxisLoop]) -> float:
     return low
 
 
-def swings(subject: Subject, gains, axis: Axis, factor: float) -> bool:
+def swings(subject: Subject, gains: Gains, axis: Axis, factor: float) -> bool:
     """Whether the loop goes on swinging long after a kick."""
     used = {**gains, axis: scaled(gains[axis], factor)}
 
@@ -263,7 +273,7 @@ def swings(subject: Subject, gains, axis: Axis, factor: float) -> bool:
     return size > QUIET[axis] and size > 0.5 * before
 
 
-def check_onset(subject: Subject, gains, axis: Axis, predicted: float) -> None:
+def check_onset(subject: Subject, gains: Gains, axis: Axis, predicted: float) -> None:
     """Look for the onset, or with pixels ask beside the prediction alone."""
     print(f"  {axis}: predicted to begin at x{predicted:.2f}")
     if subject.sight is VisionSource.PIXELS:

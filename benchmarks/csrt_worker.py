@@ -9,22 +9,39 @@ is one line: {"boxes": [[x, y, w, h] or null, ...], "update_s": [seconds, ...], 
 [seconds, ...]}, the first box being the initial one.
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import time
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import cv2
+import numpy as np
+import numpy.typing as npt
+
+Image = npt.NDArray[np.uint8]
+
+
+class Tracker(Protocol):
+    """What is started on an image from x, y, w, h, in pixels, by its constructor."""
+
+    def __init__(self, image: Image, box: Sequence[float]) -> None: ...
+
+    def update(self, image: Image) -> list[float] | None:
+        """Return x, y, w, h, or None where it says that it lost the target."""
 
 
 class Csrt:
     """OpenCV's CSRT with its own defaults; its boxes are whole pixels."""
 
-    def __init__(self, image, box):
+    def __init__(self, image: Image, box: Sequence[float]) -> None:
         """Start on an image from x, y, w, h."""
-        self._tracker = cv2.TrackerCSRT_create()
+        self._tracker = cv2.TrackerCSRT_create()  # type: ignore[attr-defined]  # of contrib
         self._tracker.init(image, tuple(round(value) for value in box))
 
-    def update(self, image):
+    def update(self, image: Image) -> list[float] | None:
         """Return x, y, w, h, or None where it says that it lost the target."""
         found, box = self._tracker.update(image)
         return [float(value) for value in box] if found else None
@@ -33,7 +50,7 @@ class Csrt:
 class Correlation:
     """Our own tracker with its own defaults."""
 
-    def __init__(self, image, box):
+    def __init__(self, image: Image, box: Sequence[float]) -> None:
         """Start on an image from x, y, w, h."""
         from follower_vision.geometry.box import Box
         from follower_vision.trackers.correlation import CorrelationTracker
@@ -41,20 +58,23 @@ class Correlation:
         self._tracker = CorrelationTracker()
         self._tracker.start(image, Box.from_xywh(*box))
 
-    def update(self, image):
+    def update(self, image: Image) -> list[float]:
         """Return x, y, w, h."""
         return list(self._tracker.update(image).box.xywh)
 
 
-TRACKERS = {"csrt": Csrt, "correlation": Correlation}
+TRACKERS: dict[str, type[Tracker]] = {"csrt": Csrt, "correlation": Correlation}
 
 
-def follow(make_tracker, images, box):
+def follow(
+    tracker_type: type[Tracker], images: Sequence[str], box: list[float]
+) -> dict[str, list[Any]]:
     """Track through image files; return boxes and the seconds of each update."""
-    tracker = make_tracker(cv2.imread(images[0]), box)
-    boxes, update_s, processor_s = [box], [], []
+    tracker = tracker_type(_read(images[0]), box)
+    boxes: list[list[float] | None] = [box]
+    update_s, processor_s = list[float](), list[float]()
     for path in images[1:]:
-        image = cv2.imread(path)
+        image = _read(path)
         begin, processor_begin = time.perf_counter(), time.process_time()
         found = tracker.update(image)
         update_s.append(time.perf_counter() - begin)
@@ -63,7 +83,11 @@ def follow(make_tracker, images, box):
     return {"boxes": boxes, "update_s": update_s, "processor_s": processor_s}
 
 
-def main():
+def _read(path: str) -> Image:
+    return np.asarray(cv2.imread(path), np.uint8)
+
+
+def main() -> None:
     """Answer requests until the input ends."""
     name, threads = sys.argv[1], int(sys.argv[2])
     if threads:

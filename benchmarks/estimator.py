@@ -86,7 +86,7 @@ def fly(spec: RunSpec) -> Beliefs:
             origin = there - flight.vehicle.state_at(time_s).position_m
             rows.append((time_s, state.copy(), moving._covariance, distance2, ways, origin[:2]))
 
-    moving.observe = watched  # type: ignore[method-assign]
+    moving.observe = watched  # type: ignore[method-assign, assignment]
     with closing(flight):
         fly_lockstep(flight, clock, lambda: None)
     truth = [[s.time_s, *s.target_position_m, *s.target_velocity_m_s] for s in flight.truth]

@@ -205,7 +205,8 @@ class Planner:
         times = STEP_S * np.arange(first + 1, last + 1)
         changes = self.asked[:last] - self._before
         moved = [self._moves[k][first:last, :last] @ changes[:, k] for k in range(4)]
-        return self._start + np.outer(times, self._before) + np.column_stack(moved)
+        places: Floats = self._start + np.outer(times, self._before) + np.column_stack(moved)
+        return places
 
     def _errors(self, places: Floats, target: Floats) -> Floats:
         away = target - places[:, :3]

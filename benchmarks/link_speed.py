@@ -54,7 +54,7 @@ class Bench:
         self._thread = ExitStack()
         self._thread.enter_context(autopilot_thread(self.autopilot, clock))
         self.wire = Wire(listener)
-        settings = LinkSettings(kind=kind, vehicle_id=1)  # type: ignore[arg-type]
+        settings = LinkSettings(kind=kind, vehicle_id=1)
         self.link = open_link(self.wire, settings, clock, 0)
 
     def close(self) -> None:

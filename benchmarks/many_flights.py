@@ -101,23 +101,18 @@ def answered(spec: RunSpec, row: dict[str, Any]) -> dict[str, Any]:
 @contextmanager
 def cluster() -> Iterator[tuple[str, int]]:
     """Start a scheduler and two workers; yield its address and process."""
-    dask, here = (
-        [sys.executable, "-m", "dask"],
-        {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL},
-    )
+    dask = [sys.executable, "-m", "dask"]
+    start = partial(subprocess.Popen[bytes], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "scheduler.json"
         where = ["--scheduler-file", str(file), "--no-dashboard"]
-        started = [
-            subprocess.Popen([*dask, "scheduler", *where, "--host", "127.0.0.1", "--port", "0"],
-                             **here)
-        ]  # fmt: skip
+        started = [start([*dask, "scheduler", *where, "--host", "127.0.0.1", "--port", "0"])]
         try:
             end_s = time.monotonic() + BEGIN_S
             while not file.exists() and time.monotonic() < end_s:
                 time.sleep(0.1)
             worker = [*dask, "worker", *where, "--nthreads", "1", "--nworkers", "2"]
-            started.append(subprocess.Popen([*worker, "--local-directory", folder], **here))
+            started.append(start([*worker, "--local-directory", folder]))
             address = json.loads(file.read_text("utf-8"))["address"]
             wait_for_workers(address, 2)
             yield address, started[0].pid
@@ -131,7 +126,7 @@ def wait_for_workers(address: str, count: int) -> None:
     """Wait until so many workers have come."""
     import distributed
 
-    with distributed.Client(address, set_as_default=False) as client:
+    with distributed.Client(address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
         client.wait_for_workers(count, timeout=BEGIN_S)
 
 

@@ -36,10 +36,10 @@ class WithoutMemory(Re3Network):
 
     def predict(self, *look: Any) -> Re3Output:
         """Look with the features of the frame before as memory."""
-        *where, _, state = look
-        seen, box = super().predict(*look).features, look[2]
+        view, image, box, fill, _, state = look
+        seen = super().predict(*look).features
         ratios = np.array([[box.width / box.scale, box.height / box.scale]], np.float32)
-        return super().predict(*where, Re3Memory(seen, ratios), state)
+        return super().predict(view, image, box, fill, Re3Memory(seen, ratios), state)
 
 
 class WithoutRecurrence(Re3Network):
@@ -47,7 +47,8 @@ class WithoutRecurrence(Re3Network):
 
     def predict(self, *look: Any) -> Re3Output:
         """Look with no state."""
-        return super().predict(*look[:-1], self.first_state)
+        view, image, box, fill, memory, _ = look
+        return super().predict(view, image, box, fill, memory, self.first_state)
 
 
 class ConstantSize(Re3Network):

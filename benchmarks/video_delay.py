@@ -115,7 +115,8 @@ def delays(address: str, options: dict[str, str], seconds: float) -> Iterator[in
         stream.thread_type, stream.codec_context.thread_count = "NONE", 1
         begin_s = time.monotonic()
         for frame in container.decode(stream):
-            late = (now_code() - code_in(frame.to_ndarray(format="bgr24"))) % (1 << BITS)
+            image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+            late = (now_code() - code_in(image)) % (1 << BITS)
             if time.monotonic() - begin_s > 2.0:  # what waited while the viewer began is gone
                 yield late
             if time.monotonic() - begin_s > seconds + 2.0:

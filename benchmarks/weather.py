@@ -22,7 +22,6 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from follower.apps.bench.scene import Chaser
 from follower.flight.supervision.autonomy import AutonomyPhase
 from follower.settings.settings import find_scenario, load_settings
 from follower.simulation.campaign.summary import share_text, wilson
@@ -30,6 +29,7 @@ from follower.simulation.flight import SimulatedFlight
 from follower.simulation.runners import fly_lockstep
 from follower_control.common.transport import MemoryTransport
 from follower_sim.camera import SimCamera
+from follower_sim.chaser import Chaser
 from follower_sim.scenario.scenario import Scenario
 from follower_sim.scenario.scenario_file import base_settings, load_scenario
 from follower_sim.scoring.ground_truth import GroundTruth

@@ -67,8 +67,11 @@ class FlightDifference:
             return math.sqrt(float(np.mean(off[late] ** 2)))
 
         velocities = zip(real.heading_velocity_m_s, heading_velocity_m_s(flown, real), strict=True)
+        forward_m_s, right_m_s, down_m_s = (rms(a, b) for a, b in velocities)
         return cls(
-            *(rms(a, b) for a, b in velocities),
+            forward_m_s,
+            right_m_s,
+            down_m_s,
             math.degrees(rms(real.yaw_rate_rad_s, flown.yaw_rate_rad_s)),
             math.degrees(rms(tilt_rad(real), tilt_rad(flown))),
             _miss(real, real, from_s),
