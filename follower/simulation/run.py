@@ -111,6 +111,7 @@ class _Simulation:
         self.video: OverlayVideo | BackgroundVideo | None = None
         self.recorder: Recorder | None = None
         self.station: UiProcessClient | None = None
+        self.flown = False
         self.interrupted = False
 
     def run(self) -> SimulationResult:
@@ -129,9 +130,9 @@ class _Simulation:
                 folder = new_run_folder(self.options.out, self.scenario.name)
                 try:
                     flight = self._fly(world, ends, folder, early)
-                except ConnectionFailedError:
-                    remove_run_folder(folder)  # there was no flight
-                    raise
+                finally:
+                    if not self.flown:
+                        remove_run_folder(folder)
                 injector = self.injector
                 judged = [] if injector is None else verdicts(self.faults, flight, injector)
                 remarks = (*self._remarks(flight), *map(describe_verdict, judged))
@@ -251,6 +252,7 @@ class _Simulation:
                 if flight.settings.consent.kind == "terminal":
                     flight.stage.order(keyboard.order())
 
+            self.flown = True
             try:
                 if isinstance(clock, SimulatedClock):
                     fly_lockstep(flight, clock, show, paced=self.options.cockpit)
@@ -259,6 +261,7 @@ class _Simulation:
             except InjectedDeathError:
                 pass
             except ConnectionFailedError as error:
+                self.flown = False
                 if self.sitl is None:
                     raise
                 raise self.sitl.explained(error) from error

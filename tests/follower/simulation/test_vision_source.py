@@ -54,6 +54,15 @@ def test_a_seed_is_no_negative_number() -> None:
         simulate(SimulationOptions("demo", seed=-1, lockstep=True))
 
 
+def test_what_cannot_begin_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("follower.ui.terminal.console.find_spec", lambda _: None)
+    with pytest.raises(SettingsError, match="--cockpit needs aiortc"):
+        simulate(options(tmp_path / "runs", cockpit=True))
+    assert not (tmp_path / "runs").exists()
+
+
 def test_faults_of_the_picture_need_pixels(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="--fault frames-black@12:1 needs a flight with pixels"):
         simulate(options(tmp_path, faults=("frames-black@12:1",)))
