@@ -187,6 +187,8 @@ def import_video(
     log, log_name = telemetry_of(source, telemetry)
     _check_telemetry(source, target, log, offset_s)
     if log is not None:
+        if log.problem is not None:
+            print_line(console, f"{log_name}: {log.problem}.")
         settings = _with_camera_of(log, settings, lens_given)
     selector = None
     if target.given:
@@ -391,7 +393,9 @@ def _record(
             run_without_video(settings, log, recorder.log, clock, progress)
         if log is not None:
             lasts = f"from {log.start_s:.1f} s to {log.end_s:.1f} s of the video's time"
-            recorder.log.note(clock.now(), "telemetry", f"the log lasts {lasts}")
+            for said in (f"the log lasts {lasts}", log.problem):
+                if said is not None:
+                    recorder.log.note(clock.now(), "telemetry", said)
     for remark in recorder.remarks:
         print_line(console, remark)
 

@@ -5,7 +5,9 @@ import io
 import math
 import os
 import struct
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -104,6 +106,8 @@ def _messages(path: Path) -> Iterator[tuple[float, Any]]:
 
 _ARDUPILOT = 3
 _BEGINNING = b"\xa3\x95\x80"
+_PADDING = 528
+"""Fewer bytes than these after the last message are no damage: a card is written in blocks."""
 _KINDS = ["ATT", "IMU", "RATE", "XKF1", "NKF1", "MODE", "ARM"]
 
 
@@ -118,6 +122,26 @@ def read_dataflash(path: Path) -> TelemetrySamples:
         # pymavlink searches megabytes of anything for a beginning, and leaves the file open.
         if file.read(len(_BEGINNING)) != _BEGINNING:
             raise TelemetryError(f"{path}: this is no ArduPilot log: it begins otherwise")
+    with _silent():
+        return _dataflash_samples(path)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep the terminal free of pymavlink's lines, one for each damaged byte, from C and Python."""
+    with Path(os.devnull).open("w") as nothing, ExitStack() as undo:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+        terminal = os.dup(2)
+        undo.callback(os.close, terminal)
+        undo.callback(os.dup2, terminal, 2)
+        os.dup2(nothing.fileno(), 2)
+        with redirect_stdout(nothing), redirect_stderr(nothing):
+            yield
+
+
+def _dataflash_samples(path: Path) -> TelemetrySamples:
     try:
         log: Any = DFReader.DFReader_binary(str(path))
     except (ValueError, IndexError, KeyError, struct.error) as error:
@@ -127,7 +151,7 @@ def read_dataflash(path: Path) -> TelemetrySamples:
             raise
         # pymavlink's own complaint about a format that it does not know has no class of its own.
         raise TelemetryError(f"{path}: {error}: damaged, or newer than known here") from error
-    samples = TelemetrySamples()
+    samples = TelemetrySamples(problem=_damage(log))
     try:
         _read(log, samples)
     except (AttributeError, IndexError, TypeError, ValueError, struct.error) as error:
@@ -139,6 +163,16 @@ def read_dataflash(path: Path) -> TelemetrySamples:
     finally:
         log.close()
     return samples
+
+
+def _damage(log: Any) -> str | None:
+    """Return in a sentence how much of a log is no message, None if nothing is."""
+    lengths = {kind: form.len for kind, form in log.formats.items() if log.counts[kind]}
+    read = sum(log.counts[kind] * length for kind, length in lengths.items())
+    end = max((log.offsets[kind][-1] + size for kind, size in lengths.items()), default=0)
+    if end == read and log.data_len - end < _PADDING:
+        return None
+    return f"damaged: {log.data_len - read} of its {log.data_len} bytes are no messages"
 
 
 def _read(log: Any, samples: TelemetrySamples) -> None:

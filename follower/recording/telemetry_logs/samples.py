@@ -53,6 +53,7 @@ class TelemetryLog:
         fov_deg: the camera's horizontal field of view, None if that is not told.
         lens: what is told of a calibrated lens, as `CameraSettings` has it.
         on_video_clock: times are the video's, as the recording tells them.
+        problem: what of the log could not be read, None if nothing.
     """
 
     attitudes: tuple[Attitude, ...]
@@ -64,6 +65,7 @@ class TelemetryLog:
     fov_deg: float | None = None
     lens: dict[str, Any] = field(default_factory=dict)
     on_video_clock: bool = False
+    problem: str | None = None
 
     @property
     def start_s(self) -> float:
@@ -130,7 +132,7 @@ class TelemetrySamples:
         places: (time, north, east, down) where nobody measures velocities.
         gimbals: (time, roll, pitch, yaw) of the camera.
         gimbal_from_north: those are against the horizon and from north; else against the body.
-        origin, fov_deg, lens, on_video_clock: see `TelemetryLog`.
+        origin, fov_deg, lens, on_video_clock, problem: see `TelemetryLog`.
     """
 
     attitudes: list[tuple[float, ...]] = field(default_factory=list)
@@ -145,6 +147,7 @@ class TelemetrySamples:
     fov_deg: float | None = None
     lens: dict[str, Any] = field(default_factory=dict)
     on_video_clock: bool = False
+    problem: str | None = None
 
     def add_fix(
         self, time_s: float, latitude_deg: float, longitude_deg: float, height_m: float
@@ -207,6 +210,7 @@ class TelemetrySamples:
             self.fov_deg,
             self.lens,
             self.on_video_clock,
+            self.problem,
         )
 
     def _held(self) -> tuple[GimbalState, ...]:

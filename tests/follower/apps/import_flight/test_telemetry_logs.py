@@ -171,6 +171,21 @@ def test_a_field_that_another_version_calls_otherwise_is_named(
     assert "is not known here" in str(error.value)
 
 
+@pytest.mark.slow
+def test_a_damaged_dataflash_log_is_told_in_one_line(
+    writers: Any, script: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = writers["bin"](tmp_path / "log.bin", script)
+    whole = path.read_bytes()
+    path.write_bytes(whole + bytes(500))
+    assert read_telemetry(path).problem is None, "a card is written in blocks"
+    middle = len(whole) // 2
+    path.write_bytes(whole[:middle] + bytes(600) + whole[middle:])
+    log = read_telemetry(path)
+    assert log.problem == f"damaged: 600 of its {len(whole) + 600} bytes are no messages"
+    assert "".join(capfd.readouterr()) == "", "pymavlink has a line for each byte"
+
+
 @pytest.mark.timeout(20)
 def test_a_ulog_that_leads_its_reader_in_circles_is_refused(tmp_path: Path) -> None:
     """Its last message is of no kind, and shorter by 10 whole ones than it says."""
