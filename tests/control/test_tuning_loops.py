@@ -101,7 +101,7 @@ def test_the_settled_filter_follows_a_steady_motion_without_error() -> None:
 
 def test_more_noise_makes_the_filter_slower() -> None:
     quick, slow = (SteadyFilter.of(0.35, noise, 1 / 30) for noise in (0.002, 0.02))
-    assert quick.natural_frequency_rad_s > slow.natural_frequency_rad_s
+    assert quick.rate_gain_per_s2 > slow.rate_gain_per_s2
 
 
 @pytest.mark.parametrize("axis", Axis)

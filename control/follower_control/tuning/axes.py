@@ -67,11 +67,6 @@ class SteadyFilter:
         poles = np.log(np.linalg.eigvals((np.eye(2) - gain @ seen) @ move).astype(complex)) / t
         return cls(float(np.prod(poles).real), float(-np.sum(poles).real), noise, t)
 
-    @property
-    def natural_frequency_rad_s(self) -> float:
-        """How fast it follows, rad/s."""
-        return math.sqrt(self.rate_gain_per_s2)
-
     def value(self, age_s: float) -> Rational:
         """Return from the measured value, `age_s` seconds old, to the one predicted to now."""
         k1, k2 = self.gain_per_s, self.rate_gain_per_s2
