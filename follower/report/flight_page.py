@@ -25,8 +25,6 @@ from follower_vision.disk import write_whole
 FigureOf = Callable[[LoggedFlight], Figure | None]
 
 REPORT, SCORE = "report.html", "score.json"
-_LONG = 25
-"""Tables longer than this are folded."""
 _FIGURES: tuple[tuple[str, FigureOf, str, str], ...] = (
     (
         "Track error",
@@ -206,7 +204,7 @@ def states_section(flight: LoggedFlight) -> str:
     return html.section(
         "States",
         picture(figures.states, flight, "State timeline", "The supervisor's states."),
-        _folded_if_long("states", table, len(rows)),
+        html.folded_if_long(table, len(rows), "states"),
     )
 
 
@@ -261,12 +259,8 @@ def events_section(flight: LoggedFlight) -> str:
     """Return everything worth a line, with its time."""
     rows = [(f"{e.time_s - flight.start_s:.2f}", e.source, e.text) for e in flight.log.events]
     table = html.table(("Time [s]", "Source", "Event"), rows, numbers=(0,))
-    listed = _folded_if_long("events", table, len(rows))
+    listed = html.folded_if_long(table, len(rows), "events")
     return html.section("Events", listed or html.paragraph("Nothing was noted."))
-
-
-def _folded_if_long(name: str, table: str, length: int) -> str:
-    return html.folded(f"{length} {name}", table) if length > _LONG else table
 
 
 def about(meta: ReportMeta) -> str:

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
+_LONG = 25
+
 
 @dataclass(frozen=True, slots=True)
 class Html:
@@ -52,6 +54,11 @@ def table(head: Sequence[Cell], rows: Iterable[Sequence[Cell]], numbers: Sequenc
 def folded(summary: str, body: str) -> str:
     """Return something that opens on a click."""
     return f"<details><summary>{escape(summary)}</summary>\n{body}\n</details>"
+
+
+def folded_if_long(table: str, length: int, rows: str) -> str:
+    """Return a table, folded if it has more than 25 rows; `rows` is what the summary calls them."""
+    return folded(f"{length} {rows}", table) if length > _LONG else table
 
 
 def preformatted(text: str) -> str:

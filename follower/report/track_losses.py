@@ -18,7 +18,6 @@ from follower_vision.trackers.track import TrackState
 TITLE = "Target not seen"
 """Of the section; the score counts searches begun, which are fewer."""
 _MOST_SHOWN = 8
-_LONG = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,7 @@ def losses_section(
     ]
     head = ("From [s]", "For [s]", "Vision said", "Supervisor", "Ended")
     table = html.table(head, rows, numbers=(0, 1))
-    listed = html.folded(f"{len(rows)} times", table) if len(rows) > _LONG else table
+    listed = html.folded_if_long(table, len(rows), "times")
     shown = "".join(_pictures(one, pictures, start_s) for one in _longest(found))
     return html.section(TITLE, listed, html.paragraph(remark) if remark else "", shown)
 
