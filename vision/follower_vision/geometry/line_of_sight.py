@@ -15,8 +15,6 @@ import numpy as np
 from follower_vision.geometry.camera_model import Vector
 
 _STEEP = math.sin(math.radians(89))
-CAMERA_TO_BODY = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Turns (right, down, forward) of a camera that points along the nose into body axes."""
 
 
 def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
@@ -50,7 +48,10 @@ def roll_pitch_yaw(w: float, x: float, y: float, z: float) -> tuple[float, float
 
 
 def along_camera_axes(turn: Vector) -> Vector:
-    """Return the product of a 3x3 matrix that turns body vectors with CAMERA_TO_BODY."""
+    """Return what turns a camera's vectors (right, down, forward), of what turns a body's, 3x3.
+
+    The camera points along the body's nose.
+    """
     return turn[:, [1, 2, 0]]
 
 

@@ -28,7 +28,7 @@ from follower.ui.terminal.interrupt import InterruptFlag
 from follower_control.common.transport import MemoryTransport, UdpTransport
 from follower_vision.clock import MonotonicClock
 from follower_vision.geometry.camera_model import CameraModel
-from follower_vision.geometry.line_of_sight import CAMERA_TO_BODY, rotation
+from follower_vision.geometry.line_of_sight import along_camera_axes, rotation
 from follower_vision.images.frame import Frame
 from follower_vision.sources.frame_source import ClosesItself
 
@@ -104,7 +104,7 @@ class CameraOnIt(ClosesItself):
     def read(self) -> Frame | None:
         time.sleep(1 / 30)
         now_s = self._clock.now()
-        seen = CAMERA_TO_BODY.T @ rotation(*angles_at(now_s)).T @ self._target
+        seen = along_camera_axes(rotation(*angles_at(now_s))).T @ self._target
         x, y = (round(float(v)) for v in self._model.pixels(seen)[0])
         image = self._ground.copy()
         cv2.rectangle(image, (x - 14, y - 14), (x + 14, y + 14), (32, 32, 208), -1)
