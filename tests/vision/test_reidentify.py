@@ -1,5 +1,8 @@
 """The target is recognised by its looks; others of its kind and colour are not."""
 
+from copy import deepcopy
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -36,6 +39,11 @@ HERE, THERE = Box(80, 80, 40, 40), Box(220, 150, 40, 40)
 
 
 def learnt() -> Reidentifier:
+    return deepcopy(learnt_once())
+
+
+@cache
+def learnt_once() -> Reidentifier:
     known = Reidentifier()
     for index in range(30):
         image = scene((HERE, patch(1, RED)), seed=index)
