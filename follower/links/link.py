@@ -15,7 +15,7 @@ from follower.links.packet_parser import MavlinkPacket, Unpacker
 from follower.links.request_scheduler import ParameterReader, RequestScheduler
 from follower.links.signing import Signer
 from follower.links.status import LinkStatus
-from follower.links.vehicle_finder import FoundVehicle, VehicleFinder
+from follower.links.vehicle_finder import FoundVehicle, VehicleFinder, vehicle_of
 from follower.links.vehicle_health import HealthMonitor, VehicleHealth
 from follower.links.vehicle_monitor import VehicleMonitor, hold_mode, set_mode_params, setpoint_mode
 from follower.settings.link import LinkSettings
@@ -84,7 +84,7 @@ class Link(ABC):
         self._health = HealthMonitor()
         self.parameters = ParameterReader()
         self._polled_s = self._sent_s = self._heartbeat_sent_s = -math.inf
-        self._others: set[int] = set()
+        self._told: set[str] = set()
         self._sends_heartbeats = True  # and not a library
         self._can_ask = True  # whether messages would reach the vehicle already
 
@@ -273,7 +273,20 @@ class Link(ABC):
         self._requests.begin(vehicle)
 
     def _is_vehicles(self, packet: MavlinkPacket) -> bool:
+        """Whether our vehicle's autopilot sent it; another program may beat by the same numbers."""
+        if not self._has_its_numbers(packet):
+            return False
+        if packet.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            return True
+        return self._beats(packet) == self._vehicle
+
+    def _has_its_numbers(self, packet: MavlinkPacket) -> bool:
         return packet.system == self.vehicle_id and packet.component == AUTOPILOT_ID
+
+    def _beats(self, packet: MavlinkPacket) -> FoundVehicle | None:
+        """Return the vehicle of which it is a heartbeat, None if of no vehicle."""
+        beat = self._unpacker.message(packet)
+        return vehicle_of(packet.system, packet.component, beat.type, beat.autopilot)
 
     def _take(self, packet: MavlinkPacket, now_s: float) -> None:
         """Take a packet that arrived at `now_s`, in seconds."""
@@ -333,23 +346,30 @@ class Link(ABC):
         return number in (0, self._gimbal_number)
 
     def _take_heartbeat(self, packet: MavlinkPacket, now_s: float) -> None:
-        """Take the heartbeat of a vehicle that is not, or not yet, ours."""
-        beat = self._unpacker.message(packet)
-        self._finder.take(packet.system, packet.component, beat.type, beat.autopilot, now_s)
-        if self._vehicle is not None:
-            self._note_another(packet.system, now_s)
-            return
-        vehicle = self._finder.found(now_s)
+        """Take the heartbeat of somebody who is not, or not yet, our vehicle."""
+        vehicle = self._beats(packet)
         if vehicle is not None:
-            self._on_found(vehicle)
+            self._finder.take(vehicle, now_s)
+        if self._vehicle is not None:
+            self._note_another(packet, vehicle)
+            return
+        found = self._finder.found(now_s)
+        if found is not None:
+            self._on_found(found)
             if self._is_vehicles(packet):
-                self._take_vehicles(beat, now_s)
+                self._take_vehicles(self._unpacker.message(packet), now_s)
 
-    def _note_another(self, system: int, now_s: float) -> None:
-        others = {v.system for v in self._finder.vehicles(now_s) if v != self._vehicle}
-        if system in others - self._others:
-            self._others.add(system)
-            self._monitor.note(f"another vehicle, system {system}, sends heartbeats and is ignored")
+    def _note_another(self, packet: MavlinkPacket, vehicle: FoundVehicle | None) -> None:
+        """Note once who else beats as a vehicle, or by our vehicle's numbers."""
+        if vehicle is not None:
+            who = f"another vehicle, system {vehicle.system},"
+        elif self._has_its_numbers(packet):
+            who = f"another program with the autopilot's numbers, {packet.system}/{AUTOPILOT_ID},"
+        else:
+            return
+        if who not in self._told:
+            self._told.add(who)
+            self._monitor.note(f"{who} sends heartbeats and is ignored")
 
     def _on_timesync(self, message: Any, now_s: float) -> None:
         if message.tc1 == 0:

@@ -43,6 +43,14 @@ class FoundVehicle:
         return f"{self.system} ({self.autopilot_name})"
 
 
+def vehicle_of(system: int, component: int, kind: int, autopilot: int) -> FoundVehicle | None:
+    """Return the vehicle whose heartbeat has this sender, MAV_TYPE and MAV_AUTOPILOT, if any."""
+    is_autopilot = autopilot in AUTOPILOTS and component == mavlink.MAV_COMP_ID_AUTOPILOT1
+    if system == 0 or not is_autopilot or kind in NO_VEHICLES:
+        return None
+    return FoundVehicle(system, autopilot)
+
+
 class VehicleFinder:
     """Collects heartbeats until it is clear which vehicle is ours; it never guesses.
 
@@ -57,13 +65,10 @@ class VehicleFinder:
         self._first_s: float | None = None
         self._beats: dict[int, tuple[FoundVehicle, float]] = {}
 
-    def take(self, system: int, component: int, kind: int, autopilot: int, now_s: float) -> None:
-        """Take a heartbeat's sender, type and autopilot."""
-        is_autopilot = autopilot in AUTOPILOTS and component == mavlink.MAV_COMP_ID_AUTOPILOT1
-        if system == 0 or not is_autopilot or kind in NO_VEHICLES:
-            return
+    def take(self, vehicle: FoundVehicle, now_s: float) -> None:
+        """Take a vehicle's heartbeat."""
         self._first_s = now_s if self._first_s is None else self._first_s
-        self._beats[system] = FoundVehicle(system, autopilot), now_s
+        self._beats[vehicle.system] = vehicle, now_s
 
     def vehicles(self, now_s: float) -> list[FoundVehicle]:
         """Return all whose heartbeats came in the last 10 s, by their ids."""

@@ -62,6 +62,31 @@ def test_nothing_is_sent_before_a_vehicle_was_heard_nor_what_is_not_finite() -> 
         peer.link.send(VelocitySetpoint(float("nan")))
 
 
+@pytest.mark.parametrize(
+    ("kind", "autopilot"),
+    [
+        (mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID),
+        (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_PX4),
+    ],
+)
+def test_a_program_that_beats_by_the_vehicles_numbers_does_not_change_its_mode(
+    kind: int, autopilot: int
+) -> None:
+    peer = Peer()
+    peer.heartbeat()
+    peer.link.poll(1.0)
+    peer.say(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3))
+    peer.link.poll(2.5)
+    vehicle = peer.link.state
+    assert (vehicle.mode, vehicle.armed, vehicle.heartbeat_s) == ("OFFBOARD", True, 1.0)
+    assert peer.link.health.vehicle_type == mavlink.MAV_TYPE_QUADROTOR
+    peer.say(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3))
+    peer.link.poll(3.5)
+    told = [note for note in peer.link.take_notes() if "heartbeats" in note]
+    said = "another program with the autopilot's numbers, 7/1, sends heartbeats and is ignored"
+    assert told == [said]
+
+
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_telemetry_that_is_not_finite_is_dropped(bad: float) -> None:
     peer = Peer()

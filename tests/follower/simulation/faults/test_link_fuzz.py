@@ -16,7 +16,7 @@ from follower.links.packet_parser import PacketReader, checksum
 from follower.links.pymavlink_link import MavlinkLink
 from follower.links.request_scheduler import ParameterReader
 from follower.links.signing import Signer, SigningKey
-from follower.links.vehicle_finder import VehicleFinder
+from follower.links.vehicle_finder import VehicleFinder, vehicle_of
 from follower.settings.link import LinkSettings
 from follower_control.common.transport import MemoryTransport
 from follower_control.vehicle.setpoint import HOLD
@@ -264,7 +264,8 @@ def test_only_an_autopilots_heartbeat_makes_a_vehicle_and_several_make_none(
 ) -> None:
     finder = VehicleFinder(wanted, 0.0)
     for number, beat in enumerate(beats):
-        finder.take(*beat, 0.1 * number)
+        if (vehicle := vehicle_of(*beat)) is not None:
+            finder.take(vehicle, 0.1 * number)
     found = finder.found(0.1 * len(beats))
     finder.problem(0.1 * len(beats))
     true = {system for system, component, _, kind in beats if component == 1 and kind in (3, 12)}
