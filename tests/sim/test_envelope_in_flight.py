@@ -104,6 +104,19 @@ def test_between_floor_and_ceiling_it_stays(firmware, start, manoeuvre) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("speed", [2.0, 5.0, 8.0])
+def test_however_fast_it_climbs_and_sinks_it_stops_in_time(firmware, speed: float) -> None:
+    """ArduCopter brakes upwards and downwards with 1 m/s2 alone."""
+    limits = replace(SETTINGS, fence_m=None, max_climb_m_s=speed, max_descent_m_s=speed)
+    seconds = 47.0 / speed + 10.0
+    manoeuvre = [(VelocitySetpoint(down_m_s=way), seconds) for way in (-speed, speed)]
+    heights = [-state.position_m[2] for state in fly(firmware, (0.0, 0.0, 0.0), manoeuvre, limits)]
+    assert limits.ceiling_m - 1.0 < max(heights) < limits.ceiling_m + 0.8
+    assert limits.min_height_m - 0.8 < min(heights) < limits.min_height_m + 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("firmware", [PX4, ARDUCOPTER], ids=["px4", "ardupilot"])
 @pytest.mark.parametrize("away", [3.0, 30.0])
 def test_outside_it_comes_back_if_asked_and_otherwise_stays(firmware, away: float) -> None:
     """South of the polygon, nose to the north."""
@@ -120,7 +133,9 @@ def test_outside_it_comes_back_if_asked_and_otherwise_stays(firmware, away: floa
 
 def approach(firmware, asked: VelocitySetpoint, start_m: float, height_m: float) -> list[float]:
     """Fly at a standing target ahead on the ground for 15 s; return the distances to it."""
-    settings = EnvelopeSettings(fence_radius_m=None, min_distance_m=6.0, min_height_m=1.0)
+    settings = EnvelopeSettings(
+        fence_radius_m=None, min_distance_m=6.0, min_height_m=1.0, max_descent_m_s=5.0
+    )
     body = BodyState(0.0, (0.0, 0.0, -height_m))
     vehicle, envelope = SimulatedVehicle(firmware.response, body), Envelope(settings)
     envelope.start(HOLD, 0.0)
@@ -153,9 +168,10 @@ def approach(firmware, asked: VelocitySetpoint, start_m: float, height_m: float)
         (VelocitySetpoint(10.0), 60.0, 3.0),
         (VelocitySetpoint(10.0, 0.0, 1.5), 40.0, 20.0),
         (VelocitySetpoint(0.0, 0.0, 1.5), 0.5, 25.0),
+        (VelocitySetpoint(0.0, 0.0, 5.0), 0.5, 40.0),
         (VelocitySetpoint(3.0, 3.0, 1.0, 0.3), 20.0, 8.0),
     ],
-    ids=["level", "down a slope", "from above", "turning"],
+    ids=["level", "down a slope", "from above", "fast from above", "turning"],
 )
 def test_it_stops_before_a_target(firmware, asked, start_m: float, height_m: float) -> None:
     assert min(approach(firmware, asked, start_m, height_m)) > 6.0 - 0.7

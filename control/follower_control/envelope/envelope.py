@@ -40,6 +40,10 @@ _FIXED = (
 _RISE_PER_S = 3.0
 """How much less is sunk, or more climbed, over a target for each metre that it comes too near."""
 
+VERTICAL_BRAKING_M_S2 = 1.0
+"""So hard at most a climb or a descent is braked: by default ArduCopter can do no more in GUIDED
+(WPNAV_ACCEL_Z)."""
+
 _LEVEL = math.cos(math.radians(45))
 _AGAINST, _FASTEST_BACK_M_S = 2.5, 3.0
 """How much is asked for against a velocity that is too fast, per velocity, and at most."""
@@ -72,8 +76,8 @@ class Envelope:
     acceleration and jerk. The interval is what `now_s` says,
     at most `max_interval_s`, and nothing changes if the time stands still, runs backwards or is
     not finite. The limits on height, fence and distance bound what is steered towards: the
-    velocity gets there within acceleration and jerk, ahead of time by `braking_m_s2` and
-    `reaction_s`.
+    velocity gets there within acceleration and jerk, ahead of time by `braking_m_s2`, vertically by
+    1 m/s2 if that is less, and by `reaction_s`.
 
     A fence is kept also while the nose turns, for the velocity turns with it: what would lead out
     after `TURN_AHEAD_S` of turning counts already now, and the nose turns slowly meanwhile.
@@ -159,9 +163,9 @@ class Envelope:
         self._limits = []
         wanted = asked if asked.is_finite else self._refused()
         interval_s = self._interval(now_s)
-        closing = self._closing_speed(context)
-        horizontal = self._wanted_horizontal(wanted, context, closing)
-        down = self._wanted_down(wanted.down_m_s, context, closing)
+        closing_m = self._closing_room(context)
+        horizontal = self._wanted_horizontal(wanted, context, closing_m)
+        down = self._wanted_down(wanted.down_m_s, context, closing_m)
         yaw_rate = self._cut(wanted.yaw_rate_rad_s, self._max_yaw_rate, Limit.YAW_RATE)
         yaw_rate = self._turned_slowly(yaw_rate)
         velocity = self._horizontal.step(horizontal, interval_s)
@@ -188,7 +192,7 @@ class Envelope:
         return min(max(interval_s, 0.0), self._settings.max_interval_s)
 
     def _wanted_horizontal(
-        self, wanted: VelocitySetpoint, context: FlightContext, closing: float | None
+        self, wanted: VelocitySetpoint, context: FlightContext, closing_m: float | None
     ) -> complex:
         velocity, top = _horizontal(wanted), self._settings.max_speed_m_s
         if abs(velocity) > top:
@@ -205,6 +209,7 @@ class Envelope:
         if self._turns_out:
             # All of the acceleration goes into braking: what else is wanted has to wait.
             velocity = present
+        closing = None if closing_m is None else self._braking_speed(closing_m)
         bounds = (*fences, *_nearness(context, closing))
         velocity = self._braked(velocity, context, bounds)
         for bound in bounds:
@@ -287,17 +292,17 @@ class Envelope:
             self._polygon, self._home_deg = Fence.around(home, corners), home
         return self._polygon
 
-    def _closing_speed(self, context: FlightContext) -> float | None:
-        """Return how fast the target may be come nearer to; None if that is not limited."""
+    def _closing_room(self, context: FlightContext) -> float | None:
+        """Return how many metres nearer to the target is near enough; None if no limit is set."""
         nearest = self._settings.min_distance_m
         if nearest is None:
             return None
         known = context.known("target_range_m")
         if known is None:
             return 0.0
-        return self._braking_speed(known[0] + moves_on_m(context, self._settings) - nearest)
+        return known[0] + moves_on_m(context, self._settings) - nearest
 
-    def _wanted_down(self, wanted: float, context: FlightContext, closing: float | None) -> float:
+    def _wanted_down(self, wanted: float, context: FlightContext, closing_m: float | None) -> float:
         s = self._settings
         down = self._over_the_target(wanted, context)
         if down > s.max_descent_m_s:
@@ -307,14 +312,14 @@ class Envelope:
             down = -s.max_climb_m_s
             self._limits.append(Limit.CLIMB)
         down = self._between_heights(down, context)
-        return self._off_the_target(self._off_the_ground(down, context), context, closing)
+        return self._off_the_target(self._off_the_ground(down, context), context, closing_m)
 
     def _off_the_ground(self, down: float, context: FlightContext) -> float:
         lowest, known = self._settings.min_clearance_m, context.known("clearance_m")
         if (
             lowest is None
             or known is None
-            or down <= (most := self._braking_speed(known[0] - lowest))
+            or down <= (most := self._vertical_braking_speed(known[0] - lowest))
         ):
             return down
         self._limits.append(Limit.MIN_CLEARANCE)
@@ -334,12 +339,12 @@ class Envelope:
         self._limits.append(Limit.TARGET_NEAR)
         return most
 
-    def _off_the_target(self, down: float, context: FlightContext, speed: float | None) -> float:
+    def _off_the_target(self, down: float, context: FlightContext, room_m: float | None) -> float:
         """Neither sink onto a target nor climb into it."""
         known = context.known("target_elevation_rad", "target_range_m")
-        if known is None or speed is None:
+        if known is None or room_m is None:
             return down
-        closing = -math.sin(known[0]) * down
+        closing, speed = -math.sin(known[0]) * down, self._vertical_braking_speed(room_m)
         if closing <= speed:
             return down
         self._limits.append(Limit.TARGET_NEAR)
@@ -354,19 +359,23 @@ class Envelope:
             self._limits.append(Limit.HEIGHT_UNKNOWN)
             return 0.0
         height = known[0]
-        if low is not None and down > (slowest := self._braking_speed(height - low)):
+        if low is not None and down > (slowest := self._vertical_braking_speed(height - low)):
             self._limits.append(Limit.MIN_HEIGHT)
             return slowest
-        if high is not None and -down > (slowest := self._braking_speed(high - height)):
+        if high is not None and -down > (slowest := self._vertical_braking_speed(high - height)):
             self._limits.append(Limit.CEILING)
             return -slowest
         return down
 
-    def _braking_speed(self, room_m: float) -> float:
+    def _vertical_braking_speed(self, room_m: float) -> float:
+        """Return the speed up or down from which the vehicle stops within `room_m`."""
+        return self._braking_speed(room_m, VERTICAL_BRAKING_M_S2)
+
+    def _braking_speed(self, room_m: float, hardest_m_s2: float = math.inf) -> float:
         """Return the speed from which the vehicle stops within `room_m`, having reacted."""
         if room_m <= 0:
             return 0.0
-        braking = self._settings.braking_m_s2
+        braking = min(self._settings.braking_m_s2, hardest_m_s2)
         delay = self._settings.reaction_s + braking / self._settings.max_jerk_m_s3
         return braking * (math.sqrt(delay**2 + 2 * room_m / braking) - delay)
 

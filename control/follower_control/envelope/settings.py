@@ -45,7 +45,8 @@ class EnvelopeSettings:
         fence_margin_m: how far inside the circle and the polygon's sides the vehicle stops.
         min_distance_m: to the target; no motion towards a standing target within that. A target
             that moves away is taken to brake like us (Gipps, 1981), so that it can be followed.
-        braking_m_s2: with what deceleration speeds are reduced ahead of these four.
+        braking_m_s2: with what deceleration speeds are reduced ahead of these; vertically at most
+            1 m/s2, ArduCopter's own.
         trust: how the largest speed falls with the quality of the estimate.
         reaction_s: how long the vehicle takes to answer, counted before it brakes.
         max_interval_s: longer pauses between two calls count as this long.

@@ -16,6 +16,7 @@ from follower.apps.preflight.check import (
     unknown,
     warned,
 )
+from follower_control.envelope.envelope import VERTICAL_BRAKING_M_S2
 
 PARAMETERS = CheckGroup[Snapshot]("Parameters")
 _MISSED_STEPS = 10
@@ -241,6 +242,22 @@ def _ground_station_id(s: Snapshot, value: float) -> PreflightFinding:
 
 
 _limit("ardupilot", "braking_m_s2", "m/s²", needed=True, WPNAV_ACCEL=_CENTI, WP_ACC=1.0)
+
+
+@_parameter(
+    "ardupilot",
+    f"at least {VERTICAL_BRAKING_M_S2:g} m/s²",
+    needed=False,
+    WPNAV_ACCEL_Z=_CENTI,
+    WP_ACC_Z=1.0,
+)
+def _vertical_braking(_s: Snapshot, value: float) -> PreflightFinding:
+    text = f"{value:g} m/s² allowed, {VERTICAL_BRAKING_M_S2:g} counted on"
+    if value >= VERTICAL_BRAKING_M_S2:
+        return passed(text)
+    return warned(f"{text}: ceiling and lowest height would be overrun", "raise it")
+
+
 _limit("ardupilot", "max_speed_m_s", "m/s", WPNAV_SPEED=_CENTI, WP_SPD=1.0)
 _limit("ardupilot", "max_yaw_rate_deg_s", "deg/s", ATC_SLEW_YAW=_CENTI)
 _limit(

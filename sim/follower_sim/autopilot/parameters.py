@@ -42,6 +42,7 @@ ARDUCOPTER_PARAMETERS: dict[str, float] = {
     "SYSID_MYGCS": 255,
     "SYSID_THISMAV": 1,
     "WPNAV_ACCEL": 250.0,
+    "WPNAV_ACCEL_Z": 100.0,
     "WPNAV_SPEED": 1000.0,
     "WPNAV_SPEED_DN": 150.0,
     "WPNAV_SPEED_UP": 250.0,

@@ -355,6 +355,7 @@ ONE = [
     ("ardupilot", "FS_OPTIONS", parameter("FS_OPTIONS", 20), WARN, "ignored"),
     ("ardupilot", "SYSID_MYGCS", parameter("SYSID_MYGCS", 1), FAIL, "hide"),
     ("ardupilot", "WPNAV_ACCEL", parameter("WPNAV_ACCEL", 100), FAIL, "1 m/s²"),
+    ("ardupilot", "WPNAV_ACCEL_Z", parameter("WPNAV_ACCEL_Z", 50), WARN, "0.5 m/s²"),
     ("ardupilot", "WPNAV_SPEED", parameter("WPNAV_SPEED", 500), WARN, "5 m/s allowed"),
     ("ardupilot", "ATC_SLEW_YAW", parameter("ATC_SLEW_YAW", 3000), WARN, "30 deg/s"),
     ("ardupilot", "ATC_ACCEL_Y_MAX", parameter("ATC_ACCEL_Y_MAX", 9000), WARN, "270 wanted"),
