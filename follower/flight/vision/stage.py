@@ -117,7 +117,7 @@ class VisionStage:
         try:
             self._track = self._followed(frame)
         except ValueError as error:  # the tracker cannot follow what the operator drew
-            if asked is None:
+            if asked is None or self.chosen is None:
                 raise
             asked = asked[0], RequestOutcome(False, str(error))
             self._track, self.chosen, self._started, self.dropped = None, None, False, True

@@ -17,7 +17,7 @@ from follower_vision.geometry.box import Box
 from follower_vision.images.frame import Frame
 from follower_vision.trackers.correlation import CorrelationTracker
 from follower_vision.trackers.registry import make_tracker
-from follower_vision.trackers.track import TrackState
+from follower_vision.trackers.track import Track, TrackState
 
 BOX = Box(80, 60, 20, 20)
 
@@ -96,6 +96,22 @@ def test_a_box_that_the_tracker_cannot_follow_is_refused_and_vision_goes_on() ->
     again = requests.select_rectangle(70 / 160, 50 / 120, 90 / 160, 70 / 120, "test")
     assert stage.step(frame(2, 0.2)) is not None
     assert again.outcome.accepted
+
+
+def test_what_fails_in_a_frame_with_another_request_is_not_laid_to_the_operator() -> None:
+    class Failing(FusionTracker):
+        def step(self, frame: Frame) -> Track:
+            raise ValueError(f"frame {frame.sequence}: operands could not be broadcast")
+
+    requests = OperatorRequests(Settings())
+    stage = VisionStage(Failing(CorrelationTracker()), requests)
+    stage.select(lambda _: BOX)
+    stage.step(frame(0, 0.0))
+    asked = requests.select_rectangle(0.5, 0.5, 0.501, 0.501, "test")  # too small: refused
+    with pytest.raises(ValueError, match="broadcast"):
+        stage.step(frame(1, 0.1))
+    assert asked.outcome is None
+    assert not stage.dropped
 
 
 def test_what_ends_vision_is_told_while_the_flight_goes_on() -> None:
